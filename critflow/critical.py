@@ -1,0 +1,145 @@
+"""Rest lengths → critical configuration, by the cone program or by straining springs until they are rigid.
+
+Given rest lengths ℓ, shrinking them all alike (the same as expanding the box) drives the network to a critical
+configuration.  The cone program finds it at once and says which edges stay slack; the strain protocol of the paper
+walks there in steps and stops a little past it, where springs that stayed slack are slightly compressed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from critflow.cone import fit_lengths, polish
+from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
+from critflow.network import Array, Network, edge_values
+from critflow.result import InputError, NetworkError, Solution, Stats, Status
+from critflow.springs import equilibrium, hessian_pattern, spring_state
+
+# A stress below this part of the mean counts as none.
+NO_STRESS = 1e-9
+
+# Force balance that a polished configuration must reach, relative to the mean tension.
+_BALANCED = 1e-11
+
+
+def critical_from_lengths(
+    network: Network,
+    rest_lengths: ArrayLike,
+    method: str = "auto",
+    *,
+    relaxation: str = "newton",
+    strain_step: float = 0.01,
+    energy_threshold: float = 1e-4,
+    throw: bool = True,
+) -> Solution[CriticalConfiguration]:
+    """The critical configuration that rest lengths ℓ (N_b,) lead to when the box expands.
+
+    method "conic" (or "auto"): lengths proportional to ℓ on every stressed edge, exactly at the transition.  Edges
+    without tension are listed in `stats.details["slack_edges"]`, have σ = 0 and set `Status.slack_edges`.
+    method "strain": ℓ/(1 + γ) with γ in steps of `strain_step` from 0 until the energy reaches `energy_threshold`,
+    relaxed by `relaxation` ("newton" or "fire"); the recorded state is then slightly past the transition.
+    """
+    lengths = edge_values(rest_lengths, network.n_edges, "rest_lengths")
+    if method in ("auto", "conic"):
+        solution = _by_cone(network, lengths)
+    elif method == "strain":
+        if not (strain_step > 0 and energy_threshold > 0):
+            raise InputError("the strain step and the energy threshold must be positive")
+        solution = _by_strain(network, lengths, relaxation, strain_step, energy_threshold)
+    else:
+        raise InputError(f"no method is called {method!r}: choose 'auto', 'conic' or 'strain'")
+    return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution
+
+
+def stressed_fraction(sigma: Array) -> float:
+    """Part of the edges that carry tension: σ above rounding of its mean."""
+    return float(np.mean(sigma > NO_STRESS * np.mean(np.abs(sigma))))
+
+
+def _by_cone(network: Network, lengths: Array) -> Solution[CriticalConfiguration]:
+    cone = fit_lengths(network, lengths)
+    if not cone.solved:
+        value = CriticalConfiguration(
+            network, np.full(network.n_edges, np.nan), np.full((network.n_vertices, network.dimension), np.nan),
+            np.full((network.n_edges, network.dimension), np.nan),
+        )
+        return Solution(value, Status.stalled, Stats("conic", cone.iterations))
+    stressed, x, sigma, error, steps = _polish_stressed(network, lengths, cone.stressed, cone.coordinates, cone.sigma)
+    value = critical_configuration(network, sigma, x)
+    slack = np.flatnonzero(~stressed)
+    status = Status.slack_edges if len(slack) else Status.ok
+    details = {"ratio": cone.ratio, "slack_edges": slack, "polish_steps": steps}
+    if len(slack):
+        details["note"] = f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
+    if error > _BALANCED:
+        status = Status.stalled
+    return Solution(value, status, Stats("conic", cone.iterations, cone.iterations + steps, error, details))
+
+
+def _polish_stressed(
+    network: Network, lengths: Array, stressed: NDArray[np.bool_], coordinates: Array, sigma: Array
+) -> tuple[NDArray[np.bool_], Array, Array, float, int]:
+    """Polish the stressed part of a network, giving up edges whose stress turns out to be none."""
+    best = (stressed, coordinates, np.where(stressed, sigma, 0.0), np.inf, 0)
+    for floor in (0.0, 1e-5, 1e-4, 1e-3):
+        candidate = _without_hanging(network, stressed & (sigma > floor * sigma.mean()))
+        try:
+            part, vertices = (network, np.arange(network.n_vertices)) if candidate.all() else network.part(candidate)
+        except NetworkError:
+            continue
+        # Without pins the part is grounded at its first vertex, so the polished part is carried back to where it was.
+        origin = coordinates[vertices[0]] if not network.pins else 0.0
+        ground = part.fixed_positions[0] if not network.pins else 0.0
+        x_part, sigma_part, error, steps = polish(part, lengths[candidate], coordinates[vertices] - origin + ground, sigma[candidate])
+        if error < best[3] and (sigma_part > 0).all():
+            x, s = coordinates.copy(), np.zeros(network.n_edges)
+            x[vertices] = x_part + origin - ground
+            s[candidate] = sigma_part
+            if not network.pins:
+                x -= x[0]
+            best = (candidate, x, s, error, steps)
+        if best[3] < _BALANCED:
+            break
+    return best
+
+
+def _without_hanging(network: Network, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Drop edges that end at a free vertex with no other edge, again and again: they cannot carry tension."""
+    kept = kept.copy()
+    pinned = np.zeros(network.n_vertices, bool)
+    pinned[list(network.pins or {})] = True
+    while True:
+        degree = np.bincount(network.edges[kept].ravel(), minlength=network.n_vertices)
+        hanging = kept & ((degree == 1) & ~pinned)[network.edges].any(axis=1)
+        if not hanging.any():
+            return kept
+        kept &= ~hanging
+
+
+def _by_strain(
+    network: Network, lengths: Array, relaxation: str, strain_step: float, energy_threshold: float
+) -> Solution[CriticalConfiguration]:
+    x = network.positions
+    if x is None:
+        x = CriticalManifold(network).configuration(network.stiffness).coordinates
+    pattern = hessian_pattern(network)
+    state = spring_state(network, lengths, x)
+    if state.energy == 0:
+        raise InputError("the rest lengths fit already at the start: give the network other positions or lengths")
+    iterations, step = 0, 0
+    while True:
+        solution = equilibrium(state, relaxation, pattern=pattern, throw=False)
+        state, iterations = solution.value, iterations + solution.stats.iterations
+        if not solution.ok or state.energy >= energy_threshold:
+            break
+        step += 1
+        state = spring_state(network, lengths / (1 + strain_step * step), state.coordinates)
+    if solution.ok and relaxation == "newton":
+        # Tensions are small this close to the transition: go down to rounding, so that they balance as well as others.
+        state = equilibrium(state, tolerance=1e-16, max_steps=2, pattern=pattern, throw=False).value
+    value = critical_configuration(network, state.sigma, state.coordinates)
+    slack = np.flatnonzero(value.sigma <= NO_STRESS * np.mean(np.abs(value.sigma)))
+    status = solution.status if not solution.ok else Status.slack_edges if len(slack) else Status.ok
+    details = {"strain": strain_step * step, "energy": state.energy, "slack_edges": slack, "rest_lengths": state.rest_lengths}
+    return Solution(value, status, Stats(f"strain, {relaxation}", iterations, residual=solution.stats.residual, details=details))

@@ -1,0 +1,154 @@
+"""The critical manifold: every stress σ has one configuration, and derivatives cost one more solve.
+
+Force balance gᵀ(σ ∘ L) = 0 is linear in the coordinates, P x = −gᵀ(σ ∘ b) with the σ-weighted Laplacian P
+(`FDM1`, `PrestressMatrix`), one N_v × N_v matrix for all directions.  σ > 0 makes P positive definite; with mixed
+signs its inertia separates the sheets of the manifold, and a singular P has no configuration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+from scipy.sparse.linalg import LinearOperator
+
+from critflow.linalg import Factor, laplacian
+from critflow.network import Array, Network, edge_values
+from critflow.result import NetworkError, Solution, Stats, Status
+
+# An edge shorter than this part of the mean length counts as collapsed.
+COLLAPSED = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalConfiguration:
+    """A network in balance under a stress: σ (N_b,), coordinates x (N_v, d) and bond vectors L (N_b, d).
+
+    σ is the force density (tension per length) with Σσ² = N_b; it is defined up to that scale.
+    """
+
+    network: Network
+    sigma: Array
+    coordinates: Array
+    bond_vectors: Array
+
+    @cached_property
+    def lengths(self) -> Array:
+        """|L_α|, (N_b,)."""
+        return np.linalg.norm(self.bond_vectors, axis=1)
+
+    @property
+    def tensions(self) -> Array:
+        """τ_α = σ_α |L_α|, (N_b,), up to the scale of σ (`ForceDensity`)."""
+        return self.sigma * self.lengths
+
+    @cached_property
+    def residual(self) -> float:
+        """Largest unbalanced force |gᵀ(σ ∘ L)| over the free vertices, relative to the mean tension."""
+        force = self.network.divergence @ (self.sigma[:, None] * self.bond_vectors)
+        return float(np.abs(force).max(initial=0.0) / np.abs(self.tensions).mean())
+
+
+def critical_configuration(network: Network, sigma: Array, coordinates: Array) -> CriticalConfiguration:
+    """Join a stress and coordinates that balance, with the scale set to Σσ² = N_b."""
+    sigma = sigma * np.sqrt(network.n_edges / np.sum(sigma**2))
+    return CriticalConfiguration(network, sigma, coordinates, network.bond_vectors(coordinates))
+
+
+class CriticalManifold:
+    """The map σ → configuration of one network, its pull-back and its tangents."""
+
+    def __init__(self, network: Network):
+        self.network = network
+        self._laplacian = laplacian(network)
+        self._g, self._b = network.free_incidence, network.boundary_vectors
+        # gᵀ(σ ∘ b) is linear in σ and only few edges carry b, so it is one thin product per direction.
+        self._load = [sp.csr_array(network.divergence @ sp.diags_array(self._b[:, k])) for k in range(network.dimension)]
+        for load in self._load:
+            load.eliminate_zeros()
+        self._check_held()
+
+    def configuration(self, sigma: ArrayLike, throw: bool = True) -> CriticalConfiguration:
+        """The configuration x(σ) in balance under σ (`SelfStressParamaterization_coords`); σ of any sign.
+
+        Raises `NetworkError` for a σ that is not finite or wrongly sized, `SolveError` where P(σ) is singular.
+        """
+        return self.solve(sigma, throw).value
+
+    def solve(self, sigma: ArrayLike, throw: bool = False) -> Solution[CriticalConfiguration]:
+        """As `configuration`, with status and the number of negative pivots; NaN coordinates where P is singular."""
+        sigma = edge_values(sigma, self.network.n_edges, "sigma", positive=False)
+        if not sigma.any():
+            raise NetworkError("sigma is zero on every edge: give each edge a force density, positive for tension")
+        sigma = sigma * np.sqrt(self.network.n_edges / np.sum(sigma**2))
+        free, L, factor = self.balance(sigma)
+        status, x = Status.ok, self.network.all_coordinates(free)
+        if factor.singular:
+            status, x, L = Status.singular, np.full_like(x, np.nan), np.full_like(L, np.nan)
+        value = CriticalConfiguration(self.network, sigma, x, L)
+        stats = Stats("force density", 1, 1, value.residual, {"negative_pivots": factor.n_negative})
+        solution = Solution(value, status, stats)
+        return solution.or_raise("no configuration for this stress") if throw else solution
+
+    def balance(self, sigma: Array) -> tuple[Array, Array, Factor]:
+        """Free coordinates, bond vectors L(σ) and the factor of P, unchecked: the inner step of every optimisation."""
+        factor = self._laplacian.factorize(sigma)
+        x = np.empty((self._g.shape[1], len(self._load)))
+        for axis, load in enumerate(self._load):
+            x[:, axis] = factor.solve(load @ sigma)
+        np.negative(x, out=x)
+        return x, self._g @ x + self._b, factor
+
+    def _difference(self, factor: Factor, edge_vectors: Array) -> Array:
+        """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
+        return self._g @ factor.solve(self.network.divergence @ edge_vectors)
+
+    def pull_back(self, L: Array, factor: Factor, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
+        """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
+        gy = self._difference(factor, dO_dL)
+        return dO_dsigma - np.einsum("ad,ad->a", L, gy), gy
+
+    def tangent(self, L: Array, factor: Factor, dsigma: Array) -> Array:
+        """Change of the bond vectors along σ̇: L̇ = −g P⁻¹ gᵀ(σ̇ ∘ L) (`SelfStressParamaterization_BondVectorDeriv`)."""
+        return -self._difference(factor, dsigma[:, None] * L)
+
+    def pull_back_tangent(
+        self, factor: Factor, L: Array, dL: Array, gy: Array, dsigma: Array, second: tuple[Array, Array]
+    ) -> Array:
+        """Derivative of `pull_back` along (σ̇, L̇): the exact Hessian-vector product of an objective.
+
+        second  derivatives along (σ̇, L̇) of (∂O/∂σ, ∂O/∂L)
+        """
+        ddO_dsigma, ddO_dL = second
+        dgy = self._difference(factor, ddO_dL - dsigma[:, None] * gy)
+        return ddO_dsigma - np.einsum("ad,ad->a", dL, gy) - np.einsum("ad,ad->a", L, dgy)
+
+    def response(self, configuration: CriticalConfiguration) -> LinearOperator:
+        """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).
+
+        B is symmetric and σᵀ B = 0: the stress is normal to the manifold.
+        """
+        L = configuration.bond_vectors
+        # Its own pattern, so that no later factorisation makes the operator stale.
+        factor = laplacian(self.network).factorize(configuration.sigma)
+
+        def apply(dsigma: Array) -> Array:
+            return np.einsum("ad,ad->a", L, self.tangent(L, factor, np.ravel(dsigma)))
+
+        n = self.network.n_edges
+        return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
+
+    def _check_held(self) -> None:
+        """Refuse networks with parts that collapse under every stress: nothing pulls them open."""
+        # A stress without any symmetry, so that a vanishing edge is no accident.
+        generic = 1.0 + (np.arange(self.network.n_edges) * 0.6180339887498949) % 1.0
+        lengths = np.linalg.norm(self.balance(generic)[1], axis=1)
+        loose = np.flatnonzero(~(lengths > COLLAPSED * lengths.max()))
+        if len(loose):
+            raise NetworkError(
+                f"{len(loose)} of {len(lengths)} edges, edge {int(loose[0])} among them, shrink to zero length under any "
+                "stress: they hang on a single edge or do not wrap around the cell; remove them"
+            )

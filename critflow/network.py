@@ -1,0 +1,308 @@
+"""Networks: edges, boundary, stiffnesses and pins, as one frozen and validated value.
+
+The bond vector of edge α is L_α = Σ_i g_{αi} x_i + b_α with the signed incidence g (+1 at the head, −1 at the tail).
+The constant b_α carries the boundary: the image offset of the edge times the cell, plus the pinned positions.  No
+minimum-image rule is ever applied, so any shear and edges longer than half the cell are exact (`BondVectors`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.csgraph import connected_components
+
+from critflow.result import NetworkError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """The polygons of a planar network, each a closed walk along its edges with the face on the left.
+
+    Face f walks `edges[starts[f]:starts[f + 1]]` in turn; `signs` is +1 where an edge is walked from tail to head.
+    """
+
+    edges: NDArray[np.int64]
+    signs: NDArray[np.int64]
+    starts: NDArray[np.int64]
+
+    @property
+    def n_faces(self) -> int:
+        return len(self.starts) - 1
+
+    @property
+    def sizes(self) -> NDArray[np.int64]:
+        """Number of sides of each face, (n_faces,)."""
+        return np.diff(self.starts)
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """A spring network in a periodic cell, or hung on pins, or both.
+
+    edges      (N_b, 2) tail and head of each edge
+    offsets    (N_b, d) integer image offset of the head; None: no edge crosses the boundary
+    cell       (d, d) rows are the cell vectors; None: not periodic
+    stiffness  (N_b,) k_α, or one number for all
+    pins       vertex -> fixed position (d,); the pins leave the unknowns
+    positions  (N_v, d) any embedding, to draw or to start from; not part of the physics
+    faces      the polygons of a planar network, if known
+
+    Raises `NetworkError` when no positive stress could give every edge a length.
+    """
+
+    edges: NDArray[np.int64]
+    offsets: NDArray[np.int64] | None = None
+    cell: Array | None = None
+    stiffness: Array | float = 1.0
+    pins: Mapping[int, ArrayLike] | None = None
+    n_vertices: int = 0
+    positions: Array | None = None
+    faces: Faces | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        edges = _integers(self.edges, "edges")
+        if edges.ndim != 2 or edges.shape[1] != 2 or len(edges) == 0:
+            raise NetworkError(f"edges must have shape (N_b, 2) with N_b >= 1, not {edges.shape}: give tail and head")
+        n_vertices = self.n_vertices or int(edges.max()) + 1
+        pins = {int(i): np.array(p, dtype=float) for i, p in (self.pins or {}).items()}
+        cell = None if self.cell is None else np.array(self.cell, dtype=float)
+        dimension = _dimension(cell, pins)
+        offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else _integers(self.offsets, "offsets")
+        stiffness = np.array(self.stiffness, dtype=float)
+        if stiffness.ndim == 0:
+            stiffness = np.full(len(edges), float(stiffness))
+        positions = None if self.positions is None else np.array(self.positions, dtype=float)
+
+        if offsets.shape != (len(edges), dimension):
+            raise NetworkError(f"offsets must have shape {(len(edges), dimension)}, not {offsets.shape}: one per edge")
+        if cell is None and offsets.any():
+            raise NetworkError("edges with image offsets need a cell: give its vectors as rows")
+        if positions is not None and positions.shape != (n_vertices, dimension):
+            raise NetworkError(f"positions must have shape {(n_vertices, dimension)}, not {positions.shape}")
+        _check_values(stiffness, len(edges), cell, pins, n_vertices)
+        _check_graph(edges, offsets, pins, n_vertices)
+
+        arrays = (("edges", edges), ("offsets", offsets), ("cell", cell), ("stiffness", stiffness), ("positions", positions))
+        for name, array in arrays:
+            if array is not None:
+                array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "pins", pins)
+        object.__setattr__(self, "n_vertices", n_vertices)
+
+    # Sizes
+
+    @property
+    def n_edges(self) -> int:
+        return len(self.edges)
+
+    @property
+    def dimension(self) -> int:
+        return int(self.boundary_vectors.shape[1])
+
+    @property
+    def volume(self) -> float:
+        """Volume V of the cell (area in two dimensions)."""
+        if self.cell is None:
+            raise NetworkError("a network without a cell has no volume and so no modulus: give it a cell")
+        return float(abs(np.linalg.det(self.cell)))
+
+    # Geometry
+
+    @cached_property
+    def incidence(self) -> sp.csr_array:
+        """Signed incidence g, (N_b, N_v): +1 at the head, −1 at the tail; an edge to its own image has an empty row."""
+        rows = np.repeat(np.arange(self.n_edges), 2)
+        signs = np.tile([-1.0, 1.0], self.n_edges)
+        g = sp.csr_array((signs, (rows, self.edges.ravel())), shape=(self.n_edges, self.n_vertices))
+        g.eliminate_zeros()
+        return g
+
+    @cached_property
+    def free(self) -> NDArray[np.int64]:
+        """Vertices that are unknown: all but the pins, or all but vertex 0, which a periodic network is grounded at."""
+        fixed = list(self.pins) if self.pins else [0]
+        return np.setdiff1d(np.arange(self.n_vertices), fixed)
+
+    @cached_property
+    def fixed_positions(self) -> Array:
+        """Positions (N_v, d) with zeros at the free vertices: where the pins, or the grounded vertex, are."""
+        x = np.zeros((self.n_vertices, len(self.cell) if self.cell is not None else len(next(iter(self.pins.values())))))
+        for vertex, position in (self.pins or {}).items():
+            x[vertex] = position
+        return x
+
+    @cached_property
+    def boundary_vectors(self) -> Array:
+        """b, (N_b, d): image offset times cell, plus what the pins contribute."""
+        b = np.asarray(self.incidence @ self.fixed_positions)
+        return b if self.cell is None else b + self.offsets @ self.cell
+
+    @cached_property
+    def free_incidence(self) -> sp.csr_array:
+        """Columns of g at the free vertices, (N_b, n_free)."""
+        return sp.csr_array(self.incidence[:, self.free])
+
+    @cached_property
+    def divergence(self) -> sp.csr_array:
+        """Transpose of `free_incidence`: sums edge vectors into forces on the free vertices, (n_free, N_b)."""
+        return sp.csr_array(self.free_incidence.T)
+
+    def bond_vectors(self, coordinates: Array) -> Array:
+        """L = g x + b, (N_b, d), for coordinates (N_v, d); where vertices are pinned, the pins are used."""
+        return np.asarray(self.free_incidence @ np.asarray(coordinates, dtype=float)[self.free]) + self.boundary_vectors
+
+    def all_coordinates(self, free_coordinates: Array) -> Array:
+        """Coordinates (N_v, d) from those of the free vertices (n_free, d)."""
+        x = self.fixed_positions.copy()
+        x[self.free] = free_coordinates
+        return x
+
+    # Copies
+
+    def with_stiffness(self, stiffness: ArrayLike) -> Network:
+        """The same network with other stiffnesses k, (N_b,) or one number."""
+        return replace(self, stiffness=np.asarray(stiffness, dtype=float))
+
+    def deformed(self, gradient: ArrayLike) -> Network:
+        """The network after the affine deformation F of its boundary: b → F b, pins and positions alike."""
+        F = np.asarray(gradient, dtype=float)
+        return replace(
+            self,
+            cell=None if self.cell is None else self.cell @ F.T,
+            pins={i: F @ p for i, p in self.pins.items()} if self.pins else None,
+            positions=None if self.positions is None else self.positions @ F.T,
+        )
+
+    def part(self, kept_edges: NDArray[np.bool_]) -> tuple[Network, NDArray[np.int64]]:
+        """The network of some of the edges, and the old index of each of its vertices."""
+        edges = self.edges[kept_edges]
+        vertices = np.unique(edges)
+        index = np.full(self.n_vertices, -1)
+        index[vertices] = np.arange(len(vertices))
+        part = Network(
+            index[edges],
+            self.offsets[kept_edges],
+            self.cell,
+            self.stiffness[kept_edges],
+            {int(index[i]): p for i, p in self.pins.items() if index[i] >= 0},
+            positions=None if self.positions is None else self.positions[vertices],
+        )
+        return part, vertices
+
+
+def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True) -> Array:
+    """Values per edge as a float array (N_b,), finite and positive, else a `NetworkError` that names the first bad edge."""
+    array = np.asarray(values, dtype=float)
+    if array.shape != (n_edges,):
+        raise NetworkError(f"{name} must have one value per edge, shape ({n_edges},), not {array.shape}")
+    bad = ~np.isfinite(array) | (positive & ~(array > 0))
+    if bad.any():
+        edge = int(np.flatnonzero(bad)[0])
+        rule = "positive and finite" if positive else "finite"
+        raise NetworkError(f"{name} must be {rule} on every edge, but {name}[{edge}] = {array[edge]}: correct that value")
+    return array
+
+
+def planar_faces(edges: NDArray[np.int64], bond_vectors: Array, n_vertices: int) -> Faces:
+    """The faces of a planar network from its embedding: bond vectors (N_b, 2) that do not cross.
+
+    Walking an edge and taking the sharpest left turn at each vertex goes once around a face counterclockwise.
+    """
+    n_edges = len(edges)
+    # Half-edge 2α leaves the tail of edge α, half-edge 2α + 1 leaves its head.
+    origin = edges.ravel()
+    direction = np.repeat(bond_vectors, 2, axis=0) * np.tile([1.0, -1.0], n_edges)[:, None]
+    order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), origin))
+    first = np.searchsorted(origin[order], np.arange(n_vertices))
+    degree = np.bincount(origin, minlength=n_vertices)
+    place = np.empty(2 * n_edges, int)
+    place[order] = np.arange(2 * n_edges)
+    twin = np.arange(2 * n_edges) ^ 1
+    # Arriving along a half-edge, the next one of the face is clockwise before the way back.
+    vertex = origin[twin]
+    following = order[first[vertex] + (place[twin] - first[vertex] - 1) % degree[vertex]]
+
+    cycle = connected_components(sp.coo_array((np.ones(2 * n_edges), (np.arange(2 * n_edges), following))), directed=False)[1]
+    walker = np.unique(cycle, return_index=True)[1]
+    size = np.bincount(cycle)
+    starts = np.concatenate([[0], np.cumsum(size)])
+    walk = np.empty(2 * n_edges, int)
+    for k in range(int(size.max())):
+        inside = size > k
+        walk[starts[:-1][inside] + k] = walker[inside]
+        walker = following[walker]
+    return Faces(walk // 2, 1 - 2 * (walk % 2), starts)
+
+
+def _integers(values: ArrayLike, name: str) -> NDArray[np.int64]:
+    array = np.array(values)
+    if array.dtype.kind not in "iu":
+        if array.dtype.kind != "f" or not np.array_equal(array, np.round(array)):
+            raise NetworkError(f"{name} must be whole numbers, not {array.dtype}: they count vertices and cell images")
+    return array.astype(np.int64)
+
+
+def _dimension(cell: Array | None, pins: Mapping[int, Array]) -> int:
+    if cell is None and not pins:
+        raise NetworkError("a network needs a periodic cell or pins: without either it collapses to a point")
+    sizes = {p.shape for p in pins.values()} | ({cell.shape[:1]} if cell is not None else set())
+    if len(sizes) != 1 or any(len(size) != 1 for size in sizes):
+        raise NetworkError("the cell vectors and the pinned positions must all have the same dimension")
+    dimension = int(sizes.pop()[0])
+    if cell is not None and cell.shape != (dimension, dimension):
+        raise NetworkError(f"cell must be a square matrix with the cell vectors as rows, not {cell.shape}")
+    return dimension
+
+
+def _check_values(
+    stiffness: Array, n_edges: int, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
+) -> None:
+    edge_values(stiffness, n_edges, "stiffness")
+    if cell is not None and not (np.isfinite(cell).all() and abs(np.linalg.det(cell)) > 0):
+        raise NetworkError("the cell vectors must be finite and span a volume: two of them are parallel or one is zero")
+    for vertex, position in pins.items():
+        if not 0 <= vertex < n_vertices:
+            raise NetworkError(f"pin {vertex} is not a vertex: vertices run from 0 to {n_vertices - 1}")
+        if not np.isfinite(position).all():
+            raise NetworkError(f"the position of pin {vertex} is not finite: give {len(position)} numbers")
+
+
+def _check_graph(
+    edges: NDArray[np.int64], offsets: NDArray[np.int64], pins: Mapping[int, Array], n_vertices: int
+) -> None:
+    missing = (edges < 0) | (edges >= n_vertices)
+    if missing.any():
+        edge = int(np.flatnonzero(missing.any(axis=1))[0])
+        raise NetworkError(
+            f"edge {edge} joins vertices {edges[edge].tolist()}, but vertices run from 0 to {n_vertices - 1}: "
+            "remove it or add the vertex"
+        )
+    loops = (edges[:, 0] == edges[:, 1]) & ~offsets.any(axis=1)
+    if loops.any():
+        edge = int(np.flatnonzero(loops)[0])
+        raise NetworkError(f"edge {edge} joins vertex {edges[edge, 0]} to itself, which has no length: remove it")
+    degree = np.bincount(edges.ravel(), minlength=n_vertices)
+    loose = [int(i) for i in np.flatnonzero(degree <= 1) if i not in pins]
+    if loose:
+        held = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
+        raise NetworkError(f"vertex {loose[0]} hangs on {held}: remove it")
+    tail, head = edges.T
+    # All pins belong to one support, so they count as joined.
+    anchors = np.fromiter(pins, int, len(pins))
+    tail, head = np.concatenate([tail, anchors[:-1]]), np.concatenate([head, anchors[1:]])
+    graph = sp.coo_array((np.ones(len(tail)), (tail, head)), shape=(n_vertices, n_vertices))
+    n_parts, part = connected_components(graph, directed=False)
+    if n_parts > 1:
+        stray = int(np.flatnonzero(part != part[0])[0])
+        raise NetworkError(
+            f"the network falls into {n_parts} parts that no edge joins (vertices 0 and {stray} are in two of them): "
+            "keep one part, or make a network of each"
+        )
