@@ -28,9 +28,12 @@ class Point:
 
 
 class Function(Protocol):
-    """What the methods minimise.  `curvature` may assume that its point is the one evaluated last."""
+    """What the methods minimise.  `curvature` and `verdict` may assume that their point was evaluated last."""
 
     def at(self, x: Array) -> Point: ...
+
+    def verdict(self, point: Point) -> Status | None:
+        """A status that ends the minimisation where going on is pointless, else None."""
 
     def curvature(self, point: Point, direction: Array) -> Array:
         """The Hessian times a direction."""
@@ -58,6 +61,9 @@ def fire(function: Function, x: Array, tolerance: float, max_steps: int, time_st
     for step in range(max_steps):
         if point.residual < tolerance:
             return Minimum(point, Status.ok, step, step + 1)
+        verdict = function.verdict(point)
+        if verdict is not None:
+            return Minimum(point, verdict, step, step + 1)
         force = -point.gradient
         if force @ velocity > 0:
             downhill += 1
@@ -91,6 +97,9 @@ def lbfgs(
     for step in range(max_steps):
         if point.residual < tolerance:
             return Minimum(point, Status.ok, step, evaluations)
+        verdict = function.verdict(point)
+        if verdict is not None:
+            return Minimum(point, verdict, step, evaluations)
         direction = _two_loops(point.gradient, pairs)
         slope = point.gradient @ direction
         if not slope < 0:
@@ -149,6 +158,9 @@ def newton(function: Function, x: Array, tolerance: float, max_steps: int, max_i
     for step in range(max_steps):
         if point.residual < tolerance:
             return Minimum(point, Status.ok, step, evaluations)
+        verdict = function.verdict(point)
+        if verdict is not None:
+            return Minimum(point, verdict, step, evaluations)
         direction, predicted, inner, inside = _steihaug(function, point, radius, max_inner)
         trial = function.at(point.x + direction)
         evaluations += inner + 1

@@ -185,5 +185,8 @@ class _Relaxation:
         gradient = -state.forces.ravel()
         return Point(x, state.energy, gradient, float(np.abs(gradient).max()))
 
+    def verdict(self, point: Point) -> Status | None:
+        return None
+
     def curvature(self, point: Point, direction: Array) -> Array:
         raise NotImplementedError("FIRE needs no curvature")

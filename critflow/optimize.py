@@ -1,0 +1,203 @@
+"""Optimise over all critical configurations: stress in, configuration out, the best of a kind returned.
+
+The unknowns are θ = log σ, so every stress stays positive, and results are scaled to Σσ² = N_b.  The residual of an
+optimum is the largest component of dO/dσ, the gradient projected on the stresses of that scale.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from critflow.critical import critical_from_lengths
+from critflow.manifold import CriticalConfiguration, CriticalManifold
+from critflow.minimize import Minimum, Point, fire, lbfgs, newton
+from critflow.network import Array, Network, edge_values
+from critflow.objectives import LengthVariance, Objective, TransitionModulus, dilation, named_objective
+from critflow.result import InputError, Solution, Stats, Status
+
+METHODS = ("auto", "fire", "lbfgs", "newton", "closed_form", "conic")
+
+# Step limits that are several times what standard networks of 1,000 vertices need.
+_MAX_STEPS = {"fire": 200_000, "lbfgs": 3_000, "newton": 200}
+
+# An edge below this part of the mean length that keeps its tension is on its way to zero length.
+_COLLAPSING = 1e-4
+
+
+def optimize(
+    network: Network | CriticalManifold,
+    objective: str | Objective,
+    method: str = "auto",
+    *,
+    start: ArrayLike | None = None,
+    starts: int = 1,
+    rng: np.random.Generator | None = None,
+    threshold: float = 0.1,
+    tolerance: float = 1e-12,
+    max_steps: int | None = None,
+    throw: bool = True,
+) -> Solution[CriticalConfiguration]:
+    """The critical configuration that is best by an objective, with its value in `stats.details["objective"]`.
+
+    objective  "length_variance", "tension_variance" (least), "bulk_modulus", "shear_modulus" (largest; the last with
+               the penalty that keeps σ above about `threshold`), or an `Objective`
+    method     "fire", "lbfgs", "newton"; "closed_form" for the bulk modulus; "conic" for the length variance; "auto"
+               takes the cheapest that reaches the tolerance
+    start      σ to start from, (N_b,); by default 1 on every edge
+    starts     number of starts; from the second on random, |N(0, 1)|, drawn from `rng`; the best optimum is returned
+               and `stats.details["starts"]` lists the values of all
+
+    A tension variance whose infimum wants an edge of zero length returns `Status.edge_collapse`, the edges and the
+    limit of the value.  Raises `InputError` for bad arguments, `SolveError` when the status is not good and `throw`.
+    """
+    manifold = network if isinstance(network, CriticalManifold) else CriticalManifold(network)
+    goal = named_objective(manifold.network, objective, threshold) if isinstance(objective, str) else objective
+    if method not in METHODS:
+        raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
+    if starts < 1 or (starts > 1 and rng is None):
+        raise InputError("starts must be at least 1, and more than one start needs a random generator rng")
+    if not tolerance > 0:
+        raise InputError(f"the tolerance must be positive, not {tolerance}")
+    is_bulk = isinstance(goal, TransitionModulus) and np.array_equal(goal.strain, dilation(manifold.network.dimension))
+    if method == "closed_form" or (method == "auto" and is_bulk):
+        if not is_bulk:
+            raise InputError("a closed form is known for the bulk modulus only: choose another method")
+        solution = _largest_bulk_modulus(manifold, goal)
+    elif method == "conic":
+        if not isinstance(goal, LengthVariance):
+            raise InputError("the cone program finds the least length variance only: choose another method")
+        solution = _equal_lengths(manifold)
+    else:
+        n_edges = manifold.network.n_edges
+        first = np.ones(n_edges) if start is None else edge_values(start, n_edges, "start")
+        others = [np.abs(rng.standard_normal(n_edges)) for _ in range(starts - 1)] if rng is not None else []
+        solutions = [_descend(manifold, goal, method, sigma, tolerance, max_steps) for sigma in [first, *others]]
+        values = np.array([s.stats.details["objective"] for s in solutions])
+        good = [n for n, s in enumerate(solutions) if s.ok] or range(len(solutions))
+        best = max(good, key=lambda n: values[n]) if goal.maximise else min(good, key=lambda n: values[n])
+        solution = solutions[best]
+        solution.stats.details.update(start=best, starts=values)
+    return solution.or_raise("no optimum") if throw else solution
+
+
+def bulk_modulus_bound(network: Network | CriticalManifold) -> float:
+    """The largest B_0 that any stress can give, (1/d²V) Σ k|L*|² with L* the configuration at σ = k.
+
+    Virtual work gives Σσ|L|² = Σσ L·L* for every compatible L*, and Cauchy–Schwarz does the rest.
+    """
+    manifold = network if isinstance(network, CriticalManifold) else CriticalManifold(network)
+    k, d = manifold.network.stiffness, manifold.network.dimension
+    L = manifold.balance(k)[1]
+    return float(k @ np.sum(L**2, axis=1)) / (d**2 * manifold.network.volume)
+
+
+def _largest_bulk_modulus(manifold: CriticalManifold, goal: TransitionModulus) -> Solution[CriticalConfiguration]:
+    if not np.array_equal(goal.stiffness, manifold.network.stiffness):
+        raise InputError("the closed form needs the stiffness of the network itself")
+    value = manifold.configuration(manifold.network.stiffness)
+    modulus, residual = _residual(manifold, goal, value)
+    bound = bulk_modulus_bound(manifold)
+    details = {"objective": modulus, "bound": bound, "gap": 1 - modulus / bound}
+    return Solution(value, Status.ok, Stats("closed_form", 0, 1, residual, details))
+
+
+def _equal_lengths(manifold: CriticalManifold) -> Solution[CriticalConfiguration]:
+    network = manifold.network
+    solution = critical_from_lengths(network, np.ones(network.n_edges), "conic", throw=False)
+    stats = solution.stats
+    if solution.ok:
+        # The configuration of the stress itself balances to rounding.
+        value = manifold.configuration(solution.value.sigma)
+        variance, residual = _residual(manifold, LengthVariance(), value)
+    else:
+        value, residual, variance = solution.value, np.nan, np.nan
+    details = {**stats.details, "objective": variance}
+    return Solution(value, solution.status, Stats("conic", stats.iterations, stats.evaluations, residual, details))
+
+
+def _residual(manifold: CriticalManifold, goal: Objective, value: CriticalConfiguration) -> tuple[float, float]:
+    """Value of an objective at a configuration, and the largest component of dO/dσ."""
+    _, L, factor = manifold.balance(value.sigma)
+    O, partials = goal.evaluate(value.sigma, L)
+    return O, float(np.abs(manifold.pull_back(L, factor, *partials)[0]).max())
+
+
+def _descend(
+    manifold: CriticalManifold, goal: Objective, method: str, sigma: Array, tolerance: float, max_steps: int | None
+) -> Solution[CriticalConfiguration]:
+    landscape = _Landscape(manifold, goal)
+    end = _minimise(landscape, method, np.log(sigma), tolerance, max_steps)
+    value = manifold.configuration(landscape.sigma(end.point.x))
+    details: dict[str, object] = {"objective": landscape.sign * end.point.value}
+    if end.status is Status.edge_collapse:
+        edges = np.flatnonzero(value.lengths < 10 * _COLLAPSING * value.lengths.mean())
+        value = manifold.configuration(landscape.sigma(landscape.last_sound))
+        # A length ∝ 1/σ brings a gain ∝ 1/σ, so what is left to gain is the slope along log σ.
+        left = float(end.point.gradient[edges].sum())
+        limit = landscape.sign * (end.point.value + left)
+        named = ", ".join(map(str, edges))
+        note = f"edges {named} shrink to zero length on the way to the infimum {limit:.8g}, which is not attained"
+        details = {"objective": limit, "uncertainty": abs(left), "collapsed_edges": edges, "note": note}
+    return Solution(value, end.status, Stats(method, end.iterations, end.evaluations, end.point.residual, details))
+
+
+def _minimise(landscape: _Landscape, method: str, x: Array, tolerance: float, max_steps: int | None) -> Minimum:
+    if method == "fire":
+        return fire(landscape, x, tolerance, max_steps or _MAX_STEPS[method], time_step=landscape.time_step)
+    if method == "newton":
+        return newton(landscape, x, tolerance, max_steps or _MAX_STEPS[method])
+    end = lbfgs(landscape, x, tolerance, max_steps or _MAX_STEPS["lbfgs"])
+    if method == "auto" and end.status in (Status.step_limit, Status.stalled):
+        # Gradients alone did not get there; the Hessian converges in a few steps from where they ended.
+        fine = newton(landscape, end.point.x, tolerance, _MAX_STEPS["newton"])
+        return Minimum(fine.point, fine.status, end.iterations + fine.iterations, end.evaluations + fine.evaluations)
+    return end
+
+
+class _Landscape:
+    """An objective as a function of θ = log σ, to be minimised."""
+
+    def __init__(self, manifold: CriticalManifold, goal: Objective):
+        self._manifold, self._goal = manifold, goal
+        self.sign = -1.0 if goal.maximise else 1.0
+        self.last_sound = np.zeros(manifold.network.n_edges)
+
+    def sigma(self, x: Array) -> Array:
+        """σ of log-stresses θ, scaled to Σσ² = N_b."""
+        sigma = np.exp(x - x.max())
+        return sigma * np.sqrt(len(x) / (sigma @ sigma))
+
+    @property
+    def time_step(self) -> float:
+        # Curvatures per edge are of order 1/N_b.
+        return 0.3 * np.sqrt(self._manifold.network.n_edges)
+
+    def at(self, x: Array) -> Point:
+        # Trials far out may overflow; they are told by a value that is not finite.
+        with np.errstate(all="ignore"):
+            sigma = self.sigma(x)
+            _, L, factor = self._manifold.balance(sigma)
+            value, partials = self._goal.evaluate(sigma, L)
+            gradient, gy = self._manifold.pull_back(L, factor, *partials)
+        self._last = (x, sigma, L, factor, gradient, gy)
+        residual = float(np.abs(gradient).max())
+        return Point(x, self.sign * value, self.sign * sigma * gradient, residual if np.isfinite(residual) else np.inf)
+
+    def verdict(self, point: Point) -> Status | None:
+        _, sigma, L, *_ = self._last
+        length = np.linalg.norm(L, axis=1)
+        tension = sigma * length
+        if length.min() > _SOUND * length.mean():
+            self.last_sound = point.x
+        vanishing = (length < _COLLAPSING * length.mean()) & (tension > 0.01 * tension.mean())
+        return Status.edge_collapse if vanishing.any() else None
+
+    def curvature(self, point: Point, direction: Array) -> Array:
+        x, sigma, L, factor, gradient, gy = self._last
+        assert x is point.x, "the curvature belongs to the point evaluated last"
+        dsigma = sigma * direction
+        dL = self._manifold.tangent(L, factor, dsigma)
+        second = self._goal.differential(sigma, L, dsigma, dL)
+        dgradient = self._manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second)
+        return self.sign * (dsigma * gradient + sigma * dgradient)
