@@ -23,6 +23,9 @@ _MAX_STEPS = {"fire": 200_000, "lbfgs": 3_000, "newton": 200}
 
 # An edge below this part of the mean length that keeps its tension is on its way to zero length.
 _COLLAPSING = 1e-4
+# Where edges collapse, the configuration returned is the last on the way with no edge below this part of the mean:
+# shorter ones would lose the digits of their balance in the rounding of the coordinates.
+_SOUND = 1e-2
 
 
 def optimize(
