@@ -2,6 +2,19 @@
 
 from importlib.metadata import version
 
+from critflow.critical import critical_from_lengths
+from critflow.generate import (
+    honeycomb_network,
+    random_sequential_addition,
+    three_bar_linkage,
+    voronoi_network,
+    voronoi_of,
+)
+from critflow.manifold import CriticalConfiguration, CriticalManifold
+from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, stiffening, transition_moduli
+from critflow.network import Network
+from critflow.optimize import bulk_modulus_bound, optimize
+from critflow.path import strain_path
 from critflow.result import (
     CritflowError,
     EnvironmentFailure,
@@ -14,14 +27,19 @@ from critflow.result import (
     Status,
     StudyError,
 )
+from critflow.rigidity import certify, rigidity
+from critflow.springs import equilibrium, spring_state
 
 __version__ = version("critflow")
 
 __all__ = [
     "CritflowError",
+    "CriticalConfiguration",
+    "CriticalManifold",
     "EnvironmentFailure",
     "InputError",
     "IntegrityError",
+    "Network",
     "NetworkError",
     "Solution",
     "SolveError",
@@ -29,4 +47,22 @@ __all__ = [
     "Status",
     "StudyError",
     "__version__",
+    "bulk_modulus_bound",
+    "certify",
+    "critical_from_lengths",
+    "elastic_moduli",
+    "equilibrium",
+    "fit_stiffening",
+    "honeycomb_network",
+    "linear_response",
+    "optimize",
+    "random_sequential_addition",
+    "rigidity",
+    "spring_state",
+    "stiffening",
+    "strain_path",
+    "three_bar_linkage",
+    "transition_moduli",
+    "voronoi_network",
+    "voronoi_of",
 ]

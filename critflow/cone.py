@@ -64,7 +64,9 @@ def fit_lengths(network: Network, lengths: Array, tolerance: float = 1e-10) -> C
     return ConeSolution(x, tension / length, ratio, stressed, solved, answer.iterations)
 
 
-def polish(network: Network, lengths: Array, coordinates: Array, sigma: Array, max_steps: int = 12) -> tuple[Array, Array, float, int]:
+def polish(
+    network: Network, lengths: Array, coordinates: Array, sigma: Array, max_steps: int = 12
+) -> tuple[Array, Array, float, int]:
     """Newton on the optimality conditions gᵀ(σ ∘ L) = 0, |L|² = λ ℓ²: from solver accuracy to rounding.
 
     All edges are stressed.  Returns coordinates, σ, the largest relative error of the lengths and the steps taken.

@@ -61,7 +61,9 @@ def _by_cone(network: Network, lengths: Array) -> Solution[CriticalConfiguration
     cone = fit_lengths(network, lengths)
     if not cone.solved:
         value = CriticalConfiguration(
-            network, np.full(network.n_edges, np.nan), np.full((network.n_vertices, network.dimension), np.nan),
+            network,
+            np.full(network.n_edges, np.nan),
+            np.full((network.n_vertices, network.dimension), np.nan),
             np.full((network.n_edges, network.dimension), np.nan),
         )
         return Solution(value, Status.stalled, Stats("conic", cone.iterations))
@@ -71,7 +73,9 @@ def _by_cone(network: Network, lengths: Array) -> Solution[CriticalConfiguration
     status = Status.slack_edges if len(slack) else Status.ok
     details = {"ratio": cone.ratio, "slack_edges": slack, "polish_steps": steps}
     if len(slack):
-        details["note"] = f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
+        details["note"] = (
+            f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
+        )
     if error > _BALANCED:
         status = Status.stalled
     return Solution(value, status, Stats("conic", cone.iterations, cone.iterations + steps, error, details))
@@ -91,7 +95,9 @@ def _polish_stressed(
         # Without pins the part is grounded at its first vertex, so the polished part is carried back to where it was.
         origin = coordinates[vertices[0]] if not network.pins else 0.0
         ground = part.fixed_positions[0] if not network.pins else 0.0
-        x_part, sigma_part, error, steps = polish(part, lengths[candidate], coordinates[vertices] - origin + ground, sigma[candidate])
+        x_part, sigma_part, error, steps = polish(
+            part, lengths[candidate], coordinates[vertices] - origin + ground, sigma[candidate]
+        )
         if error < best[3] and (sigma_part > 0).all():
             x, s = coordinates.copy(), np.zeros(network.n_edges)
             x[vertices] = x_part + origin - ground
@@ -141,5 +147,12 @@ def _by_strain(
     value = critical_configuration(network, state.sigma, state.coordinates)
     slack = np.flatnonzero(value.sigma <= NO_STRESS * np.mean(np.abs(value.sigma)))
     status = solution.status if not solution.ok else Status.slack_edges if len(slack) else Status.ok
-    details = {"strain": strain_step * step, "energy": state.energy, "slack_edges": slack, "rest_lengths": state.rest_lengths}
-    return Solution(value, status, Stats(f"strain, {relaxation}", iterations, residual=solution.stats.residual, details=details))
+    details = {
+        "strain": strain_step * step,
+        "energy": state.energy,
+        "slack_edges": slack,
+        "rest_lengths": state.rest_lengths,
+    }
+    return Solution(
+        value, status, Stats(f"strain, {relaxation}", iterations, residual=solution.stats.residual, details=details)
+    )

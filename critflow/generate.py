@@ -29,7 +29,7 @@ def voronoi_network(
     """
     if int(n_vertices) != n_vertices or n_vertices < 4 or n_vertices % 2:
         raise InputError(
-            f"n_vertices must be an even number of at least 4, not {n_vertices}: a Voronoi network has two vertices a cell"
+            f"n_vertices must be an even number of at least 4, not {n_vertices}: every Voronoi cell brings two"
         )
     n_cells = int(n_vertices) // 2
     rng = np.random.default_rng(seed)
@@ -59,10 +59,10 @@ def honeycomb_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0)
 
 
 def three_bar_linkage(span: float = 3.0) -> Network:
-    """Three edges in a row between two fixed points `span` apart (`3-barlinkage`); σ gives lengths ∝ 1/σ_α on a line."""
+    """Three edges in a row between two fixed points `span` apart (`3-barlinkage`): lengths ∝ 1/σ_α on a line."""
     return Network(
         np.array([[0, 1], [1, 2], [2, 3]]),
-        pins={0: (0.0, 0.0), 3: (span, 0.0)},
+        pins={0: np.zeros(2), 3: np.array([span, 0.0])},
         positions=np.array([[0.0, 0.0], [span / 3, 0.3], [2 * span / 3, -0.3], [span, 0.0]]),
     )
 
@@ -77,7 +77,9 @@ def random_sequential_addition(
     sorted by grid cell, so that neighbours lie near each other in memory.
     """
     if n_points < 1 or not distance > 0:
-        raise InputError(f"random sequential addition needs points and a positive distance, not {n_points} and {distance}")
+        raise InputError(
+            f"random sequential addition needs points and a positive distance, not {n_points} and {distance}"
+        )
     for _ in range(max_restarts):
         points = _add_until_saturated(n_points, distance, rng, dimension)
         if len(points) == n_points:
@@ -121,7 +123,11 @@ def voronoi_of(points: Array, side: float | None = None) -> Network:
     offsets = shift[first] - shift[second] + wrap[owner[second]] - wrap[owner[first]]
     scale = n_vertices ** (1 / dimension) if side is None else side
     cell, positions = scale * np.eye(dimension), scale * (centres - wrap)
-    return _planar(edges, offsets, cell, positions) if dimension == 2 else Network(edges, offsets, cell, positions=positions)
+    return (
+        _planar(edges, offsets, cell, positions)
+        if dimension == 2
+        else Network(edges, offsets, cell, positions=positions)
+    )
 
 
 def _planar(edges: NDArray[np.int64], offsets: NDArray[np.int64], cell: Array, positions: Array) -> Network:
@@ -139,7 +145,7 @@ def _add_until_saturated(n_points: int, distance: float, rng: np.random.Generato
     points = np.empty((n_points, dimension))
     n_placed = 0
 
-    def closest(places: Array, half_width: float, padded: Array) -> Array:
+    def closest(places: Array, half_width: float, padded: list[Array]) -> Array:
         """Least squared distance (n,) from points to cubes of that half width, counted to the farthest corner."""
         corner = np.floor(places * per_side).astype(int)
         near = np.ravel_multi_index(tuple(corner.T), padded_shape)[:, None] + reach
@@ -153,7 +159,9 @@ def _add_until_saturated(n_points: int, distance: float, rng: np.random.Generato
     padded = _periodic_padding(grid)
     while n_placed < n_points and len(voxels):
         # As many trials as uncovered voxels is cheap and rarely places two in reach of each other.
-        trials = (voxels[rng.integers(len(voxels), size=len(voxels))] + side * rng.random((len(voxels), dimension))) % 1.0
+        trials = (
+            voxels[rng.integers(len(voxels), size=len(voxels))] + side * rng.random((len(voxels), dimension))
+        ) % 1.0
         trials = trials[closest(trials, 0.0, padded) >= distance**2]
         placed = trials[_first_come(trials, distance)][: n_points - n_placed]
         points[n_placed : n_placed + len(placed)] = placed
@@ -165,7 +173,9 @@ def _add_until_saturated(n_points: int, distance: float, rng: np.random.Generato
         # Halving the voxels follows the shrinking holes; while holes are large it would only cost.
         if len(placed) < 0.2 * max(len(voxels), 1):
             side /= 2
-            voxels = (voxels[:, None, :] + side * np.array(list(product((0, 1), repeat=dimension)))).reshape(-1, dimension)
+            voxels = (voxels[:, None, :] + side * np.array(list(product((0, 1), repeat=dimension)))).reshape(
+                -1, dimension
+            )
     return points[:n_placed]
 
 

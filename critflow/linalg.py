@@ -7,10 +7,13 @@ factorisation L D Lᵀ is numeric only.  The signs of D give the inertia, which 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import qdldl
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from critflow.network import Array, Network
 from critflow.result import CritflowError
@@ -27,7 +30,7 @@ class FixedPattern:
     below the diagonal are ignored, so that symmetric contributions may be listed in full
     """
 
-    def __init__(self, size: int, n_sources: int, entries: list[tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]]):
+    def __init__(self, size: int, n_sources: int, entries: Sequence[tuple[Any, Any, Any, Any]]):
         parts = [np.broadcast_arrays(*part) for part in entries]
         rows, cols, sources, coefficients = (np.concatenate([p[k].ravel() for p in parts]) for k in range(4))
         upper = (rows <= cols) & (rows >= 0)
@@ -42,7 +45,7 @@ class FixedPattern:
         indptr = np.searchsorted(slots // size, np.arange(size + 1))
         data = np.zeros(len(slots))
         self._matrix = sp.csc_matrix((data, slots % size, indptr), shape=(size, size))
-        self._solver: qdldl.Solver | None = None
+        self._solver: Any = None
         self._generation = 0
 
     def assemble(self, values: Array, shift: float | Array = 0.0) -> sp.csc_matrix:
@@ -69,7 +72,8 @@ class Factor:
     __slots__ = ("_generation", "_owner", "_pivots")
 
     def __init__(self, owner: FixedPattern, generation: int):
-        self._owner, self._generation, self._pivots = owner, generation, None
+        self._owner, self._generation = owner, generation
+        self._pivots: Array | None = None
 
     def _current(self) -> FixedPattern:
         if self._owner._generation != self._generation:
@@ -130,7 +134,7 @@ def laplacian(network: Network) -> FixedPattern:
 
 
 def block_laplacian(network: Network) -> FixedPattern:
-    """Σ_α g_α g_αᵀ ⊗ C_α over the free coordinates, (d·n_free)², from the upper triangles of the C_α (`GenericHessian`).
+    """Σ_α g_α g_αᵀ ⊗ C_α over the free coordinates, (d·n_free)², from the upper triangles of C_α (`GenericHessian`).
 
     The values are `edge_blocks(...)`: with C_α = K_α L_α L_αᵀ + σ_α 1 this is the elastic Hessian.
     """
@@ -149,7 +153,7 @@ def block_laplacian(network: Network) -> FixedPattern:
 
 
 def edge_blocks(along: Array, vectors: Array, isotropic: Array) -> Array:
-    """Values for `block_laplacian` of C_α = along_α v_α v_αᵀ + isotropic_α 1; `along` and `isotropic` (N_b,), v (N_b, d)."""
+    """Values for `block_laplacian` of C_α = along_α v_α v_αᵀ + isotropic_α 1: two (N_b,) and v (N_b, d)."""
     d = vectors.shape[1]
     blocks = np.empty((d * (d + 1) // 2, len(vectors)))
     for row in range(d):
@@ -181,7 +185,9 @@ class Saddle:
             i[tail < 0], j[head < 0] = -1, -1
             both = (i >= 0) & (j >= 0)
             entries += [(i, i, edge, 1.0), (j, j, edge, 1.0)]
-            entries += [(np.minimum(i, j)[both], np.maximum(i, j)[both], edge[both], np.where(i == j, -2.0, -1.0)[both])]
+            entries += [
+                (np.minimum(i, j)[both], np.maximum(i, j)[both], edge[both], np.where(i == j, -2.0, -1.0)[both])
+            ]
             multiplier = d * len(network.free) + edge
             component = n_edges * (1 + axis) + edge
             entries += [(i, multiplier, component, -1.0), (j, multiplier, component, 1.0)]
@@ -193,7 +199,7 @@ class Saddle:
         shift = np.zeros(self._pattern.size)
         shift[n_coordinates:] = -regularisation * float(np.mean(bond_vectors**2) / np.mean(np.abs(sigma)))
         self._shift, self._null = shift, sigma / np.linalg.norm(sigma)
-        # Residuals are judged against the size of the terms that cancel in them, not against a right side that may vanish.
+        # Residuals are judged by the size of the terms that cancel in them; the right side itself may vanish.
         length = np.linalg.norm(bond_vectors, axis=1)
         self._scale = np.full(self._pattern.size, float(np.mean(length**2)))
         self._scale[:n_coordinates] = float(np.mean(np.abs(sigma) * length))

@@ -66,7 +66,9 @@ class CriticalManifold:
         self._laplacian = laplacian(network)
         self._g, self._b = network.free_incidence, network.boundary_vectors
         # gᵀ(σ ∘ b) is linear in σ and only few edges carry b, so it is one thin product per direction.
-        self._load = [sp.csr_array(network.divergence @ sp.diags_array(self._b[:, k])) for k in range(network.dimension)]
+        self._load = [
+            sp.csr_array(network.divergence @ sp.diags_array(self._b[:, k])) for k in range(network.dimension)
+        ]
         for load in self._load:
             load.eliminate_zeros()
         self._check_held()
@@ -78,9 +80,9 @@ class CriticalManifold:
         """
         return self.solve(sigma, throw).value
 
-    def solve(self, sigma: ArrayLike, throw: bool = False) -> Solution[CriticalConfiguration]:
+    def solve(self, stress: ArrayLike, throw: bool = False) -> Solution[CriticalConfiguration]:
         """As `configuration`, with status and the number of negative pivots; NaN coordinates where P is singular."""
-        sigma = edge_values(sigma, self.network.n_edges, "sigma", positive=False)
+        sigma = edge_values(stress, self.network.n_edges, "sigma", positive=False)
         if not sigma.any():
             raise NetworkError("sigma is zero on every edge: give each edge a force density, positive for tension")
         sigma = sigma * np.sqrt(self.network.n_edges / np.sum(sigma**2))
@@ -144,11 +146,11 @@ class CriticalManifold:
     def _check_held(self) -> None:
         """Refuse networks with parts that collapse under every stress: nothing pulls them open."""
         # A stress without any symmetry, so that a vanishing edge is no accident.
-        generic = 1.0 + (np.arange(self.network.n_edges) * 0.6180339887498949) % 1.0
+        generic = np.mod(0.6180339887498949 * np.arange(self.network.n_edges), 1.0) + 1.0
         lengths = np.linalg.norm(self.balance(generic)[1], axis=1)
         loose = np.flatnonzero(~(lengths > COLLAPSED * lengths.max()))
         if len(loose):
             raise NetworkError(
-                f"{len(loose)} of {len(lengths)} edges, edge {int(loose[0])} among them, shrink to zero length under any "
+                f"{len(loose)} of {len(lengths)} edges, edge {int(loose[0])} among them, have no length under any "
                 "stress: they hang on a single edge or do not wrap around the cell; remove them"
             )

@@ -199,14 +199,14 @@ def _steihaug(function: Function, point: Point, radius: float, max_inner: int) -
         if curvature <= 0 or np.linalg.norm(longer) >= radius:
             length = _to_boundary(step, direction, radius)
             step, product = step + length * direction, product + length * curved
-            return step, -(point.gradient @ step + 0.5 * step @ product), inner, False
+            return step, -float(point.gradient @ step + 0.5 * step @ product), inner, False
         step, product = longer, product + length * curved
         residual = residual - length * curved
         new_square = residual @ residual
         if np.sqrt(new_square) < goal:
             break
         direction, square = residual + (new_square / square) * direction, new_square
-    return step, -(point.gradient @ step + 0.5 * step @ product), inner, True
+    return step, -float(point.gradient @ step + 0.5 * step @ product), inner, True
 
 
 def _to_boundary(step: Array, direction: Array, radius: float) -> float:

@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike
 
 from critflow.linalg import FixedPattern, Saddle
 from critflow.manifold import CriticalConfiguration
-from critflow.network import Array
+from critflow.network import Array, Network
 from critflow.objectives import dilation, pure_shear, transition_modulus
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.springs import SpringState, factorize_hessian, hessian_pattern
+from critflow.rigidity import rigidity
+from critflow.springs import SpringState, factorize_hessian, hessian_pattern, spring_state
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,10 @@ def linear_response(state: SpringState, pattern: FixedPattern | None = None) -> 
 
     affine = [L @ dilation(d), L @ pure_shear(d)]
     # dilation has a second derivative of its own, (1 + γ)^{1/d} being curved: b̈ = (1/d)(1/d − 1) b.
-    stress_work = [float(sigma @ np.sum(affine[0] ** 2 + (1 / d) * (1 / d - 1) * L**2, axis=1)), float(sigma @ np.sum(affine[1] ** 2, axis=1))]
+    stress_work = [
+        float(sigma @ np.sum(affine[0] ** 2 + (1 / d) * (1 / d - 1) * L**2, axis=1)),
+        float(sigma @ np.sum(affine[1] ** 2, axis=1)),
+    ]
     moduli, relaxations, errors = [], [], []
     for dL, work in zip(affine, stress_work, strict=True):
         hdot = np.einsum("ad,ad->a", L, dL)
@@ -91,12 +95,15 @@ def transition_moduli(critical: CriticalConfiguration) -> Moduli:
     """B_0 and G_0 of a critical configuration, where the stress is about to appear (`BulkModulus`, `ShearModulus`)."""
     network, d = critical.network, critical.network.dimension
     bulk, shear = (
-        transition_modulus(network, A).evaluate(critical.sigma, critical.bond_vectors)[0] for A in (dilation(d), pure_shear(d))
+        transition_modulus(network, A).evaluate(critical.sigma, critical.bond_vectors)[0]
+        for A in (dilation(d), pure_shear(d))
     )
     return Moduli(bulk, shear, shear)
 
 
-def stiffening(critical: CriticalConfiguration, saddle: Saddle | None = None, throw: bool = True) -> Solution[Stiffening]:
+def stiffening(
+    critical: CriticalConfiguration, saddle: Saddle | None = None, throw: bool = True
+) -> Solution[Stiffening]:
     """C_B and C_G exactly, from the critical configuration alone: no strain path.
 
     With σ̂ the unit self-stress, K⁻¹ = |L|²/k, D = σ̂ᵀK⁻¹σ̂ and, for each strain a, affine change A_a L and c_a = σ̂·ḣ_a/D:
@@ -141,7 +148,9 @@ def stiffening(critical: CriticalConfiguration, saddle: Saddle | None = None, th
     def energy(a: int, b: int, c: int) -> float:
         total = float(third @ (changes[a] * changes[b] * changes[c]))
         for first, (second, last) in ((a, (b, c)), (b, (a, c)), (c, (a, b))):
-            bending = np.sum(responses[second] * responses[last] + L * (L @ curvature[min(second, last), max(second, last)]), axis=1)
+            bending = np.sum(
+                responses[second] * responses[last] + L * (L @ curvature[min(second, last), max(second, last)]), axis=1
+            )
             total += amplitudes[first] * float(sigma @ bending)
         return total
 
@@ -162,11 +171,15 @@ def fit_stiffening(strains: ArrayLike, moduli: ArrayLike, window: float = np.inf
     """
     gamma, values = np.asarray(strains, dtype=float), np.asarray(moduli, dtype=float)
     if gamma.ndim != 1 or gamma.shape != values.shape:
-        raise InputError(f"strains and moduli must be lists of one length, not of shapes {gamma.shape} and {values.shape}")
+        raise InputError(
+            f"strains and moduli must be lists of one length, not of shapes {gamma.shape} and {values.shape}"
+        )
     inside = (gamma >= 0) & (gamma <= window * (1 + 1e-12))
     gamma, values = gamma[inside], values[inside]
     if len(gamma) < degree + 2:
-        raise InputError(f"a fit of degree {degree} needs {degree + 2} strains in its window, not {len(gamma)}: widen it")
+        raise InputError(
+            f"a fit of degree {degree} needs {degree + 2} strains in its window, not {len(gamma)}: widen it"
+        )
     if not np.isfinite(values).all():
         return Fit(np.nan, np.nan, np.nan, np.nan)
     # Scaled strains keep the normal equations well conditioned.
@@ -177,3 +190,38 @@ def fit_stiffening(strains: ArrayLike, moduli: ArrayLike, window: float = np.inf
     variance = float(residual @ residual) / (len(gamma) - degree - 1)
     error = np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
     return Fit(float(coefficients[0]), float(coefficients[1]) / scale, float(error[0]), float(error[1]) / scale)
+
+
+def elastic_moduli(
+    network: Network, coordinates: ArrayLike, rest_lengths: ArrayLike | None = None, tolerance: float = 1e-9
+) -> Solution[Moduli]:
+    """Relaxed B and G of springs at coordinates (N_v, d) in equilibrium, on either side of the transition.
+
+    rest_lengths  ℓ (N_b,); None: the springs are at rest
+
+    Stressed springs answer by linear response.  Springs at rest answer through their self-stresses S,
+    μ_a = ḣ_aᵀ S (Sᵀ K⁻¹ S)⁻¹ Sᵀ ḣ_a/V; without any the network is floppy: moduli exactly 0 and `Status.floppy`.
+    Raises `InputError` when the forces do not balance.
+    """
+    x = np.asarray(coordinates, dtype=float)
+    at_rest = np.linalg.norm(network.bond_vectors(x), axis=1)
+    state = spring_state(network, at_rest if rest_lengths is None else rest_lengths, x)
+    stress = float(np.max(np.abs(state.sigma) / network.stiffness))
+    if state.max_force > tolerance * float(np.mean(network.stiffness) * np.mean(state.lengths)):
+        raise InputError(
+            f"the springs are not in equilibrium, a force of {state.max_force:.2g} is left: call equilibrium() first"
+        )
+    if stress > tolerance:
+        return linear_response(state)[0]
+    counts = rigidity(network, x)
+    if counts.status is not Status.ok:
+        return Solution(_FLOPPY if counts.status is Status.floppy else _NO_MODULI, counts.status, counts.stats)
+    L, S = state.bond_vectors, counts.value.self_stresses
+    compliance = (S * (np.sum(L**2, axis=1) / network.stiffness)) @ S.T
+    values = []
+    for A in (dilation(network.dimension), pure_shear(network.dimension)):
+        work = S @ np.einsum("ad,ad->a", L, L @ A)
+        values.append(float(work @ np.linalg.solve(compliance, work)) / network.volume)
+    return Solution(
+        Moduli(values[0], values[1], values[1]), Status.ok, Stats("self-stress", 1, 1, counts.stats.residual)
+    )

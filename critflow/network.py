@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from critflow.result import NetworkError
 
 Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,16 +29,16 @@ class Faces:
     Face f walks `edges[starts[f]:starts[f + 1]]` in turn; `signs` is +1 where an edge is walked from tail to head.
     """
 
-    edges: NDArray[np.int64]
-    signs: NDArray[np.int64]
-    starts: NDArray[np.int64]
+    edges: IntArray
+    signs: IntArray
+    starts: IntArray
 
     @property
     def n_faces(self) -> int:
         return len(self.starts) - 1
 
     @property
-    def sizes(self) -> NDArray[np.int64]:
+    def sizes(self) -> IntArray:
         """Number of sides of each face, (n_faces,)."""
         return np.diff(self.starts)
 
@@ -57,11 +58,12 @@ class Network:
     Raises `NetworkError` when no positive stress could give every edge a length.
     """
 
-    edges: NDArray[np.int64]
-    offsets: NDArray[np.int64] | None = None
+    # The types are those after construction, which accepts anything that converts to them.
+    edges: IntArray
+    offsets: IntArray = None  # type: ignore[assignment]
     cell: Array | None = None
-    stiffness: Array | float = 1.0
-    pins: Mapping[int, ArrayLike] | None = None
+    stiffness: Array = 1.0  # type: ignore[assignment]
+    pins: Mapping[int, Array] = field(default_factory=dict)
     n_vertices: int = 0
     positions: Array | None = None
     faces: Faces | None = field(default=None, repr=False)
@@ -89,7 +91,13 @@ class Network:
         _check_values(stiffness, len(edges), cell, pins, n_vertices)
         _check_graph(edges, offsets, pins, n_vertices)
 
-        arrays = (("edges", edges), ("offsets", offsets), ("cell", cell), ("stiffness", stiffness), ("positions", positions))
+        arrays = (
+            ("edges", edges),
+            ("offsets", offsets),
+            ("cell", cell),
+            ("stiffness", stiffness),
+            ("positions", positions),
+        )
         for name, array in arrays:
             if array is not None:
                 array.flags.writeable = False
@@ -105,7 +113,7 @@ class Network:
 
     @property
     def dimension(self) -> int:
-        return int(self.boundary_vectors.shape[1])
+        return int(self.offsets.shape[1])
 
     @property
     def volume(self) -> float:
@@ -126,7 +134,7 @@ class Network:
         return g
 
     @cached_property
-    def free(self) -> NDArray[np.int64]:
+    def free(self) -> IntArray:
         """Vertices that are unknown: all but the pins, or all but vertex 0, which a periodic network is grounded at."""
         fixed = list(self.pins) if self.pins else [0]
         return np.setdiff1d(np.arange(self.n_vertices), fixed)
@@ -134,8 +142,8 @@ class Network:
     @cached_property
     def fixed_positions(self) -> Array:
         """Positions (N_v, d) with zeros at the free vertices: where the pins, or the grounded vertex, are."""
-        x = np.zeros((self.n_vertices, len(self.cell) if self.cell is not None else len(next(iter(self.pins.values())))))
-        for vertex, position in (self.pins or {}).items():
+        x = np.zeros((self.n_vertices, self.dimension))
+        for vertex, position in self.pins.items():
             x[vertex] = position
         return x
 
@@ -177,11 +185,11 @@ class Network:
         return replace(
             self,
             cell=None if self.cell is None else self.cell @ F.T,
-            pins={i: F @ p for i, p in self.pins.items()} if self.pins else None,
+            pins={i: F @ p for i, p in self.pins.items()},
             positions=None if self.positions is None else self.positions @ F.T,
         )
 
-    def part(self, kept_edges: NDArray[np.bool_]) -> tuple[Network, NDArray[np.int64]]:
+    def part(self, kept_edges: NDArray[np.bool_]) -> tuple[Network, IntArray]:
         """The network of some of the edges, and the old index of each of its vertices."""
         edges = self.edges[kept_edges]
         vertices = np.unique(edges)
@@ -199,7 +207,7 @@ class Network:
 
 
 def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True) -> Array:
-    """Values per edge as a float array (N_b,), finite and positive, else a `NetworkError` that names the first bad edge."""
+    """Values per edge as floats (N_b,), finite and positive, else a `NetworkError` that names the first bad edge."""
     array = np.asarray(values, dtype=float)
     if array.shape != (n_edges,):
         raise NetworkError(f"{name} must have one value per edge, shape ({n_edges},), not {array.shape}")
@@ -207,11 +215,13 @@ def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = Tru
     if bad.any():
         edge = int(np.flatnonzero(bad)[0])
         rule = "positive and finite" if positive else "finite"
-        raise NetworkError(f"{name} must be {rule} on every edge, but {name}[{edge}] = {array[edge]}: correct that value")
+        raise NetworkError(
+            f"{name} must be {rule} on every edge, but {name}[{edge}] = {array[edge]}: correct that value"
+        )
     return array
 
 
-def planar_faces(edges: NDArray[np.int64], bond_vectors: Array, n_vertices: int) -> Faces:
+def planar_faces(edges: IntArray, bond_vectors: Array, n_vertices: int) -> Faces:
     """The faces of a planar network from its embedding: bond vectors (N_b, 2) that do not cross.
 
     Walking an edge and taking the sharpest left turn at each vertex goes once around a face counterclockwise.
@@ -230,7 +240,9 @@ def planar_faces(edges: NDArray[np.int64], bond_vectors: Array, n_vertices: int)
     vertex = origin[twin]
     following = order[first[vertex] + (place[twin] - first[vertex] - 1) % degree[vertex]]
 
-    cycle = connected_components(sp.coo_array((np.ones(2 * n_edges), (np.arange(2 * n_edges), following))), directed=False)[1]
+    cycle = connected_components(
+        sp.coo_array((np.ones(2 * n_edges), (np.arange(2 * n_edges), following))), directed=False
+    )[1]
     walker = np.unique(cycle, return_index=True)[1]
     size = np.bincount(cycle)
     starts = np.concatenate([[0], np.cumsum(size)])
@@ -242,7 +254,7 @@ def planar_faces(edges: NDArray[np.int64], bond_vectors: Array, n_vertices: int)
     return Faces(walk // 2, 1 - 2 * (walk % 2), starts)
 
 
-def _integers(values: ArrayLike, name: str) -> NDArray[np.int64]:
+def _integers(values: ArrayLike, name: str) -> IntArray:
     array = np.array(values)
     if array.dtype.kind not in "iu":
         if array.dtype.kind != "f" or not np.array_equal(array, np.round(array)):
@@ -275,9 +287,7 @@ def _check_values(
             raise NetworkError(f"the position of pin {vertex} is not finite: give {len(position)} numbers")
 
 
-def _check_graph(
-    edges: NDArray[np.int64], offsets: NDArray[np.int64], pins: Mapping[int, Array], n_vertices: int
-) -> None:
+def _check_graph(edges: IntArray, offsets: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
     missing = (edges < 0) | (edges >= n_vertices)
     if missing.any():
         edge = int(np.flatnonzero(missing.any(axis=1))[0])

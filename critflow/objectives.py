@@ -127,7 +127,7 @@ class TransitionModulus:
 
 @dataclass(frozen=True)
 class ConstrainedModulus:
-    """μ_A − (1/N_b) Σ (s_α/r)^(−10) with s = σ scaled to Σs² = N_b (`ShearMod+Constraint`): keeps every s above about r."""
+    """μ_A − (1/N_b) Σ (s_α/r)^(−10), s = σ scaled to Σs² = N_b (`ShearMod+Constraint`): keeps every s above about r."""
 
     modulus: TransitionModulus
     threshold: float = 0.1

@@ -64,7 +64,7 @@ def optimize(
         raise InputError(f"the tolerance must be positive, not {tolerance}")
     is_bulk = isinstance(goal, TransitionModulus) and np.array_equal(goal.strain, dilation(manifold.network.dimension))
     if method == "closed_form" or (method == "auto" and is_bulk):
-        if not is_bulk:
+        if not isinstance(goal, TransitionModulus) or not is_bulk:
             raise InputError("a closed form is known for the bulk modulus only: choose another method")
         solution = _largest_bulk_modulus(manifold, goal)
     elif method == "conic":

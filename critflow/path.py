@@ -14,7 +14,7 @@ from critflow.linalg import FixedPattern
 from critflow.manifold import CriticalConfiguration
 from critflow.moduli import Moduli, linear_response
 from critflow.network import Array
-from critflow.result import InputError, Solution, SolveError, Stats, Status
+from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs import SpringState, equilibrium, hessian_pattern
 
 
@@ -86,7 +86,8 @@ def strain_path(
         before = strain
     bad = np.flatnonzero(statuses != Status.ok)
     status = Status(int(statuses[bad[0]])) if len(bad) else Status.ok
-    path = StrainPath(gamma, *records, steps, statuses, tuple(states))
+    bulk, shear, corrected, energy, force = records
+    path = StrainPath(gamma, bulk, shear, corrected, energy, force, steps, statuses, tuple(states))
     details = {"note": f"at strain {gamma[bad[0]]:g}, {status.message}"} if len(bad) else {}
     worst = float(np.max(path.max_force[: len(states)], initial=0.0))
     result = Solution(path, status, Stats(method, int(steps.sum()), residual=worst, details=details))

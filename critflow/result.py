@@ -35,11 +35,11 @@ class Status(IntEnum):
 
 _MESSAGES = {
     Status.ok: "converged to the asked tolerance",
-    Status.floppy: "the network has no self-stress, so every modulus is exactly zero: strain it to the transition first",
+    Status.floppy: "the network has no self-stress, so every modulus is exactly zero: strain it to the transition",
     Status.step_limit: "the step limit came before the tolerance: raise max_steps, or choose method='auto'",
     Status.stalled: "rounding stopped the progress before the tolerance: loosen it, or choose method='auto'",
     Status.singular: "the prestress matrix is singular here, so the stress has no configuration: move it away",
-    Status.edge_collapse: "the infimum is approached as an edge shrinks to zero length: the value is its limit, not attained",
+    Status.edge_collapse: "edges shrink to zero length on the way to the infimum: its value is a limit, not attained",
     Status.slack_edges: "some edges carry no tension at the transition: narrow the spread of the rest lengths",
     Status.unstable: "the equilibrium is a saddle of the energy: perturb it, or take smaller strain steps",
     Status.failed: "the case raised an error, which is stored beside it",

@@ -75,7 +75,10 @@ class SpringState:
     def deformed(self, gradient: Array) -> SpringState:
         """The state after the affine deformation F of boundary and vertices, with the same springs."""
         return SpringState(
-            self.network.deformed(gradient), self.rest_lengths, self.coordinates @ gradient.T, self.bond_vectors @ gradient.T
+            self.network.deformed(gradient),
+            self.rest_lengths,
+            self.coordinates @ gradient.T,
+            self.bond_vectors @ gradient.T,
         )
 
 
@@ -84,7 +87,9 @@ def spring_state(network: Network, rest_lengths: ArrayLike, coordinates: ArrayLi
     rest = edge_values(rest_lengths, network.n_edges, "rest_lengths")
     x = np.array(coordinates, dtype=float)
     if x.shape != (network.n_vertices, network.dimension) or not np.isfinite(x).all():
-        raise InputError(f"coordinates must be finite and of shape {(network.n_vertices, network.dimension)}, not {x.shape}")
+        raise InputError(
+            f"coordinates must be finite and of shape {(network.n_vertices, network.dimension)}, not {x.shape}"
+        )
     return SpringState(network, rest, x, network.bond_vectors(x))
 
 
@@ -121,7 +126,7 @@ def equilibrium(
 
 
 def _newton(state: SpringState, tolerance: float, max_steps: int, pattern: FixedPattern) -> Solution[SpringState]:
-    """Newton's method; where the Hessian is indefinite, on its convex part, with a shift that grows until a step helps."""
+    """Newton's method; where the Hessian is indefinite, on its convex part; a shift grows until a step helps."""
     stiffness = float(np.mean(state.network.stiffness))
     smallest_shift = 1e-9 * stiffness
     shift, step, factorisations = 0.0, 0, 0
@@ -171,7 +176,9 @@ def _fire(state: SpringState, tolerance: float, max_steps: int) -> Solution[Spri
     relaxation = _Relaxation(state)
     end = fire(relaxation, np.zeros(state.forces.size), tolerance, max_steps)
     final = state.moved(end.point.x.reshape(state.forces.shape))
-    return Solution(final, end.status, Stats("fire", end.iterations, end.evaluations, end.point.residual, {"energy": final.energy}))
+    return Solution(
+        final, end.status, Stats("fire", end.iterations, end.evaluations, end.point.residual, {"energy": final.energy})
+    )
 
 
 class _Relaxation:

@@ -1,0 +1,151 @@
+"""Networks and distributions as matplotlib figures.  A figure reads arrays and computes no physics.
+
+Periodic networks are drawn whole: every edge is repeated in all images that touch the cell and cut at its border.
+Tension is shown by both colour (a map that survives colour blindness and grey print) and width.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from numpy.typing import ArrayLike
+
+from critflow.network import Array
+
+# Okabe and Ito's colours, told apart by all common kinds of colour vision.
+COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F")
+COMPRESSED = "#D55E00"
+
+# From a light to a dark blue-black, so that strong edges stand out on white and print in grey.
+TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("tension", ["#b8d4ea", "#4f93c4", "#1c4f86", "#0b1530"])
+
+
+def unit_pressure_tensions(sigma: Array, lengths: Array, volume: float) -> Array:
+    """Tensions τ = σ|L| scaled so that the pressure Σσ|L|²/(2V) is one (`Networks`), (N_b,)."""
+    return sigma * lengths * (2 * volume / float(sigma @ lengths**2))
+
+
+def draw_network(
+    axes: Axes,
+    edges: ArrayLike,
+    offsets: ArrayLike,
+    cell: ArrayLike,
+    coordinates: ArrayLike,
+    tensions: Array | None = None,
+    *,
+    limits: tuple[float, float] | None = None,
+    width: float = 1.0,
+    border: bool = True,
+) -> LineCollection:
+    """Draw a periodic network once and whole, edges coloured by tension; compressed edges are orange and dashed.
+
+    limits  tensions of the light and dark ends of the colour map; by default 0 and the 99th percentile
+    """
+    segments, edge = periodic_segments(edges, offsets, cell, coordinates)
+    values = np.ones(len(np.asarray(edges))) if tensions is None else np.asarray(tensions)
+    low, high = limits or (0.0, float(np.percentile(np.abs(values), 99)) or 1.0)
+    norm = Normalize(low, high, clip=True)
+    order = np.argsort(values[edge], kind="stable")
+    segments, strength = segments[order], values[edge][order]
+    tense = strength >= 0
+    widths = width * (0.45 + 1.1 * norm(np.abs(strength)))
+    lines = LineCollection(segments[tense], cmap=TENSION_MAP, norm=norm, linewidths=widths[tense], capstyle="round")
+    lines.set_array(strength[tense])
+    slack = LineCollection(
+        segments[~tense], colors=COMPRESSED, linewidths=np.maximum(widths[~tense], width), linestyles=(0, (2, 1))
+    )
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ np.asarray(cell)
+    outline = Polygon(corners, closed=True, fill=False, edgecolor="0.6" if border else "none", linewidth=0.6)
+    axes.add_patch(outline)
+    for collection in (lines, slack):
+        axes.add_collection(collection)
+        collection.set_clip_path(outline)
+    span = np.ptp(corners, axis=0)
+    axes.set_xlim(corners[:, 0].min() - 0.01 * span[0], corners[:, 0].max() + 0.01 * span[0])
+    axes.set_ylim(corners[:, 1].min() - 0.01 * span[1], corners[:, 1].max() + 0.01 * span[1])
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    return lines
+
+
+def periodic_segments(
+    edges: ArrayLike, offsets: ArrayLike, cell: ArrayLike, coordinates: ArrayLike
+) -> tuple[Array, Array]:
+    """All images of the edges that touch the cell: end points (n, 2, 2), and the edge of each (n,)."""
+    edges, offsets, cell = np.asarray(edges), np.asarray(offsets), np.asarray(cell, dtype=float)
+    fraction = np.asarray(coordinates) @ np.linalg.inv(cell)
+    # An edge starts where its tail lies in the cell and ends wherever that takes it.
+    tail = fraction[edges[:, 0]]
+    start = tail - np.floor(tail)
+    end = start + fraction[edges[:, 1]] - tail + offsets
+    pieces, owners = [], []
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    for image in product(
+        *(range(int(-np.floor(high[:, k].max())), int(1 - np.floor(low[:, k].min()))) for k in range(2))
+    ):
+        touching = ((high + image > 0) & (low + image < 1)).all(axis=1)
+        pieces.append(np.stack([start[touching] + image, end[touching] + image], axis=1) @ cell)
+        owners.append(np.flatnonzero(touching))
+    return np.concatenate(pieces), np.concatenate(owners)
+
+
+def network_figure(
+    edges: ArrayLike,
+    offsets: ArrayLike,
+    cell: ArrayLike,
+    coordinates: ArrayLike,
+    sigma: Array,
+    lengths: Array,
+    title: str = "",
+) -> Figure:
+    """One network in a figure of its own, with a colour bar of the tensions at unit pressure."""
+    tensions = unit_pressure_tensions(sigma, lengths, float(abs(np.linalg.det(np.asarray(cell)))))
+    figure = Figure(figsize=(6.2, 5.4), layout="constrained")
+    axes = figure.add_subplot()
+    lines = draw_network(axes, edges, offsets, cell, coordinates, tensions, width=1.6)
+    bar = figure.colorbar(lines, ax=axes, shrink=0.8, pad=0.02)
+    bar.set_label("edge tension τ at unit pressure")
+    if (tensions < 0).any():
+        axes.plot([], [], color=COMPRESSED, linestyle=(0, (2, 1)), label="compressed")
+        axes.legend(loc="upper left", fontsize=8, frameon=True)
+    axes.set_title(title, fontsize=10)
+    return figure
+
+
+def violins(
+    axes: Axes, groups: Sequence[Array], labels: Sequence[str], *, colours: Sequence[str] = COLOURS, log: bool = False
+) -> None:
+    """Distributions side by side, each a violin with its median and, where they are few, its single values.
+
+    A group without spread is drawn as a line; values that are not finite are left out and counted under the label.
+    """
+    shown_labels = []
+    for place, (group, label) in enumerate(zip(groups, labels, strict=True)):
+        finite = group[np.isfinite(group)]
+        shown_labels.append(label)
+        if len(finite) == 0:
+            axes.text(place, 0.5, "none", transform=axes.get_xaxis_transform(), ha="center", fontsize=7, color="0.4")
+            continue
+        colour = colours[place % len(colours)]
+        values = np.log10(np.maximum(finite, 1e-300)) if log else finite
+        median = float(np.median(values))
+        if np.ptp(values) > 1e-9 * max(abs(median), 1e-300) and len(values) > 3:
+            parts = axes.violinplot([values], [place], widths=0.85, showextrema=False)
+            for body in parts["bodies"]:  # type: ignore[attr-defined]
+                body.set(facecolor=colour, edgecolor=colour, alpha=0.45, linewidth=0.8)
+        else:
+            axes.plot(np.full(len(values), place), values, "o", color=colour, markersize=2.5)
+        axes.plot([place - 0.2, place + 0.2], [median, median], color=colour, linewidth=2.0, solid_capstyle="butt")
+    axes.set_xticks(range(len(groups)), shown_labels, fontsize=8)
+    axes.set_xlim(-0.6, len(groups) - 0.4)
+    if log:
+        axes.yaxis.set_major_formatter(lambda value, _: f"$10^{{{value:g}}}$")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(axis="y", labelsize=8)
