@@ -133,13 +133,13 @@ def _newton(state: SpringState, tolerance: float, max_steps: int, pattern: Fixed
     # After the exact Hessian was found indefinite it is not tried again before the force has fallen, or for ten steps.
     try_below, try_from = np.inf, 0
     energy, force = state.energy, state.max_force
-    status = Status.ok
+    status, factor, reuse = Status.ok, None, False
     while force > tolerance:
         if step == max_steps or shift > 1e6 * stiffness:
             status = Status.step_limit if step == max_steps else Status.stalled
             break
-        convex = force >= try_below and step < try_from
-        if not convex:
+        convex = not reuse and force >= try_below and step < try_from
+        if not (convex or reuse):
             factor = factorize_hessian(pattern, state, shift)
             factorisations += 1
             if factor.singular or factor.n_negative:
@@ -148,14 +148,23 @@ def _newton(state: SpringState, tolerance: float, max_steps: int, pattern: Fixed
             shift = max(shift, smallest_shift)
             factor = pattern.factorize(_convex_blocks(state), shift)
             factorisations += 1
+        assert factor is not None
         displacement = factor.solve(state.forces.ravel()).reshape(state.forces.shape)
         # A step never carries an edge through zero length: it is cut to half the mean length.
         longest = 0.5 * float(state.lengths.mean()) / max(float(np.abs(displacement).max()), 1e-300)
         trial = state.moved(min(1.0, longest) * displacement)
         trial_energy, trial_force = trial.energy, trial.max_force
-        if trial_energy < energy * (1 - 1e-12) or trial_force < 0.9 * force:
+        if (
+            trial_force < 0.3 * force
+            or not reuse
+            and (trial_energy < energy * (1 - 1e-12) or trial_force < 0.9 * force)
+        ):
+            # After a step that gained this much the factor is good for more, and a solve is far cheaper than a factor.
+            reuse = trial_force < 1e-2 * force
             state, energy, force, step = trial, trial_energy, trial_force, step + 1
             shift = 0.1 * shift if shift > smallest_shift else 0.0
+        elif reuse:
+            reuse = False
         else:
             shift = max(10 * shift, smallest_shift)
     if status is Status.ok and try_from > 0:
@@ -191,6 +200,9 @@ class _Relaxation:
         state = self._state.moved(x.reshape(self._state.forces.shape))
         gradient = -state.forces.ravel()
         return Point(x, state.energy, gradient, float(np.abs(gradient).max()))
+
+    def stiff_diagonal(self, point: Point) -> Array | float:
+        return 0.0
 
     def verdict(self, point: Point) -> Status | None:
         return None
