@@ -104,9 +104,8 @@ def run(
         todo, damage = engine.missing_cases(selection, folder)
         for line in damage:
             print("critflow:", line, file=sys.stderr)
-        print(
-            f"{loaded.study.name}: {sizes}, {len(todo)} of {len(selection.cases())} cases to compute, into {folder.path}"
-        )
+        cases = f"{len(todo)} of {len(selection.cases())} cases to compute"
+        print(f"{loaded.study.name}: {sizes}, {cases}, into {folder.path}")
         for key, value in selection.parameters.items():
             print(f"  {key} = {','.join(map(str, value)) if isinstance(value, tuple) else value}")
         return 0

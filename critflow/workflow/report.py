@@ -98,7 +98,7 @@ def _json(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Arrays and their scalars as plain values, NaN and infinity as null; what JSON has no word for is refused by `json`."""
+    """Arrays and their scalars as plain values, NaN and infinity as null; `json` refuses what it has no word for."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (np.ndarray, np.generic, xr.DataArray)):

@@ -21,7 +21,7 @@ from critflow.workflow.plan import Case, Selection
 from critflow.workflow.progress import RunProgress
 from critflow.workflow.report import write_report
 from critflow.workflow.schema import merge, write_dataset
-from critflow.workflow.store import read_shard
+from critflow.workflow.store import read_status
 from critflow.workflow.study import Claim
 
 _RESUME = "run the same command again to resume"
@@ -75,11 +75,11 @@ def missing_cases(selection: Selection, folder: Folder) -> tuple[set[str], list[
     todo, damage = set(), []
     for case in selection.cases():
         try:
-            shard = read_shard(folder.shards, selection.study, case)
+            status = read_status(folder.shards, selection.study, case, verify=True)
         except IntegrityError as error:
             damage.append(str(error))
-            shard = None
-        if shard is None or shard.status is Status.failed:
+            status = Status.missing
+        if status in (Status.missing, Status.failed):
             todo.add(case.id)
     return todo, damage
 

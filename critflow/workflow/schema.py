@@ -55,7 +55,7 @@ class _Table:
     def add(self, case: Case, status: Status, arrays: Mapping[str, np.ndarray]) -> None:
         for name, array in {**arrays, "status": np.array(status)}.items():
             variable = self.variables[name]
-            for dim, size in zip(self.selection.study.inner_dims(variable), array.shape, strict=True):
+            for dim, size in zip(self.selection.study.inner_dims[name], array.shape, strict=True):
                 if self.sizes.setdefault(dim, size) != size:
                     raise IntegrityError(
                         f"case {case.id} has {size} along {dim!r} in {name!r} where the cases before it have "

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from enum import IntEnum
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -196,25 +197,27 @@ class Study:
         if status is None or status.flags is not Status or set(status.dims) != set(self.axis_names):
             raise StudyError(f"study {self.name!r} needs a variable 'status' over exactly its axes with flags=Status")
 
-    @property
+    @cached_property
     def axis_names(self) -> tuple[str, ...]:
         return tuple(axis.name for axis in self.axes)
 
-    def inner_dims(self, variable: Variable) -> tuple[str, ...]:
-        """Dimensions of what one case returns for the variable."""
-        return tuple(dim for dim in variable.dims if dim not in self.axis_names)
+    @cached_property
+    def inner_dims(self) -> Mapping[str, tuple[str, ...]]:
+        """Dimensions of what one case returns, for every variable."""
+        return {v.name: tuple(dim for dim in v.dims if dim not in self.axis_names) for v in self.variables}
 
     def arrays(self, returned: Any, parameters: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """What a case returned, checked against the table and in its dtypes; a bad case may leave variables out."""
         if not isinstance(returned, Mapping) or "status" not in returned:
             raise StudyError("the case function must return a dict with at least 'status'")
+        status = Status(int(returned["status"]))
         names = [variable.name for variable in self.variables]
         for name in returned:
             if name not in names:
                 hint = nearest(name, names, "variables")
                 raise StudyError(f"the case function returned {name!r}, which no variable declares: {hint}")
         if missing := [name for name in names if name not in returned]:
-            if Status(int(returned["status"])) is Status.ok:
+            if status is Status.ok:
                 raise StudyError(f"the case function returned status ok without {', '.join(missing)}")
         sizes = {coordinate.name: len(parameters[coordinate.parameter]) for coordinate in self.coordinates}
         arrays = {}
@@ -222,7 +225,7 @@ class Study:
             if variable.name not in returned:
                 continue
             array = variable.cast(returned[variable.name])
-            dims = self.inner_dims(variable)
+            dims = self.inner_dims[variable.name]
             if array.ndim != len(dims) or 0 in array.shape:
                 raise StudyError(
                     f"{variable.name!r} has shape {array.shape} in a case, but its dimensions there are {dims}"

@@ -12,11 +12,22 @@ from critflow.workflow import Axis, Claim, Coordinate, Study, Variable, decimals
 
 def case(parameters, *, seed, population):
     """Random numbers of the right shapes; `trouble` and `pause` make it misbehave on demand."""
-    if f"{seed}-{population}" == parameters["trouble"]:
-        _misbehave(parameters["how"])
+    how = parameters["how"] if f"{seed}-{population}" == parameters["trouble"] else ""
+    n_edges = parameters["n_edges"]
+    if how == "raise":
+        raise ValueError("the trouble\nasked for")
+    if how == "exit":
+        raise SystemExit(1)
+    if how == "die":
+        os._exit(1)
+    if how == "longer":
+        n_edges += 1
+    if how.startswith("until ") and not os.path.exists(how.removeprefix("until ")):
+        raise FileNotFoundError(how)
     time.sleep(parameters["pause"])
-    network = stable_rng(seed, "network")
-    edges = network.integers(0, 5, (parameters["n_edges"], 2))
+    edges = stable_rng(seed, "network").integers(0, 5, (n_edges, 2))
+    if how == "other edges":
+        edges = edges + 1
     rng = stable_rng(seed, "stress", population)
     if population == "floppy":
         return {"status": Status.floppy, "edges": edges}
@@ -24,21 +35,11 @@ def case(parameters, *, seed, population):
     return {
         "status": Status.ok,
         "edges": edges,
-        "sigma": parameters["spread"] * rng.normal(size=parameters["n_edges"]),
+        "sigma": parameters["spread"] * rng.normal(size=n_edges),
         "modulus": strains * seed,
         "steps": rng.integers(0, 9, strains.size),
         "residual": rng.random(),
     }
-
-
-def _misbehave(how):
-    if how == "raise":
-        raise ValueError("the trouble asked for")
-    if how == "exit":
-        raise SystemExit(1)
-    if how == "die":
-        os._exit(1)
-    raise AssertionError(how)
 
 
 def check(parameters, axes):
