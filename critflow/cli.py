@@ -119,14 +119,12 @@ def run(
     )
     print(f"{result.dataset}: {sizes}, {result.kept} of {len(selection.cases())} cases were there before")
     _print_report(loaded.study, folder, result.claims)
+    if not result.failed:
+        return 0
     for failure in result.failed[:10]:
         print(f"  {failure.case_id}: {failure.error}", file=sys.stderr)
-    if result.failed:
-        print(
-            f"critflow: {len(result.failed)} cases failed ({folder.log} names them all): the next run tries them again",
-            file=sys.stderr,
-        )
-    return FAILED_CASES if result.failed else 0
+    count = f"{len(result.failed)} case{'s' if len(result.failed) > 1 else ''}"
+    return _complain(f"{count} failed, all named in {folder.log}: the next run tries them again", FAILED_CASES)
 
 
 @app.command("list")

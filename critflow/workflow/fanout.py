@@ -39,7 +39,10 @@ _DASK = {
     "distributed.scheduler.allowed-failures": 1,
     "distributed.worker.preload": ["critflow.workflow.batch"],
     "distributed.worker.profile.enabled": False,
+    "distributed.scheduler.http.routes": [],
 }
+# Without an address dask would still listen on port 8787, and warn when a second run finds it taken.
+_NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 _WAIT_FOR_WORKERS = 60.0  # seconds until a scheduler without workers is given up
 
 
@@ -100,7 +103,7 @@ def _through_dask(
     told = False
     while running:
         if interruption.asked and not told:
-            client.run(work.stop, job.run, wait=False)
+            client.run(work.stop, job.run, on_error="ignore")
             told = True
         try:
             future = ended.get(timeout=0.1)  # wakes up to look at the interruption
@@ -160,7 +163,7 @@ def _local_cluster(workers: int, interruption: Interruption) -> LocalCluster:
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
-            dashboard_address=None,
+            scheduler_kwargs=_NO_DASHBOARD,
             silence_logs=logging.CRITICAL,
         )
     except Exception as error:
