@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.cone import fit_lengths, polish
+from critflow.linalg import FixedPattern, edge_blocks
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.network import Array, Network, edge_values
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
-from critflow.springs import equilibrium, hessian_pattern, spring_state
+from critflow.springs import SpringState, equilibrium, hessian_pattern, spring_state
 
 # A stress below this part of the mean counts as none.
 NO_STRESS = 1e-9
@@ -125,6 +126,23 @@ def _without_hanging(network: Network, kept: NDArray[np.bool_]) -> NDArray[np.bo
         kept &= ~hanging
 
 
+def _balanced(state: SpringState, pattern: FixedPattern) -> Array:
+    """The stresses of springs in equilibrium, freed of rounding: σ less its part along the columns of R^h.
+
+    So close to the transition extensions have few digits, and forces that are zero to rounding are not small beside
+    the tensions.
+    """
+    # From the coordinates that are recorded, since many steps have rounded theirs and the bond vectors apart.
+    L, sigma = state.network.bond_vectors(state.coordinates), state.sigma
+    ones = np.ones(len(sigma))
+    factor = pattern.factorize(edge_blocks(ones, L, 0 * ones), 1e-10)
+    for _ in range(2):
+        force = state.network.divergence @ (sigma[:, None] * L)
+        u = factor.solve(force.ravel()).reshape(force.shape)
+        sigma = sigma - np.einsum("ad,ad->a", L, state.network.free_incidence @ u)
+    return sigma
+
+
 def _by_strain(
     network: Network, lengths: Array, relaxation: str, strain_step: float, energy_threshold: float
 ) -> Solution[CriticalConfiguration]:
@@ -147,10 +165,9 @@ def _by_strain(
             break
         step += 1
         state = spring_state(network, lengths / (1 + strain_step * step), state.coordinates)
-    if solution.ok and relaxation == "newton":
-        # Tensions are small this close to the transition: go down to rounding, so that they balance as well as others.
+    if relaxation == "newton":
         state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
-    value = critical_configuration(network, state.sigma, state.coordinates)
+    value = critical_configuration(network, _balanced(state, pattern), state.coordinates)
     slack = np.flatnonzero(value.sigma <= NO_STRESS * np.mean(np.abs(value.sigma)))
     status = solution.status if not solution.ok else Status.slack_edges if len(slack) else Status.ok
     details = {

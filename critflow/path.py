@@ -83,7 +83,9 @@ def strain_path(
         if moduli:
             response, relaxation = linear_response(state, pattern)
             measured, statuses[n] = response.value, response.status
-            slope = relaxation / ((1 + strain) * size) if response.ok else None
+            if not response.ok:
+                break
+            slope = relaxation / ((1 + strain) * size)
         trace.add(strain, state.coordinates[critical.network.free] / size, slope)
         records[:, n] = (measured.bulk, measured.shear, measured.shear_stress_corrected, state.energy, state.max_force)
         states.append(state)

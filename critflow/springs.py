@@ -129,6 +129,7 @@ def _newton(state: SpringState, tolerance: float, max_steps: int, pattern: Fixed
     """Newton's method; where the Hessian is indefinite, on its convex part; a shift grows until a step helps."""
     stiffness = float(np.mean(state.network.stiffness))
     smallest_shift = 1e-9 * stiffness
+    rounding = 1e-13 * stiffness * float(np.mean(state.rest_lengths))
     shift, step, factorisations = 0.0, 0, 0
     # After the exact Hessian was found indefinite it is not tried again before the force has fallen, or for ten steps.
     try_below, try_from = np.inf, 0
@@ -152,19 +153,23 @@ def _newton(state: SpringState, tolerance: float, max_steps: int, pattern: Fixed
         displacement = factor.solve(state.forces.ravel()).reshape(state.forces.shape)
         # A step never carries an edge through zero length: it is cut to half the mean length.
         longest = 0.5 * float(state.lengths.mean()) / max(float(np.abs(displacement).max()), 1e-300)
-        trial = state.moved(min(1.0, longest) * displacement)
-        trial_energy, trial_force = trial.energy, trial.max_force
-        if (
-            trial_force < 0.3 * force
-            or not reuse
-            and (trial_energy < energy * (1 - 1e-12) or trial_force < 0.9 * force)
-        ):
+        for length in (1.0,) if reuse else (1.0, 0.3, 0.1):
+            trial = state.moved(min(length, longest) * displacement)
+            trial_energy, trial_force = trial.energy, trial.max_force
+            better = trial_energy < energy * (1 - 1e-12) or trial_force < 0.9 * force
+            accepted = trial_force < 0.3 * force if reuse else better
+            if accepted:
+                break
+        if accepted:
             # After a step that gained this much the factor is good for more, and a solve is far cheaper than a factor.
             reuse = trial_force < 1e-2 * force
             state, energy, force, step = trial, trial_energy, trial_force, step + 1
             shift = 0.1 * shift if shift > smallest_shift else 0.0
         elif reuse:
             reuse = False
+        elif force < rounding:
+            status = Status.stalled
+            break
         else:
             shift = max(10 * shift, smallest_shift)
     if status is Status.ok and try_from > 0:
