@@ -23,7 +23,14 @@ from critflow.workflow.status import folder_status, status_lines
 from critflow.workflow.study import Study
 
 FAILED_CASES = 3
-EXIT_CODES = ((Interrupted, 130), (InputError, 2), (IntegrityError, 4), (LockedError, 5), (EnvironmentFailure, 6))
+INTERRUPTED = 130
+EXIT_CODES = (
+    (Interrupted, INTERRUPTED),
+    (InputError, 2),
+    (IntegrityError, 4),
+    (LockedError, 5),
+    (EnvironmentFailure, 6),
+)
 
 app = typer.Typer(
     help="Design spring networks at the rigidity transition, and measure ensembles of them.",
@@ -40,7 +47,8 @@ SetOption = Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE", help
 def main(words: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code; every error is one line on stderr."""
     try:
-        return app(sys.argv[1:] if words is None else list(words), prog_name="critflow", standalone_mode=False) or 0
+        code = app(sys.argv[1:] if words is None else list(words), prog_name="critflow", standalone_mode=False) or 0
+        return _complain("interrupted: run the same command again", code) if code == INTERRUPTED else code
     except typer.TyperException as error:
         return _complain(f"{error.format_message().rstrip('.')}: see critflow --help", 2)
     except CritflowError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import time
 import traceback
 from collections.abc import Mapping, Sequence
@@ -56,11 +55,6 @@ def run_batch(job: Job, batch: Sequence[Mapping[str, int | str]]) -> list[tuple]
 def stop(run: str) -> None:
     """Let the case that runs now finish, and begin no other of this run in this process."""
     _stopped.add(run)
-
-
-def dask_setup(worker: object) -> None:
-    """Called by dask as a worker process starts: leave Ctrl-C, which a terminal sends to all, to the command itself."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def record_failure(loaded: StudyFile, shards: Path, case: Case, error: str, seconds: float = 0.0) -> Outcome:

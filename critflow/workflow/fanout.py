@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from types import FrameType
 from uuid import uuid4
 
@@ -37,13 +38,13 @@ ONE_THREAD = (
 # Two deaths condemn a batch; its cases then get as many chances again, alone.
 _DASK = {
     "distributed.scheduler.allowed-failures": 1,
-    "distributed.worker.preload": ["critflow.workflow.batch"],
     "distributed.worker.profile.enabled": False,
     "distributed.scheduler.http.routes": [],
 }
 # Without an address dask would still listen on port 8787, and warn when a second run finds it taken.
 _NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
-_WAIT_FOR_WORKERS = 60.0  # seconds until a scheduler without workers is given up
+_WAIT_FOR_SCHEDULER = 10.0  # seconds
+_WAIT_FOR_WORKERS = 60.0  # seconds: a batch system may be slow to give them
 
 
 class Interruption:
@@ -79,7 +80,7 @@ def fan_out(job: work.Job, interruption: Interruption, workers: int, scheduler: 
         with _remote_client(scheduler) as client:
             yield lambda batches: _through_dask(client, job, interruption, batches)
     elif workers > 0:
-        with _local_client(workers, interruption) as client:
+        with _local_client(workers) as client:
             yield lambda batches: _through_dask(client, job, interruption, batches)
     else:
         yield lambda batches: ((batch, _outcomes(work.run_batch(job, batch))) for batch in batches)
@@ -121,7 +122,7 @@ def _through_dask(
 @contextmanager
 def _remote_client(address: str) -> Iterator[Client]:
     try:
-        client = Client(address, set_as_default=False)
+        client = Client(address, timeout=_WAIT_FOR_SCHEDULER, set_as_default=False)
     except (OSError, ValueError) as error:
         raise EnvironmentFailure(f"no scheduler answers at {address}: start one, or leave --scheduler out") from error
     with client:
@@ -133,13 +134,13 @@ def _remote_client(address: str) -> Iterator[Client]:
 
 
 @contextmanager
-def _local_client(workers: int, interruption: Interruption) -> Iterator[Client]:
+def _local_client(workers: int) -> Iterator[Client]:
     """A cluster of one-thread worker processes that listens on this machine alone."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read by the libraries when a worker imports them
     try:
         with dask.config.set(_DASK):
-            cluster = _local_cluster(workers, interruption)
+            cluster = _local_cluster(workers)
             try:
                 with Client(cluster, set_as_default=False) as client:
                     yield client
@@ -156,21 +157,34 @@ def _local_client(workers: int, interruption: Interruption) -> Iterator[Client]:
                 os.environ[name] = value
 
 
-def _local_cluster(workers: int, interruption: Interruption) -> LocalCluster:
+def _local_cluster(workers: int) -> LocalCluster:
     try:
-        return LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            scheduler_kwargs=_NO_DASHBOARD,
-            silence_logs=logging.CRITICAL,
-        )
+        with _interrupts_held_back():
+            return LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                scheduler_kwargs=_NO_DASHBOARD,
+                silence_logs=logging.CRITICAL,
+            )
     except Exception as error:
-        if interruption.asked:  # workers that were just being born died of the Ctrl-C
-            raise KeyboardInterrupt from error
         sentence = f"cannot start {workers} worker processes ({error}): try fewer, or --workers 0"
         raise EnvironmentFailure(sentence) from error
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Answer a Ctrl-C after the block; processes born in it, or later by threads born in it, never see one.
+
+    A terminal sends Ctrl-C to every process of a command, but it is for the command to decide what happens.
+    """
+    resource_tracker.ensure_running()  # starting it inside would lift the mask
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _kill_workers(cluster: LocalCluster) -> None:

@@ -87,7 +87,10 @@ class _Table:
             labels = np.asarray(parameters[coordinate.parameter])
             meaning = _meaning(coordinate.long_name, coordinate.units)
             coordinates[coordinate.name] = xr.Variable(coordinate.name, labels, meaning)
-        data = {v.name: (v.dims, self.arrays.get(v.name, self._filled(v)), _attributes(v)) for v in study.variables}
+        for variable in study.variables:
+            if variable.name not in self.arrays:
+                self.arrays[variable.name] = self._filled(variable)
+        data = {v.name: (v.dims, self.arrays[v.name], _attributes(v)) for v in study.variables}
         dataset = xr.Dataset(data, coordinates, self._global_attributes())
         for name, labelled in dataset.variables.items():
             # xarray would add a fill value to float coordinates, and turn integers with one into floats on reading.

@@ -4,10 +4,12 @@ import fcntl
 import json
 import os
 import random
+import re
 import resource
 import shutil
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import psutil
@@ -16,7 +18,7 @@ import xarray as xr
 from distributed import LocalCluster
 
 from critflow.result import IntegrityError, Status
-from critflow.workflow.fanout import _NO_DASHBOARD, ONE_THREAD, Interruption, _local_client
+from critflow.workflow.fanout import _NO_DASHBOARD, ONE_THREAD, _local_client
 from critflow.workflow.folder import Folder
 from critflow.workflow.plan import select
 from critflow.workflow.schema import merge
@@ -70,15 +72,17 @@ def test_local_workers_are_single_threaded_private_and_deaf_to_interrupts(monkey
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
 
     def look():
-        return dict(os.environ), signal.getsignal(signal.SIGINT)
+        return dict(os.environ), Path("/proc/self/status").read_text()
 
-    with _local_client(1, Interruption("test")) as client:
-        (environment, on_interrupt), *others = client.run(look).values()
+    with _local_client(1) as client:
+        (environment, process), *others = client.run(look).values()
         family = [psutil.Process(), *psutil.Process().children(recursive=True)]
         listening = [c.laddr.ip for p in family for c in p.net_connections() if c.status == psutil.CONN_LISTEN]
     assert not others
     assert {environment[name] for name in ONE_THREAD} == {"1"}
-    assert on_interrupt is signal.SIG_IGN
+    blocked = int(re.search(r"SigBlk:\s*(\w+)", process)[1], 16)
+    assert blocked >> (signal.SIGINT - 1) & 1
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
     assert set(listening) == {"127.0.0.1"}
     assert os.environ["OMP_NUM_THREADS"] == "7"
     assert "OPENBLAS_NUM_THREADS" not in os.environ
