@@ -115,6 +115,11 @@ class Factor:
         # The solver stops at an exact zero without saying so; the pivots after it are then leftovers.
         return not bool(size.min() > len(size) * np.finfo(float).eps * size.max() and np.isfinite(size).all())
 
+    @property
+    def indefinite(self) -> bool:
+        """Whether A is not safely positive definite."""
+        return self.singular or self.n_negative > 0
+
 
 def laplacian(network: Network) -> FixedPattern:
     """P = gᵀ diag(σ) g over the free vertices, (n_free, n_free), from σ (N_b,) (`PrestressMatrix`)."""

@@ -21,7 +21,7 @@ from critflow.network import Array, Network
 from critflow.objectives import dilation, pure_shear, transition_modulus
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity import rigidity
-from critflow.springs import SpringState, factorize_hessian, hessian_pattern, spring_state
+from critflow.springs import FLOPPY_REST, SpringState, factorize_hessian, hessian_pattern, spring_state
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,6 @@ class Fit:
     slope_error: float
 
 
-# Stiffness, in units of k, that keeps floppy modes in place.
-_REST = 1e-11
-
 _NO_MODULI = Moduli(np.nan, np.nan, np.nan)
 _FLOPPY = Moduli(0.0, 0.0, 0.0)
 _NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
@@ -72,11 +69,10 @@ def linear_response(state: SpringState, pattern: FixedPattern | None = None) -> 
     K, V, d = state.modified_stiffness, network.volume, network.dimension
     pattern = pattern or hessian_pattern(network)
     factor = factorize_hessian(pattern, state)
-    floppy = factor.singular or factor.n_negative > 0
+    floppy = factor.indefinite
     if floppy:
-        # Floppy modes see no force, so a stiffness just above rounding lets them rest and changes nothing else.
-        factor = factorize_hessian(pattern, state, _REST * float(np.max(network.stiffness)))
-        if factor.n_negative or factor.singular:
+        factor = factorize_hessian(pattern, state, FLOPPY_REST * float(np.mean(network.stiffness)))
+        if factor.indefinite:
             stats = Stats("linear response", 2, 2, details={"negative_pivots": factor.n_negative})
             return Solution(_NO_MODULI, Status.unstable, stats), np.zeros_like(state.forces)
 

@@ -56,7 +56,7 @@ def configuration(manifold, parameters, seed, population) -> Solution[CriticalCo
     lengths = 1 + spread * rng.standard_normal(n_edges)
     while (negative := lengths <= 0).any():  # a normal distribution with s = 0.3 has one negative length in 2,300
         lengths[negative] = 1 + spread * rng.standard_normal(negative.sum())
-    return critical_from_lengths(manifold.network, lengths, "strain", throw=False)
+    return critical_from_lengths(manifold.network, lengths, parameters["protocol"], throw=False)
 
 
 def case(parameters, *, seed, population):
@@ -117,6 +117,8 @@ def check(parameters, axes):
     for name in ("threshold", "spread", "spread_wide", "hard_core", "fit_window"):
         if not parameters[name] > 0:
             raise StudyError(f"{name}={parameters[name]} must be positive")
+    if parameters["protocol"] not in ("conic", "strain"):
+        raise StudyError(f"protocol={parameters['protocol']} must be conic (exact) or strain (the paper's steps)")
     try:
         voronoi_network(parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
     except InputError as error:
@@ -187,6 +189,7 @@ study = Study(
         "threshold": 0.1,
         "spread": 0.1,
         "spread_wide": 0.3,
+        "protocol": "conic",
         "strains": decimals("0.001:0.010:0.001"),
         "fit_window": 0.01,
     },
