@@ -34,6 +34,8 @@ from critflow.springs import hessian_pattern
 from critflow.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
+from ._ensemble_report import claims, response_figure, structure_figure, summary
+
 POPULATIONS = (*OBJECTIVES, "random_lengths", "random_stress", "random_lengths_wide")
 
 
@@ -197,4 +199,7 @@ study = Study(
     case=case,
     check=check,
     variables=tuple(table()),
+    figures={"structure": structure_figure, "response": response_figure},
+    claims=claims,
+    summary=summary,
 )
