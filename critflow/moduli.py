@@ -127,12 +127,13 @@ def stiffening(
     sigma = critical.sigma / norm
     flexibility = np.sum(L**2, axis=1) / k
     D = float(sigma**2 @ flexibility)
-    system = (saddle or Saddle(network)).factorize(critical.sigma, L)
-    if not system.stable:
-        stats = Stats("exact", 1, 1, details={"note": "the stress does not stabilise the zero modes"})
+    system = saddle or Saddle(network)
+    if not system.stable(critical.sigma, L):
+        stats = Stats("exact", 1, 1, details={"note": "the stress does not stabilise all zero modes"})
         solution = Solution(_NO_STIFFENING, Status.unstable, stats)
         return solution.or_raise("no stiffening coefficients") if throw else solution
 
+    system.factorize(critical.sigma, L)
     amplitudes, changes, responses, errors = [], [], [], []
     for A in (dilation(d), pure_shear(d)):
         affine = L @ A

@@ -35,10 +35,14 @@ RESPONSE = {
 }
 
 
+_DRAWINGS = "Drawings: medians of the highest and lowest population; dark, wide edges carry the most tension."
+
+
 def structure_figure(ds):
     """`StructuralMetrics`: lengths and faces, tensions and force triangles."""
-    panels = [_panel(ds, name, label) for name, label in STRUCTURE.items()]
-    note = "Drawings: the networks nearest to the medians of the lowest and the highest population, edges coloured by tension."
+    log = {"tension_variance"}
+    panels = [_panel(ds, name, label, name in log) for name, label in STRUCTURE.items()]
+    note = f"{_DRAWINGS} "
     return panel_figure(panels, _labels(ds), "Structure of critical configurations", f"{note} {_wide_note(ds)}")
 
 
@@ -46,7 +50,7 @@ def response_figure(ds):
     """`ResponseMetrics`: moduli at the transition and how they grow past it."""
     log = {"shear_modulus_0"}
     panels = [_panel(ds, name, label, name in log, name.startswith("C_")) for name, label in RESPONSE.items()]
-    note = "Red lines: no change with strain."
+    note = f"Red lines: no change with strain. {_DRAWINGS}"
     return panel_figure(
         panels, _labels(ds), "Mechanical response of critical configurations", f"{note} {_wide_note(ds)}"
     )
@@ -87,7 +91,7 @@ def _drawing(one, word, value):
     """One configuration; `one` has neither seed nor population left."""
     sigma, lengths, cell = one.sigma.values, one.length.values, one.cell.values
     tensions = unit_pressure_tensions(sigma, lengths, float(abs(np.linalg.det(cell))))
-    name = LABELS[str(one.population.values)].split("\n")[0]
+    name = LABELS[str(one.population.values)].replace("\n", ", ").format(**_parameters(one))
     caption = f"{word}: {name}, {value:.2g}"
     return Drawing(caption, one.edges.values, one.offsets.values, cell, one.coordinates.values, tensions)
 
@@ -134,8 +138,8 @@ def _least_variances(ds):
     yield Claim(
         "TensionVariance", "the least tension variance is about 1e-2, not zero", "≈ 1e-2", _spread(V_t, 3),
         _verdict(0.005 < V_t.mean() < 0.02),
-        f"in {collapsed} of {len(status)} networks it is an infimum that is not attained: two edges of a four-sided face "
-        "shrink to zero length" if collapsed else "",
+        f"in {collapsed} of {len(status)} networks it is an infimum that is not attained: two edges of a four-sided "
+        "face shrink to zero length" if collapsed else "",
     )  # fmt: skip
 
 
@@ -190,8 +194,8 @@ def _growth(ds):
         yield Claim(
             f"ResponseMetrics-D-{convention}", f"C_G < 0 for max G_0 only ({convention} convention)", "signs",
             shown(name), _verdict(holds),
-            "" if holds else f"C_G of max G_0 is negative in {share:.0f} % of the networks only; the sign depends on how "
-            "pressure enters the shear modulus, and the paper's signs are those of the stress-corrected convention",
+            "" if holds else f"C_G of max G_0 is negative in {share:.0f} % of the networks only; the sign depends on "
+            "how pressure enters the shear modulus, and the paper's signs are those of the stress-corrected convention",
         )  # fmt: skip
     order = [float(np.median(_of(ds, "bulk_modulus_0", p))) for p in PAPER]
     slopes = [float(np.median(_of(ds, "C_B_exact", p))) for p in PAPER]
@@ -204,8 +208,9 @@ def _growth(ds):
     off = off[np.isfinite(off)]
     yield Claim(
         "ModulusStrainScaling", "moduli grow linearly with strain near the transition", "linear",
-        f"a straight line to γ = {_parameters(ds)['fit_window']:g} misses the exact C_B by {100 * np.median(off):.1f} % "
-        f"(median), {100 * np.quantile(off, 0.9):.0f} % (90th percentile)", _verdict(np.median(off) < 0.2),
+        f"a straight line to γ = {_parameters(ds)['fit_window']:g} misses the exact C_B by "
+        f"{100 * np.median(off):.1f} % (median), {100 * np.quantile(off, 0.9):.0f} % (90th percentile)",
+        _verdict(np.median(off) < 0.2),
         "" if np.median(off) < 0.2 else "the window is too wide for a straight line",
     )  # fmt: skip
 
@@ -261,10 +266,10 @@ def _percolation(ds):
         yield Claim(
             f"percolation-{key}", f"random rest lengths of spread s = {spreads[key]:g} leave every edge stressed",
             "full rigidity percolation",
-            f"{whole} of {len(fraction)} networks; stressed edges {100 * fraction.mean():.1f} ± {100 * fraction.std():.1g} %",
+            f"{whole} of {len(fraction)} networks; {100 * fraction.mean():.1f} ± {100 * fraction.std():.1f} % of edges",
             _verdict(holds),
-            "" if holds else "the cone program, whose answer is global, leaves edges slack in the other networks; on these "
-            "networks a spread near 0.1 is the largest that percolates",
+            "" if holds else "the cone program, whose answer is global, leaves edges slack in the other networks; on "
+            "these networks a spread near 0.1 is the largest that percolates",
         )  # fmt: skip
 
 
