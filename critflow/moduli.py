@@ -107,9 +107,9 @@ def transition_moduli(critical: CriticalConfiguration) -> Moduli:
 
 
 def stiffening(
-    critical: CriticalConfiguration, saddle: Saddle | None = None, throw: bool = True
+    network: Network, critical: CriticalConfiguration, saddle: Saddle | None = None, throw: bool = True
 ) -> Solution[Stiffening]:
-    """C_B and C_G exactly, from the critical configuration alone: no strain path.
+    """C_B and C_G of a network exactly, from its critical configuration alone: no strain path.
 
     With σ̂ the unit self-stress, K⁻¹ = |L|²/k, D = σ̂ᵀK⁻¹σ̂ and, for each strain a, affine change A_a L and c_a = σ̂·ḣ_a/D:
     the network answers with ḣ_a = c_a K⁻¹ σ̂, and the zero modes settle where P(σ̂) is least,
@@ -120,7 +120,7 @@ def stiffening(
 
     `Status.unstable` and NaN where P(σ̂) is not positive on the zero modes, so that no such answer exists.
     """
-    network, L = critical.network, critical.bond_vectors
+    network, L = critical.springs_of(network), critical.bond_vectors
     V, d, k = network.volume, network.dimension, network.stiffness
     # Lengths are of order one, so the stress is scaled to balance the system's two kinds of rows.
     norm = float(np.linalg.norm(critical.sigma))

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from critflow.plot import Drawing, Panel, panel_figure, unit_pressure_tensions
+from critflow.plot import Drawing, Panel, gallery_figure, panel_figure, unit_pressure_tensions
 from critflow.result import Status
 from critflow.workflow import Claim
 
@@ -56,6 +56,20 @@ def response_figure(ds):
     )
 
 
+def gallery(ds):
+    """`Networks`, in short: the first network in every population, on one colour scale."""
+    drawings = []
+    for population in ds.population.values:
+        one = ds.isel(seed=0).sel(population=population)
+        if np.isfinite(one.sigma.values).all():
+            drawings.append(_drawing(one, "", f"$B_0$ = {float(one.bulk_modulus_0):.3f}"))
+    title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition, seven ways"
+    return gallery_figure(drawings, title.replace("seven", _NUMBERS.get(len(drawings), str(len(drawings)))))
+
+
+_NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 7: "seven"}
+
+
 def _labels(ds):
     names = [str(name) for name in ds.population.values]
     return [LABELS[name].format(**_parameters(ds)) for name in names]
@@ -81,9 +95,8 @@ def _panel(ds, name, label, log=False, zero_line=False):
         for word, population in (("high", medians.idxmax()), ("low", medians.idxmin())):
             of_population = values.sel(population=population)
             seed = np.abs(of_population - of_population.median()).idxmin()
-            drawings.append(
-                _drawing(ds.sel(population=population, seed=seed), word, float(of_population.sel(seed=seed)))
-            )
+            shown = f"{float(of_population.sel(seed=seed)):.2g}"
+            drawings.append(_drawing(ds.sel(population=population, seed=seed), f"{word}: ", shown))
     return Panel(label, list(values.values), drawings, log, zero_line)
 
 
@@ -92,7 +105,7 @@ def _drawing(one, word, value):
     sigma, lengths, cell = one.sigma.values, one.length.values, one.cell.values
     tensions = unit_pressure_tensions(sigma, lengths, float(abs(np.linalg.det(cell))))
     name = LABELS[str(one.population.values)].replace("\n", ", ").format(**_parameters(one))
-    caption = f"{word}: {name}, {value:.2g}"
+    caption = f"{word}{name}, {value}"
     return Drawing(caption, one.edges.values, one.offsets.values, cell, one.coordinates.values, tensions)
 
 

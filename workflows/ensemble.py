@@ -34,7 +34,7 @@ from critflow.springs import hessian_pattern
 from critflow.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
-from ._ensemble_report import claims, response_figure, structure_figure, summary
+from ._ensemble_report import claims, gallery, response_figure, structure_figure, summary
 
 POPULATIONS = (*OBJECTIVES, "random_lengths", "random_stress", "random_lengths_wide")
 
@@ -68,8 +68,8 @@ def case(parameters, *, seed, population):
     found = configuration(manifold, parameters, seed, population)
     critical, strains = found.value, np.array(parameters["strains"])
     at_transition = transition_moduli(critical)
-    path = strain_path(critical, strains, pattern=pattern, throw=False).value
-    exact = stiffening(critical, saddle, throw=False).value
+    path = strain_path(network, critical, strains, pattern=pattern, throw=False).value
+    exact = stiffening(network, critical, saddle, throw=False).value
     # Where an edge collapses the infimum has no configuration, so the coefficients of a near one mean nothing.
     undefined = np.nan if found.status is Status.edge_collapse else 1.0
     fits = {
@@ -199,7 +199,7 @@ study = Study(
     case=case,
     check=check,
     variables=tuple(table()),
-    figures={"structure": structure_figure, "response": response_figure},
+    figures={"gallery": gallery, "structure": structure_figure, "response": response_figure},
     claims=claims,
     summary=summary,
 )
