@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.cone import fit_lengths, polish
+from critflow.linalg import FixedPattern, edge_blocks
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.network import Array, Network, edge_values
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
-from critflow.springs import equilibrium, hessian_pattern, spring_state
+from critflow.springs import SpringState, equilibrium, hessian_pattern, spring_state
 
 # A stress below this part of the mean counts as none.
 NO_STRESS = 1e-9
@@ -38,7 +39,9 @@ def critical_from_lengths(
     method "conic" (or "auto"): lengths proportional to ℓ on every stressed edge, exactly at the transition.  Edges
     without tension are listed in `stats.details["slack_edges"]`, have σ = 0 and set `Status.slack_edges`.
     method "strain": ℓ/(1 + γ) with γ in steps of `strain_step` from 0 until the energy reaches `energy_threshold`,
-    relaxed by `relaxation` ("newton" or "fire"); the recorded state is then slightly past the transition.
+    relaxed by `relaxation` ("newton" or "fire"); the recorded state is then slightly past the transition.  Where the
+    cone program shows that every edge will be stressed, the end does not depend on the way, and the steps of the
+    floppy network are skipped (not by "fire").
     """
     lengths = edge_values(rest_lengths, network.n_edges, "rest_lengths")
     if method in ("auto", "conic"):
@@ -123,6 +126,23 @@ def _without_hanging(network: Network, kept: NDArray[np.bool_]) -> NDArray[np.bo
         kept &= ~hanging
 
 
+def _balanced(state: SpringState, pattern: FixedPattern) -> Array:
+    """The stresses of springs in equilibrium, freed of rounding: σ less its part along the columns of R^h.
+
+    So close to the transition extensions have few digits, and forces that are zero to rounding are not small beside
+    the tensions.
+    """
+    # From the coordinates that are recorded, since many steps have rounded theirs and the bond vectors apart.
+    L, sigma = state.network.bond_vectors(state.coordinates), state.sigma
+    ones = np.ones(len(sigma))
+    factor = pattern.factorize(edge_blocks(ones, L, 0 * ones), 1e-10)
+    for _ in range(2):
+        force = state.network.divergence @ (sigma[:, None] * L)
+        u = factor.solve(force.ravel()).reshape(force.shape)
+        sigma = sigma - np.einsum("ad,ad->a", L, state.network.free_incidence @ u)
+    return sigma
+
+
 def _by_strain(
     network: Network, lengths: Array, relaxation: str, strain_step: float, energy_threshold: float
 ) -> Solution[CriticalConfiguration]:
@@ -130,10 +150,14 @@ def _by_strain(
     if x is None:
         x = CriticalManifold(network).configuration(network.stiffness).coordinates
     pattern = hessian_pattern(network)
-    state = spring_state(network, lengths, x)
-    if state.energy == 0:
-        raise InputError("the rest lengths fit already at the start: give the network other positions or lengths")
-    iterations, step = 0, 0
+    iterations, step, skipped = 0, 0, 0
+    if relaxation == "newton":
+        transition = _by_cone(network, lengths)
+        if transition.ok:
+            # All edges stressed: the rigid states follow from the unique critical one, whatever came before.
+            step = skipped = max(0, int(np.floor((1 / transition.stats.details["ratio"] - 1) / strain_step)) + 1)
+            x = transition.value.coordinates
+    state = spring_state(network, lengths / (1 + strain_step * step), x)
     while True:
         solution = equilibrium(state, relaxation, pattern=pattern, throw=False)
         state, iterations = solution.value, iterations + solution.stats.iterations
@@ -141,16 +165,16 @@ def _by_strain(
             break
         step += 1
         state = spring_state(network, lengths / (1 + strain_step * step), state.coordinates)
-    if solution.ok and relaxation == "newton":
-        # Tensions are small this close to the transition: go down to rounding, so that they balance as well as others.
-        state = equilibrium(state, tolerance=1e-16, max_steps=2, pattern=pattern, throw=False).value
-    value = critical_configuration(network, state.sigma, state.coordinates)
+    if relaxation == "newton":
+        state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
+    value = critical_configuration(network, _balanced(state, pattern), state.coordinates)
     slack = np.flatnonzero(value.sigma <= NO_STRESS * np.mean(np.abs(value.sigma)))
     status = solution.status if not solution.ok else Status.slack_edges if len(slack) else Status.ok
     details = {
         "strain": strain_step * step,
         "energy": state.energy,
         "slack_edges": slack,
+        "skipped_steps": skipped,
         "rest_lengths": state.rest_lengths,
     }
     return Solution(

@@ -143,9 +143,13 @@ def block_laplacian(network: Network) -> FixedPattern:
     tail, head = ends.T
     edge = np.arange(network.n_edges)
     entries = []
+    # Number of each pair (row, col) in the upper triangle of a symmetric block.
+    number = np.zeros((d, d), int)
+    number[np.triu_indices(d)] = np.arange(d * (d + 1) // 2)
+    number = np.maximum(number, number.T)
     for row in range(d):
         for col in range(d):
-            source = edge + network.n_edges * _triangle(d)[row, col]
+            source = edge + network.n_edges * number[row, col]
             for i, j, sign in ((tail, tail, 1.0), (head, head, 1.0), (tail, head, -1.0), (head, tail, -1.0)):
                 inside = (i >= 0) & (j >= 0)
                 entries.append((d * i[inside] + row, d * j[inside] + col, source[inside], sign))
@@ -156,12 +160,10 @@ def edge_blocks(along: Array, vectors: Array, isotropic: Array) -> Array:
     """Values for `block_laplacian` of C_α = along_α v_α v_αᵀ + isotropic_α 1: two (N_b,) and v (N_b, d)."""
     d = vectors.shape[1]
     blocks = np.empty((d * (d + 1) // 2, len(vectors)))
-    for row in range(d):
-        for col in range(row, d):
-            block = blocks[_triangle(d)[row, col]]
-            np.multiply(along * vectors[:, row], vectors[:, col], out=block)
-            if row == col:
-                block += isotropic
+    for block, row, col in zip(blocks, *np.triu_indices(d), strict=True):
+        np.multiply(along * vectors[:, row], vectors[:, col], out=block)
+        if row == col:
+            block += isotropic
     return blocks.ravel()
 
 
@@ -242,10 +244,3 @@ def _unknowns(network: Network) -> NDArray[np.int64]:
     index = np.full(network.n_vertices, -1)
     index[network.free] = np.arange(len(network.free))
     return index[network.edges]
-
-
-def _triangle(d: int) -> NDArray[np.int64]:
-    """Number of each pair (row, col) in the upper triangle of a symmetric d × d block."""
-    number = np.zeros((d, d), int)
-    number[np.triu_indices(d)] = np.arange(d * (d + 1) // 2)
-    return np.maximum(number, number.T)

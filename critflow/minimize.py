@@ -32,6 +32,9 @@ class Function(Protocol):
 
     def at(self, x: Array) -> Point: ...
 
+    def stiff_diagonal(self, point: Point) -> Array | float:
+        """A diagonal part of the Hessian that is known, ≥ 0; zero where nothing is."""
+
     def verdict(self, point: Point) -> Status | None:
         """A status that ends the minimisation where going on is pointless, else None."""
 
@@ -88,8 +91,9 @@ def lbfgs(
 ) -> Minimum:
     """L-BFGS with backtracking (Nocedal & Wright, algorithms 7.4 and 3.1); no component moves by more than `longest`.
 
-    Two things that library versions lack matter here: the limit keeps trials away from the wall of a barrier, and
-    where a fall of the value is lost in rounding, a step is judged by the slope at its end instead.
+    Three things that library versions lack matter here: the limit keeps trials away from the wall of a barrier, the
+    known diagonal of the Hessian takes the wall's curvature out of what has to be learned, and where a fall of the
+    value is lost in rounding, a step is judged by the slope at its end instead.
     """
     point = function.at(x)
     pairs: deque[tuple[Array, Array, float]] = deque(maxlen=memory)
@@ -100,7 +104,7 @@ def lbfgs(
         verdict = function.verdict(point)
         if verdict is not None:
             return Minimum(point, verdict, step, evaluations)
-        direction = _two_loops(point.gradient, pairs)
+        direction = _two_loops(point.gradient, pairs, function.stiff_diagonal(point))
         slope = point.gradient @ direction
         if not slope < 0:
             pairs.clear()
@@ -132,16 +136,18 @@ def lbfgs(
 _ROUNDING = 1e-14
 
 
-def _two_loops(gradient: Array, pairs: deque[tuple[Array, Array, float]]) -> Array:
-    """−H⁻¹ gradient with the inverse Hessian that the stored pairs (moved, turned) imply."""
+def _two_loops(gradient: Array, pairs: deque[tuple[Array, Array, float]], diagonal: Array | float) -> Array:
+    """−H⁻¹ gradient with the inverse Hessian that the stored pairs (moved, turned) and the diagonal imply."""
     direction = -gradient
     weights = []
     for moved, turned, product in reversed(pairs):
         weights.append(moved @ direction / product)
         direction = direction - weights[-1] * turned
     if pairs:
-        _, turned, product = pairs[-1]
-        direction *= product / (turned @ turned)
+        moved, turned, product = pairs[-1]
+        rest = turned - diagonal * moved
+        along = rest @ moved
+        direction /= diagonal + (rest @ rest / along if along > 0 else turned @ turned / product)
     for (moved, turned, product), weight in zip(pairs, reversed(weights), strict=True):
         direction += (weight - turned @ direction / product) * moved
     return direction

@@ -54,6 +54,9 @@ class Fit:
     slope_error: float
 
 
+# Stiffness, in units of k, that keeps floppy modes in place.
+_REST = 1e-11
+
 _NO_MODULI = Moduli(np.nan, np.nan, np.nan)
 _FLOPPY = Moduli(0.0, 0.0, 0.0)
 _NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
@@ -62,15 +65,20 @@ _NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
 def linear_response(state: SpringState, pattern: FixedPattern | None = None) -> tuple[Solution[Moduli], Array]:
     """Moduli of springs under stress in equilibrium, and the relaxation dx/dγ (n_free, d) that dilation causes.
 
-    `Status.unstable` and NaN where the Hessian is not positive definite: the answer to a strain is then not unique.
+    `Status.unstable` and NaN where the Hessian has negative eigenvalues: the springs then buckle under any strain.
+    Parts that are floppy, as slack ones are, do not resist and take no share; `stats.details["floppy"]` says so.
     """
     network, L, sigma = state.network, state.bond_vectors, state.sigma
     K, V, d = state.modified_stiffness, network.volume, network.dimension
-    factor = factorize_hessian(pattern or hessian_pattern(network), state)
-    if factor.singular or factor.n_negative:
-        status = Status.singular if factor.singular else Status.unstable
-        stats = Stats("linear response", 1, 1, details={"negative_pivots": factor.n_negative})
-        return Solution(_NO_MODULI, status, stats), np.zeros_like(state.forces)
+    pattern = pattern or hessian_pattern(network)
+    factor = factorize_hessian(pattern, state)
+    floppy = factor.singular or factor.n_negative > 0
+    if floppy:
+        # Floppy modes see no force, so a stiffness just above rounding lets them rest and changes nothing else.
+        factor = factorize_hessian(pattern, state, _REST * float(np.max(network.stiffness)))
+        if factor.n_negative or factor.singular:
+            stats = Stats("linear response", 2, 2, details={"negative_pivots": factor.n_negative})
+            return Solution(_NO_MODULI, Status.unstable, stats), np.zeros_like(state.forces)
 
     affine = [L @ dilation(d), L @ pure_shear(d)]
     # dilation has a second derivative of its own, (1 + γ)^{1/d} being curved: b̈ = (1/d)(1/d − 1) b.
@@ -88,7 +96,8 @@ def linear_response(state: SpringState, pattern: FixedPattern | None = None) -> 
         relaxations.append(u.reshape(force.shape))
     dE_dV = float(sigma @ state.lengths**2) / (d * V)
     value = Moduli(moduli[0], moduli[1], moduli[1] - 0.5 * dE_dV)
-    return Solution(value, Status.ok, Stats("linear response", 1, 1, max(errors))), relaxations[0]
+    stats = Stats("linear response", 1, 1, max(errors), {"floppy": floppy})
+    return Solution(value, Status.ok, stats), relaxations[0]
 
 
 def transition_moduli(critical: CriticalConfiguration) -> Moduli:

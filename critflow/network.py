@@ -8,6 +8,7 @@ minimum-image rule is ever applied, so any shear and edges longer than half the 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -185,12 +186,16 @@ class Network:
     def deformed(self, gradient: ArrayLike) -> Network:
         """The network after the affine deformation F of its boundary: b → F b, pins and positions alike."""
         F = np.asarray(gradient, dtype=float)
-        return replace(
-            self,
-            cell=None if self.cell is None else self.cell @ F.T,
-            pins={i: F @ p for i, p in self.pins.items()},
-            positions=None if self.positions is None else self.positions @ F.T,
-        )
+        if F.shape != (self.dimension,) * 2 or not abs(np.linalg.det(F)) > 0:
+            raise NetworkError(f"a deformation must be an invertible {self.dimension} × {self.dimension} matrix")
+        # The graph stays, so it is neither checked again nor are its matrices made again.
+        copied = copy(self)
+        copied.__dict__.pop("boundary_vectors", None)
+        copied.__dict__.pop("fixed_positions", None)
+        copied.__dict__["cell"] = None if self.cell is None else self.cell @ F.T
+        copied.__dict__["pins"] = {i: F @ p for i, p in self.pins.items()}
+        copied.__dict__["positions"] = None if self.positions is None else self.positions @ F.T
+        return copied
 
     def part(self, kept_edges: NDArray[np.bool_]) -> tuple[Network, IntArray]:
         """The network of some of the edges, and the old index of each of its vertices."""

@@ -67,7 +67,7 @@ def optimize(
         if not isinstance(goal, TransitionModulus) or not is_bulk:
             raise InputError("a closed form is known for the bulk modulus only: choose another method")
         solution = _largest_bulk_modulus(manifold, goal)
-    elif method == "conic":
+    elif method == "conic" or (method == "auto" and start is None and isinstance(goal, LengthVariance)):
         if not isinstance(goal, LengthVariance):
             raise InputError("the cone program finds the least length variance only: choose another method")
         solution = _equal_lengths(manifold)
@@ -186,6 +186,9 @@ class _Landscape:
         self._last = (x, sigma, L, factor, gradient, gy)
         residual = float(np.abs(gradient).max())
         return Point(x, self.sign * value, self.sign * sigma * gradient, residual if np.isfinite(residual) else np.inf)
+
+    def stiff_diagonal(self, point: Point) -> Array | float:
+        return self._goal.stiff_diagonal(self._last[1])
 
     def verdict(self, point: Point) -> Status | None:
         _, sigma, L, *_ = self._last

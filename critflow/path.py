@@ -58,8 +58,9 @@ def strain_path(
 ) -> Solution[StrainPath]:
     """Expand a critical configuration through increasing strains γ > 0, relaxing and measuring at each.
 
-    Each step starts from the last state, carried on affinely and by its own linear response.  `method` and
-    `tolerance` are those of `equilibrium`; without `moduli` only the equilibria are found.
+    Each step starts from the last state, carried on affinely and along the curve that the last two states and their
+    linear responses trace.  `method` and `tolerance` are those of `equilibrium`; without `moduli` only the equilibria
+    are found.
     """
     gamma = check_strains(strains)
     d = critical.network.dimension
@@ -68,19 +69,24 @@ def strain_path(
     records = np.full((5, len(gamma)), np.nan)
     steps, statuses = np.zeros(len(gamma), int), np.full(len(gamma), int(Status.missing))
     states: list[SpringState] = []
-    before, relaxation = 0.0, np.zeros_like(state.forces)
+    before, trace = 0.0, _Trace(state.coordinates[critical.network.free])
     for n, strain in enumerate(gamma):
-        growth = (1 + strain) / (1 + before)
-        # u is the answer to a relative change of volume, and grows with the box like everything else.
-        start = state.moved((growth - 1) * relaxation).deformed(growth ** (1 / d) * np.eye(d))
+        size = (1 + before) ** (1 / d)
+        growth = ((1 + strain) / (1 + before)) ** (1 / d)
+        start = state.moved(size * trace.step_to(strain)).deformed(growth * np.eye(d))
         solution = equilibrium(start, method, tolerance, pattern=pattern, throw=False)
         state, steps[n], statuses[n] = solution.value, solution.stats.iterations, solution.status
         if not solution.ok:
             break
-        measured = _NOTHING
+        measured, slope = _NOTHING, None
+        size = (1 + strain) ** (1 / d)
         if moduli:
             response, relaxation = linear_response(state, pattern)
             measured, statuses[n] = response.value, response.status
+            if not response.ok:
+                break
+            slope = relaxation / ((1 + strain) * size)
+        trace.add(strain, state.coordinates[critical.network.free] / size, slope)
         records[:, n] = (measured.bulk, measured.shear, measured.shear_stress_corrected, state.energy, state.max_force)
         states.append(state)
         before = strain
@@ -95,3 +101,32 @@ def strain_path(
 
 
 _NOTHING = Moduli(np.nan, np.nan, np.nan)
+
+
+class _Trace:
+    """The path of the free vertices in coordinates that move with the box, y(γ), and its slopes: where it goes next."""
+
+    def __init__(self, start: Array):
+        self._points: list[tuple[float, Array, Array | None]] = [(0.0, start, None)]
+
+    def add(self, strain: float, y: Array, slope: Array | None) -> None:
+        self._points = [*self._points[-1:], (strain, y, slope)]
+
+    def step_to(self, strain: float) -> Array:
+        """Extrapolated change of y from the last point: the polynomial through what is known, up to third order."""
+        last, y, slope = self._points[-1]
+        if slope is None:
+            return np.zeros_like(y)
+        ahead = strain - last
+        earlier, y_earlier, slope_earlier = self._points[0]
+        behind = last - earlier
+        # Far beyond the two points a polynomial is worse than a straight line.
+        if ahead > 2 * behind:
+            return slope * ahead
+        # y(last − t) = y − slope t + a t² − b t³ with y and, if known, the slope of the earlier point.
+        bend = (y_earlier - y + slope * behind) / behind**2
+        if slope_earlier is None:
+            return slope * ahead + bend * ahead**2
+        turn = (slope - slope_earlier) / behind
+        b = (turn - 2 * bend) / behind
+        return slope * ahead + (bend + b * behind) * ahead**2 + b * ahead**3

@@ -129,17 +129,18 @@ def _newton(state: SpringState, tolerance: float, max_steps: int, pattern: Fixed
     """Newton's method; where the Hessian is indefinite, on its convex part; a shift grows until a step helps."""
     stiffness = float(np.mean(state.network.stiffness))
     smallest_shift = 1e-9 * stiffness
+    rounding = 1e-13 * stiffness * float(np.mean(state.rest_lengths))
     shift, step, factorisations = 0.0, 0, 0
     # After the exact Hessian was found indefinite it is not tried again before the force has fallen, or for ten steps.
     try_below, try_from = np.inf, 0
     energy, force = state.energy, state.max_force
-    status = Status.ok
+    status, factor, reuse = Status.ok, None, False
     while force > tolerance:
         if step == max_steps or shift > 1e6 * stiffness:
             status = Status.step_limit if step == max_steps else Status.stalled
             break
-        convex = force >= try_below and step < try_from
-        if not convex:
+        convex = not reuse and force >= try_below and step < try_from
+        if not (convex or reuse):
             factor = factorize_hessian(pattern, state, shift)
             factorisations += 1
             if factor.singular or factor.n_negative:
@@ -148,14 +149,27 @@ def _newton(state: SpringState, tolerance: float, max_steps: int, pattern: Fixed
             shift = max(shift, smallest_shift)
             factor = pattern.factorize(_convex_blocks(state), shift)
             factorisations += 1
+        assert factor is not None
         displacement = factor.solve(state.forces.ravel()).reshape(state.forces.shape)
         # A step never carries an edge through zero length: it is cut to half the mean length.
         longest = 0.5 * float(state.lengths.mean()) / max(float(np.abs(displacement).max()), 1e-300)
-        trial = state.moved(min(1.0, longest) * displacement)
-        trial_energy, trial_force = trial.energy, trial.max_force
-        if trial_energy < energy * (1 - 1e-12) or trial_force < 0.9 * force:
+        for length in (1.0,) if reuse else (1.0, 0.3, 0.1):
+            trial = state.moved(min(length, longest) * displacement)
+            trial_energy, trial_force = trial.energy, trial.max_force
+            better = trial_energy < energy * (1 - 1e-12) or trial_force < 0.9 * force
+            accepted = trial_force < 0.3 * force if reuse else better
+            if accepted:
+                break
+        if accepted:
+            # After a step that gained this much the factor is good for more, and a solve is far cheaper than a factor.
+            reuse = trial_force < 1e-2 * force
             state, energy, force, step = trial, trial_energy, trial_force, step + 1
             shift = 0.1 * shift if shift > smallest_shift else 0.0
+        elif reuse:
+            reuse = False
+        elif force < rounding:
+            status = Status.stalled
+            break
         else:
             shift = max(10 * shift, smallest_shift)
     if status is Status.ok and try_from > 0:
@@ -191,6 +205,9 @@ class _Relaxation:
         state = self._state.moved(x.reshape(self._state.forces.shape))
         gradient = -state.forces.ravel()
         return Point(x, state.energy, gradient, float(np.abs(gradient).max()))
+
+    def stiff_diagonal(self, point: Point) -> Array | float:
+        return 0.0
 
     def verdict(self, point: Point) -> Status | None:
         return None

@@ -1,0 +1,193 @@
+"""The `critflow` command: arguments and messages only."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shlex
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError, Status
+from critflow.workflow.errors import Interrupted, LockedError
+from critflow.workflow.folder import Folder
+from critflow.workflow.load import each_named_study, load_study
+from critflow.workflow.plan import select
+from critflow.workflow.status import folder_status, status_lines
+from critflow.workflow.study import Study
+
+FAILED_CASES = 3
+INTERRUPTED = 130
+EXIT_CODES = (
+    (Interrupted, INTERRUPTED),
+    (InputError, 2),
+    (IntegrityError, 4),
+    (LockedError, 5),
+    (EnvironmentFailure, 6),
+)
+
+app = typer.Typer(
+    help="Design spring networks at the rigidity transition, and measure ensembles of them.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+NameArgument = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A study, by name or by file.")]
+FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="A results folder.")]
+SetOption = Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be repeated.")]
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code; every error is one line on stderr."""
+    try:
+        code = app(sys.argv[1:] if words is None else list(words), prog_name="critflow", standalone_mode=False) or 0
+        return _complain("interrupted: run the same command again", code) if code == INTERRUPTED else code
+    except typer.TyperException as error:
+        return _complain(f"{error.format_message().rstrip('.')}: see critflow --help", 2)
+    except CritflowError as error:
+        return _complain(str(error), next((code for kind, code in EXIT_CODES if isinstance(error, kind)), 1))
+    except (OSError, MemoryError) as error:
+        return _complain(f"the machine refused: {error or 'out of memory'}", 6)
+    except Exception as error:
+        hint = "set CRITFLOW_TRACEBACK=1 to see where"
+        return _complain(f"unexpected {type(error).__name__}: {error}: {hint}", 1)
+
+
+def _complain(sentence: str, code: int) -> int:
+    if os.environ.get("CRITFLOW_TRACEBACK"):
+        traceback.print_exc()
+    print("critflow:", " ".join(sentence.split()), file=sys.stderr)
+    return code
+
+
+def _part(module: str) -> Any:
+    """A part that brings xarray, dask or matplotlib, imported by the command that needs it: help stays instant."""
+    return importlib.import_module(module)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"critflow {version('critflow')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Say the version.")
+    ] = False,
+) -> None: ...
+
+
+@app.command()
+def run(
+    study: NameArgument,
+    settings: SetOption = [],  # noqa: B006 (typer reads the default and copies it)
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results folder; results/NAME when left out.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Worker processes; one per CPU when left out, 0 for none.")
+    ] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Use the dask scheduler there.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be computed, and write nothing.")] = False,
+) -> int:
+    """Compute what is missing of a study, then write its dataset, figures and claims."""
+    if workers is not None and workers < 0:
+        raise InputError(f"--workers {workers} is negative: give how many worker processes, or 0 for none")
+    loaded = load_study(study)
+    selection = select(loaded.study, settings)
+    folder = Folder(out or Path("results") / loaded.study.name)
+    folder.refuse_other(loaded)
+    engine = _part("critflow.workflow.run")
+    sizes = " × ".join(
+        f"{len(values)} {axis.key}" for axis, values in zip(loaded.study.axes, selection.axes.values(), strict=True)
+    )
+    if dry_run:
+        todo, damage = engine.missing_cases(selection, folder)
+        for line in damage:
+            print("critflow:", line, file=sys.stderr)
+        cases = f"{len(todo)} of {len(selection.cases())} cases to compute"
+        print(f"{loaded.study.name}: {sizes}, {cases}, into {folder.path}")
+        for key, value in selection.parameters.items():
+            print(f"  {key} = {','.join(map(str, value)) if isinstance(value, tuple) else value}")
+        return 0
+    result = engine.run_study(
+        loaded,
+        selection,
+        folder,
+        workers=workers if workers is not None else os.cpu_count() or 1,
+        scheduler=scheduler,
+        command=shlex.join(["critflow", "run", study, *(f"--set={word}" for word in settings)]),
+    )
+    print(f"{result.dataset}: {sizes}, {result.kept} of {len(selection.cases())} cases were there before")
+    _print_report(loaded.study, folder, result.claims)
+    if not result.failed:
+        return 0
+    for failure in result.failed[:10]:
+        print(f"  {failure.case_id}: {failure.error}", file=sys.stderr)
+    count = f"{len(result.failed)} case{'s' if len(result.failed) > 1 else ''}"
+    return _complain(f"{count} failed, all named in {folder.log}: the next run tries them again", FAILED_CASES)
+
+
+@app.command("list")
+def list_studies() -> None:
+    """Name the studies that can be run."""
+    for name, loaded in each_named_study():
+        if isinstance(loaded, CritflowError):
+            print(f"critflow: {loaded}", file=sys.stderr)
+            continue
+        sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in loaded.study.axes)
+        print(f"{name}: {loaded.study.title} ({sizes})")
+
+
+@app.command()
+def status(folder: FolderArgument) -> None:
+    """Say how many cases are done, failed and missing, and which files are damaged."""
+    found = folder_status(Folder(folder))
+    print("\n".join(status_lines(found)))
+    for line in found.damage:
+        print("critflow:", line, file=sys.stderr)
+
+
+@app.command()
+def figures(
+    folder: FolderArgument,
+    format: Annotated[str, typer.Option(help="png, pdf or svg.")] = "png",
+) -> None:
+    """Draw the figures and write the claims anew from the dataset of a folder."""
+    results = Folder(folder)
+    loaded, _ = results.selection()
+    _print_report(loaded.study, results, _part("critflow.workflow.report").write_report(loaded.study, results, format))
+
+
+@app.command()
+def show(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A dataset that a study wrote.")],
+    settings: SetOption = [],  # noqa: B006 (as above)
+    out: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="Picture to write; named after the case when left out.")
+    ] = None,
+) -> None:
+    """Draw one configuration of a dataset, chosen by its labels, and say what is known of it."""
+    choose_case = _part("critflow.workflow.choose").choose_case
+    with _part("critflow.workflow.report").opened_dataset(file) as dataset:
+        case = choose_case(dataset, settings)
+        labels = "-".join(f"{axis}-{case[axis].item()}" for axis in dataset.attrs["axes"].split())
+        outcome = Status(int(case["status"]))
+        if outcome in (Status.failed, Status.missing):
+            raise InputError(f"{labels} has no configuration: {outcome.message}")
+        print(_part("critflow.show").show_configuration(case, out or Path(f"{labels}.png")))
+
+
+def _print_report(study: Study, folder: Folder, claims: Sequence[Any]) -> None:
+    if study.figures:
+        print(f"{folder.figures}: {', '.join(study.figures)}")
+    if claims:
+        holding = sum(claim.verdict == "holds" for claim in claims)
+        print(f"{folder.path / 'claims.md'}: {holding} of {len(claims)} claims hold")

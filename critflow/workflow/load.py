@@ -1,0 +1,98 @@
+"""Finding a study by name or by file, and loading it."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from types import ModuleType
+
+from critflow.result import StudyError
+from critflow.workflow.study import Study, nearest
+
+_loading = threading.Lock()
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """A loaded study with the file it came from; the digest tells workers whether they see the same file."""
+
+    study: Study
+    path: Path
+    digest: str
+    by_name: bool = False
+
+
+def study_folders() -> tuple[Path, ...]:
+    """Where names are looked for: here, then what the wheel carries, then the source checkout."""
+    package = Path(__file__).parents[1]
+    return Path("workflows"), package / "studies", package.parent / "workflows"
+
+
+def named_studies() -> dict[str, Path]:
+    """Every study that can be run by name, the first one found for each name."""
+    found: dict[str, Path] = {}
+    for folder in study_folders():
+        for path in sorted(folder.glob("*.py")):
+            if not path.name.startswith("_"):
+                found.setdefault(path.stem, path)
+    return found
+
+
+def load_study(word: str) -> StudyFile:
+    """The study called NAME, or the one in FILE when the word is a path."""
+    if word.endswith(".py") or os.sep in word:
+        return load_file(Path(word))
+    named = named_studies()
+    if word not in named:
+        hint = nearest(word, list(named), "studies") if named else "no study is in ./workflows"
+        raise StudyError(f"there is no study {word!r}: {hint}")
+    loaded = load_file(named[word])
+    if loaded.study.name != word:
+        raise StudyError(
+            f"the study in {named[word]} calls itself {loaded.study.name!r}: name it {word!r} like its file"
+        )
+    return StudyFile(loaded.study, loaded.path, loaded.digest, by_name=True)
+
+
+def load_file(path: Path) -> StudyFile:
+    """The study in a file, executed once per process and content, so that caches inside it stay warm."""
+    path = path.absolute()
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise StudyError(f"cannot read the study file {path}: {error.strerror}") from error
+    digest = sha256(source).hexdigest()
+    name = f"critflow_study_{path.stem}_{digest[:16]}"
+    with _loading:
+        module = sys.modules.get(name) or _execute(name, path, source)
+    study = getattr(module, "study", None)
+    if not isinstance(study, Study):
+        raise StudyError(f"{path} has no `study = Study(...)` at its top level")
+    return StudyFile(study, path, digest)
+
+
+def _execute(name: str, path: Path, source: bytes) -> ModuleType:
+    module = ModuleType(name)
+    module.__file__ = str(path)
+    sys.modules[name] = module  # before it runs: dataclasses look their module up
+    try:
+        exec(compile(source, path, "exec"), vars(module))
+    except Exception as error:
+        del sys.modules[name]
+        reason = str(error) if isinstance(error, StudyError) else f"{type(error).__name__}: {error}"
+        raise StudyError(f"the study file {path} cannot be loaded: {reason}") from error
+    return module
+
+
+def each_named_study() -> Iterator[tuple[str, StudyFile | StudyError]]:
+    """Every named study in turn, or the reason why it does not load."""
+    for name in named_studies():
+        try:
+            yield name, load_study(name)
+        except StudyError as error:
+            yield name, error

@@ -1,0 +1,211 @@
+"""From `--set` words to the cases of a run.
+
+One spelling serves every setting, read by the type of its default:
+
+    whole numbers   7    0,3,5    0:100         half-open, as in Python
+    decimals        0.1  0.1,0.2  0.001:0.01:0.001   start:stop:step, the stop included
+    words           bulk_modulus,random_stress
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from hashlib import sha256
+from typing import Any
+
+from critflow.result import StudyError
+from critflow.workflow.study import Axis, Study, nearest
+
+LONGEST = 1_000_000  # values of one setting, and cases of one run: more is a slip of the keyboard
+
+
+@dataclass(frozen=True)
+class Case:
+    """One unit of work: the parameters and one value of every axis.  Its id depends on nothing else."""
+
+    study: str
+    version: int
+    parameters: Mapping[str, Any]
+    values: Mapping[str, int | str]
+
+    @property
+    def id(self) -> str:
+        """Readable name and hash of the identity, so that other axis values never change it."""
+        identity = [self.study, self.version, dict(self.parameters), dict(self.values)]
+        digest = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+        readable = "-".join(f"{k}{v}" if isinstance(v, int) else v for k, v in self.values.items())
+        return f"{re.sub(r'[^A-Za-z0-9_.-]', '_', readable)[:80]}-{digest[:16]}"
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What one run covers: a study, its parameters, and the values along every axis."""
+
+    study: Study
+    parameters: Mapping[str, Any]
+    axes: Mapping[str, tuple]
+
+    def case(self, **values: int | str) -> Case:
+        return Case(self.study.name, self.study.version, self.parameters, values)
+
+    def batches(self) -> Iterator[list[Case]]:
+        """The cases, those of one value of the first axis together."""
+        first, *others = self.axes
+        for value in self.axes[first]:
+            rest = itertools.product(*(self.axes[name] for name in others))
+            yield [self.case(**{first: value}, **dict(zip(others, values, strict=True))) for values in rest]
+
+    def cases(self) -> list[Case]:
+        return [case for batch in self.batches() for case in batch]
+
+
+def select(study: Study, words: Sequence[str] = ()) -> Selection:
+    """The study's defaults with the `key=value` words in their place; every bad word is a `StudyError`."""
+    given: dict[str, str] = {}
+    axes = {axis.key: axis for axis in study.axes}
+    keys = [*axes, *study.parameters]
+    for word in words:
+        key, equals, text = word.partition("=")
+        if not equals:
+            raise StudyError(f"--set {word} has no value: write --set {word}=VALUE")
+        if key not in keys:
+            raise StudyError(f"study {study.name!r} has no setting {key!r}: {nearest(key, keys, 'settings')}")
+        if key in given:
+            raise StudyError(f"{key} is set twice: give it once, with all its values")
+        given[key] = text.strip()
+    values = {a.name: _axis_values(a, given[a.key]) if a.key in given else tuple(a.values) for a in study.axes}
+    parameters = {k: _parameter(k, given[k], v) if k in given else v for k, v in study.parameters.items()}
+    for coordinate in study.coordinates:
+        labels = parameters[coordinate.parameter]
+        if any(later <= earlier for earlier, later in itertools.pairwise(labels)):
+            raise StudyError(f"{coordinate.parameter} must increase from each value to the next")
+    count = 1
+    for chosen in values.values():
+        count *= len(chosen)
+    if count > LONGEST:
+        raise StudyError(f"that makes {count:,} cases: choose at most {LONGEST:,}")
+    selection = Selection(study, parameters, values)
+    if study.check is not None:
+        study.check(parameters, values)
+    return selection
+
+
+def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:
+    """`start:stop:step` with the stop included, or a comma list, parsed in decimal so that 0.003 is 0.003."""
+    if ":" not in text:
+        return tuple(_float(_decimal(key, piece)) for piece in _pieces(key, text))
+    parts = text.split(":")
+    if len(parts) != 3:
+        raise StudyError(f"{key}={text} must be start:stop:step, as in {key}=0.001:0.010:0.001")
+    start, stop, step = (_decimal(key, part) for part in parts)
+    if step <= 0:
+        raise StudyError(f"{key}={text} has the step {step}: give a step above zero")
+    if stop < start:
+        raise StudyError(f"{key}={text} runs backwards: write the smaller end first")
+    count = int((stop - start) / step) + 1 if (stop - start) / step < LONGEST else LONGEST + 1
+    _check_length(key, text, count)
+    return tuple(_float(start + i * step) for i in range(count))
+
+
+def _axis_values(axis: Axis, text: str) -> tuple:
+    if axis.is_words:
+        values: tuple = _pieces(axis.key, text)
+        for value in values:
+            if value not in axis.choices:
+                raise StudyError(f"{axis.key} has no {value!r}: {nearest(value, axis.choices, 'choices')}")
+    else:
+        values = _integers(axis.key, text)
+        _refuse_negative(axis.key, values)
+    _refuse_duplicates(axis.key, values)
+    return values
+
+
+def _parameter(key: str, text: str, default: Any) -> Any:
+    """The text as a value of the default's type; negative numbers only where the default has some."""
+    if isinstance(default, bool):
+        if text not in ("true", "false"):
+            raise StudyError(f"{key}={text} must be true or false")
+        return text == "true"
+    sample = default[0] if isinstance(default, tuple) else default
+    read = {int: _integers, float: _float_list, str: _pieces}[type(sample)]
+    values = read(key, text)
+    if not isinstance(sample, str) and min(default if isinstance(default, tuple) else (default,)) >= 0:
+        _refuse_negative(key, values)
+    if isinstance(default, tuple):
+        _refuse_duplicates(key, values)
+        return values
+    if len(values) != 1:
+        raise StudyError(f"{key}={text} must be one value, as in {key}={default}")
+    return values[0]
+
+
+def _float_list(key: str, text: str) -> tuple[float, ...]:
+    return decimals(text, key)
+
+
+def _integers(key: str, text: str) -> tuple[int, ...]:
+    values: list[int] = []
+    for piece in _pieces(key, text):
+        if ":" not in piece:
+            values.append(_integer(key, piece))
+            continue
+        ends = piece.split(":")
+        if len(ends) != 2:
+            raise StudyError(f"{key}={text} must be start:stop, as in {key}=0:100")
+        start, stop = (_integer(key, end) for end in ends)
+        if stop <= start:
+            raise StudyError(f"{key}={piece} is an empty range: the stop is left out, so give one above {start}")
+        _check_length(key, text, stop - start + len(values))
+        values.extend(range(start, stop))
+    return tuple(values)
+
+
+def _pieces(key: str, text: str) -> tuple[str, ...]:
+    pieces = tuple(piece.strip() for piece in text.split(","))
+    if "" in pieces:
+        raise StudyError(f"{key}={text} has an empty value: write {key}=VALUE or {key}=VALUE,VALUE")
+    _check_length(key, "...", len(pieces))
+    return pieces
+
+
+def _integer(key: str, text: str) -> int:
+    if not re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text):
+        raise StudyError(f"{key} needs whole numbers, not {text!r}")
+    return int(text)
+
+
+def _decimal(key: str, text: str) -> Decimal:
+    try:
+        value = Decimal(text.strip())
+    except InvalidOperation:
+        raise StudyError(f"{key} needs numbers, not {text!r}") from None
+    if not value.is_finite() or abs(float(value)) == float("inf"):
+        raise StudyError(f"{key} needs finite numbers, not {text!r}")
+    return value
+
+
+def _float(value: Decimal) -> float:
+    return float(value) + 0.0  # no negative zero: it would be another identity for the same case
+
+
+def _check_length(key: str, text: str, count: int) -> None:
+    if count > LONGEST:
+        raise StudyError(f"{key}={text} has {count:,} values or more: choose at most {LONGEST:,}")
+
+
+def _refuse_negative(key: str, values: Sequence[Any]) -> None:
+    if min(values) < 0:
+        raise StudyError(f"{key} must not be negative, but {min(values)} is")
+
+
+def _refuse_duplicates(key: str, values: Sequence[Any]) -> None:
+    seen = set()
+    for value in values:
+        if value in seen:
+            raise StudyError(f"{key} contains {value} twice: give every value once")
+        seen.add(value)

@@ -1,0 +1,108 @@
+"""What is read off a finished dataset: figures, claims and the scalar summary.  No physics is called here."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+
+from critflow.result import CritflowError, IntegrityError, StudyError
+from critflow.workflow.errors import ReportError
+from critflow.workflow.folder import Folder
+from critflow.workflow.store import write_text, written_beside
+from critflow.workflow.study import Claim, Study
+
+FORMATS = ("png", "pdf", "svg")
+
+
+@contextmanager
+def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
+    """A dataset that a study wrote, or a sentence about why it cannot be read."""
+    if not path.is_file():
+        raise StudyError(f"there is no dataset {path}: run the study first")
+    try:
+        dataset = xr.open_dataset(path, engine="netcdf4")
+    except (OSError, RuntimeError, ValueError, LookupError, AttributeError) as error:
+        raise IntegrityError(f"{path} is not a readable dataset: run the study again to write it anew") from error
+    with dataset:
+        if "study" not in dataset.attrs or "axes" not in dataset.attrs:
+            raise IntegrityError(f"{path} was not written by `critflow run`: it names no study")
+        yield dataset
+
+
+def write_report(study: Study, folder: Folder, format: str = "png") -> list[Claim]:
+    """Write all that the study reads off its dataset and return the claims; one bad part does not keep others back."""
+    if format not in FORMATS:
+        raise StudyError(f"figures can be {', '.join(FORMATS)}, not {format!r}")
+    claims: list[Claim] = []
+    troubles: dict[str, Exception] = {}
+
+    @contextmanager
+    def part(name: str) -> Iterator[None]:
+        try:
+            yield
+        except CritflowError:
+            raise
+        except Exception as error:
+            troubles[name] = error
+
+    with opened_dataset(folder.dataset(study.name)) as dataset:
+        for name, draw in study.figures.items():
+            with part(f"figure {name!r}"):
+                figure = draw(dataset)
+                picture = io.BytesIO()
+                # Without the name of the software the same data give the same bytes.
+                figure.savefig(picture, format=format, metadata={"Software": None} if format == "png" else None)
+                plt.close(figure)
+                folder.figures.mkdir(exist_ok=True)
+                with written_beside(folder.figures / f"{name}.{format}") as partial:
+                    partial.write_bytes(picture.getvalue())
+        if study.claims is not None:
+            with part("the claims"):
+                claims = list(study.claims(dataset))
+                write_text(folder.path / "claims.json", _json([asdict(claim) for claim in claims]))
+                write_text(folder.path / "claims.md", claims_table(study, claims))
+        if study.summary is not None:
+            with part("the summary"):
+                write_text(folder.path / "summary.json", _json(study.summary(dataset)))
+    if troubles:
+        what, error = next(iter(troubles.items()))
+        others = f" (and {len(troubles) - 1} more)" if len(troubles) > 1 else ""
+        raise ReportError(f"{what} could not be made{others}: {type(error).__name__}: {error}") from error
+    return claims
+
+
+def claims_table(study: Study, claims: Sequence[Claim]) -> str:
+    """The claims as a Markdown table, the reasons of those that differ below it."""
+    lines = [f"# {study.title}", "", "| claim | the paper says | paper | here | |", "|---|---|---|---|---|"]
+    lines += [f"| {_cells(c.key, c.statement, c.paper, c.value, c.verdict)} |" for c in claims]
+    reasons = [f"- **{c.key}** {c.verdict}: {c.because}" for c in claims if c.because]
+    return "\n".join([*lines, *(["", *reasons] if reasons else [])]) + "\n"
+
+
+def _cells(*texts: str) -> str:
+    return " | ".join(text.replace("|", "\\|").replace("\n", " ") for text in texts)
+
+
+def _json(value: Any) -> str:
+    return json.dumps(_plain(value), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and their scalars as plain values, NaN and infinity as null; `json` refuses what it has no word for."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (np.ndarray, np.generic, xr.DataArray)):
+        return _plain(np.asarray(value).tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

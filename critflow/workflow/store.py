@@ -1,0 +1,188 @@
+"""Files that are either complete or absent: one shard per case.
+
+A shard is a netCDF file in the plain CDF-5 layout, read and written faster than HDF5 at these sizes, with a seal behind
+it that netCDF tools do not see: the SHA-256 of all bytes before.  It is written beside its place, closed, sealed, read
+back, synced and renamed, so a crash leaves no half shard.  The seal is verified before the netCDF library sees a file,
+so no damaged length can mislead it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import netCDF4
+import numpy as np
+
+from critflow.result import EnvironmentFailure, IntegrityError, Status
+from critflow.workflow.plan import Case
+from critflow.workflow.study import Study
+
+SCHEMA_VERSION = 1
+PARTIAL = ".partial"  # no glob for results matches it
+
+_MARK = b"\nsealed sha256 "
+_SEAL_LENGTH = len(_MARK) + 64
+_netcdf = threading.Lock()  # the netCDF library is not thread-safe
+
+
+@dataclass(frozen=True)
+class Shard:
+    """What is stored of one case."""
+
+    status: Status
+    arrays: Mapping[str, np.ndarray]
+    checksum: str
+    error: str = ""  # the traceback of a failed case
+
+
+@contextmanager
+def written_beside(path: Path) -> Iterator[Path]:
+    """A file to write that takes the place of `path` when the block ends well, and vanishes when it does not."""
+    partial = path.with_name(f".{path.name}.{uuid4().hex[:12]}{PARTIAL}")
+    try:
+        yield partial
+        with open(partial, "rb+") as file:
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+        _sync_folder(path.parent)
+    except (OSError, RuntimeError) as error:  # HDF5 and netCDF report a full disk as RuntimeError
+        reason = getattr(error, "strerror", None) or str(error)
+        raise EnvironmentFailure(
+            f"cannot write {path}: {reason}: make room there, or choose another folder with --out"
+        ) from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    with written_beside(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def shard_path(folder: Path, case: Case) -> Path:
+    return folder / f"{case.id}.nc"
+
+
+def write_shard(
+    folder: Path, study: Study, case: Case, status: Status, arrays: Mapping[str, np.ndarray], error: str = ""
+) -> str:
+    """Store one case and return its checksum."""
+    path = shard_path(folder, case)
+    if path.is_dir():  # not ours to delete
+        path.rename(path.with_name(f"{path.name}.{uuid4().hex[:12]}.set-aside"))
+    with written_beside(path) as partial:
+        with _netcdf, netCDF4.Dataset(partial, "w", format="NETCDF3_64BIT_DATA") as file:
+            file.set_fill_off()
+            variables = {}
+            for name, array in arrays.items():
+                for dim, size in zip(study.inner_dims[name], array.shape, strict=True):
+                    if dim not in file.dimensions:
+                        file.createDimension(dim, size)
+                variables[name] = file.createVariable(name, array.dtype, study.inner_dims[name], fill_value=False)
+            file.setncatts({**_identity(study, case), "status": int(status), "error": error})
+            for name, variable in variables.items():
+                variable[...] = arrays[name]
+        seal = _seal(partial.read_bytes())
+        with open(partial, "ab") as sealed:
+            sealed.write(seal)
+        written = _read(partial, study, case).arrays
+        if any(written[name].tobytes() != array.tobytes() for name, array in arrays.items()):
+            raise OSError("it does not read back as written")
+    return _checksum(seal)
+
+
+def read_shard(folder: Path, study: Study, case: Case) -> Shard | None:
+    """The stored case, verified to the last byte; None when there is none, `IntegrityError` when it is damaged."""
+    path = shard_path(folder, case)
+    return _read(path, study, case) if path.exists() else None
+
+
+def read_status(folder: Path, study: Study, case: Case, *, verify: bool) -> Status:
+    """How a stored case ended; `verify` looks at every byte, otherwise at the head and whether the seal is there."""
+    path = shard_path(folder, case)
+    if not path.exists():
+        return Status.missing
+    with _readable(path):
+        if verify:
+            _verified_seal(path)
+        else:
+            with open(path, "rb") as file:
+                file.seek(-min(_SEAL_LENGTH, path.stat().st_size), os.SEEK_END)
+                _check_sealed(path, file.read())
+        with _opened(path, study, case) as dataset:
+            return Status(int(dataset.getncattr("status")))
+
+
+def _read(path: Path, study: Study, case: Case) -> Shard:
+    with _readable(path):
+        seal = _verified_seal(path)
+        with _opened(path, study, case) as dataset:
+            arrays = {name: np.asarray(variable[...]) for name, variable in dataset.variables.items()}
+            return Shard(Status(int(dataset.getncattr("status"))), arrays, _checksum(seal), dataset.getncattr("error"))
+
+
+def _verified_seal(path: Path) -> bytes:
+    whole = path.read_bytes()
+    seal = whole[-_SEAL_LENGTH:]
+    _check_sealed(path, seal)
+    if _seal(whole[:-_SEAL_LENGTH]) != seal:
+        raise IntegrityError(f"{path} is damaged: its contents do not match its checksum")
+    return seal
+
+
+@contextmanager
+def _opened(path: Path, study: Study, case: Case) -> Iterator[netCDF4.Dataset]:
+    """The file, when its head says that it is this case in this layout."""
+    with _netcdf, netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        for name, right in _identity(study, case).items():
+            if (found := file.getncattr(name)) != right:
+                raise IntegrityError(f"{path} is not the shard looked for: its {name} is {found}, not {right}")
+        yield file
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Whatever a strange file makes the libraries raise becomes one error that names it."""
+    try:
+        yield
+    except (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError) as error:
+        raise IntegrityError(f"{path} is not a readable shard: {error}") from error
+
+
+def _identity(study: Study, case: Case) -> dict[str, Any]:
+    table = json.dumps([[v.name, study.inner_dims[v.name], v.dtype] for v in study.variables])
+    digest = sha256(table.encode()).hexdigest()[:16]  # a study that measures more than it did has no old results
+    return {"schema_version": SCHEMA_VERSION, "study": study.name, "case_id": case.id, "table": digest}
+
+
+def _seal(body: bytes) -> bytes:
+    return _MARK + sha256(body).hexdigest().encode()
+
+
+def _check_sealed(path: Path, end: bytes) -> None:
+    if len(end) != _SEAL_LENGTH or not end.startswith(_MARK):
+        raise IntegrityError(f"{path} is cut short or not a shard: its seal is missing")
+
+
+def _checksum(seal: bytes) -> str:
+    return seal.removeprefix(_MARK).decode()
+
+
+def _sync_folder(folder: Path) -> None:
+    if os.name != "posix":  # elsewhere a folder cannot be opened
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

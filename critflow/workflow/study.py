@@ -1,0 +1,259 @@
+"""What a study is: what is fanned out, what each case returns, and the one table that labels it.
+
+The case function gets the parameters and one value of every axis and returns plain arrays; it knows no files:
+
+    case(parameters, *, seed, population) -> {"status": Status.ok, "sigma": array, ...}
+
+Everything said about those arrays (dimensions, type, units, meaning) stands in the `variables` of the study.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from enum import IntEnum
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from critflow.result import Status, StudyError
+
+if TYPE_CHECKING:  # only the types: workers and `critflow list` need neither library
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_DTYPES = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4")
+
+
+def nearest(word: str, known: Sequence[str], what: str) -> str:
+    """End of a sentence about an unknown word: the nearest right one, else all of them."""
+    close = get_close_matches(word, known, n=1, cutoff=0.5)
+    return f"did you mean {close[0]!r}?" if close else f"the {what} are {', '.join(known)}"
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One direction of the fan-out: a case is computed for every combination of axis values.
+
+    The values are whole numbers (from zero) or words.  `choices` are the words allowed beyond the default `values`.
+    """
+
+    name: str  # dimension of the dataset and keyword of the case function, as in "seed"
+    values: Sequence[int] | Sequence[str]  # what a plain `critflow run` computes
+    long_name: str
+    key: str = ""  # word of `--set`; the name with an s by default
+    noun: str = ""  # what progress counts, on the first axis; the key by default
+    choices: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        _identifier(self.name, "axis")
+        values = tuple(self.values)
+        if not values or len(set(values)) < len(values):
+            raise StudyError(f"axis {self.name!r} needs different values, got {values!r}")
+        if not all(type(value) is type(values[0]) and type(value) in (int, str) for value in values):
+            raise StudyError(f"axis {self.name!r} needs whole numbers or words, all of one kind")
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "key", self.key or f"{self.name}s")
+        object.__setattr__(self, "noun", self.noun or self.key)
+        words = (*values, *self.choices) if self.is_words else ()
+        object.__setattr__(self, "choices", tuple(dict.fromkeys(words)))
+
+    @property
+    def is_words(self) -> bool:
+        return isinstance(self.values[0], str)
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """An inner dimension whose labels are the values of a parameter, as strains along a path."""
+
+    name: str
+    parameter: str
+    long_name: str
+    units: str = "1"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One row of the table that labels what cases return.
+
+    Dimensions that are axes of the study are fanned out; the others are inside a case, in this order.  A variable
+    without some axis must be returned bit for bit equal by every case along it.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    dtype: str  # one of f4 f8 i1 i2 i4 i8 u1 u2 u4
+    long_name: str = field(kw_only=True)
+    units: str = field(default="1", kw_only=True)
+    flags: type[IntEnum] | None = field(default=None, kw_only=True)  # the meaning of integer codes
+    fill: int | None = field(default=None, kw_only=True)  # where no integer was given; an end of the dtype by default
+
+    def __post_init__(self) -> None:
+        _identifier(self.name, "variable")
+        if isinstance(self.dims, str):
+            raise StudyError(f"dims of variable {self.name!r} must be a tuple: write ({self.dims!r},)")
+        object.__setattr__(self, "dims", tuple(self.dims))
+        if len(set(self.dims)) < len(self.dims):
+            raise StudyError(f"variable {self.name!r} names a dimension twice: call the second one {self.dims[-1]}_")
+        if self.dtype not in _DTYPES:
+            raise StudyError(f"dtype {self.dtype!r} of variable {self.name!r} must be one of {', '.join(_DTYPES)}")
+        integer = self.dtype[0] in "iu"
+        if (self.flags or self.fill is not None) and not integer:
+            raise StudyError(f"variable {self.name!r} has flags or an integer fill, so its dtype must be an integer")
+        if integer:
+            limits = np.iinfo(self.dtype)
+            fill = self.fill if self.fill is not None else limits.min if self.dtype[0] == "i" else limits.max
+            if not limits.min <= fill <= limits.max:
+                raise StudyError(f"fill {fill} of variable {self.name!r} does not fit its dtype {self.dtype}")
+            object.__setattr__(self, "fill", int(fill))
+
+    @property
+    def filler(self) -> float | int:
+        """What stands where no case gave a value: NaN, the code for missing, or the integer fill."""
+        if self.flags is Status:
+            return int(Status.missing)
+        return float("nan") if self.fill is None else self.fill
+
+    def cast(self, value: Any) -> np.ndarray:
+        """The value in the declared dtype, refused when the change would lose anything but float digits."""
+        given = np.asarray(value)
+        target = np.dtype(self.dtype)
+        if not np.can_cast(given.dtype, target, "same_kind") and not (given.dtype.kind in "iu" and target.kind in "iu"):
+            raise StudyError(f"{self.name!r} has dtype {given.dtype}, which does not go into {self.dtype}")
+        array = given.astype(target)
+        if self.fill is not None:
+            if not np.array_equal(array, given):
+                raise StudyError(f"{self.name!r} has numbers too large for {self.dtype}")
+            if not self.flags and (array == self.fill).any():
+                raise StudyError(
+                    f"{self.name!r} contains {self.fill}, which stands for a missing value: declare another"
+                )
+        return array
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One sentence of the paper beside what the dataset says about it."""
+
+    key: str
+    statement: str  # what the paper says
+    paper: str  # the value it prints
+    value: str  # measured, with its spread
+    verdict: str  # "holds" or "differs"
+    because: str = ""  # required when it differs
+
+    def __post_init__(self) -> None:
+        if self.verdict not in ("holds", "differs"):
+            raise StudyError(f"verdict of claim {self.key!r} must be 'holds' or 'differs', not {self.verdict!r}")
+        if self.verdict == "differs" and not self.because.strip():
+            raise StudyError(f"claim {self.key!r} differs: say why in `because`")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """A fan-out over axes, the case function, the table that labels its arrays, and what is read off the dataset.
+
+    Raise `version` when the same parameters shall give other numbers: cases stored before are then computed anew.
+    """
+
+    name: str
+    title: str
+    axes: Sequence[Axis]  # the first one is the unit of batching and of progress
+    parameters: Mapping[str, Any]  # defaults; numbers, words, truth values, or lists of one of them
+    case: Callable[..., Mapping[str, Any]]
+    variables: Sequence[Variable]
+    coordinates: Sequence[Coordinate] = ()
+    version: int = 1
+    check: Callable[[Mapping[str, Any], Mapping[str, tuple]], None] | None = None  # raises StudyError for bad settings
+    figures: Mapping[str, Callable[[xr.Dataset], Figure]] = field(default_factory=dict)
+    claims: Callable[[xr.Dataset], Sequence[Claim]] | None = None
+    summary: Callable[[xr.Dataset], Mapping[str, Any]] | None = None
+    references: str = ""  # what it reproduces, for the dataset attribute of the same name
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name):
+            raise StudyError(f"study name {self.name!r} must be letters, digits, - and _")
+        for name in ("axes", "variables", "coordinates"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        parameters = {key: _plain_parameter(key, value) for key, value in self.parameters.items()}
+        object.__setattr__(self, "parameters", parameters)
+        if not self.axes:
+            raise StudyError(f"study {self.name!r} needs at least one axis")
+        labels = [*self.axis_names, *(c.name for c in self.coordinates), *(v.name for v in self.variables)]
+        for names in (labels, [*(axis.key for axis in self.axes), *parameters]):
+            if twice := sorted({name for name in names if names.count(name) > 1}):
+                raise StudyError(f"study {self.name!r} uses the name {twice[0]!r} twice")
+        for coordinate in self.coordinates:
+            if not isinstance(parameters.get(coordinate.parameter), tuple):
+                raise StudyError(
+                    f"coordinate {coordinate.name!r} needs a parameter {coordinate.parameter!r} with a list"
+                )
+        status = next((variable for variable in self.variables if variable.name == "status"), None)
+        if status is None or status.flags is not Status or set(status.dims) != set(self.axis_names):
+            raise StudyError(f"study {self.name!r} needs a variable 'status' over exactly its axes with flags=Status")
+
+    @cached_property
+    def axis_names(self) -> tuple[str, ...]:
+        return tuple(axis.name for axis in self.axes)
+
+    @cached_property
+    def inner_dims(self) -> Mapping[str, tuple[str, ...]]:
+        """Dimensions of what one case returns, for every variable."""
+        return {v.name: tuple(dim for dim in v.dims if dim not in self.axis_names) for v in self.variables}
+
+    def arrays(self, returned: Any, parameters: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """What a case returned, checked against the table and in its dtypes; a bad case may leave variables out."""
+        if not isinstance(returned, Mapping) or "status" not in returned:
+            raise StudyError("the case function must return a dict with at least 'status'")
+        status = Status(int(returned["status"]))
+        names = [variable.name for variable in self.variables]
+        for name in returned:
+            if name not in names:
+                hint = nearest(name, names, "variables")
+                raise StudyError(f"the case function returned {name!r}, which no variable declares: {hint}")
+        if missing := [name for name in names if name not in returned]:
+            if status is Status.ok:
+                raise StudyError(f"the case function returned status ok without {', '.join(missing)}")
+        sizes = {coordinate.name: len(parameters[coordinate.parameter]) for coordinate in self.coordinates}
+        arrays = {}
+        for variable in self.variables:
+            if variable.name not in returned:
+                continue
+            array = variable.cast(returned[variable.name])
+            dims = self.inner_dims[variable.name]
+            if array.ndim != len(dims) or 0 in array.shape:
+                raise StudyError(
+                    f"{variable.name!r} has shape {array.shape} in a case, but its dimensions there are {dims}"
+                )
+            for dim, size in zip(dims, array.shape, strict=True):
+                if sizes.setdefault(dim, size) != size:
+                    raise StudyError(f"{variable.name!r} has {size} along {dim!r} where {sizes[dim]} are expected")
+            arrays[variable.name] = array
+        return arrays
+
+
+def _identifier(name: str, what: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise StudyError(f"{what} name {name!r} must be a word of letters, digits and _")
+
+
+def _plain_parameter(key: str, value: Any) -> Any:
+    """The default as a plain Python number, word, truth value or tuple, so that every spelling has one identity."""
+    _identifier(key, "parameter")
+    value = value.item() if isinstance(value, np.generic) else value
+    if type(value) in (bool, int, float, str):
+        return value
+    if isinstance(value, (Sequence, np.ndarray)):
+        items = tuple(item.item() if isinstance(item, np.generic) else item for item in value)
+        if items and {type(item) for item in items} == {int, float}:
+            items = tuple(float(item) for item in items)
+        if items and len({type(item) for item in items}) == 1 and type(items[0]) in (int, float, str):
+            return items
+    raise StudyError(
+        f"parameter {key!r} must default to a number, a word, a truth value, or a list of numbers or words"
+    )

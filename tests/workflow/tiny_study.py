@@ -1,0 +1,93 @@
+"""A study without physics, as small as one can be that has everything: shared, inner, integer and status variables."""
+
+import os
+import time
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from critflow.result import Status, StudyError
+from critflow.workflow import Axis, Claim, Coordinate, Study, Variable, decimals, stable_rng
+
+
+def case(parameters, *, seed, population):
+    """Random numbers of the right shapes; `trouble` and `pause` make it misbehave on demand."""
+    how = parameters["how"] if f"{seed}-{population}" == parameters["trouble"] else ""
+    n_edges = parameters["n_edges"]
+    if how == "raise":
+        raise ValueError("the trouble\nasked for")
+    if how == "exit":
+        raise SystemExit(1)
+    if how == "die":
+        os._exit(1)
+    if how == "longer":
+        n_edges += 1
+    if how.startswith("until ") and not os.path.exists(how.removeprefix("until ")):
+        raise FileNotFoundError(how)
+    time.sleep(parameters["pause"])
+    edges = stable_rng(seed, "network").integers(0, 5, (n_edges, 2))
+    if how == "other edges":
+        edges = edges + 1
+    rng = stable_rng(seed, "stress", population)
+    if population == "floppy":
+        return {"status": Status.floppy, "edges": edges}
+    strains = np.array(parameters["strains"])
+    return {
+        "status": Status.ok,
+        "edges": edges,
+        "sigma": parameters["spread"] * rng.normal(size=n_edges),
+        "modulus": strains * seed,
+        "steps": rng.integers(0, 9, strains.size),
+        "residual": rng.random(),
+    }
+
+
+def check(parameters, axes):
+    if parameters["n_edges"] % 2:
+        raise StudyError(f"n_edges={parameters['n_edges']} is odd: give an even number")
+
+
+def figure(ds):
+    picture = Figure()
+    picture.subplots().plot(ds.strain, ds.modulus.mean(("seed", "population")))
+    return picture
+
+
+def claims(ds):
+    finite = bool(np.isfinite(ds.residual.where(ds.status == Status.ok, 0.0)).all())
+    return [
+        Claim("finite", "residuals are finite", "all", str(finite), "holds"),
+        Claim("large", "residuals | are large", "7", "0.5", "differs", because="they are uniform below one"),
+    ]
+
+
+study = Study(
+    name="tiny",
+    title="A study without physics",
+    axes=(
+        Axis("seed", range(4), "seed of the network", noun="networks"),
+        Axis("population", ("random", "floppy"), "kind of configuration", choices=("wide",)),
+    ),
+    parameters={
+        "n_edges": 6,
+        "spread": 0.1,
+        "strains": decimals("0.001:0.003:0.001"),
+        "trouble": "none",
+        "how": "raise",
+        "pause": 0.0,
+    },
+    coordinates=(Coordinate("strain", "strains", "volumetric strain"),),
+    case=case,
+    check=check,
+    variables=(
+        Variable("edges", ("seed", "edge", "end"), "i4", long_name="tail and head"),
+        Variable("sigma", ("population", "seed", "edge"), "f8", long_name="stress"),
+        Variable("modulus", ("population", "seed", "strain"), "f4", long_name="modulus", units="N m-1"),
+        Variable("steps", ("population", "seed", "strain"), "i2", long_name="steps", fill=-1),
+        Variable("residual", ("population", "seed"), "f8", long_name="residual"),
+        Variable("status", ("population", "seed"), "i1", long_name="outcome", flags=Status),
+    ),
+    figures={"modulus": figure},
+    claims=claims,
+    summary=lambda ds: {"largest": ds.residual.max(), "count": np.int64(ds.seed.size), "nothing": float("nan")},
+)

@@ -1,0 +1,197 @@
+"""Seven populations of critical configurations on the same networks, strained past the transition.
+
+The paper's main ensemble: `StructuralMetrics`, `ResponseMetrics` and the claims around them.  Random rest lengths come
+twice, with the spread that the paper prints (0.3, `random_lengths_wide`) and with the largest one that leaves every
+edge of these networks stressed (0.1, `random_lengths`).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from critflow import (
+    CriticalConfiguration,
+    CriticalManifold,
+    InputError,
+    Solution,
+    Status,
+    StudyError,
+    critical_from_lengths,
+    fit_stiffening,
+    optimize,
+    stiffening,
+    strain_path,
+    transition_moduli,
+    voronoi_network,
+)
+from critflow.critical import stressed_fraction
+from critflow.linalg import Saddle
+from critflow.objectives import OBJECTIVES
+from critflow.path import check_strains
+from critflow.springs import hessian_pattern
+from critflow.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
+from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
+
+POPULATIONS = (*OBJECTIVES, "random_lengths", "random_stress", "random_lengths_wide")
+
+
+@lru_cache(maxsize=2)
+def prepared(n_vertices, seed, hard_core):
+    """What the populations of one network share: the network and the symbolic analysis of its matrices."""
+    network = voronoi_network(n_vertices, seed, hard_core)
+    return CriticalManifold(network), Saddle(network), hessian_pattern(network)
+
+
+def configuration(manifold, parameters, seed, population) -> Solution[CriticalConfiguration]:
+    """One configuration of a population; the random ones draw numbers of their own for each network."""
+    n_edges = manifold.network.n_edges
+    if population in OBJECTIVES:
+        return optimize(manifold, population, threshold=parameters["threshold"], throw=False)
+    rng = stable_rng(seed, population)
+    if population == "random_stress":
+        return manifold.solve(np.abs(rng.standard_normal(n_edges)))
+    spread = parameters["spread_wide" if population == "random_lengths_wide" else "spread"]
+    lengths = 1 + spread * rng.standard_normal(n_edges)
+    while (negative := lengths <= 0).any():  # a normal distribution with s = 0.3 has one negative length in 2,300
+        lengths[negative] = 1 + spread * rng.standard_normal(negative.sum())
+    return critical_from_lengths(manifold.network, lengths, "strain", throw=False)
+
+
+def case(parameters, *, seed, population):
+    """A critical configuration, its structure, and its moduli at the transition and along the strain path."""
+    manifold, saddle, pattern = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
+    network = manifold.network
+    found = configuration(manifold, parameters, seed, population)
+    critical, strains = found.value, np.array(parameters["strains"])
+    at_transition = transition_moduli(critical)
+    path = strain_path(critical, strains, pattern=pattern, throw=False).value
+    exact = stiffening(critical, saddle, throw=False).value
+    # Where an edge collapses the infimum has no configuration, so the coefficients of a near one mean nothing.
+    undefined = np.nan if found.status is Status.edge_collapse else 1.0
+    fits = {
+        "C_B": fit_stiffening(strains, path.bulk_modulus, parameters["fit_window"]),
+        "C_G": fit_stiffening(strains, path.shear_modulus, parameters["fit_window"]),
+        "C_G_stress_corrected": fit_stiffening(strains, path.shear_modulus_stress_corrected, parameters["fit_window"]),
+    }
+    result = {
+        "edges": network.edges,
+        "offsets": network.offsets,
+        "cell": network.cell,
+        "sigma": critical.sigma,
+        "length": critical.lengths,
+        "coordinates": critical.coordinates,
+        "bulk_modulus_0": at_transition.bulk,
+        "shear_modulus_0": at_transition.shear,
+        "bulk_modulus": path.bulk_modulus,
+        "shear_modulus": path.shear_modulus,
+        "shear_modulus_stress_corrected": path.shear_modulus_stress_corrected,
+        "energy": path.energy,
+        "max_force": path.max_force,
+        "newton_steps": path.steps,
+        "path_status": path.status,
+        "C_B_exact": exact.C_B * undefined,
+        "C_G_exact": exact.C_G * undefined,
+        "C_G_stress_corrected_exact": exact.C_G_stress_corrected * undefined,
+        "length_variance": length_variance(critical),
+        "tension_variance": tension_variance(critical),
+        "anisotropy_physical": np.nanmean(face_anisotropy(critical)),
+        "anisotropy_force": np.nanmean(force_anisotropy(critical)),
+        "stressed_fraction": stressed_fraction(critical.sigma),
+        "status": found.status,
+        "residual": critical.residual,
+        "optimality": found.stats.residual,
+        "iterations": found.stats.iterations,
+    }
+    for name, fit in fits.items():
+        result[name], result[f"{name}_error"] = fit.slope * undefined, fit.slope_error * undefined
+    return result
+
+
+def check(parameters, axes):
+    """Refuse settings that could only fail, before anything runs."""
+    check_strains(parameters["strains"])
+    if sum(strain <= parameters["fit_window"] for strain in parameters["strains"]) < 3:
+        raise StudyError("a fit needs three strains in its window: add strains or raise fit_window")
+    for name in ("threshold", "spread", "spread_wide", "hard_core", "fit_window"):
+        if not parameters[name] > 0:
+            raise StudyError(f"{name}={parameters[name]} must be positive")
+    try:
+        voronoi_network(parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
+    except InputError as error:
+        raise StudyError(str(error)) from error
+
+
+def table():
+    """Names, dimensions, types, units and meanings of everything that is stored."""
+    network, member, each = ("seed",), ("population", "seed"), ("population", "seed", "strain")
+    modulus = "k"
+
+    def scalar(name, long_name, units="1", dtype="f8", **more):
+        return Variable(name, member, dtype, units=units, long_name=long_name, **more)
+
+    def along(name, long_name, units="1", dtype="f8", **more):
+        return Variable(name, each, dtype, units=units, long_name=long_name, **more)
+
+    yield Variable("edges", (*network, "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
+    yield Variable(
+        "offsets", (*network, "edge", "axis"), "i2", long_name="cell image in which the head of each edge lies"
+    )
+    yield Variable("cell", (*network, "axis", "axis_"), "f8", long_name="cell vectors as rows")
+    yield Variable(
+        "sigma", (*member, "edge"), "f8", long_name="geometric stress (tension per length), sum of squares N_b"
+    )
+    yield Variable("length", (*member, "edge"), "f8", long_name="edge length at the transition")
+    yield Variable("coordinates", (*member, "vertex", "axis"), "f8", long_name="vertex coordinates at the transition")
+    yield scalar("bulk_modulus_0", "bulk modulus at the transition", modulus)
+    yield scalar("shear_modulus_0", "shear modulus at the transition", modulus)
+    yield along("bulk_modulus", "bulk modulus V d2E/dV2", modulus)
+    yield along("shear_modulus", "shear modulus (1/V) d2E/dε2, energy convention", modulus)
+    yield along("shear_modulus_stress_corrected", "shear modulus less half of dE/dV", modulus)
+    yield along("energy", "elastic energy", "k")
+    yield along("max_force", "largest unbalanced force component", "k")
+    yield along("newton_steps", "Newton steps of the relaxation", dtype="i2")
+    yield along("path_status", "outcome of the strain step", dtype="i1", flags=Status)
+    for name, what in (
+        ("C_B", "bulk modulus"),
+        ("C_G", "shear modulus (energy convention)"),
+        ("C_G_stress_corrected", "stress-corrected shear modulus"),
+    ):
+        yield scalar(name, f"growth of the {what} with strain, straight line fitted to the path", modulus)
+        yield scalar(f"{name}_error", f"standard error of the fitted growth of the {what}", modulus)
+        yield scalar(f"{name}_exact", f"growth of the {what} with strain, from the transition alone", modulus)
+    yield scalar("length_variance", "variance of the lengths over their squared mean, V_L")
+    yield scalar("tension_variance", "variance of the tensions over their squared mean, V_τ")
+    yield scalar("anisotropy_physical", "mean shape anisotropy of the faces")
+    yield scalar("anisotropy_force", "mean shape anisotropy of the force triangles")
+    yield scalar("stressed_fraction", "part of the edges under tension")
+    yield scalar("status", "outcome of finding the configuration", dtype="i1", flags=Status)
+    yield scalar("residual", "largest unbalanced force over the mean tension")
+    yield scalar("optimality", "what the method drives to zero: projected gradient, or force")
+    yield scalar("iterations", "iterations of the method that found the configuration", dtype="i4")
+
+
+study = Study(
+    name="ensemble",
+    title="Populations of critical configurations, strained past the rigidity transition",
+    references="Hain, Santangelo and Manning, Optimizing properties on the critical rigidity manifold of "
+    "underconstrained central-force networks (arXiv:2407.13939)",
+    axes=(
+        Axis("seed", range(100), "seed of the network", noun="networks"),
+        Axis("population", POPULATIONS, "population of critical configurations"),
+    ),
+    parameters={
+        "n_vertices": 1000,
+        "hard_core": 0.82,
+        "threshold": 0.1,
+        "spread": 0.1,
+        "spread_wide": 0.3,
+        "strains": decimals("0.001:0.010:0.001"),
+        "fit_window": 0.01,
+    },
+    coordinates=(Coordinate("strain", "strains", "volumetric strain past the transition"),),
+    case=case,
+    check=check,
+    variables=tuple(table()),
+)
