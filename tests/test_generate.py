@@ -157,9 +157,7 @@ def test_honeycomb_is_regular(edge_length):
     assert network.volume == pytest.approx(15 * 1.5 * np.sqrt(3) * edge_length**2, rel=1e-14)
 
 
-def test_too_few_or_regular_points_are_refused():
-    with pytest.raises(InputError, match="use more cells"):
-        voronoi_of(np.array([[0.1, 0.2]]))
-    square = np.stack(np.meshgrid(np.arange(4), np.arange(4)), axis=-1).reshape(-1, 2) / 4 + 0.1
+@pytest.mark.parametrize("points", [[[0.1, 0.2]], np.argwhere(np.ones((4, 4))) / 4 + 0.1], ids=["one", "lattice"])
+def test_points_without_one_tessellation_are_refused(points):
     with pytest.raises(InputError, match="regular lattice"):
-        voronoi_of(square)
+        voronoi_of(np.asarray(points))
