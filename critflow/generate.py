@@ -99,6 +99,8 @@ def voronoi_of(points: Array, side: float | None = None) -> Network:
     or too regular to have one Delaunay tessellation.
     """
     points = np.asarray(points, dtype=float)
+    if points.ndim != 2 or points.size == 0 or points.shape[1] < 2 or not np.isfinite(points).all():
+        raise InputError(f"points must be finite and of shape (n_cells, d) with d >= 2, not {points.shape}: give cells")
     dimension = points.shape[1]
     corners, centres = _periodic_delaunay(points)
     n_vertices = len(corners)
@@ -118,6 +120,10 @@ def voronoi_of(points: Array, side: float | None = None) -> Network:
             "they are too few or lie on a regular lattice; use more cells, or another seed"
         )
     owner = np.repeat(np.arange(n_vertices), dimension + 1)
+    # Circumcentres that coincide belong to more than d + 1 points on one sphere, which can be joined in several ways.
+    gap = np.linalg.norm(centres[owner[second]] + shift[first] - shift[second] - centres[owner[first]], axis=1)
+    if gap.min() < 1e-9 * gap.max():
+        raise InputError(f"some of the {len(points)} points lie on a regular lattice, so vertices coincide: move them")
     wrap = np.floor(centres).astype(int)
     edges = np.stack([owner[first], owner[second]], axis=1)
     offsets = shift[first] - shift[second] + wrap[owner[second]] - wrap[owner[first]]

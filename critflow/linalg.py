@@ -59,9 +59,13 @@ class FixedPattern:
         """Factorise A + shift·1, numerically only after the first time.  Earlier factors become stale."""
         matrix = self.assemble(values, shift)
         if self._solver is None:
+            # The analysis needs the pattern only; a singular matrix would be refused here, but not by the update.
+            values_of = matrix.data.copy()
+            matrix.data[:] = 0.0
+            matrix.data[self._diagonal] = 1.0
             self._solver = qdldl.Solver(matrix, upper=True)
-        else:
-            self._solver.update(matrix, upper=True)
+            np.copyto(matrix.data, values_of)
+        self._solver.update(matrix, upper=True)
         self._generation += 1
         return Factor(self, self._generation)
 

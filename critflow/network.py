@@ -166,7 +166,10 @@ class Network:
 
     def bond_vectors(self, coordinates: Array) -> Array:
         """L = g x + b, (N_b, d), for coordinates (N_v, d); where vertices are pinned, the pins are used."""
-        return np.asarray(self.free_incidence @ np.asarray(coordinates, dtype=float)[self.free]) + self.boundary_vectors
+        x = np.asarray(coordinates, dtype=float)
+        # A periodic network is grounded at vertex 0, which need not lie at the origin here.
+        x = x if self.pins else x - x[0]
+        return np.asarray(self.free_incidence @ x[self.free]) + self.boundary_vectors
 
     def all_coordinates(self, free_coordinates: Array) -> Array:
         """Coordinates (N_v, d) from those of the free vertices (n_free, d)."""

@@ -131,7 +131,13 @@ def _descend(
 ) -> Solution[CriticalConfiguration]:
     landscape = _Landscape(manifold, goal)
     end = _minimise(landscape, method, np.log(sigma), tolerance, max_steps)
-    value = manifold.configuration(landscape.sigma(end.point.x))
+    reached = manifold.solve(landscape.sigma(end.point.x))
+    value = reached.value
+    if not reached.ok:
+        # A method that ran away ends where no configuration is.
+        return Solution(
+            value, Status.singular, Stats(method, end.iterations, end.evaluations, np.inf, {"objective": np.nan})
+        )
     details: dict[str, object] = {"objective": landscape.sign * end.point.value}
     if end.status is Status.edge_collapse:
         edges = np.flatnonzero(value.lengths < 10 * _COLLAPSING * value.lengths.mean())

@@ -1,0 +1,199 @@
+"""Networks and configurations with known answers, and independent ways to evaluate what critflow evaluates.
+
+Where each answer comes from stands with it.  Nothing here calls the linear algebra of critflow: references are dense
+numpy formulas from the edges, offsets, cell and pins alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from critflow import Network, honeycomb_network, voronoi_network, voronoi_of
+from critflow.network import planar_faces
+
+SQRT3 = np.sqrt(3.0)
+
+# Honeycomb of edge length 1 and k = 1: V = 3√3/4 a vertex, 3/2 edges a vertex, all σ and |L| equal, so that
+# B_0 = (1/4V)(Σσ|L|²)²/Σσ²|L|² = (1/4)(3/2)/(3√3/4) = √3/6; no shear works on it, Σ L_x L_y = 0, so G_0 = 0.
+HONEYCOMB_BULK_MODULUS = SQRT3 / 6
+
+# Triangular lattice of unit springs at rest: Lamé constants λ = μ = √3/4 k, so B = λ + μ and G = μ.
+TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS = SQRT3 / 2, SQRT3 / 4
+
+
+def random_stress(n_edges: int, seed: int) -> np.ndarray:
+    """Positive stresses without any symmetry, between 0.3 and 2.3."""
+    return 0.3 + 2.0 * np.random.default_rng(seed).random(n_edges)
+
+
+def with_random_stiffness(network: Network, seed: int) -> Network:
+    """The network with stiffnesses between 0.5 and 2."""
+    return network.with_stiffness(0.5 + 1.5 * np.random.default_rng(seed).random(network.n_edges))
+
+
+def voronoi_3d(n_cells: int = 8, seed: int = 5) -> Network:
+    """A periodic Voronoi network in three dimensions: four edges at every vertex."""
+    return voronoi_of(np.random.default_rng(seed).random((n_cells, 3)))
+
+
+def oblique(network: Network) -> Network:
+    """The same graph in an oblique cell of the same volume."""
+    F = np.eye(network.dimension)
+    F[0, 0], F[1, 1], F[0, 1], F[1, 0] = 1.3, 1 / 1.3 + 0.4 * 0.2 / 1.3, 0.4, 0.2
+    return network.deformed(F)
+
+
+def sheared(network: Network, gamma: float) -> Network:
+    """The network after a simple shear γ of its boundary; the image offsets stay as they are."""
+    F = np.eye(network.dimension)
+    F[0, 1] = gamma
+    return network.deformed(F)
+
+
+def square_octagon(a: float = 2.0, b: float = 3.0, shape: np.ndarray | None = None) -> Network:
+    """Four vertices (east, north, west, south of a square) and six edges: the square's sides and the links x and y.
+
+    With stresses s on the sides and t_x, t_y on the links, balance at the east vertex (e, 0) reads
+    t_x (a − 2e) = 2 s e, and likewise at the north vertex; see `square_octagon_bond_vectors`.
+    """
+    edges = [[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3]]
+    offsets = [[0, 0]] * 4 + [[1, 0], [0, 1]]
+    F = np.eye(2) if shape is None else np.asarray(shape)
+    return Network(edges, offsets, np.diag([a, b]) @ F.T)
+
+
+def square_octagon_bond_vectors(s, t_x, t_y, a=2.0, b=3.0, shape=None):
+    """L of `square_octagon`: e = t_x a/(2(s + t_x)), f = t_y b/(2(s + t_y)); an affine cell maps L affinely."""
+    e, f = t_x * a / (2 * (s + t_x)), t_y * b / (2 * (s + t_y))
+    L = np.array([[-e, f], [-e, -f], [e, -f], [e, f], [a - 2 * e, 0], [0, b - 2 * f]])
+    return L @ (np.eye(2) if shape is None else np.asarray(shape)).T
+
+
+def pinned_star() -> tuple[Network, np.ndarray]:
+    """One free vertex (0) between five pins: it sits at the stress-weighted mean of the pins, Σσp/Σσ."""
+    pins = np.array([[0.0, 0.0], [2.0, 0.3], [1.5, 2.0], [-0.4, 1.7], [0.9, -1.2]])
+    edges = [[0, i + 1] for i in range(len(pins))]
+    return Network(edges, pins={i + 1: p for i, p in enumerate(pins)}), pins
+
+
+def pinned_grid(n: int = 5) -> Network:
+    """A square grid of n × n vertices hung on its border, pinned at irregular places; no cell."""
+    rng = np.random.default_rng(11)
+    number = np.arange(n * n).reshape(n, n)
+    edges = np.concatenate(
+        [
+            np.stack([number[:-1].ravel(), number[1:].ravel()], axis=1),
+            np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], axis=1),
+        ]
+    )
+    places = np.argwhere(number >= 0) + 0.3 * rng.random((n * n, 2))
+    border = np.concatenate([number[0], number[-1], number[1:-1, 0], number[1:-1, -1]])
+    between_pins = np.isin(edges, border).all(axis=1)
+    kept = edges[~between_pins]
+    used = np.unique(kept)
+    index = np.full(n * n, -1)
+    index[used] = np.arange(len(used))
+    pins = {int(index[i]): places[i] for i in border if index[i] >= 0}
+    return Network(index[kept], pins=pins, positions=places[used])
+
+
+def triangular_lattice(columns: int = 4, rows: int = 4) -> tuple[Network, np.ndarray]:
+    """The triangular lattice of unit springs in its oblique cell, and its coordinates."""
+    lattice = np.array([[1.0, 0.0], [0.5, SQRT3 / 2]])
+    column, row = (axis.ravel() for axis in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
+    edges, offsets = [], []
+    for step in ((1, 0), (0, 1), (-1, 1)):
+        there = np.stack([column + step[0], row + step[1]], axis=1)
+        image = np.floor_divide(there, [columns, rows])
+        there -= image * [columns, rows]
+        edges.append(np.stack([column * rows + row, there[:, 0] * rows + there[:, 1]], axis=1))
+        offsets.append(image)
+    positions = np.stack([column, row], axis=1) @ lattice
+    network = Network(
+        np.concatenate(edges), np.concatenate(offsets), lattice * [[columns], [rows]], positions=positions
+    )
+    return network, positions
+
+
+def rewrapped(network: Network, seed: int) -> Network:
+    """The same periodic network with every vertex named by another of its images: only offsets change."""
+    image = np.random.default_rng(seed).integers(-2, 3, (network.n_vertices, network.dimension))
+    tail, head = network.edges.T
+    return Network(network.edges, network.offsets + image[tail] - image[head], network.cell, network.stiffness)
+
+
+def relabelled(network: Network, seed: int) -> tuple[Network, np.ndarray, np.ndarray, np.ndarray]:
+    """The network with vertices renumbered, edges reordered and some reversed: also new vertex, order, sign."""
+    rng = np.random.default_rng(seed)
+    vertex, order = rng.permutation(network.n_vertices), rng.permutation(network.n_edges)
+    sign = rng.choice([-1, 1], network.n_edges)
+    edges, offsets = vertex[network.edges[order]], network.offsets[order] * sign[:, None]
+    edges = np.where(sign[:, None] < 0, edges[:, ::-1], edges)
+    pins = {int(vertex[i]): p for i, p in network.pins.items()}
+    copy = Network(edges, offsets, network.cell, network.stiffness[order], pins)
+    return copy, vertex, order, sign
+
+
+def dense_incidence(network: Network) -> np.ndarray:
+    """g over all vertices, (N_b, N_v), from the edge list."""
+    g = np.zeros((network.n_edges, network.n_vertices))
+    for edge, (tail, head) in enumerate(network.edges):
+        g[edge, head] += 1
+        g[edge, tail] -= 1
+    return g
+
+
+def dense_free(network: Network) -> tuple[np.ndarray, np.ndarray]:
+    """Dense incidence of the unknown vertices and b, (N_b, d): pins leave the unknowns; without pins none does."""
+    g = dense_incidence(network)
+    b = np.zeros((network.n_edges, network.dimension))
+    if network.cell is not None:
+        b += network.offsets @ network.cell
+    for vertex, position in network.pins.items():
+        b += np.outer(g[:, vertex], position)
+    free = [i for i in range(network.n_vertices) if i not in network.pins]
+    return g[:, free], b
+
+
+def dense_bond_vectors(network: Network, sigma: np.ndarray) -> np.ndarray:
+    """L(σ) = b − g P⁺ gᵀ(σ ∘ b) by a dense pseudo-inverse, which needs no ground."""
+    g, b = dense_free(network)
+    P = g.T @ (sigma[:, None] * g)
+    return b - g @ np.linalg.pinv(P, rcond=1e-12, hermitian=True) @ (g.T @ (sigma[:, None] * b))
+
+
+def dense_response(network: Network, sigma: np.ndarray) -> np.ndarray:
+    """B = −R^h P⁻¹ R^hᵀ as a dense matrix (N_b, N_b), with (R^h P⁻¹ R^hᵀ)_{αβ} = (g P⁺ gᵀ)_{αβ} L_α·L_β."""
+    g, _ = dense_free(network)
+    L = dense_bond_vectors(network, sigma)
+    P = g.T @ (sigma[:, None] * g)
+    return -(g @ np.linalg.pinv(P, rcond=1e-12, hermitian=True) @ g.T) * (L @ L.T)
+
+
+def modulus_by_formula(network: Network, sigma: np.ndarray, L: np.ndarray, A: np.ndarray) -> float:
+    """(1/V)(Σ σ L·AL)²/Σ σ²|L|²/k, edge by edge."""
+    work = sum(s * (v @ A @ v) for s, v in zip(sigma, L, strict=True))
+    cost = sum(s**2 * (v @ v) / k for s, v, k in zip(sigma, L, network.stiffness, strict=True))
+    return float(work**2 / cost / abs(np.linalg.det(network.cell)))
+
+
+def with_faces(network: Network, bond_vectors: np.ndarray) -> Network:
+    """The planar network with the faces of that embedding."""
+    faces = planar_faces(network.edges, bond_vectors, network.n_vertices)
+    return Network(network.edges, network.offsets, network.cell, network.stiffness, faces=faces)
+
+
+# Networks whose map σ → configuration is tested in every way, by name.
+NETWORKS = {
+    "voronoi": lambda: voronoi_network(40, seed=1),
+    "voronoi, random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 7),
+    "voronoi 3D": lambda: with_random_stiffness(voronoi_3d(), 8),
+    "honeycomb": lambda: honeycomb_network(3, 4),
+    "square-octagon": square_octagon,
+    "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=3), 9)),
+    "sheared": lambda: sheared(voronoi_network(40, seed=4), 0.8),
+    "tiny": lambda: voronoi_network(12, seed=6),
+    "pinned star": lambda: pinned_star()[0],
+    "pinned grid": pinned_grid,
+}
+PERIODIC = [name for name in NETWORKS if not name.startswith("pinned")]

@@ -1,0 +1,333 @@
+"""The map σ → configuration: formula, symmetries, derivatives and where it does not exist."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from problems import (
+    NETWORKS,
+    PERIODIC,
+    dense_bond_vectors,
+    dense_free,
+    dense_response,
+    pinned_star,
+    random_stress,
+    relabelled,
+    rewrapped,
+    sheared,
+    square_octagon,
+    square_octagon_bond_vectors,
+)
+
+from critflow import (
+    CriticalManifold,
+    NetworkError,
+    SolveError,
+    Status,
+    bulk_modulus_bound,
+    honeycomb_network,
+    three_bar_linkage,
+    transition_moduli,
+    voronoi_network,
+)
+
+# Lengths are of order one and P is well conditioned (below 1e3), so both evaluations agree to some 1e-13.
+ATOL = 2e-13
+
+
+def signed_stress(n_edges: int, seed: int) -> np.ndarray:
+    sigma = random_stress(n_edges, seed)
+    sigma[::4] *= -0.3
+    return sigma
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_map_is_the_pseudo_inverse_formula(name):
+    network = NETWORKS[name]()
+    for seed in range(3):
+        sigma = random_stress(network.n_edges, seed)
+        solution = CriticalManifold(network).solve(sigma)
+        assert solution.status is Status.ok
+        assert solution.stats.details["negative_pivots"] == 0
+        L = solution.value.bond_vectors
+        np.testing.assert_allclose(L, dense_bond_vectors(network, sigma), rtol=0, atol=ATOL)
+        np.testing.assert_allclose(network.bond_vectors(solution.value.coordinates), L, rtol=0, atol=ATOL)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_forces_balance_to_rounding(name):
+    network = NETWORKS[name]()
+    configuration = CriticalManifold(network).configuration(random_stress(network.n_edges, 4))
+    g, _ = dense_free(network)
+    force = g.T @ (configuration.sigma[:, None] * configuration.bond_vectors)
+    mean_tension = np.mean(configuration.sigma * np.linalg.norm(configuration.bond_vectors, axis=1))
+    assert np.abs(force).max() < 1e-12 * mean_tension
+    assert configuration.residual < 1e-12
+    np.testing.assert_allclose(configuration.tensions, configuration.sigma * configuration.lengths, rtol=1e-15)
+
+
+def test_the_residual_sees_imbalance():
+    network = voronoi_network(40, seed=1)
+    balanced = CriticalManifold(network).configuration(np.ones(60))
+    sigma = balanced.sigma.copy()
+    sigma[3] += 1e-6
+    moved = type(balanced)(network, sigma, balanced.coordinates, balanced.bond_vectors)
+    tail, head = network.edges[3]
+    g, _ = dense_free(network)
+    expected = np.abs(g.T @ (sigma[:, None] * moved.bond_vectors)).max() / np.mean(sigma * moved.lengths)
+    assert 1e-7 < expected
+    # Only the grounded vertex is left out of the residual.
+    assert 0 not in (tail, head)
+    assert moved.residual == pytest.approx(expected, rel=1e-6)
+
+
+def test_three_bar_linkage_closed_form():
+    for sigma in ([1.0, 1.0, 1.0], [0.3, 2.0, 5.0], [1.0, 2.0, -1.0]):
+        sigma = np.array(sigma)
+        L = CriticalManifold(three_bar_linkage()).configuration(sigma).bond_vectors
+        np.testing.assert_allclose(L[:, 0], 3 / sigma / np.sum(1 / sigma), rtol=1e-14)
+        np.testing.assert_array_equal(L[:, 1], 0)
+
+
+@pytest.mark.parametrize("shape", [None, [[1.2, 0.7], [-0.3, 0.8]]], ids=["square", "oblique"])
+@pytest.mark.parametrize("s, t_x, t_y", [(1.0, 1.0, 1.0), (0.4, 2.0, 0.9), (3.0, 0.2, 1.7)])
+def test_square_octagon_closed_form(s, t_x, t_y, shape):
+    L = CriticalManifold(square_octagon(shape=shape)).configuration([s] * 4 + [t_x, t_y]).bond_vectors
+    np.testing.assert_allclose(L, square_octagon_bond_vectors(s, t_x, t_y, shape=shape), rtol=0, atol=1e-14)
+
+
+def test_pinned_star_is_the_weighted_mean():
+    network, pins = pinned_star()
+    sigma = np.array([1.0, 0.5, 2.0, 3.0, 0.1])
+    x = CriticalManifold(network).configuration(sigma).coordinates
+    np.testing.assert_allclose(x[0], sigma @ pins / sigma.sum(), rtol=1e-14)
+    np.testing.assert_array_equal(x[1:], pins)
+
+
+def test_honeycomb_at_equal_stress_is_regular():
+    configuration = CriticalManifold(honeycomb_network(4, 3)).configuration(np.ones(36))
+    np.testing.assert_allclose(configuration.lengths, 1.0, rtol=1e-13)
+
+
+@pytest.mark.parametrize("factor", [1e-8, 3.7, 1e8, -1.0])
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "pinned grid"])
+def test_scale_of_the_stress_is_nothing(name, factor):
+    network = NETWORKS[name]()
+    manifold, sigma = CriticalManifold(network), random_stress(network.n_edges, 2)
+    one, other = manifold.configuration(sigma), manifold.configuration(factor * sigma)
+    np.testing.assert_allclose(other.bond_vectors, one.bond_vectors, rtol=0, atol=ATOL)
+    np.testing.assert_allclose(other.sigma, np.sign(factor) * one.sigma, rtol=1e-14)
+    assert np.sum(other.sigma**2) == pytest.approx(network.n_edges, rel=1e-14)
+
+
+@pytest.mark.parametrize("name", PERIODIC)
+def test_rewrapped_vertices_change_nothing(name):
+    network = NETWORKS[name]()
+    sigma = random_stress(network.n_edges, 3)
+    L = CriticalManifold(network).configuration(sigma).bond_vectors
+    # Offsets of up to four cells make terms that many times larger, which then cancel.
+    again = CriticalManifold(rewrapped(network, 1)).configuration(sigma).bond_vectors
+    np.testing.assert_allclose(again, L, rtol=0, atol=20 * ATOL)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_labels_and_directions_change_nothing(name):
+    network = NETWORKS[name]()
+    sigma = random_stress(network.n_edges, 3)
+    L = CriticalManifold(network).configuration(sigma).bond_vectors
+    copy, _, order, sign = relabelled(network, 2)
+    again = CriticalManifold(copy).configuration(sigma[order])
+    np.testing.assert_allclose(again.bond_vectors, sign[:, None] * L[order], rtol=0, atol=ATOL)
+    if network.cell is not None:
+        before = transition_moduli(CriticalManifold(network).configuration(sigma))
+        after = transition_moduli(again)
+        assert after.bulk == pytest.approx(before.bulk, rel=1e-12)
+        assert after.shear == pytest.approx(before.shear, rel=1e-9, abs=1e-14)
+
+
+@pytest.mark.parametrize("gamma", [0.51, 0.9, 3.0, -2.0])
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "tiny", "oblique"])
+def test_any_shear_is_exact(name, gamma):
+    # Balance is linear in b, so an affine cell gives the affine image of the configuration, at any strain.
+    network = NETWORKS[name]()
+    sigma = random_stress(network.n_edges, 5)
+    L = CriticalManifold(network).configuration(sigma).bond_vectors
+    F = np.eye(network.dimension)
+    F[0, 1] = gamma
+    deformed = sheared(network, gamma)
+    found = CriticalManifold(deformed).configuration(sigma).bond_vectors
+    np.testing.assert_allclose(found, L @ F.T, rtol=0, atol=10 * ATOL)
+    np.testing.assert_allclose(found, dense_bond_vectors(deformed, sigma), rtol=0, atol=10 * ATOL)
+
+
+def test_edges_longer_than_half_the_cell_are_exact():
+    network = voronoi_network(12, seed=6)
+    sigma = np.ones(18)
+    sigma[4] = 0.01
+    L = CriticalManifold(network).configuration(sigma).bond_vectors
+    assert np.abs(L).max() > 0.5 * network.cell[0, 0]
+    np.testing.assert_allclose(L, dense_bond_vectors(network, sigma), rtol=0, atol=ATOL)
+
+
+# Mixed signs
+
+
+@pytest.mark.parametrize(
+    "sigma, negative",
+    # P = [[σ1 + σ2, −σ2], [−σ2, σ2 + σ3]]: two negative eigenvalues where its trace is negative and det > 0.
+    [
+        ([1, 1, 1], 0),
+        ([3, 3, -1], 0),
+        ([1, 1, -0.6], 1),
+        ([1, 1, -0.4], 0),
+        ([1, -3, 1], 1),
+        ([-1, -1, 3], 1),
+        ([-1, -1, 0.4], 2),
+        ([-1, -1, -1], 2),
+    ],
+)
+def test_inertia_on_the_linkage(sigma, negative):
+    sigma = np.array(sigma, dtype=float)
+    P = np.array([[sigma[0] + sigma[1], -sigma[1]], [-sigma[1], sigma[1] + sigma[2]]])
+    assert np.count_nonzero(np.linalg.eigvalsh(P) < 0) == negative
+    solution = CriticalManifold(three_bar_linkage()).solve(sigma)
+    assert solution.status is Status.ok
+    assert solution.stats.details["negative_pivots"] == negative
+
+
+@pytest.mark.parametrize("sigma", [[1.0, 1.0, -0.5], [2.0, 2.0, -1.0], [1.0, -1.0, 0.0], [-1.0, 0.5, -1.0]])
+def test_a_singular_stress_gives_no_numbers(sigma):
+    manifold = CriticalManifold(three_bar_linkage())
+    solution = manifold.solve(sigma)
+    assert solution.status is Status.singular
+    assert np.isnan(solution.value.bond_vectors).all()
+    assert np.isnan(solution.value.coordinates).all()
+    with pytest.raises(SolveError, match="singular") as caught:
+        manifold.configuration(sigma)
+    assert caught.value.solution.status is Status.singular
+
+
+def test_a_singular_stress_of_a_large_network():
+    # The stress is scaled to the eigenvalue where P first loses definiteness, found densely.
+    network = voronoi_network(40, seed=1)
+    g, _ = dense_free(network)
+    g = g[:, 1:]
+    weak = np.zeros(60)
+    weak[10] = 1.0
+    P, Q = g.T @ g, g.T @ (weak[:, None] * g)
+    strongest = np.linalg.eigvals(np.linalg.solve(P, Q)).real.max()
+    sigma = np.ones(60) - weak / strongest
+    assert CriticalManifold(network).solve(sigma).status is Status.singular
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "oblique", "pinned grid"])
+def test_mixed_signs_follow_the_formula(name):
+    network = NETWORKS[name]()
+    sigma = signed_stress(network.n_edges, 6)
+    solution = CriticalManifold(network).solve(sigma)
+    assert solution.status is Status.ok
+    g, _ = dense_free(network)
+    P = g.T @ (sigma[:, None] * g)
+    eigenvalues = np.linalg.eigvalsh(P)
+    scale = np.abs(eigenvalues).max()
+    assert solution.stats.details["negative_pivots"] == np.count_nonzero(eigenvalues < -1e-12 * scale)
+    atol = 1e-14 * scale / np.min(np.abs(eigenvalues[np.abs(eigenvalues) > 1e-12 * scale])) * 100
+    np.testing.assert_allclose(solution.value.bond_vectors, dense_bond_vectors(network, sigma), rtol=0, atol=atol)
+
+
+# Derivatives
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "oblique", "sheared", "pinned grid", "square-octagon"])
+def test_response_is_the_derivative_of_half_squared_lengths(name):
+    network = NETWORKS[name]()
+    manifold = CriticalManifold(network)
+    configuration = manifold.configuration(random_stress(network.n_edges, 7))
+    sigma = configuration.sigma
+    B = manifold.response(configuration) @ np.eye(network.n_edges)
+    np.testing.assert_allclose(B, dense_response(network, sigma), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(B, B.T, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(sigma @ B, 0, atol=1e-12)
+    # Concavity of min_x Σσh: B is negative semidefinite for σ > 0.
+    assert np.linalg.eigvalsh(B).max() < 1e-12
+    # Central differences of fourth order: truncation (step⁴) and rounding (1e-14/step) are both below 1e-9.
+    step = 1e-3
+    weights = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+    for edge in (0, network.n_edges // 2, network.n_edges - 1):
+        difference = np.zeros(network.n_edges)
+        for shift, weight in weights.items():
+            moved = sigma.copy()
+            moved[edge] += shift * step
+            difference += weight / step * 0.5 * np.sum(dense_bond_vectors(network, moved) ** 2, axis=1)
+        np.testing.assert_allclose(B[:, edge], difference, rtol=0, atol=1e-8 * np.abs(difference).max())
+
+
+def test_response_of_signed_stress():
+    network = voronoi_network(40, seed=3)
+    manifold = CriticalManifold(network)
+    configuration = manifold.configuration(signed_stress(60, 8))
+    B = manifold.response(configuration) @ np.eye(60)
+    scale = np.abs(B).max()
+    np.testing.assert_allclose(B, dense_response(network, configuration.sigma), rtol=0, atol=1e-10 * scale)
+    np.testing.assert_allclose(configuration.sigma @ B, 0, atol=1e-10 * scale)
+
+
+def test_the_response_stays_valid_after_other_configurations():
+    network = voronoi_network(40, seed=3)
+    manifold = CriticalManifold(network)
+    configuration = manifold.configuration(random_stress(60, 8))
+    operator = manifold.response(configuration)
+    before = operator @ np.arange(60.0)
+    manifold.configuration(random_stress(60, 9))
+    np.testing.assert_array_equal(operator @ np.arange(60.0), before)
+    np.testing.assert_array_equal(operator.rmatvec(np.arange(60.0)), before)
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "pinned grid"])
+def test_pull_back_equals_the_dense_formula(name):
+    network = NETWORKS[name]()
+    manifold = CriticalManifold(network)
+    sigma = random_stress(network.n_edges, 9)
+    _, L, factor = manifold.balance(sigma)
+    rng = np.random.default_rng(10)
+    dO_dsigma, dO_dL = rng.standard_normal(network.n_edges), rng.standard_normal(L.shape)
+    gradient, gy = manifold.pull_back(L, factor, dO_dsigma, dO_dL)
+    g, _ = dense_free(network)
+    G = g @ np.linalg.pinv(g.T @ (sigma[:, None] * g), rcond=1e-12, hermitian=True) @ g.T
+    # ∂L_β/∂σ_α = −G_{βα} L_α, contracted with ∂O/∂L_β.
+    expected = dO_dsigma - np.array([L[a] @ (G[:, a] @ dO_dL) for a in range(network.n_edges)])
+    np.testing.assert_allclose(gradient, expected, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(gy, G @ dO_dL, rtol=0, atol=1e-11)
+    # The tangent is its transpose.
+    dsigma = rng.standard_normal(network.n_edges)
+    dL = manifold.tangent(L, factor, dsigma)
+    assert np.sum(dO_dL * dL) == pytest.approx((gradient - dO_dsigma) @ dsigma, rel=1e-11)
+
+
+# Any stress on any network
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    n_cells=st.integers(4, 20),
+    seed=st.integers(0, 50),
+    spread=st.floats(0.0, 6.0),
+)
+def test_every_positive_stress_balances_below_the_bound(n_cells, seed, spread):
+    network = voronoi_network(2 * n_cells, seed=seed)
+    sigma = np.exp(spread * np.random.default_rng(seed).uniform(-1, 1, network.n_edges))
+    manifold = CriticalManifold(network)
+    solution = manifold.solve(sigma)
+    assert solution.status is Status.ok
+    assert solution.value.residual < 1e-12
+    # B_0 ≤ (1/4V) Σ k|L*|² for every stress, with room for rounding only.
+    assert transition_moduli(solution.value).bulk <= bulk_modulus_bound(manifold) * (1 + 1e-12)
+
+
+def test_parts_that_nothing_pulls_open_are_refused():
+    # A triangle hung on one edge: every vertex has two edges or more, but the triangle collapses to a point.
+    network = square_octagon()
+    edges = np.concatenate([network.edges, [[0, 4], [4, 5], [5, 6], [6, 4]]])
+    offsets = np.concatenate([network.offsets, np.zeros((4, 2), int)])
+    with pytest.raises(NetworkError, match="4 of 10 edges, edge 6"):
+        CriticalManifold(type(network)(edges, offsets, network.cell))
