@@ -66,6 +66,9 @@ def case(parameters, *, seed, population):
     manifold, saddle, pattern = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
     network = manifold.network
     found = configuration(manifold, parameters, seed, population)
+    shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
+    if not np.isfinite(found.value.coordinates).all():
+        return shared
     critical, strains = found.value, np.array(parameters["strains"])
     at_transition = transition_moduli(critical)
     path = strain_path(network, critical, strains, pattern=pattern, throw=False).value
@@ -78,9 +81,7 @@ def case(parameters, *, seed, population):
         "C_G_stress_corrected": fit_stiffening(strains, path.shear_modulus_stress_corrected, parameters["fit_window"]),
     }
     result = {
-        "edges": network.edges,
-        "offsets": network.offsets,
-        "cell": network.cell,
+        **shared,
         "sigma": critical.sigma,
         "length": critical.lengths,
         "coordinates": critical.coordinates,
@@ -101,7 +102,6 @@ def case(parameters, *, seed, population):
         "anisotropy_physical": np.nanmean(face_anisotropy(critical)),
         "anisotropy_force": np.nanmean(force_anisotropy(critical)),
         "stressed_fraction": stressed_fraction(critical.sigma),
-        "status": found.status,
         "residual": critical.residual,
         "optimality": found.stats.residual,
         "iterations": found.stats.iterations,
