@@ -61,6 +61,14 @@ def configuration(manifold, parameters, seed, population) -> Solution[CriticalCo
     return critical_from_lengths(manifold.network, lengths, parameters["protocol"], throw=False)
 
 
+def fitted(strains, moduli, window):
+    """Slope of a straight line through a modulus and its standard error; NaN with fewer than three strains."""
+    if np.count_nonzero(strains <= window) < 3:
+        return np.nan, np.nan
+    fit = fit_stiffening(strains, moduli, window)
+    return fit.slope, fit.slope_error
+
+
 def case(parameters, *, seed, population):
     """A critical configuration, its structure, and its moduli at the transition and along the strain path."""
     manifold, saddle, pattern = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
@@ -75,11 +83,6 @@ def case(parameters, *, seed, population):
     exact = stiffening(network, critical, saddle, throw=False).value
     # Where an edge collapses the infimum has no configuration, so the coefficients of a near one mean nothing.
     undefined = np.nan if found.status is Status.edge_collapse else 1.0
-    fits = {
-        "C_B": fit_stiffening(strains, path.bulk_modulus, parameters["fit_window"]),
-        "C_G": fit_stiffening(strains, path.shear_modulus, parameters["fit_window"]),
-        "C_G_stress_corrected": fit_stiffening(strains, path.shear_modulus_stress_corrected, parameters["fit_window"]),
-    }
     result = {
         **shared,
         "sigma": critical.sigma,
@@ -106,16 +109,19 @@ def case(parameters, *, seed, population):
         "optimality": found.stats.residual,
         "iterations": found.stats.iterations,
     }
-    for name, fit in fits.items():
-        result[name], result[f"{name}_error"] = fit.slope * undefined, fit.slope_error * undefined
+    for name, moduli in (
+        ("C_B", path.bulk_modulus),
+        ("C_G", path.shear_modulus),
+        ("C_G_stress_corrected", path.shear_modulus_stress_corrected),
+    ):
+        slope, error = fitted(strains, moduli, parameters["fit_window"])
+        result[name], result[f"{name}_error"] = slope * undefined, error * undefined
     return result
 
 
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_strains(parameters["strains"])
-    if sum(strain <= parameters["fit_window"] for strain in parameters["strains"]) < 3:
-        raise StudyError("a fit needs three strains in its window: add strains or raise fit_window")
     for name in ("threshold", "spread", "spread_wide", "hard_core", "fit_window"):
         if not parameters[name] > 0:
             raise StudyError(f"{name}={parameters[name]} must be positive")
