@@ -155,6 +155,9 @@ def test_figures_claims_and_summary_are_written(folder):
         assert (folder / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     claims = json.loads((folder / "claims.json").read_text())
     assert {"LengthVariance", "TensionVariance", "percolation-spread_wide"} <= {claim["key"] for claim in claims}
+    verdicts = {claim["key"]: claim["verdict"] for claim in claims}
+    assert verdicts["LengthVariance"] == verdicts["ResponseMetrics-A"] == "holds"
+    assert verdicts["percolation-spread_wide"] == verdicts["ResponseMetrics-A-random_lengths_wide"] == "differs"
     assert all(claim["because"] for claim in claims if claim["verdict"] == "differs")
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["networks"] == 3 and len(summary["populations"]) == 7
