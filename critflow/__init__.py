@@ -10,6 +10,8 @@ from critflow.generate import (
     voronoi_network,
     voronoi_of,
 )
+from critflow.geometry import StereographicChart, surface_geometry
+from critflow.isogonal import isogonal_modes
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, stiffening, transition_moduli
 from critflow.network import Network
@@ -45,6 +47,7 @@ __all__ = [
     "SolveError",
     "Stats",
     "Status",
+    "StereographicChart",
     "StudyError",
     "__version__",
     "bulk_modulus_bound",
@@ -54,6 +57,7 @@ __all__ = [
     "equilibrium",
     "fit_stiffening",
     "honeycomb_network",
+    "isogonal_modes",
     "linear_response",
     "optimize",
     "random_sequential_addition",
@@ -61,6 +65,7 @@ __all__ = [
     "spring_state",
     "stiffening",
     "strain_path",
+    "surface_geometry",
     "three_bar_linkage",
     "transition_moduli",
     "voronoi_network",

@@ -49,9 +49,13 @@ class Rigidity:
 def rigidity_matrix(network: Network, coordinates: Array) -> sp.csr_array:
     """R = ∂|L|/∂x over the free coordinates, (N_b, d·n_free): incidence times unit vectors (`RigidityMatrix`)."""
     L = network.bond_vectors(coordinates)
-    unit = L / np.linalg.norm(L, axis=1)[:, None]
+    return spread_columns(network, L / np.linalg.norm(L, axis=1)[:, None])
+
+
+def spread_columns(network: Network, vectors: Array) -> sp.csr_array:
+    """The matrix (N_b, d·n_free) with entries g_{αi} v_{αμ} of edge vectors v (N_b, d)."""
     g, d = network.free_incidence, network.dimension
-    columns = [sp.diags_array(unit[:, axis]) @ g for axis in range(d)]
+    columns = [sp.diags_array(vectors[:, axis]) @ g for axis in range(d)]
     order = np.arange(d * g.shape[1]).reshape(d, -1).T.ravel()
     return sp.csr_array(sp.hstack(columns).tocsc()[:, order])
 
