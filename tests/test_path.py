@@ -99,3 +99,10 @@ def test_a_path_that_stops_says_where():
 def test_bad_strains(strains):
     with pytest.raises(InputError, match=r"such as 0\.001"):
         strain_path(critical_of(voronoi(12, seed=1)), strains)
+
+
+def test_steps_start_close_to_where_they_end():
+    # Extrapolation of third order along an even path leaves a step or two to Newton's method.
+    critical = critical_of(voronoi(40, seed=1))
+    path = strain_path(critical, np.linspace(0.001, 0.02, 20)).value
+    assert path.steps[3:].max() <= 3

@@ -12,6 +12,7 @@ from critflow import (
     equilibrium,
     spring_state,
     strain_path,
+    three_bar_linkage,
     voronoi_network,
 )
 from critflow.springs import factorize_hessian, hessian_pattern
@@ -145,3 +146,11 @@ def test_coordinates_and_bond_vectors_stay_together(name):
         np.testing.assert_allclose(
             state.network.bond_vectors(state.coordinates), state.bond_vectors, rtol=0, atol=1e-13
         )
+
+
+@pytest.mark.xfail(reason="a start without forces is returned as it is, without a look at its Hessian")
+def test_a_straight_compressed_linkage_is_a_saddle():
+    network = three_bar_linkage()
+    straight = CriticalManifold(network).configuration(np.ones(3))
+    solution = equilibrium(spring_state(network, np.full(3, 1.1), straight.coordinates), throw=False)
+    assert solution.status is Status.unstable
