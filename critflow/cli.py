@@ -182,7 +182,7 @@ def show(
         outcome = Status(int(case["status"]))
         if outcome in (Status.failed, Status.missing):
             raise InputError(f"{labels} has no configuration: {outcome.message}")
-        print(_part("critflow.show").show_configuration(case, out or Path(f"{labels}.png")))
+        print(_part("critflow.workflow.show").show_configuration(case, out or Path(f"{labels}.png")))
 
 
 def _print_report(study: Study, folder: Folder, claims: Sequence[Any]) -> None:

@@ -15,13 +15,13 @@ from critflow.linalg import FixedPattern, edge_blocks
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.network import Array, Network, edge_values
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
-from critflow.springs import SpringState, equilibrium, hessian_pattern, spring_state
+from critflow.springs import equilibrium, hessian_pattern, spring_state
 
 # A stress below this part of the mean counts as none.
 NO_STRESS = 1e-9
 
-# Force balance that a polished configuration must reach, relative to the mean tension.
-_BALANCED = 1e-11
+# Relative error of the lengths that Newton must reach on the stressed edges; short edges limit it by rounding.
+_FITTED = 1e-9
 
 
 def critical_from_lengths(
@@ -63,13 +63,7 @@ def stressed_fraction(sigma: Array) -> float:
 def _by_cone(network: Network, lengths: Array) -> Solution[CriticalConfiguration]:
     cone = fit_lengths(network, lengths)
     if not cone.solved:
-        value = CriticalConfiguration(
-            network,
-            np.full(network.n_edges, np.nan),
-            np.full((network.n_vertices, network.dimension), np.nan),
-            np.full((network.n_edges, network.dimension), np.nan),
-        )
-        return Solution(value, Status.stalled, Stats("conic", cone.iterations))
+        return Solution(_unknown(network), Status.stalled, Stats("conic", cone.iterations))
     stressed, x, sigma, error, steps = _polish_stressed(network, lengths, cone.stressed, cone.coordinates, cone.sigma)
     value = critical_configuration(network, sigma, x)
     slack = np.flatnonzero(~stressed)
@@ -79,38 +73,53 @@ def _by_cone(network: Network, lengths: Array) -> Solution[CriticalConfiguration
         details["note"] = (
             f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
         )
-    if error > _BALANCED:
-        status = Status.stalled
+    if not error < _FITTED:
+        value, status = _unknown(network), Status.stalled
     return Solution(value, status, Stats("conic", cone.iterations, cone.iterations + steps, error, details))
+
+
+def _unknown(network: Network) -> CriticalConfiguration:
+    """What stands for a configuration that was not found."""
+    shape = (network.n_edges, network.dimension)
+    coordinates = np.full((network.n_vertices, network.dimension), np.nan)
+    return CriticalConfiguration(network, np.full(network.n_edges, np.nan), coordinates, np.full(shape, np.nan))
 
 
 def _polish_stressed(
     network: Network, lengths: Array, stressed: NDArray[np.bool_], coordinates: Array, sigma: Array
 ) -> tuple[NDArray[np.bool_], Array, Array, float, int]:
-    """Polish the stressed part of a network, giving up edges whose stress turns out to be none."""
-    best = (stressed, coordinates, np.where(stressed, sigma, 0.0), np.inf, 0)
-    for floor in (0.0, 1e-5, 1e-4, 1e-3):
-        candidate = _without_hanging(network, stressed & (sigma > floor * sigma.mean()))
+    """Stressed edges, coordinates, σ, relative error of the lengths and steps, after Newton on the stressed part.
+
+    Edges whose stress turns out to be none are given up, and where Newton fails, the weakest of those that remain.
+    """
+    candidate, doubtful, taken = stressed, 1e-5, 0
+    for _ in range(8):
+        candidate = _without_hanging(network, candidate)
         try:
             part, vertices = (network, np.arange(network.n_vertices)) if candidate.all() else network.part(candidate)
+            # A part without pins is grounded at its own first vertex; carry it back to where that vertex was.
+            origin = 0.0 if network.pins else coordinates[vertices[0]]
+            x, s, error, steps = polish(part, lengths[candidate], coordinates[vertices] - origin, sigma[candidate])
+            taken += steps
+            weak = s <= NO_STRESS * s.mean()
+            if error < _FITTED and not weak.any():
+                # Of lengths and forces, which Newton has brought down together, let the forces be exact.
+                x = CriticalManifold(part).configuration(s).coordinates
+                all_x, all_s = coordinates.copy(), np.zeros(network.n_edges)
+                all_x[vertices] = x + origin
+                all_x = all_x if network.pins else all_x - all_x[0]
+                L = network.bond_vectors(all_x)[candidate]
+                all_s[candidate] = _balanced(part, L, s, hessian_pattern(part))
+                return candidate, all_x, all_s, error, taken
         except NetworkError:
-            continue
-        # Without pins the part is grounded at its first vertex, so the polished part is carried back to where it was.
-        origin = coordinates[vertices[0]] if not network.pins else 0.0
-        ground = part.fixed_positions[0] if not network.pins else 0.0
-        x_part, sigma_part, error, steps = polish(
-            part, lengths[candidate], coordinates[vertices] - origin + ground, sigma[candidate]
-        )
-        if error < best[3] and (sigma_part > 0).all():
-            x, s = coordinates.copy(), np.zeros(network.n_edges)
-            x[vertices] = x_part + origin - ground
-            s[candidate] = sigma_part
-            if not network.pins:
-                x -= x[0]
-            best = (candidate, x, s, error, steps)
-        if best[3] < _BALANCED:
+            error, weak = np.inf, np.zeros(0, bool)
+        if not (error < _FITTED and weak.any()):
+            weak, doubtful = sigma[candidate] < doubtful * sigma.mean(), 10 * doubtful
+        candidate = candidate.copy()
+        candidate[np.flatnonzero(candidate)[weak]] = False
+        if not candidate.any():
             break
-    return best
+    return stressed, coordinates, np.where(stressed, sigma, 0.0), np.inf, taken
 
 
 def _without_hanging(network: Network, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -126,20 +135,18 @@ def _without_hanging(network: Network, kept: NDArray[np.bool_]) -> NDArray[np.bo
         kept &= ~hanging
 
 
-def _balanced(state: SpringState, pattern: FixedPattern) -> Array:
-    """The stresses of springs in equilibrium, freed of rounding: σ less its part along the columns of R^h.
+def _balanced(network: Network, L: Array, sigma: Array, pattern: FixedPattern) -> Array:
+    """The part of σ that balances on bond vectors L, free of rounding: σ less its part along the columns of R^h.
 
-    So close to the transition extensions have few digits, and forces that are zero to rounding are not small beside
-    the tensions.
+    Where extensions have few digits, as so close to the transition, or edges are much shorter than the coordinates
+    are large, forces that are zero to rounding are not small beside the tensions.
     """
-    # From the coordinates that are recorded, since many steps have rounded theirs and the bond vectors apart.
-    L, sigma = state.network.bond_vectors(state.coordinates), state.sigma
     ones = np.ones(len(sigma))
-    factor = pattern.factorize(edge_blocks(ones, L, 0 * ones), 1e-10)
-    for _ in range(2):
-        force = state.network.divergence @ (sigma[:, None] * L)
+    factor = pattern.factorize(edge_blocks(ones, L, 0 * ones), 1e-13)
+    for _ in range(3):
+        force = network.divergence @ (sigma[:, None] * L)
         u = factor.solve(force.ravel()).reshape(force.shape)
-        sigma = sigma - np.einsum("ad,ad->a", L, state.network.free_incidence @ u)
+        sigma = sigma - np.einsum("ad,ad->a", L, network.free_incidence @ u)
     return sigma
 
 
@@ -167,9 +174,13 @@ def _by_strain(
         state = spring_state(network, lengths / (1 + strain_step * step), state.coordinates)
     if relaxation == "newton":
         state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
-    value = critical_configuration(network, _balanced(state, pattern), state.coordinates)
+    # From the coordinates that are recorded, since many steps have rounded theirs and the bond vectors apart.
+    sigma = _balanced(network, network.bond_vectors(state.coordinates), state.sigma, pattern)
+    value = critical_configuration(network, sigma, state.coordinates)
     slack = np.flatnonzero(value.sigma <= NO_STRESS * np.mean(np.abs(value.sigma)))
     status = solution.status if not solution.ok else Status.slack_edges if len(slack) else Status.ok
+    if not solution.ok:
+        value = _unknown(network)
     details = {
         "strain": strain_step * step,
         "energy": state.energy,

@@ -119,6 +119,11 @@ class Factor:
         # The solver stops at an exact zero without saying so; the pivots after it are then leftovers.
         return not bool(size.min() > len(size) * np.finfo(float).eps * size.max() and np.isfinite(size).all())
 
+    @property
+    def indefinite(self) -> bool:
+        """Whether A is not safely positive definite."""
+        return self.singular or self.n_negative > 0
+
 
 def laplacian(network: Network) -> FixedPattern:
     """P = gᵀ diag(σ) g over the free vertices, (n_free, n_free), from σ (N_b,) (`PrestressMatrix`)."""
@@ -199,25 +204,39 @@ class Saddle:
             entries += [(i, multiplier, component, -1.0), (j, multiplier, component, 1.0)]
         self._pattern = FixedPattern(size, n_edges * (1 + d), entries)
 
-    def factorize(self, sigma: Array, bond_vectors: Array, regularisation: float = 1e-7) -> Saddle:
+    def factorize(self, sigma: Array, bond_vectors: Array) -> Saddle:
         """Factorise at stresses σ (N_b,) and bond vectors L (N_b, d); the last factorisation is the one that solves."""
-        n_coordinates = self._shape[0] * self._shape[1]
-        shift = np.zeros(self._pattern.size)
-        shift[n_coordinates:] = -regularisation * float(np.mean(bond_vectors**2) / np.mean(np.abs(sigma)))
+        shift = self._shifts(sigma, bond_vectors)
         self._shift, self._null = shift, sigma / np.linalg.norm(sigma)
         # Residuals are judged by the size of the terms that cancel in them; the right side itself may vanish.
         length = np.linalg.norm(bond_vectors, axis=1)
         self._scale = np.full(self._pattern.size, float(np.mean(length**2)))
-        self._scale[:n_coordinates] = float(np.mean(np.abs(sigma) * length))
-        self._factor = self._pattern.factorize(np.concatenate([sigma, bond_vectors.T.ravel()]), shift)
+        self._scale[: self._shape[0] * self._shape[1]] = float(np.mean(np.abs(sigma) * length))
+        self._factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift)
         return self
 
-    @property
-    def stable(self) -> bool:
-        """Whether P is positive on the null space of R: then exactly the multipliers give negative pivots."""
-        n_multipliers = self._pattern.size - self._shape[0] * self._shape[1]
-        broken = not np.isfinite(self._factor.pivots).all() or (self._factor.pivots == 0).any()
-        return not broken and self._factor.n_negative == n_multipliers
+    def _shifts(self, sigma: Array, bond_vectors: Array, regularisation: float = 1e-7) -> Array:
+        shift = np.zeros(self._pattern.size)
+        size = float(np.mean(bond_vectors**2) / np.mean(np.abs(sigma)))
+        shift[self._shape[0] * self._shape[1] :] = -regularisation * size
+        return shift
+
+    def _values(self, sigma: Array, bond_vectors: Array) -> Array:
+        return np.concatenate([sigma, bond_vectors.T.ravel()])
+
+    def stable(self, sigma: Array, bond_vectors: Array, margin: float = 1e-7) -> bool:
+        """Whether P is positive on the null space of R, by `margin` times the mean stress.
+
+        Then exactly the multipliers give negative pivots.  A positive stress needs no factorisation to tell.
+        """
+        if (sigma > margin * np.mean(np.abs(sigma))).all():
+            return True
+        n_coordinates = self._shape[0] * self._shape[1]
+        shift = self._shifts(sigma, bond_vectors)
+        shift[:n_coordinates] = -margin * float(np.mean(np.abs(sigma)))
+        pivots = self._pattern.factorize(self._values(sigma, bond_vectors), shift).pivots
+        healthy = np.isfinite(pivots).all() and (pivots != 0).all()
+        return bool(healthy and np.count_nonzero(pivots < 0) == self._pattern.size - n_coordinates)
 
     def solve(
         self, forces: Array, elongations: Array, tolerance: float = 1e-15, max_refinements: int = 30

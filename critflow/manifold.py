@@ -17,7 +17,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from critflow.linalg import Factor, laplacian
 from critflow.network import Array, Network, edge_values
-from critflow.result import NetworkError, Solution, Stats, Status
+from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
 # An edge shorter than this part of the mean length counts as collapsed.
 COLLAPSED = 1e-8
@@ -50,6 +50,16 @@ class CriticalConfiguration:
         """Largest unbalanced force |gᵀ(σ ∘ L)| over the free vertices, relative to the mean tension."""
         force = self.network.divergence @ (self.sigma[:, None] * self.bond_vectors)
         return float(np.abs(force).max(initial=0.0) / np.abs(self.tensions).mean())
+
+    def springs_of(self, network: Network) -> Network:
+        """The network itself if this is a configuration of it, whatever its stiffnesses, else an `InputError`."""
+        same = self.network
+        if network is not same and not (
+            np.array_equal(network.edges, same.edges)
+            and np.array_equal(network.boundary_vectors, same.boundary_vectors)
+        ):
+            raise InputError("the configuration belongs to another network: its edges or its cell are not the same")
+        return network
 
 
 def critical_configuration(network: Network, sigma: Array, coordinates: Array) -> CriticalConfiguration:

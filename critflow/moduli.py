@@ -21,7 +21,7 @@ from critflow.network import Array, Network
 from critflow.objectives import dilation, pure_shear, transition_modulus
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity import rigidity
-from critflow.springs import SpringState, factorize_hessian, hessian_pattern, spring_state
+from critflow.springs import FLOPPY_REST, SpringState, factorize_hessian, hessian_pattern, spring_state
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,6 @@ class Fit:
     slope_error: float
 
 
-# Stiffness, in units of k, that keeps floppy modes in place.
-_REST = 1e-11
-
 _NO_MODULI = Moduli(np.nan, np.nan, np.nan)
 _FLOPPY = Moduli(0.0, 0.0, 0.0)
 _NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
@@ -72,11 +69,10 @@ def linear_response(state: SpringState, pattern: FixedPattern | None = None) -> 
     K, V, d = state.modified_stiffness, network.volume, network.dimension
     pattern = pattern or hessian_pattern(network)
     factor = factorize_hessian(pattern, state)
-    floppy = factor.singular or factor.n_negative > 0
+    floppy = factor.indefinite
     if floppy:
-        # Floppy modes see no force, so a stiffness just above rounding lets them rest and changes nothing else.
-        factor = factorize_hessian(pattern, state, _REST * float(np.max(network.stiffness)))
-        if factor.n_negative or factor.singular:
+        factor = factorize_hessian(pattern, state, FLOPPY_REST * float(np.mean(network.stiffness)))
+        if factor.indefinite:
             stats = Stats("linear response", 2, 2, details={"negative_pivots": factor.n_negative})
             return Solution(_NO_MODULI, Status.unstable, stats), np.zeros_like(state.forces)
 
@@ -111,9 +107,9 @@ def transition_moduli(critical: CriticalConfiguration) -> Moduli:
 
 
 def stiffening(
-    critical: CriticalConfiguration, saddle: Saddle | None = None, throw: bool = True
+    network: Network, critical: CriticalConfiguration, saddle: Saddle | None = None, throw: bool = True
 ) -> Solution[Stiffening]:
-    """C_B and C_G exactly, from the critical configuration alone: no strain path.
+    """C_B and C_G of a network exactly, from its critical configuration alone: no strain path.
 
     With σ̂ the unit self-stress, K⁻¹ = |L|²/k, D = σ̂ᵀK⁻¹σ̂ and, for each strain a, affine change A_a L and c_a = σ̂·ḣ_a/D:
     the network answers with ḣ_a = c_a K⁻¹ σ̂, and the zero modes settle where P(σ̂) is least,
@@ -124,19 +120,20 @@ def stiffening(
 
     `Status.unstable` and NaN where P(σ̂) is not positive on the zero modes, so that no such answer exists.
     """
-    network, L = critical.network, critical.bond_vectors
+    network, L = critical.springs_of(network), critical.bond_vectors
     V, d, k = network.volume, network.dimension, network.stiffness
     # Lengths are of order one, so the stress is scaled to balance the system's two kinds of rows.
     norm = float(np.linalg.norm(critical.sigma))
     sigma = critical.sigma / norm
     flexibility = np.sum(L**2, axis=1) / k
     D = float(sigma**2 @ flexibility)
-    system = (saddle or Saddle(network)).factorize(critical.sigma, L)
-    if not system.stable:
-        stats = Stats("exact", 1, 1, details={"note": "the stress does not stabilise the zero modes"})
+    system = saddle or Saddle(network)
+    if not system.stable(critical.sigma, L):
+        stats = Stats("exact", 1, 1, details={"note": "the stress does not stabilise all zero modes"})
         solution = Solution(_NO_STIFFENING, Status.unstable, stats)
         return solution.or_raise("no stiffening coefficients") if throw else solution
 
+    system.factorize(critical.sigma, L)
     amplitudes, changes, responses, errors = [], [], [], []
     for A in (dilation(d), pure_shear(d)):
         affine = L @ A

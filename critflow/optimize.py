@@ -27,6 +27,9 @@ _COLLAPSING = 1e-4
 # shorter ones would lose the digits of their balance in the rounding of the coordinates.
 _SOUND = 1e-2
 
+# A relative gain in the objective that is not rounding.
+_NOTICED = 1e-9
+
 
 def optimize(
     network: Network | CriticalManifold,
@@ -67,10 +70,15 @@ def optimize(
         if not isinstance(goal, TransitionModulus) or not is_bulk:
             raise InputError("a closed form is known for the bulk modulus only: choose another method")
         solution = _largest_bulk_modulus(manifold, goal)
-    elif method == "conic" or (method == "auto" and start is None and isinstance(goal, LengthVariance)):
+    elif method == "conic":
         if not isinstance(goal, LengthVariance):
             raise InputError("the cone program finds the least length variance only: choose another method")
         solution = _equal_lengths(manifold)
+    elif method == "auto" and start is None and isinstance(goal, LengthVariance):
+        solution = _equal_lengths(manifold)
+        if not solution.ok:
+            # Equal lengths leave edges slack, so the least variance is not zero and has to be looked for.
+            solution = _descend(manifold, goal, method, np.ones(manifold.network.n_edges), tolerance, max_steps)
     else:
         n_edges = manifold.network.n_edges
         first = np.ones(n_edges) if start is None else edge_values(start, n_edges, "start")
@@ -131,6 +139,12 @@ def _descend(
 ) -> Solution[CriticalConfiguration]:
     landscape = _Landscape(manifold, goal)
     end = _minimise(landscape, method, np.log(sigma), tolerance, max_steps)
+    if end.status is Status.ok and end.iterations == 0:
+        # A start without slope may be a saddle by symmetry; a step to the side, to no one's liking, tells.
+        aside = np.log(sigma) + 0.1 * np.sin(1.0 + np.arange(len(sigma)))
+        other = _minimise(landscape, method, aside, tolerance, max_steps)
+        if other.status is Status.ok and other.point.value < end.point.value - _NOTICED * abs(other.point.value):
+            end = other
     reached = manifold.solve(landscape.sigma(end.point.x))
     value = reached.value
     if not reached.ok:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.linalg import FixedPattern
 from critflow.manifold import CriticalConfiguration
 from critflow.moduli import Moduli, linear_response
-from critflow.network import Array
+from critflow.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs import SpringState, equilibrium, hessian_pattern
 
@@ -47,6 +47,7 @@ def check_strains(strains: ArrayLike) -> Array:
 
 
 def strain_path(
+    network: Network,
     critical: CriticalConfiguration,
     strains: ArrayLike,
     method: str = "newton",
@@ -56,20 +57,21 @@ def strain_path(
     pattern: FixedPattern | None = None,
     throw: bool = True,
 ) -> Solution[StrainPath]:
-    """Expand a critical configuration through increasing strains γ > 0, relaxing and measuring at each.
+    """Expand a critical configuration of a network through increasing strains γ > 0, relaxing and measuring at each.
 
     Each step starts from the last state, carried on affinely and along the curve that the last two states and their
     linear responses trace.  `method` and `tolerance` are those of `equilibrium`; without `moduli` only the equilibria
     are found.
     """
     gamma = check_strains(strains)
-    d = critical.network.dimension
-    pattern = pattern or hessian_pattern(critical.network)
-    state = SpringState(critical.network, critical.lengths, critical.coordinates, critical.bond_vectors)
+    network = critical.springs_of(network)
+    d = network.dimension
+    pattern = pattern or hessian_pattern(network)
+    state = SpringState(network, critical.lengths, critical.coordinates, critical.bond_vectors)
     records = np.full((5, len(gamma)), np.nan)
     steps, statuses = np.zeros(len(gamma), int), np.full(len(gamma), int(Status.missing))
     states: list[SpringState] = []
-    before, trace = 0.0, _Trace(state.coordinates[critical.network.free])
+    before, trace = 0.0, _Trace(state.coordinates[network.free])
     for n, strain in enumerate(gamma):
         size = (1 + before) ** (1 / d)
         growth = ((1 + strain) / (1 + before)) ** (1 / d)
@@ -86,7 +88,7 @@ def strain_path(
             if not response.ok:
                 break
             slope = relaxation / ((1 + strain) * size)
-        trace.add(strain, state.coordinates[critical.network.free] / size, slope)
+        trace.add(strain, state.coordinates[network.free] / size, slope)
         records[:, n] = (measured.bulk, measured.shear, measured.shear_stress_corrected, state.energy, state.max_force)
         states.append(state)
         before = strain

@@ -7,6 +7,7 @@ Tension is shown by both colour (a map that survives colour blindness and grey p
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -149,3 +150,79 @@ def violins(
         axes.yaxis.set_major_formatter(lambda value, _: f"$10^{{{value:g}}}$")
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(axis="y", labelsize=8)
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A network to draw small: its arrays, tensions at unit pressure and a caption."""
+
+    caption: str
+    edges: Array
+    offsets: Array
+    cell: Array
+    coordinates: Array
+    tensions: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Distributions of one quantity over groups, with drawings of networks that show what its values mean."""
+
+    label: str
+    groups: Sequence[Array]
+    drawings: Sequence[Drawing] = ()
+    log: bool = False
+    zero_line: bool = False
+
+
+def panel_figure(panels: Sequence[Panel], labels: Sequence[str], title: str, note: str = "") -> Figure:
+    """Panels two by two, violins on the left and drawings on the right of each."""
+    rows = (len(panels) + 1) // 2
+    figure = Figure(figsize=(12.5, 4.3 * rows + 0.8), dpi=150, layout="constrained")
+    figure.suptitle(title, fontsize=13)
+    for part, panel, letter in zip(figure.subfigures(rows, 2, squeeze=False).flat, panels, "ABCDEFGH", strict=False):
+        grid = part.add_gridspec(max(len(panel.drawings), 1), 2, width_ratios=(3.4, 1))
+        axes = part.add_subplot(grid[:, 0])
+        if panel.zero_line:
+            axes.axhline(0.0, color="#C00000", linewidth=1.0, zorder=0)
+        violins(axes, panel.groups, labels, log=panel.log)
+        axes.set_ylabel(panel.label, fontsize=10)
+        axes.set_title(letter, loc="left", fontweight="bold", fontsize=12)
+        for row, drawing in enumerate(panel.drawings):
+            small = part.add_subplot(grid[row, 1])
+            draw_network(
+                small, drawing.edges, drawing.offsets, drawing.cell, drawing.coordinates, drawing.tensions, width=0.75
+            )
+            small.set_title(drawing.caption, fontsize=8)
+    if note:
+        figure.supxlabel(note, fontsize=8.5, color="0.25")
+    return figure
+
+
+def gallery_figure(drawings: Sequence[Drawing], title: str, columns: int = 4) -> Figure:
+    """Networks side by side on one colour scale of the tension at unit pressure, with its bar in the last place."""
+    columns = min(columns, len(drawings) + 1)
+    rows = (len(drawings) + columns) // columns
+    figure = Figure(figsize=(3.1 * columns, 3.35 * rows + 0.4), dpi=100, layout="constrained")
+    figure.suptitle(title, fontsize=13)
+    high = float(np.percentile(np.concatenate([np.abs(drawing.tensions) for drawing in drawings]), 97))
+    places = figure.subplots(rows, columns, squeeze=False).flat
+    for axes, drawing in zip(places, drawings, strict=False):
+        lines = draw_network(
+            axes,
+            drawing.edges,
+            drawing.offsets,
+            drawing.cell,
+            drawing.coordinates,
+            drawing.tensions,
+            limits=(0.0, high),
+            width=1.1,
+        )
+        axes.set_title(drawing.caption, fontsize=10)
+    rest = list(figure.axes)[len(drawings) :]
+    for axes in rest:
+        axes.set_axis_off()
+    if rest:
+        bar = figure.colorbar(lines, cax=rest[0].inset_axes((0.12, 0.05, 0.07, 0.9)), extend="max")
+        bar.set_label("edge tension at unit pressure")
+    return figure

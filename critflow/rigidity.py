@@ -88,7 +88,7 @@ def rigidity(network: Network, coordinates: Array, tolerance: float = 1e-6, most
     if n_stresses == 1:
         sigma = stresses[0] * np.sign(stresses[0].sum() or 1.0)
         stresses = sigma[None]
-        stable = Saddle(network).factorize(sigma * np.sqrt(network.n_edges), L).stable
+        stable = Saddle(network).stable(sigma, L)
     value = Rigidity(
         n_stresses,
         free_coordinates - network.n_edges + n_stresses,

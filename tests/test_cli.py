@@ -215,9 +215,9 @@ def test_a_damaged_dataset_is_told(here, capsys):
 
 def test_show_hands_one_case_to_the_drawing(results, tmp_path, capsys, monkeypatch):
     seen = []
-    fake = types.ModuleType("critflow.show")
+    fake = types.ModuleType("critflow.workflow.show")
     fake.show_configuration = lambda case, path: seen.append((case.load(), path)) or "one configuration"
-    monkeypatch.setitem(sys.modules, "critflow.show", fake)
+    monkeypatch.setitem(sys.modules, "critflow.workflow.show", fake)
     words = ["show", str(results / "tiny.nc"), "--set", "seed=2", "--set", "population=random"]
     assert main([*words, "--out", str(tmp_path / "a.png")]) == 0
     assert main(words) == 0

@@ -103,8 +103,8 @@ def test_saddle_tells_a_stress_that_does_not_stabilise():
     network = voronoi_network(20, seed=1)
     sigma = np.ones(30)
     L = dense_bond_vectors(network, sigma)
-    assert Saddle(network).factorize(sigma, L).stable
-    assert not Saddle(network).factorize(-sigma, L).stable
+    assert Saddle(network).stable(sigma, L)
+    assert not Saddle(network).stable(-sigma, L)
 
 
 def test_a_stale_factor_raises():

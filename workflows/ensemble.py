@@ -34,6 +34,8 @@ from critflow.springs import hessian_pattern
 from critflow.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
+from ._ensemble_report import claims, gallery, response_figure, structure_figure, summary
+
 POPULATIONS = (*OBJECTIVES, "random_lengths", "random_stress", "random_lengths_wide")
 
 
@@ -56,7 +58,15 @@ def configuration(manifold, parameters, seed, population) -> Solution[CriticalCo
     lengths = 1 + spread * rng.standard_normal(n_edges)
     while (negative := lengths <= 0).any():  # a normal distribution with s = 0.3 has one negative length in 2,300
         lengths[negative] = 1 + spread * rng.standard_normal(negative.sum())
-    return critical_from_lengths(manifold.network, lengths, "strain", throw=False)
+    return critical_from_lengths(manifold.network, lengths, parameters["protocol"], throw=False)
+
+
+def fitted(strains, moduli, window):
+    """Slope of a straight line through a modulus and its standard error; NaN with fewer than three strains."""
+    if np.count_nonzero(strains <= window) < 3:
+        return np.nan, np.nan
+    fit = fit_stiffening(strains, moduli, window)
+    return fit.slope, fit.slope_error
 
 
 def case(parameters, *, seed, population):
@@ -64,21 +74,17 @@ def case(parameters, *, seed, population):
     manifold, saddle, pattern = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
     network = manifold.network
     found = configuration(manifold, parameters, seed, population)
+    shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
+    if not np.isfinite(found.value.coordinates).all():
+        return shared
     critical, strains = found.value, np.array(parameters["strains"])
     at_transition = transition_moduli(critical)
-    path = strain_path(critical, strains, pattern=pattern, throw=False).value
-    exact = stiffening(critical, saddle, throw=False).value
+    path = strain_path(network, critical, strains, pattern=pattern, throw=False).value
+    exact = stiffening(network, critical, saddle, throw=False).value
     # Where an edge collapses the infimum has no configuration, so the coefficients of a near one mean nothing.
     undefined = np.nan if found.status is Status.edge_collapse else 1.0
-    fits = {
-        "C_B": fit_stiffening(strains, path.bulk_modulus, parameters["fit_window"]),
-        "C_G": fit_stiffening(strains, path.shear_modulus, parameters["fit_window"]),
-        "C_G_stress_corrected": fit_stiffening(strains, path.shear_modulus_stress_corrected, parameters["fit_window"]),
-    }
     result = {
-        "edges": network.edges,
-        "offsets": network.offsets,
-        "cell": network.cell,
+        **shared,
         "sigma": critical.sigma,
         "length": critical.lengths,
         "coordinates": critical.coordinates,
@@ -99,24 +105,28 @@ def case(parameters, *, seed, population):
         "anisotropy_physical": np.nanmean(face_anisotropy(critical)),
         "anisotropy_force": np.nanmean(force_anisotropy(critical)),
         "stressed_fraction": stressed_fraction(critical.sigma),
-        "status": found.status,
         "residual": critical.residual,
         "optimality": found.stats.residual,
         "iterations": found.stats.iterations,
     }
-    for name, fit in fits.items():
-        result[name], result[f"{name}_error"] = fit.slope * undefined, fit.slope_error * undefined
+    for name, moduli in (
+        ("C_B", path.bulk_modulus),
+        ("C_G", path.shear_modulus),
+        ("C_G_stress_corrected", path.shear_modulus_stress_corrected),
+    ):
+        slope, error = fitted(strains, moduli, parameters["fit_window"])
+        result[name], result[f"{name}_error"] = slope * undefined, error * undefined
     return result
 
 
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_strains(parameters["strains"])
-    if sum(strain <= parameters["fit_window"] for strain in parameters["strains"]) < 3:
-        raise StudyError("a fit needs three strains in its window: add strains or raise fit_window")
     for name in ("threshold", "spread", "spread_wide", "hard_core", "fit_window"):
         if not parameters[name] > 0:
             raise StudyError(f"{name}={parameters[name]} must be positive")
+    if parameters["protocol"] not in ("conic", "strain"):
+        raise StudyError(f"protocol={parameters['protocol']} must be conic (exact) or strain (the paper's steps)")
     try:
         voronoi_network(parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
     except InputError as error:
@@ -187,6 +197,7 @@ study = Study(
         "threshold": 0.1,
         "spread": 0.1,
         "spread_wide": 0.3,
+        "protocol": "conic",
         "strains": decimals("0.001:0.010:0.001"),
         "fit_window": 0.01,
     },
@@ -194,4 +205,7 @@ study = Study(
     case=case,
     check=check,
     variables=tuple(table()),
+    figures={"gallery": gallery, "structure": structure_figure, "response": response_figure},
+    claims=claims,
+    summary=summary,
 )

@@ -40,6 +40,9 @@ _DASK = {
     "distributed.scheduler.allowed-failures": 1,
     "distributed.worker.profile.enabled": False,
     "distributed.scheduler.http.routes": [],
+    # Cases allocate and free the same arrays again and again; memory given back to the system each time costs a tenth.
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": str(2**28),
+    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": str(2**28),
 }
 # Without an address dask would still listen on port 8787, and warn when a second run finds it taken.
 _NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}

@@ -79,6 +79,8 @@ def load_file(path: Path) -> StudyFile:
 def _execute(name: str, path: Path, source: bytes) -> ModuleType:
     module = ModuleType(name)
     module.__file__ = str(path)
+    # A study may keep its figures and claims beside it: `from ._name import ...` looks in its own folder.
+    module.__package__, module.__path__ = name, [str(path.parent)]
     sys.modules[name] = module  # before it runs: dataclasses look their module up
     try:
         exec(compile(source, path, "exec"), vars(module))

@@ -83,7 +83,7 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> list[Clai
 
 def claims_table(study: Study, claims: Sequence[Claim]) -> str:
     """The claims as a Markdown table, the reasons of those that differ below it."""
-    lines = [f"# {study.title}", "", "| claim | the paper says | paper | here | |", "|---|---|---|---|---|"]
+    lines = [f"# {study.title}", "", "| claim | the paper says | paper | here | verdict |", "|---|---|---|---|---|"]
     lines += [f"| {_cells(c.key, c.statement, c.paper, c.value, c.verdict)} |" for c in claims]
     reasons = [f"- **{c.key}** {c.verdict}: {c.because}" for c in claims if c.because]
     return "\n".join([*lines, *(["", *reasons] if reasons else [])]) + "\n"

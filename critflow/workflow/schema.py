@@ -69,7 +69,10 @@ class _Table:
             where = (name, tuple(row for row in place if isinstance(row, int)))
             if shared and where in self.given:
                 if self.arrays[name][place].tobytes() != array.tobytes():
-                    raise IntegrityError(f"case {case.id} gives another {name!r} than the cases that share it")
+                    raise IntegrityError(
+                        f"case {case.id} gives another {name!r} than the cases that share it: mend the case function "
+                        f"and raise the study's version"
+                    )
                 continue
             self.given.add(where)
             self.arrays[name][place] = array

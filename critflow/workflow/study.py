@@ -9,12 +9,14 @@ Everything said about those arrays (dimensions, type, units, meaning) stands in 
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from enum import IntEnum
 from functools import cached_property
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -205,6 +207,12 @@ class Study:
     def inner_dims(self) -> Mapping[str, tuple[str, ...]]:
         """Dimensions of what one case returns, for every variable."""
         return {v.name: tuple(dim for dim in v.dims if dim not in self.axis_names) for v in self.variables}
+
+    @cached_property
+    def table_digest(self) -> str:
+        """What tells apart the shards of a study that measures something else than it did."""
+        table = [[v.name, self.inner_dims[v.name], v.dtype] for v in self.variables]
+        return sha256(json.dumps(table).encode()).hexdigest()[:16]
 
     def arrays(self, returned: Any, parameters: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """What a case returned, checked against the table and in its dtypes; a bad case may leave variables out."""

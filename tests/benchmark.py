@@ -1,0 +1,133 @@
+"""Times of the library at N_v = 1,000 with the accuracy beside them: `python tests/benchmark.py`.
+
+One process, one thread of numerics; each row is the median of repeats, and what is compared is compared in this run.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")  # before NumPy is loaded
+
+import statistics
+import time
+
+import numpy as np
+
+from critflow import CriticalManifold, critical_from_lengths, optimize, stiffening, strain_path, voronoi_network
+from critflow.linalg import Saddle
+from critflow.objectives import named_objective
+from critflow.springs import SpringState, equilibrium, hessian_pattern
+
+SEEDS = range(5)
+
+
+def median_ms(function, repeats=1, arguments=SEEDS):
+    """Median over the arguments of the time of one call, in milliseconds."""
+    times = []
+    for argument in arguments:
+        start = time.perf_counter()
+        for _ in range(repeats):
+            function(argument)
+        times.append(1e3 * (time.perf_counter() - start) / repeats)
+    return statistics.median(times)
+
+
+def row(name, milliseconds, said):
+    print(f"{name:<46}{milliseconds:10.2f} ms   {said}")
+
+
+def main():
+    networks = [voronoi_network(1000, seed) for seed in SEEDS]
+    manifolds = [CriticalManifold(network) for network in networks]
+    row("network", median_ms(lambda seed: voronoi_network(1000, seed), 3), "generation, faces included")
+
+    rng = np.random.default_rng(1)
+    sigma = np.abs(rng.standard_normal(1500))
+    goal = named_objective(networks[0], "bulk_modulus")
+    manifold = manifolds[0]
+
+    def gradient(_seed):
+        _, L, factor = manifold.balance(sigma)
+        return manifold.pull_back(L, factor, *partials)
+
+    _, L, _ = manifold.balance(sigma)
+    _, partials = goal.evaluate(sigma, L)
+    pattern = manifold._laplacian
+    right = rng.standard_normal(pattern.size)
+
+    def bare(_seed):
+        solver = pattern._solver
+        solver.update(pattern._matrix, upper=True)
+        for _ in range(4):
+            solver.solve(right)
+
+    whole, least = [], []
+    for _ in range(20):
+        whole.append(median_ms(gradient, 20, (0,)))
+        least.append(median_ms(bare, 20, (0,)))
+    ratio = statistics.median(a / b for a, b in zip(whole, least, strict=True))
+    row("configuration + gradient", statistics.median(whole), f"{ratio:.2f} x the bare refactor and four solves")
+
+    for objective, method in (
+        ("length_variance", "conic"),
+        ("length_variance", "newton"),
+        ("tension_variance", "auto"),
+        ("bulk_modulus", "auto"),
+        ("shear_modulus", "auto"),
+    ):
+        found = []
+
+        def solve(seed, objective=objective, method=method, found=found):
+            found.append(optimize(manifolds[seed], objective, method, throw=False))
+
+        spent = median_ms(solve)
+        worst = max(s.stats.residual for s in found if s.ok)
+        row(f"{objective}, {method}", spent, f"largest gradient {worst:.0e}, {sum(s.ok for s in found)} of 5 attained")
+
+    lengths = [1 + 0.1 * np.random.default_rng(seed).standard_normal(1500) for seed in SEEDS]
+    fitted = []
+    spent = median_ms(lambda seed: fitted.append(critical_from_lengths(networks[seed], lengths[seed], throw=False)))
+    row(
+        "rest lengths, conic",
+        spent,
+        f"relative error of the lengths {max(s.stats.residual for s in fitted if s.ok):.0e}",
+    )
+
+    stressed = [m.configuration(np.abs(rng.standard_normal(1500))) for m in manifolds]
+    strains = 1e-3 * np.arange(1, 11)
+    patterns = [hessian_pattern(network) for network in networks]
+    paths = []
+    spent = median_ms(
+        lambda seed: paths.append(strain_path(networks[seed], stressed[seed], strains, pattern=patterns[seed]))
+    )
+    worst = max(s.value.max_force.max() for s in paths)
+    row("strain step with its moduli", spent / len(strains), f"ten steps of 0.001, largest force {worst:.0e}")
+
+    saddles = [Saddle(network) for network in networks]
+    stiffening(networks[0], stressed[0], saddles[0])
+    spent = median_ms(lambda seed: stiffening(networks[seed], stressed[seed], saddles[seed]), 3)
+    row("exact C_B and C_G", spent, "from the transition alone")
+
+    # The same step by both methods, in turn, to the same force.
+    tolerance, times = 1e-13, {"newton": [], "fire": []}
+    steps, ends = {}, {}
+    for seed in SEEDS[:3]:
+        critical = stressed[seed]
+        start = SpringState(networks[seed], critical.lengths, critical.coordinates, critical.bond_vectors)
+        start = start.deformed(np.sqrt(1.001) * np.eye(2))
+        for method, spent_on in times.items():
+            begin = time.perf_counter()
+            ends[method] = equilibrium(start, method, tolerance, pattern=patterns[seed])
+            spent_on.append(1e3 * (time.perf_counter() - begin))
+            steps.setdefault(method, []).append(ends[method].stats.iterations)
+    ratio = statistics.median(f / n for f, n in zip(times["fire"], times["newton"], strict=True))
+    apart = np.abs(ends["fire"].value.coordinates - ends["newton"].value.coordinates).max()
+    row("strain step by Newton", statistics.median(times["newton"]), f"{steps['newton']} steps to force {tolerance:g}")
+    row("strain step by FIRE", statistics.median(times["fire"]), f"{steps['fire']} steps, {apart:.0e} off in position")
+    print(f"\nNewton is {ratio:.0f} times faster than FIRE at the same force tolerance.")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,184 @@
+"""The ensemble study end to end, small: what it stores, whether the stored arrays bear out the stored numbers."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from critflow import CriticalManifold, Network, Status, bulk_modulus_bound, voronoi_network
+from critflow.cli import main
+
+SETTINGS = ["--set", "n_vertices=60", "--set", "seeds=0:3"]
+
+
+def run(*words):
+    """Exit code of a command line."""
+    return main(list(words))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ensemble") / "out"
+    assert run("run", "ensemble", "--workers", "0", "--out", str(folder), *SETTINGS) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def dataset(folder):
+    with xr.open_dataset(folder / "ensemble.nc") as dataset:
+        yield dataset.load()
+
+
+def members(dataset):
+    """Every stored configuration as (population, network, σ, coordinates, its scalars)."""
+    for population in dataset.population.values:
+        for seed in dataset.seed.values:
+            one = dataset.sel(population=population, seed=seed)
+            yield str(population), Network(one.edges.values, one.offsets.values, one.cell.values), one
+
+
+def test_the_dataset_has_the_promised_variables(dataset):
+    member, along = ("population", "seed"), ("population", "seed", "strain")
+    promised = {
+        "edges": ("seed", "edge", "end"),
+        "offsets": ("seed", "edge", "axis"),
+        "cell": ("seed", "axis", "axis_"),
+        "sigma": (*member, "edge"),
+        "length": (*member, "edge"),
+        "coordinates": (*member, "vertex", "axis"),
+    }
+    promised |= dict.fromkeys(("bulk_modulus", "shear_modulus", "energy", "max_force", "newton_steps"), along)
+    scalars = "bulk_modulus_0 shear_modulus_0 C_B C_G C_B_exact C_G_exact C_B_error C_G_error length_variance"
+    scalars += " tension_variance anisotropy_physical anisotropy_force stressed_fraction status residual iterations"
+    promised |= dict.fromkeys(scalars.split(), member)
+    for name, dims in promised.items():
+        assert dataset[name].dims == dims, name
+        assert {"long_name", "units"} <= set(dataset[name].attrs), name
+    assert {"seed": 3, "population": 7, "strain": 10, "edge": 90, "vertex": 60}.items() <= dict(dataset.sizes).items()
+    assert dataset.status.attrs["flag_meanings"].split()[0] == "ok"
+
+
+def test_every_population_was_found(dataset):
+    status = dataset.status.transpose("population", "seed")
+    known = {Status.ok, Status.slack_edges, Status.edge_collapse}
+    assert {Status(int(code)) for code in np.unique(status)} <= known
+    for population in ("length_variance", "bulk_modulus", "shear_modulus", "random_stress"):
+        assert (status.sel(population=population) == Status.ok).all(), population
+
+
+def test_stored_configurations_balance(dataset):
+    for population, network, one in members(dataset):
+        L = network.bond_vectors(one.coordinates.values)
+        force = network.incidence.T @ (one.sigma.values[:, None] * L)
+        tension = np.mean(np.abs(one.sigma.values) * np.linalg.norm(L, axis=1))
+        assert np.abs(force).max() <= 1e-12 * tension, population
+        np.testing.assert_allclose(np.sum(one.sigma.values**2), network.n_edges, rtol=1e-12)
+        np.testing.assert_allclose(one.length.values, np.linalg.norm(L, axis=1), rtol=1e-12)
+
+
+def test_stored_moduli_follow_from_stored_arrays(dataset):
+    for population, network, one in members(dataset):
+        L, sigma, area = network.bond_vectors(one.coordinates.values), one.sigma.values, network.volume
+        squared = np.sum(L**2, axis=1)
+        cost = sigma**2 @ squared
+        np.testing.assert_allclose(one.bulk_modulus_0, (sigma @ squared) ** 2 / (4 * area * cost), rtol=1e-12)
+        np.testing.assert_allclose(one.shear_modulus_0, (sigma @ (L[:, 0] * L[:, 1])) ** 2 / (area * cost), rtol=1e-9)
+        assert one.bulk_modulus_0 <= bulk_modulus_bound(network) * (1 + 1e-12), population
+
+
+def test_paths_start_at_the_transition(dataset):
+    """The stored moduli extrapolate to those at the transition, with the exact coefficients as slopes."""
+    gamma = np.concatenate([[0.0], dataset.strain.values])
+    for population, _, one in members(dataset):
+        if int(one.status) == Status.ok:
+            for along, start, slope in (
+                (one.bulk_modulus, one.bulk_modulus_0, one.C_B_exact),
+                (one.shear_modulus, one.shear_modulus_0, one.C_G_exact),
+                (one.shear_modulus_stress_corrected, one.shear_modulus_0, one.C_G_stress_corrected_exact),
+            ):
+                # Fifth order leaves about 1e-4 of curvature beyond it in the slope over ten steps of 0.001.
+                fit = np.polynomial.Polynomial.fit(gamma, np.concatenate([[float(start)], along.values]), 5)
+                np.testing.assert_allclose(fit.deriv()(0.0), slope, rtol=2e-3, atol=2e-3, err_msg=population)
+    assert float(dataset.max_force.max()) <= 1e-13
+
+
+def test_the_networks_are_those_that_users_get(dataset):
+    for seed in dataset.seed.values:
+        network = voronoi_network(60, seed=int(seed))
+        np.testing.assert_array_equal(dataset.edges.sel(seed=seed), network.edges)
+        best = CriticalManifold(network).configuration(np.ones(network.n_edges))
+        stored = dataset.coordinates.sel(seed=seed, population="bulk_modulus")
+        np.testing.assert_allclose(stored, best.coordinates, rtol=0, atol=1e-12)
+
+
+def test_random_populations_do_not_depend_on_what_else_is_run(dataset, tmp_path):
+    words = ["--set", "n_vertices=60", "--set", "seeds=2", "--set", "populations=random_lengths,random_stress"]
+    assert run("run", "ensemble", "--workers", "0", "--out", str(tmp_path), *words) == 0
+    with xr.open_dataset(tmp_path / "ensemble.nc") as alone:
+        for population in alone.population.values:
+            one, other = (ds.sel(seed=2, population=population) for ds in (alone, dataset))
+            np.testing.assert_array_equal(one.sigma, other.sigma)
+            np.testing.assert_array_equal(one.bulk_modulus, other.bulk_modulus)
+
+
+def test_the_strain_protocol_leads_where_the_cone_program_says(dataset, tmp_path):
+    words = ["--set", "n_vertices=60", "--set", "seeds=0:3", "--set", "populations=random_lengths"]
+    assert run("run", "ensemble", "--workers", "0", "--out", str(tmp_path), *words, "--set", "protocol=strain") == 0
+    with xr.open_dataset(tmp_path / "ensemble.nc") as strained:
+        for seed in (0, 1, 2):
+            one = dataset.sel(population="random_lengths", seed=seed)
+            if int(one.status) == Status.ok:
+                other = strained.sel(population="random_lengths", seed=seed)
+                # It stops up to one step of 0.01 and the strain of the energy threshold past the transition.
+                np.testing.assert_allclose(other.length, one.length, rtol=0.1)
+
+
+def test_one_strain_leaves_the_fits_out(tmp_path):
+    words = [
+        "--set",
+        "n_vertices=20",
+        "--set",
+        "seeds=1",
+        "--set",
+        "populations=random_stress",
+        "--set",
+        "strains=0.001",
+    ]
+    assert run("run", "ensemble", "--workers", "0", "--out", str(tmp_path), *words) == 0
+    with xr.open_dataset(tmp_path / "ensemble.nc") as dataset:
+        assert np.isnan(dataset.C_B).all() and np.isfinite(dataset.C_B_exact).all()
+
+
+def test_figures_claims_and_summary_are_written(folder):
+    for name in ("gallery", "structure", "response"):
+        assert (folder / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    claims = json.loads((folder / "claims.json").read_text())
+    assert {"LengthVariance", "TensionVariance", "percolation-spread_wide"} <= {claim["key"] for claim in claims}
+    verdicts = {claim["key"]: claim["verdict"] for claim in claims}
+    assert verdicts["LengthVariance"] == verdicts["ResponseMetrics-A"] == "holds"
+    assert verdicts["percolation-spread_wide"] == verdicts["ResponseMetrics-A-random_lengths_wide"] == "differs"
+    assert all(claim["because"] for claim in claims if claim["verdict"] == "differs")
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["networks"] == 3 and len(summary["populations"]) == 7
+
+
+def test_show_prints_a_certificate(folder, tmp_path, capsys):
+    picture = tmp_path / "one.png"
+    words = ["--set", "seed=1", "--set", "population=bulk_modulus", "--out", str(picture)]
+    assert run("show", str(folder / "ensemble.nc"), *words) == 0
+    text = capsys.readouterr().out
+    assert "self-stresses           1 " in text
+    assert "rigid to second order" in text
+    assert "100.000000 % of its bound" in text
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "setting", ["n_vertices=61", "n_vertices=2", "hard_core=1.2", "strains=0", "threshold=0.0", "protocol=quick"]
+)
+def test_settings_that_could_only_fail_are_refused(setting, tmp_path, capsys):
+    words = ["--set", "n_vertices=60", "--set", "seeds=0:2"] if not setting.startswith("n_vertices") else []
+    assert run("run", "ensemble", "--workers", "0", "--out", str(tmp_path / "out"), *words, "--set", setting) == 2
+    message = capsys.readouterr().err.strip()
+    assert message.startswith("critflow: ") and "\n" not in message

@@ -1,0 +1,63 @@
+"""Write the result tables of README.md from the committed summary and claims: `python workflows/_readme.py`."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+COLUMNS = {
+    "bulk_modulus_0": "B_0",
+    "C_B_exact": "C_B",
+    "shear_modulus_0": "G_0",
+    "C_G_exact": "C_G, energy",
+    "C_G_stress_corrected_exact": "C_G, stress-corrected",
+    "length_variance": "V_L",
+    "tension_variance": "V_τ",
+    "stressed_fraction": "stressed edges",
+}
+
+
+def rendered(readme: str, folder: Path) -> str:
+    """The text of the README with its tables made anew from a results folder."""
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    claims = json.loads((folder / "claims.json").read_text(encoding="utf-8"))
+    text = f"{_populations(summary)}\n\n{_claims(claims)}\n"
+    return re.sub(r"(<!-- tables:[^>]*-->\n).*(<!-- /tables -->)", lambda m: m[1] + text + m[2], readme, flags=re.S)
+
+
+def _populations(summary: dict) -> str:
+    head = f"Mean ± standard deviation over {summary['networks']} networks of "
+    head += f"{summary['parameters']['n_vertices']} vertices, in units of k:"
+    lines = [
+        head,
+        "",
+        f"| population | {' | '.join(COLUMNS.values())} | solves |",
+        "|---|" + "---|" * (len(COLUMNS) + 1),
+    ]
+    for population, rows in summary["populations"].items():
+        cells = [_number(rows[name]) for name in COLUMNS]
+        ended = ", ".join(f"{count} {status}" for status, count in rows["status"].items())
+        lines.append(f"| {population} | {' | '.join(cells)} | {ended} |")
+    return "\n".join(lines)
+
+
+def _number(row: dict) -> str:
+    if row["mean"] < 1e-12 and row["std"] < 1e-12:
+        return f"< {max(row['q95'], 1e-30):.0e}"
+    return f"{row['mean']:.3g} ± {row['std']:.1g}"
+
+
+def _claims(claims: list[dict]) -> str:
+    holding = sum(claim["verdict"] == "holds" for claim in claims)
+    lines = [f"{holding} of {len(claims)} tested claims hold; reasons stand in `results/ensemble/claims.md`.", ""]
+    lines += ["| the paper says | here | |", "|---|---|---|"]
+    for claim in claims:
+        lines.append(f"| {claim['statement']} | {claim['value']} | {claim['verdict']} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    path = ROOT / "README.md"
+    path.write_text(rendered(path.read_text(encoding="utf-8"), ROOT / "results" / "ensemble"), encoding="utf-8")
