@@ -69,7 +69,7 @@ def second_derivative(energy, step):
 def test_linear_response_is_the_second_derivative_of_relaxed_energies(name):
     critical = critical_of(name)
     d = critical.network.dimension
-    state = strain_path(critical, [0.02]).value.states[0]
+    state = strain_path(critical.network, critical, [0.02]).value.states[0]
     response, _ = linear_response(state)
     assert response.status is Status.ok
     assert response.stats.residual < 1e-10
@@ -90,7 +90,7 @@ def test_linear_response_is_the_second_derivative_of_relaxed_energies(name):
 def test_the_relaxation_is_the_derivative_of_the_path(name):
     critical = critical_of(name)
     d = critical.network.dimension
-    state = strain_path(critical, [0.02]).value.states[0]
+    state = strain_path(critical.network, critical, [0.02]).value.states[0]
     _, relaxation = linear_response(state)
     e = 1e-4
     L = {}
@@ -111,7 +111,7 @@ def test_transition_moduli_three_ways(name):
     assert found.shear == pytest.approx(modulus_by_formula(network, s, L, shear(d)), rel=1e-10)
     # By linear response at three small strains, extrapolated to none: a parabola through them leaves γ³.
     gamma = np.array([1, 2, 3, 4]) * 2.5e-4
-    path = strain_path(critical, gamma).value
+    path = strain_path(critical.network, critical, gamma).value
     assert np.polyfit(gamma, path.bulk_modulus, 3)[-1] == pytest.approx(found.bulk, rel=1e-6)
     scale = max(found.shear, 0.05 * found.bulk)
     for values in (path.shear_modulus, path.shear_modulus_stress_corrected):
@@ -138,7 +138,7 @@ def test_transition_shear_modulus_by_energies_of_a_shear(name):
 @pytest.mark.parametrize("name", CASES)
 def test_exact_stiffening_is_the_limit_of_fits(name):
     critical = critical_of(name)
-    solution = stiffening(critical)
+    solution = stiffening(critical.network, critical)
     assert solution.status is Status.ok
     exact = solution.value
     moduli = transition_moduli(critical)
@@ -146,7 +146,7 @@ def test_exact_stiffening_is_the_limit_of_fits(name):
     assert exact.C_G_stress_corrected == pytest.approx(exact.C_G - 0.5 * exact.bulk_0, rel=1e-12)
     windows = 8e-4 * 2.0 ** -np.arange(4)
     gamma = np.unique(np.concatenate([w * np.arange(1, 9) / 8 for w in windows]))
-    path = strain_path(critical, gamma).value
+    path = strain_path(critical.network, critical, gamma).value
     for values, C in (
         (path.bulk_modulus, exact.C_B),
         (path.shear_modulus, exact.C_G),
@@ -167,9 +167,9 @@ def test_exact_stiffening_is_the_limit_of_fits(name):
 @pytest.mark.parametrize("name", CASES)
 def test_exact_stiffening_by_richardson(name):
     critical = critical_of(name)
-    exact = stiffening(critical).value
+    exact = stiffening(critical.network, critical).value
     h = 1e-4 * np.array([1, 2, 4, 8])
-    path = strain_path(critical, h).value
+    path = strain_path(critical.network, critical, h).value
     for values, start, C in (
         (path.bulk_modulus, exact.bulk_0, exact.C_B),
         (path.shear_modulus, exact.shear_0, exact.C_G),
@@ -189,7 +189,7 @@ def test_signs_of_stiffening_in_the_populations():
     for objective in ("bulk_modulus", "tension_variance", "length_variance", "shear_modulus"):
         solution = optimize(network, objective)
         assert solution.status is Status.ok
-        value = stiffening(solution.value).value
+        value = stiffening(network, solution.value).value
         signs[objective] = int(np.sign(value.C_B)), int(np.sign(value.C_G_stress_corrected))
     assert signs["bulk_modulus"] == (-1, 1)
     assert signs["tension_variance"] == (-1, 1)
@@ -200,7 +200,7 @@ def test_signs_of_stiffening_in_the_populations():
 def test_stiffening_of_an_unstable_stress_is_a_status():
     network = voronoi_network(20, seed=1)
     critical = CriticalManifold(network).configuration(-np.ones(30))
-    solution = stiffening(critical, throw=False)
+    solution = stiffening(critical.network, critical, throw=False)
     assert solution.status is Status.unstable
     assert np.isnan(solution.value.C_B)
 
@@ -268,7 +268,7 @@ def test_at_the_transition_springs_at_rest_have_the_transition_moduli(name):
 
 def test_past_the_transition_elastic_moduli_are_linear_response():
     critical = critical_of("2D")
-    state = strain_path(critical, [0.01]).value.states[0]
+    state = strain_path(critical.network, critical, [0.01]).value.states[0]
     solution = elastic_moduli(state.network, state.coordinates, state.rest_lengths)
     assert solution.status is Status.ok
     assert solution.value.bulk == pytest.approx(linear_response(state)[0].value.bulk, rel=1e-9)

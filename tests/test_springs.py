@@ -141,7 +141,7 @@ def test_relaxing_leaves_the_given_state_alone():
 @pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "oblique"])
 def test_coordinates_and_bond_vectors_stay_together(name):
     critical = CriticalManifold(NETWORKS[name]()).configuration(random_stress(NETWORKS[name]().n_edges, 4))
-    path = strain_path(critical, [0.01, 0.02, 0.05]).value
+    path = strain_path(critical.network, critical, [0.01, 0.02, 0.05]).value
     for state in path.states:
         np.testing.assert_allclose(
             state.network.bond_vectors(state.coordinates), state.bond_vectors, rtol=0, atol=1e-13
