@@ -69,6 +69,13 @@ def square_octagon_bond_vectors(s, t_x, t_y, a=2.0, b=3.0, shape=None):
     return L @ (np.eye(2) if shape is None else np.asarray(shape)).T
 
 
+def with_own_images() -> Network:
+    """The square-octagon with two more edges, from a vertex to its own image: stressed but pulling at nothing."""
+    plain = square_octagon()
+    edges = np.concatenate([plain.edges, [[2, 2], [0, 0]]])
+    return Network(edges, np.concatenate([plain.offsets, [[1, 0], [0, 1]]]), plain.cell)
+
+
 def pinned_star() -> tuple[Network, np.ndarray]:
     """One free vertex (0) between five pins: it sits at the stress-weighted mean of the pins, Σσp/Σσ."""
     pins = np.array([[0.0, 0.0], [2.0, 0.3], [1.5, 2.0], [-0.4, 1.7], [0.9, -1.2]])
@@ -190,6 +197,7 @@ NETWORKS = {
     "voronoi 3D": lambda: with_random_stiffness(voronoi_3d(), 8),
     "honeycomb": lambda: honeycomb_network(3, 4),
     "square-octagon": square_octagon,
+    "own images": with_own_images,
     "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=3), 9)),
     "sheared": lambda: sheared(voronoi_network(40, seed=4), 0.8),
     "tiny": lambda: voronoi_network(12, seed=6),

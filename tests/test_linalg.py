@@ -86,6 +86,19 @@ def test_saddle_solves_both_equations(name):
     np.testing.assert_allclose(balance, forces, rtol=0, atol=1e-10)
 
 
+def test_saddle_leaves_out_what_no_displacement_can_give():
+    network = voronoi_network(20, seed=1)
+    sigma = random_stress(30, 4)
+    L = dense_bond_vectors(network, sigma)
+    rng = np.random.default_rng(5)
+    forces, elongations = rng.standard_normal((19, 2)), rng.standard_normal(30)
+    saddle = Saddle(network).factorize(sigma, L)
+    u, _, error = saddle.solve(forces, elongations)
+    assert error < 1e-12
+    consistent = elongations - (elongations @ sigma) / (sigma @ sigma) * sigma
+    np.testing.assert_allclose(u, saddle.solve(forces, consistent)[0], rtol=0, atol=1e-10)
+
+
 def test_saddle_tells_a_stress_that_does_not_stabilise():
     network = voronoi_network(20, seed=1)
     sigma = np.ones(30)

@@ -1,0 +1,108 @@
+"""The strain path: equilibria at growing volume, the same as relaxed directly."""
+
+import numpy as np
+import pytest
+from problems import NETWORKS, random_stress, with_random_stiffness
+
+from critflow import CriticalManifold, InputError, SolveError, Status, equilibrium, spring_state, strain_path
+from critflow import voronoi_network as voronoi
+
+STRAINS = np.array([1e-6, 1e-5, 1e-4, 0.001, 0.002, 0.003, 0.01, 0.05])
+
+
+def critical_of(network, seed=1):
+    return CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
+
+
+def relaxed_directly(critical, gamma):
+    network = critical.network
+    state = spring_state(network, critical.lengths, critical.coordinates)
+    F = (1 + gamma) ** (1 / network.dimension) * np.eye(network.dimension)
+    solution = equilibrium(state.deformed(F))
+    assert solution.status is Status.ok
+    return solution.value
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi, random stiffness", "voronoi 3D", "oblique"])
+def test_the_path_is_relaxed_at_every_strain(name):
+    critical = critical_of(NETWORKS[name]())
+    solution = strain_path(critical.network, critical, STRAINS)
+    assert solution.status is Status.ok
+    path = solution.value
+    np.testing.assert_array_equal(path.status, Status.ok)
+    assert path.max_force.max() < 1e-13
+    np.testing.assert_array_equal(path.strains, STRAINS)
+    assert len(path.states) == len(STRAINS)
+    for gamma, state, energy in zip(STRAINS, path.states, path.energy, strict=True):
+        assert state.network.volume == pytest.approx(critical.network.volume * (1 + gamma), rel=1e-13)
+        np.testing.assert_array_equal(state.rest_lengths, critical.lengths)
+        assert energy == state.energy
+        direct = relaxed_directly(critical, gamma)
+        # Forces of 1e-14 over the softest stiffness, of order γ/100, are what both may differ by.
+        np.testing.assert_allclose(state.bond_vectors, direct.bond_vectors, rtol=0, atol=1e-11 + 1e-13 / gamma)
+        # The energy is second order in that error.
+        assert energy == pytest.approx(direct.energy, rel=1e-7)
+
+
+def test_intermediate_strains_change_nothing():
+    critical = critical_of(voronoi(40, seed=1))
+    few = strain_path(critical.network, critical, [0.03]).value
+    many = strain_path(critical.network, critical, np.linspace(0.001, 0.03, 30)).value
+    np.testing.assert_allclose(many.states[-1].bond_vectors, few.states[-1].bond_vectors, rtol=0, atol=1e-11)
+    for name in ("bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected", "energy"):
+        assert getattr(many, name)[-1] == pytest.approx(getattr(few, name)[-1], rel=1e-9)
+
+
+def test_without_moduli_the_states_are_the_same():
+    critical = critical_of(voronoi(40, seed=1))
+    plain = strain_path(critical.network, critical, [0.001, 0.01], moduli=False)
+    full = strain_path(critical.network, critical, [0.001, 0.01])
+    assert plain.status is full.status is Status.ok
+    assert np.isnan(plain.value.bulk_modulus).all()
+    np.testing.assert_allclose(plain.value.energy, full.value.energy, rtol=1e-10)
+
+
+def test_fire_walks_the_same_path():
+    critical = critical_of(with_random_stiffness(voronoi(20, seed=2), 1))
+    fire = strain_path(critical.network, critical, [0.02, 0.04], "fire", tolerance=1e-13)
+    newton = strain_path(critical.network, critical, [0.02, 0.04])
+    assert fire.status is newton.status is Status.ok
+    np.testing.assert_allclose(fire.value.bulk_modulus, newton.value.bulk_modulus, rtol=1e-8)
+    np.testing.assert_allclose(
+        fire.value.states[-1].bond_vectors, newton.value.states[-1].bond_vectors, rtol=0, atol=1e-10
+    )
+
+
+def test_energy_is_the_work_done():
+    # dE/dV = pressure-like Σσ|L|²/(dV): the trapezium over the path has an error of the square of the step.
+    critical = critical_of(voronoi(40, seed=3))
+    gamma = np.linspace(0.0005, 0.02, 40)
+    path = strain_path(critical.network, critical, gamma).value
+    volume = np.array([s.network.volume for s in path.states])
+    slope = np.array([np.sum(s.sigma * s.lengths**2) / (2 * s.network.volume) for s in path.states])
+    work = np.sum(0.5 * (slope[1:] + slope[:-1]) * np.diff(volume))
+    assert work == pytest.approx(path.energy[-1] - path.energy[0], rel=1e-4)
+
+
+def test_a_path_that_stops_says_where():
+    critical = critical_of(voronoi(40, seed=1))
+    # No solve reaches a force of 1e-30.
+    solution = strain_path(critical.network, critical, [0.001, 0.002], tolerance=1e-30, throw=False)
+    assert solution.status is not Status.ok
+    assert solution.value.status[1] == Status.missing
+    assert np.isnan(solution.value.energy).all()
+    with pytest.raises(SolveError, match=r"at strain 0\.001"):
+        strain_path(critical.network, critical, [0.001, 0.002], tolerance=1e-30)
+
+
+@pytest.mark.parametrize("strains", [[], [0.002, 0.001], [-0.001], [0.0, 0.001], [np.nan], [0.001, 0.001], [np.inf]])
+def test_bad_strains(strains):
+    with pytest.raises(InputError, match=r"such as 0\.001"):
+        strain_path(voronoi(12, seed=1), critical_of(voronoi(12, seed=1)), strains)
+
+
+def test_steps_start_close_to_where_they_end():
+    # Extrapolation of third order along an even path leaves a step or two to Newton's method.
+    critical = critical_of(voronoi(40, seed=1))
+    path = strain_path(critical.network, critical, np.linspace(0.001, 0.02, 20)).value
+    assert path.steps[3:].max() <= 3
