@@ -52,11 +52,11 @@ class Minimum:
     evaluations: int
 
 
-def fire(function: Function, x: Array, tolerance: float, max_steps: int, time_step: float = 0.1) -> Minimum:
+def fire(function: Function, x: Array, tolerance: float, max_steps: int, time_step: float, max_move: float) -> Minimum:
     """FIRE 2.0, the method of the paper: damped dynamics that stop whenever they run uphill (Guénolé et al., 2020).
 
     Semi-implicit Euler with unit masses; after 20 downhill steps the time step grows, after an uphill step it shrinks
-    and half a step is taken back.
+    and half a step is taken back.  No component moves by more than `max_move` a step.
     """
     start_mixing, longest = 0.25, 10 * time_step
     velocity, mixing, downhill = np.zeros_like(x), start_mixing, 0
@@ -81,6 +81,9 @@ def fire(function: Function, x: Array, tolerance: float, max_steps: int, time_st
         speed, strength = np.linalg.norm(velocity), np.linalg.norm(force)
         if strength > 0:
             velocity = (1 - mixing) * velocity + (mixing * speed / strength) * force
+        move = time_step * float(np.abs(velocity).max())
+        if move > max_move:
+            velocity = velocity * (max_move / move)
         point = function.at(point.x + time_step * velocity)
     status = Status.ok if point.residual < tolerance else Status.step_limit
     return Minimum(point, status, max_steps, max_steps + 1)
@@ -132,6 +135,8 @@ def lbfgs(
     return Minimum(point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps, evaluations)
 
 
+# Curvatures this much below the steepest are rounding: such directions are flat.
+_FLAT = 1e-11
 # Relative changes of the value below this are rounding.
 _ROUNDING = 1e-14
 
@@ -175,13 +180,12 @@ def newton(function: Function, x: Array, tolerance: float, max_steps: int, max_i
         lost = predicted < rounding and abs(fall) < 10 * rounding
         good = np.isfinite(trial.value) and (trial.residual < 0.9 * point.residual if lost else fall > 1e-4 * predicted)
         if good:
-            if not lost and fall > 0.75 * predicted and not inside:
+            if not inside and (lost or fall > 0.75 * predicted):
                 radius *= 2.0
             point = trial
-        elif lost:
-            return Minimum(point, Status.stalled, step, evaluations)
         else:
-            radius = 0.25 * float(np.linalg.norm(direction))
+            # Along flat directions rounding makes steps of any length; short ones still reach what is not flat.
+            radius = (0.1 if lost else 0.25) * float(np.linalg.norm(direction))
             point = function.at(point.x)  # the curvature belongs to the point evaluated last
             evaluations += 1
             if radius < 1e-14 * (1.0 + float(np.linalg.norm(point.x))):
@@ -196,10 +200,13 @@ def _steihaug(function: Function, point: Point, radius: float, max_inner: int) -
     # Few iterations far away, many near the minimum, so that the convergence is superlinear.
     goal = size * min(0.1, np.sqrt(size))
     step, product = np.zeros_like(residual), np.zeros_like(residual)
-    direction, square = residual, residual @ residual
+    direction, square, steepest = residual, residual @ residual, 0.0
     for inner in range(1, max_inner + 1):
         curved = function.curvature(point, direction)
         curvature = direction @ curved
+        steepest = max(steepest, float(abs(curvature) / (direction @ direction)))
+        if inner > 1 and abs(curvature) < _FLAT * steepest * (direction @ direction):
+            break
         length = square / curvature if curvature > 0 else np.inf
         longer = step + min(length, 1e300) * direction if curvature > 0 else step
         if curvature <= 0 or np.linalg.norm(longer) >= radius:

@@ -186,7 +186,7 @@ class Network:
     def deformed(self, gradient: ArrayLike) -> Network:
         """The network after the affine deformation F of its boundary: b → F b, pins and positions alike."""
         F = np.asarray(gradient, dtype=float)
-        if F.shape != (self.dimension,) * 2 or not abs(np.linalg.det(F)) > 0:
+        if F.shape != (self.dimension,) * 2 or not np.isfinite(F).all() or not abs(np.linalg.det(F)) > 0:
             raise NetworkError(f"a deformation must be an invertible {self.dimension} × {self.dimension} matrix")
         # The graph stays, so it is neither checked again nor are its matrices made again.
         copied = copy(self)
@@ -216,7 +216,10 @@ class Network:
 
 def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True) -> Array:
     """Values per edge as floats (N_b,), finite and positive, else a `NetworkError` that names the first bad edge."""
-    array = np.asarray(values, dtype=float)
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise NetworkError(f"{name} must be numbers, one per edge: {values!r:.60} is none") from None
     if array.shape != (n_edges,):
         raise NetworkError(f"{name} must have one value per edge, shape ({n_edges},), not {array.shape}")
     bad = ~np.isfinite(array) | (positive & ~(array > 0))
@@ -307,6 +310,8 @@ def _check_graph(edges: IntArray, offsets: IntArray, pins: Mapping[int, Array], 
     if loops.any():
         edge = int(np.flatnonzero(loops)[0])
         raise NetworkError(f"edge {edge} joins vertex {edges[edge, 0]} to itself, which has no length: remove it")
+    if len(pins) == n_vertices or n_vertices == 1:
+        raise NetworkError("no vertex is free to move, so there is nothing to find: add vertices, or take pins away")
     degree = np.bincount(edges.ravel(), minlength=n_vertices)
     loose = [int(i) for i in np.flatnonzero(degree <= 1) if i not in pins]
     if loose:

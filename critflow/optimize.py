@@ -23,8 +23,11 @@ _MAX_STEPS = {"fire": 200_000, "lbfgs": 3_000, "newton": 200}
 
 # An edge below this part of the mean length that keeps its tension is on its way to zero length.
 _COLLAPSING = 1e-4
-# Where edges collapse, the configuration returned is the last on the way with no edge below this part of the mean:
-# shorter ones would lose the digits of their balance in the rounding of the coordinates.
+# A stress this small, where Σσ² = N_b, is on its way to zero.
+_FADED = 1e-12
+# Where edges collapse or fall slack, the configuration returned is the last on the way with no edge below this part
+# of the mean and no stress below its square: shorter ones would lose the digits of their balance in the rounding of
+# the coordinates.
 _SOUND = 1e-2
 
 # A relative gain in the objective that is not rounding.
@@ -55,7 +58,8 @@ def optimize(
                and `stats.details["starts"]` lists the values of all
 
     A tension variance whose infimum wants an edge of zero length returns `Status.edge_collapse`, the edges and the
-    limit of the value.  Raises `InputError` for bad arguments, `SolveError` when the status is not good and `throw`.
+    limit of the value; a length variance for which edges fall slack does the same with `Status.slack_edges`.
+    Raises `InputError` for bad arguments, `SolveError` when the status is not good and `throw`.
     """
     manifold = network if isinstance(network, CriticalManifold) else CriticalManifold(network)
     goal = named_objective(manifold.network, objective, threshold) if isinstance(objective, str) else objective
@@ -146,28 +150,44 @@ def _descend(
         if other.status is Status.ok and other.point.value < end.point.value - _NOTICED * abs(other.point.value):
             end = other
     reached = manifold.solve(landscape.sigma(end.point.x))
-    value = reached.value
-    if not reached.ok:
-        # A method that ran away ends where no configuration is.
-        return Solution(
-            value, Status.singular, Stats(method, end.iterations, end.evaluations, np.inf, {"objective": np.nan})
-        )
+    status, value = end.status, reached.value
     details: dict[str, object] = {"objective": landscape.sign * end.point.value}
-    if end.status is Status.edge_collapse:
-        edges = np.flatnonzero(value.lengths < 10 * _COLLAPSING * value.lengths.mean())
+    if status in (Status.edge_collapse, Status.slack_edges):
+        details = _limit(end, value, landscape.sign)
         value = manifold.configuration(landscape.sigma(landscape.last_sound))
-        # A length ∝ 1/σ brings a gain ∝ 1/σ, so what is left to gain is the slope along log σ.
-        left = float(end.point.gradient[edges].sum())
-        limit = landscape.sign * (end.point.value + left)
-        named = ", ".join(map(str, edges))
-        note = f"edges {named} shrink to zero length on the way to the infimum {limit:.8g}, which is not attained"
-        details = {"objective": limit, "uncertainty": abs(left), "collapsed_edges": edges, "note": note}
-    return Solution(value, end.status, Stats(method, end.iterations, end.evaluations, end.point.residual, details))
+    elif not reached.ok:
+        # A method that ran away ends where no configuration is.
+        status, details = Status.singular, {"objective": np.nan}
+    return Solution(value, status, Stats(method, end.iterations, end.evaluations, end.point.residual, details))
+
+
+def _limit(end: Minimum, value: CriticalConfiguration, sign: float) -> dict[str, object]:
+    """The infimum that a descent heads for without attaining it: its value, and the edges that vanish or fall slack.
+
+    A vanishing length is ∝ 1/σ and brings a gain ∝ 1/σ, a vanishing stress one ∝ σ: what is left to gain there is the
+    slope along log σ.
+    """
+    slope = end.point.gradient
+    if end.status is Status.edge_collapse:
+        # Short edges that gain by being shorter: others may be short by an isogonal mode, at no gain.
+        gain = np.where(value.lengths < 2 * _SOUND * value.lengths.mean(), -slope / value.lengths, 0.0)
+        edges, fate = np.flatnonzero(gain > 0.05 * gain.max()), "shrink to zero length"
+    else:
+        edges, fate = np.flatnonzero((value.sigma < 1e3 * _FADED) & (slope > 0)), "lose their tension"
+    left = float(np.abs(slope[edges]).sum())
+    limit = sign * (end.point.value - left)
+    named = ", ".join(map(str, edges))
+    return {
+        "objective": limit,
+        "uncertainty": left + float(np.abs(np.delete(slope, edges)).sum()),
+        "collapsed_edges" if end.status is Status.edge_collapse else "slack_edges": edges,
+        "note": f"edges {named} {fate} on the way to the infimum {limit:.8g}, which is not attained",
+    }
 
 
 def _minimise(landscape: _Landscape, method: str, x: Array, tolerance: float, max_steps: int | None) -> Minimum:
     if method == "fire":
-        return fire(landscape, x, tolerance, max_steps or _MAX_STEPS[method], time_step=landscape.time_step)
+        return fire(landscape, x, tolerance, max_steps or _MAX_STEPS[method], landscape.time_step, max_move=0.5)
     if method == "newton":
         return newton(landscape, x, tolerance, max_steps or _MAX_STEPS[method])
     end = lbfgs(landscape, x, tolerance, max_steps or _MAX_STEPS["lbfgs"])
@@ -212,10 +232,14 @@ class _Landscape:
 
     def verdict(self, point: Point) -> Status | None:
         _, sigma, L, *_ = self._last
+        if not np.isfinite(point.value):
+            return Status.singular
         length = np.linalg.norm(L, axis=1)
         tension = sigma * length
-        if length.min() > _SOUND * length.mean():
+        if length.min() > _SOUND * length.mean() and sigma.min() > _SOUND**2:
             self.last_sound = point.x
+        if sigma.min() < _FADED:
+            return Status.slack_edges
         vanishing = (length < _COLLAPSING * length.mean()) & (tension > 0.01 * tension.mean())
         return Status.edge_collapse if vanishing.any() else None
 

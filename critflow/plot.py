@@ -130,7 +130,8 @@ def violins(
     shown_labels = []
     for place, (group, label) in enumerate(zip(groups, labels, strict=True)):
         finite = group[np.isfinite(group)]
-        shown_labels.append(label)
+        left_out = len(group) - len(finite)
+        shown_labels.append(f"{label}\n{left_out} undefined" if left_out else label)
         if len(finite) == 0:
             axes.text(place, 0.5, "none", transform=axes.get_xaxis_transform(), ha="center", fontsize=7, color="0.4")
             continue

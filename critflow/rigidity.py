@@ -64,8 +64,8 @@ def rigidity(network: Network, coordinates: Array, tolerance: float = 1e-6, most
     """Count the self-stresses and zero modes of a configuration (N_v, d).
 
     Singular values of R below `tolerance` (R has rows of norm √2) count as zero; of large networks at most `most`
-    self-stresses are found.  `Status.floppy` where there is none, `Status.singular` where an edge has no length or
-    all values found are zero, so that the count is a lower bound.
+    self-stresses more than the counts demand are found.  `Status.floppy` where there is none, `Status.singular` where
+    an edge has no length or all values found are zero, so that the count is a lower bound.
     """
     L = network.bond_vectors(coordinates)
     length = np.linalg.norm(L, axis=1)
@@ -81,7 +81,10 @@ def rigidity(network: Network, coordinates: Array, tolerance: float = 1e-6, most
         tensions = left.T[::-1]
     else:
         # Just below zero the shifted matrix is positive definite, and the null vectors dominate its inverse.
-        squares, vectors = eigsh((R @ R.T).tocsc(), k=most, sigma=-1e-8, v0=np.ones(network.n_edges))
+        certain = max(0, network.n_edges - R.shape[1])
+        squares, vectors = eigsh(
+            (R @ R.T).tocsc(), k=min(certain + most, network.n_edges - 1), sigma=-1e-8, v0=np.ones(network.n_edges)
+        )
         order = np.argsort(squares)
         values, tensions = np.sqrt(np.maximum(squares[order], 0)), vectors.T[order]
     n_stresses = int(np.count_nonzero(values < tolerance))

@@ -82,6 +82,9 @@ class SpringState:
         )
 
 
+# Compression, in units of k, that is rounding.
+NO_COMPRESSION = 1e-10
+
 # Stiffness, in units of k, that keeps floppy modes in place: they feel no force, so it changes nothing else.
 FLOPPY_REST = 1e-11
 
@@ -94,7 +97,11 @@ def spring_state(network: Network, rest_lengths: ArrayLike, coordinates: ArrayLi
         raise InputError(
             f"coordinates must be finite and of shape {(network.n_vertices, network.dimension)}, not {x.shape}"
         )
-    return SpringState(network, rest, x, network.bond_vectors(x))
+    state = SpringState(network, rest, x, network.bond_vectors(x))
+    if not state.lengths.min() > 0:
+        edge = int(state.lengths.argmin())
+        raise InputError(f"edge {edge} has no length, so its spring has no direction: move its ends apart")
+    return state
 
 
 def hessian_pattern(network: Network) -> FixedPattern:
@@ -183,8 +190,9 @@ def _newton(state: SpringState, tolerance: float, max_steps: int, pattern: Fixed
             break
         else:
             shift = max(10 * shift, smallest_shift)
-    if status is Status.ok and try_from > 0:
-        # It was indefinite on the way, so make sure that this is no saddle; floppy directions are allowed.
+    if status is Status.ok and (try_from > 0 or (state.sigma < -NO_COMPRESSION * stiffness).any()):
+        # It was indefinite on the way or holds compressed springs, so make sure that this is no saddle; floppy
+        # directions are allowed.
         factorisations += 1
         if factorize_hessian(pattern, state, 1e-8 * stiffness).n_negative:
             status = Status.unstable
@@ -202,7 +210,8 @@ def _fire(state: SpringState, tolerance: float, max_steps: int) -> Solution[Spri
     # tenfold, to three quarters of that.
     at_vertex = np.bincount(state.network.edges.ravel(), np.repeat(state.network.stiffness, 2))
     time_step = 0.075 * 2 / np.sqrt(2 * at_vertex.max())
-    end = fire(_Relaxation(state), np.zeros(state.forces.size), tolerance, max_steps, time_step)
+    max_move = 0.3 * float(state.lengths.mean())
+    end = fire(_Relaxation(state), np.zeros(state.forces.size), tolerance, max_steps, time_step, max_move)
     final = state.moved(end.point.x.reshape(state.forces.shape))
     return Solution(
         final, end.status, Stats("fire", end.iterations, end.evaluations, end.point.residual, {"energy": final.energy})

@@ -84,16 +84,9 @@ def test_every_kind_of_network(objective, name):
 # Largest bulk modulus
 
 
-STALLS = pytest.mark.xfail(reason="Newton stalls at a gradient of 2e-12 where some stresses are as small as 1e-3")
-
-
 @pytest.mark.parametrize(
     "method, start",
-    [
-        *((method, start) for method in ("lbfgs", "fire", "closed_form") for start in (1, 2)),
-        pytest.param("newton", 1, marks=STALLS),
-        ("newton", 2),
-    ],
+    [(method, start) for method in ("lbfgs", "fire", "newton", "closed_form") for start in (1, 2)],
 )
 def test_largest_bulk_modulus_equals_its_bound(method, start):
     solution = optimize(NETWORK, "bulk_modulus", method, start=random_start(start))
@@ -228,7 +221,7 @@ def test_an_infimum_that_collapses_edges_names_them_and_has_its_value():
     limit = solution.stats.details["objective"]
     # Descent by finite differences, and a collapse stopped at 1e-4 of the mean length, agree to 1e-7.
     assert limit == pytest.approx(found.fun, abs=1e-7)
-    assert 0 < solution.stats.details["uncertainty"] < 1e-6
+    assert abs(limit - found.fun) < solution.stats.details["uncertainty"] < 1e-4
     # The configuration returned is a sound one on the way, a little above the infimum.
     assert solution.value.residual < 1e-12
     tension = solution.value.tensions
@@ -245,26 +238,29 @@ def test_a_collapse_has_one_value_by_every_method_and_start(method):
     assert solution.stats.details["objective"] == pytest.approx(expected, abs=1e-7)
 
 
-FIRST_ONLY = pytest.mark.xfail(reason="the descent ends at the first edge that is short, before others have shrunk")
-
-
-@pytest.mark.parametrize("method", [pytest.param("lbfgs", marks=FIRST_ONLY), "newton"])
+@pytest.mark.parametrize("method", ["lbfgs", "newton"])
 def test_a_collapse_names_the_same_edges_from_every_start(method):
     solution = optimize(COLLAPSING, "tension_variance", method, start=random_start(1, 60) + 0.1, throw=False)
     assert solution.status is Status.edge_collapse
     np.testing.assert_array_equal(solution.stats.details["collapsed_edges"], [33, 38])
 
 
-@pytest.mark.xfail(
-    reason="the descent ends at the first edge that is short, and the uncertainty stated leaves out the rest"
-)
 def test_the_uncertainty_of_a_limit_covers_its_error():
+    # This network has two infima, each with edges of its own that vanish; a start leads to the one or the other.
     network = voronoi_network(50, seed=2, hard_core=0.5)
-    by_lbfgs = optimize(network, "tension_variance", "lbfgs", throw=False)
-    by_newton = optimize(network, "tension_variance", "newton", start=random_start(1, 75) + 0.1, throw=False)
-    assert by_lbfgs.status is by_newton.status is Status.edge_collapse
-    difference = abs(by_lbfgs.stats.details["objective"] - by_newton.stats.details["objective"])
-    assert difference < 10 * (by_lbfgs.stats.details["uncertainty"] + by_newton.stats.details["uncertainty"])
+    found: dict[tuple[int, ...], list[tuple[float, float]]] = {}
+    for method in ("lbfgs", "newton"):
+        for start in (None, *(random_start(seed, 75) + 0.1 for seed in (1, 2, 3))):
+            solution = optimize(network, "tension_variance", method, start=start, throw=False)
+            assert solution.status is Status.edge_collapse
+            details = solution.stats.details
+            found.setdefault(tuple(details["collapsed_edges"]), []).append(
+                (details["objective"], details["uncertainty"])
+            )
+    assert len(found) >= 2
+    for limits in found.values():
+        values, uncertainties = np.transpose(limits)
+        assert np.ptp(values) <= 2 * uncertainties.max()
 
 
 # Shear modulus
@@ -315,17 +311,16 @@ def test_step_limits_are_a_status():
             optimize(NETWORK, "tension_variance", method, max_steps=2)
 
 
-def test_every_method_gives_a_status_never_an_error_of_its_own():
-    # FIRE has no line search and runs away at the wall of the barrier.
-    solution = optimize(NETWORK, "shear_modulus", "fire", start=random_start(3) + 0.05, throw=False)
-    assert solution.status is not Status.ok
-    assert np.isnan(solution.stats.details["objective"])
-    assert np.isnan(solution.value.bond_vectors).all()
-    with pytest.raises(SolveError, match="singular"):
-        optimize(NETWORK, "shear_modulus", "fire", start=random_start(3) + 0.05)
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_fire_stays_off_the_wall_of_the_barrier(seed):
+    # It has no line search; without a limit on its moves the first one goes over the wall.
+    start = random_start(seed) + 0.05
+    by_fire = optimize(NETWORK, "shear_modulus", "fire", start=start, throw=False)
+    assert by_fire.status is Status.ok
+    expected = optimize(NETWORK, "shear_modulus", "lbfgs", start=start).stats.details["objective"]
+    assert by_fire.stats.details["objective"] == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.xfail(reason="'auto' stops at the cone program, which has no value where edges are slack")
 def test_least_length_variance_of_slack_networks_has_a_value():
     # Where equal lengths would leave edges slack, the infimum still has a value, which descent finds.
     network = oblique(voronoi_network(40, seed=3))
@@ -333,7 +328,19 @@ def test_least_length_variance_of_slack_networks_has_a_value():
     assert by_cone.status is Status.slack_edges
     assert len(by_cone.stats.details["slack_edges"])
     solution = optimize(network, "length_variance", throw=False)
-    assert np.isfinite(solution.stats.details["objective"])
+    assert solution.status is Status.slack_edges
+    assert solution.value.residual < 1e-12
+    # Descent in the logarithms of the stresses alone gets there in thousands of steps.
+    details, variance = solution.stats.details, LengthVariance()
+    manifold = CriticalManifold(network)
+
+    def along(x):
+        sigma = np.exp(x)
+        return variance.evaluate(sigma, manifold.balance(sigma)[1])[0]
+
+    slow = minimize(along, np.zeros(network.n_edges), method="L-BFGS-B", options={"maxfun": 60_000, "maxiter": 2_000})
+    assert details["objective"] - details["uncertainty"] < slow.fun
+    assert details["objective"] < slow.fun + 1e-5
 
 
 def test_the_log_stress_landscape_keeps_the_scale():

@@ -132,7 +132,6 @@ def test_violins_show_medians_of_what_is_finite():
     assert [text.get_text() for text in axes.texts] == ["none"]
 
 
-@pytest.mark.xfail(reason="values that are not finite are left out without being counted")
 def test_violins_count_what_is_left_out_under_the_label():
     axes = Figure().add_subplot()
     violins(axes, [np.array([1.0, np.nan, 5.0])], ["a"])
