@@ -90,7 +90,7 @@ def fire(function: Function, x: Array, tolerance: float, max_steps: int, time_st
 
 
 def lbfgs(
-    function: Function, x: Array, tolerance: float, max_steps: int, memory: int = 20, longest: float = 0.7
+    function: Function, x: Array, tolerance: float, max_steps: int, memory: int = 15, longest: float = 0.7
 ) -> Minimum:
     """L-BFGS with backtracking (Nocedal & Wright, algorithms 7.4 and 3.1); no component moves by more than `longest`.
 
@@ -147,7 +147,7 @@ def _two_loops(gradient: Array, pairs: deque[tuple[Array, Array, float]], diagon
     weights = []
     for moved, turned, product in reversed(pairs):
         weights.append(moved @ direction / product)
-        direction = direction - weights[-1] * turned
+        direction -= weights[-1] * turned
     if pairs:
         moved, turned, product = pairs[-1]
         rest = turned - diagonal * moved

@@ -170,8 +170,8 @@ def _limit(end: Minimum, value: CriticalConfiguration, sign: float) -> dict[str,
     slope = end.point.gradient
     if end.status is Status.edge_collapse:
         # Short edges that gain by being shorter: others may be short by an isogonal mode, at no gain.
-        gain = np.where(value.lengths < 2 * _SOUND * value.lengths.mean(), -slope / value.lengths, 0.0)
-        edges, fate = np.flatnonzero(gain > 0.05 * gain.max()), "shrink to zero length"
+        gain = np.where(value.lengths < 0.5 * _SOUND * value.lengths.mean(), -slope / value.lengths, 0.0)
+        edges, fate = np.flatnonzero(gain > 0.1 * gain.max()), "shrink to zero length"
     else:
         edges, fate = np.flatnonzero((value.sigma < 1e3 * _FADED) & (slope > 0)), "lose their tension"
     left = float(np.abs(slope[edges]).sum())
