@@ -68,13 +68,12 @@ def fit_lengths(network: Network, lengths: Array, tolerance: float = 1e-12) -> C
 
 
 def polish(
-    network: Network, lengths: Array, coordinates: Array, sigma: Array, max_steps: int = 12
+    saddle: Saddle, network: Network, lengths: Array, coordinates: Array, sigma: Array, max_steps: int = 12
 ) -> tuple[Array, Array, float, int]:
     """Newton on the optimality conditions gᵀ(σ ∘ L) = 0, |L|² = λ ℓ²: from solver accuracy to rounding.
 
     All edges are stressed.  Returns coordinates, σ, the largest relative error of the lengths and the steps taken.
     """
-    saddle = Saddle(network)
     target = 0.5 * lengths**2
     x = coordinates.copy()
     best = (x, sigma, np.inf, 0)

@@ -15,17 +15,19 @@ from critflow.linalg import FixedPattern, edge_blocks
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.network import Array, Network, edge_values
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
-from critflow.springs import equilibrium, hessian_pattern, spring_state
+from critflow.springs import equilibrium, spring_state
 
 # A stress below this part of the mean counts as none.
 NO_STRESS = 1e-9
 
 # Relative error of the lengths that Newton must reach on the stressed edges; short edges limit it by rounding.
 _FITTED = 1e-9
+# Force balance, relative to the mean tension, above which rounding is taken out of the stresses.
+_ROUNDED = 2e-13
 
 
 def critical_from_lengths(
-    network: Network,
+    network: Network | CriticalManifold,
     rest_lengths: ArrayLike,
     method: str = "auto",
     *,
@@ -43,13 +45,14 @@ def critical_from_lengths(
     cone program shows that every edge will be stressed, the end does not depend on the way, and the steps of the
     floppy network are skipped (not by "fire").
     """
-    lengths = edge_values(rest_lengths, network.n_edges, "rest_lengths")
+    manifold = CriticalManifold.of(network)
+    lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
     if method in ("auto", "conic"):
-        solution = _by_cone(network, lengths)
+        solution = _by_cone(manifold, lengths)
     elif method == "strain":
         if not (strain_step > 0 and energy_threshold > 0):
             raise InputError("the strain step and the energy threshold must be positive")
-        solution = _by_strain(network, lengths, relaxation, strain_step, energy_threshold)
+        solution = _by_strain(manifold, lengths, relaxation, strain_step, energy_threshold)
     else:
         raise InputError(f"no method is called {method!r}: choose 'auto', 'conic' or 'strain'")
     return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution
@@ -60,11 +63,12 @@ def stressed_fraction(sigma: Array) -> float:
     return float(np.mean(sigma > NO_STRESS * np.mean(np.abs(sigma))))
 
 
-def _by_cone(network: Network, lengths: Array) -> Solution[CriticalConfiguration]:
+def _by_cone(manifold: CriticalManifold, lengths: Array) -> Solution[CriticalConfiguration]:
+    network = manifold.network
     cone = fit_lengths(network, lengths)
     if not cone.solved:
         return Solution(_unknown(network), Status.stalled, Stats("conic", cone.iterations))
-    stressed, x, sigma, error, steps = _polish_stressed(network, lengths, cone.stressed, cone.coordinates, cone.sigma)
+    stressed, x, sigma, error, steps = _polish_stressed(manifold, lengths, cone.stressed, cone.coordinates, cone.sigma)
     value = critical_configuration(network, sigma, x)
     slack = np.flatnonzero(~stressed)
     status = Status.slack_edges if len(slack) else Status.ok
@@ -86,30 +90,36 @@ def _unknown(network: Network) -> CriticalConfiguration:
 
 
 def _polish_stressed(
-    network: Network, lengths: Array, stressed: NDArray[np.bool_], coordinates: Array, sigma: Array
+    manifold: CriticalManifold, lengths: Array, stressed: NDArray[np.bool_], coordinates: Array, sigma: Array
 ) -> tuple[NDArray[np.bool_], Array, Array, float, int]:
     """Stressed edges, coordinates, σ, relative error of the lengths and steps, after Newton on the stressed part.
 
     Edges whose stress turns out to be none are given up, and where Newton fails, the weakest of those that remain.
     """
-    candidate, doubtful, taken = stressed, 1e-5, 0
+    network, candidate, doubtful, taken = manifold.network, stressed, 1e-5, 0
     for _ in range(8):
         candidate = _without_hanging(network, candidate)
         try:
-            part, vertices = (network, np.arange(network.n_vertices)) if candidate.all() else network.part(candidate)
+            if candidate.all():
+                part, vertices = manifold, np.arange(network.n_vertices)
+            else:
+                cut, vertices = network.part(candidate)
+                part = CriticalManifold(cut)
             # A part without pins is grounded at its own first vertex; carry it back to where that vertex was.
             origin = 0.0 if network.pins else coordinates[vertices[0]]
-            x, s, error, steps = polish(part, lengths[candidate], coordinates[vertices] - origin, sigma[candidate])
+            start = coordinates[vertices] - origin
+            x, s, error, steps = polish(part.saddle, part.network, lengths[candidate], start, sigma[candidate])
             taken += steps
             weak = s <= NO_STRESS * s.mean()
             if error < _FITTED and not weak.any():
                 # Of lengths and forces, which Newton has brought down together, let the forces be exact.
-                x = CriticalManifold(part).configuration(s).coordinates
+                x = part.configuration(s).coordinates
                 all_x, all_s = coordinates.copy(), np.zeros(network.n_edges)
-                all_x[vertices] = x + origin
+                all_x[vertices], all_s[candidate] = x + origin, s
                 all_x = all_x if network.pins else all_x - all_x[0]
-                L = network.bond_vectors(all_x)[candidate]
-                all_s[candidate] = _balanced(part, L, s, hessian_pattern(part))
+                if critical_configuration(network, all_s, all_x).residual > _ROUNDED:
+                    L = network.bond_vectors(all_x)[candidate]
+                    all_s[candidate] = _balanced(part.network, L, s, part.hessian)
                 return candidate, all_x, all_s, error, taken
         except NetworkError:
             error, weak = np.inf, np.zeros(0, bool)
@@ -151,15 +161,15 @@ def _balanced(network: Network, L: Array, sigma: Array, pattern: FixedPattern) -
 
 
 def _by_strain(
-    network: Network, lengths: Array, relaxation: str, strain_step: float, energy_threshold: float
+    manifold: CriticalManifold, lengths: Array, relaxation: str, strain_step: float, energy_threshold: float
 ) -> Solution[CriticalConfiguration]:
+    network, pattern = manifold.network, manifold.hessian
     x = network.positions
     if x is None:
-        x = CriticalManifold(network).configuration(network.stiffness).coordinates
-    pattern = hessian_pattern(network)
+        x = manifold.configuration(network.stiffness).coordinates
     iterations, step, skipped = 0, 0, 0
     if relaxation == "newton":
-        transition = _by_cone(network, lengths)
+        transition = _by_cone(manifold, lengths)
         if transition.ok:
             # All edges stressed: the rigid states follow from the unique critical one, whatever came before.
             step = skipped = max(0, int(np.floor((1 / transition.stats.details["ratio"] - 1) / strain_step)) + 1)

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator
 
-from critflow.linalg import Factor, laplacian
+from critflow.linalg import Factor, FixedPattern, Saddle, block_laplacian, laplacian
 from critflow.network import Array, Network, edge_values
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
@@ -69,7 +69,11 @@ def critical_configuration(network: Network, sigma: Array, coordinates: Array) -
 
 
 class CriticalManifold:
-    """The map σ → configuration of one network, its pull-back and its tangents."""
+    """The map σ → configuration of one network, its pull-back and its tangents.
+
+    It also keeps the symbolic analysis of the network's other matrices, made when first asked for; functions that
+    take a network and a manifold alike are faster with the manifold when they are called more than once.
+    """
 
     def __init__(self, network: Network):
         self.network = network
@@ -82,6 +86,21 @@ class CriticalManifold:
         for load in self._load:
             load.eliminate_zeros()
         self._check_held()
+
+    @classmethod
+    def of(cls, network: Network | CriticalManifold) -> CriticalManifold:
+        """The manifold itself, or that of a network."""
+        return network if isinstance(network, CriticalManifold) else cls(network)
+
+    @cached_property
+    def saddle(self) -> Saddle:
+        """Systems of stresses and displacements together."""
+        return Saddle(self.network)
+
+    @cached_property
+    def hessian(self) -> FixedPattern:
+        """The pattern of the elastic Hessian, of the network and all its strained copies."""
+        return block_laplacian(self.network)
 
     def configuration(self, sigma: ArrayLike, throw: bool = True) -> CriticalConfiguration:
         """The configuration x(σ) in balance under σ (`SelfStressParamaterization_coords`); σ of any sign.

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.linalg import FixedPattern, Saddle
+from critflow.linalg import FixedPattern, Saddle, block_laplacian
 from critflow.manifold import CriticalConfiguration
 from critflow.network import Array, Network
 from critflow.objectives import dilation, pure_shear, transition_modulus
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity import rigidity
-from critflow.springs import FLOPPY_REST, SpringState, factorize_hessian, hessian_pattern, spring_state
+from critflow.springs import FLOPPY_REST, SpringState, factorize_hessian, spring_state
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def linear_response(state: SpringState, pattern: FixedPattern | None = None) -> 
     """
     network, L, sigma = state.network, state.bond_vectors, state.sigma
     K, V, d = state.modified_stiffness, network.volume, network.dimension
-    pattern = pattern or hessian_pattern(network)
+    pattern = pattern or block_laplacian(network)
     factor = factorize_hessian(pattern, state)
     floppy = factor.indefinite
     if floppy:

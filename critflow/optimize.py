@@ -61,7 +61,7 @@ def optimize(
     limit of the value; a length variance for which edges fall slack does the same with `Status.slack_edges`.
     Raises `InputError` for bad arguments, `SolveError` when the status is not good and `throw`.
     """
-    manifold = network if isinstance(network, CriticalManifold) else CriticalManifold(network)
+    manifold = CriticalManifold.of(network)
     goal = named_objective(manifold.network, objective, threshold) if isinstance(objective, str) else objective
     if method not in METHODS:
         raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
@@ -101,7 +101,7 @@ def bulk_modulus_bound(network: Network | CriticalManifold) -> float:
 
     Virtual work gives Σσ|L|² = Σσ L·L* for every compatible L*, and Cauchy–Schwarz does the rest.
     """
-    manifold = network if isinstance(network, CriticalManifold) else CriticalManifold(network)
+    manifold = CriticalManifold.of(network)
     k, d = manifold.network.stiffness, manifold.network.dimension
     L = manifold.balance(k)[1]
     return float(k @ np.sum(L**2, axis=1)) / (d**2 * manifold.network.volume)
@@ -119,7 +119,7 @@ def _largest_bulk_modulus(manifold: CriticalManifold, goal: TransitionModulus) -
 
 def _equal_lengths(manifold: CriticalManifold) -> Solution[CriticalConfiguration]:
     network = manifold.network
-    solution = critical_from_lengths(network, np.ones(network.n_edges), "conic", throw=False)
+    solution = critical_from_lengths(manifold, np.ones(network.n_edges), "conic", throw=False)
     stats = solution.stats
     if solution.ok:
         # The configuration of the stress itself balances to rounding.

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.linalg import FixedPattern
+from critflow.linalg import FixedPattern, block_laplacian
 from critflow.manifold import CriticalConfiguration
 from critflow.moduli import Moduli, linear_response
 from critflow.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.springs import SpringState, equilibrium, hessian_pattern
+from critflow.springs import SpringState, equilibrium
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ def strain_path(
     gamma = check_strains(strains)
     network = critical.springs_of(network)
     d = network.dimension
-    pattern = pattern or hessian_pattern(network)
+    pattern = pattern or block_laplacian(network)
     state = SpringState(network, critical.lengths, critical.coordinates, critical.bond_vectors)
     records = np.full((5, len(gamma)), np.nan)
     steps, statuses = np.zeros(len(gamma), int), np.full(len(gamma), int(Status.missing))

@@ -104,11 +104,6 @@ def spring_state(network: Network, rest_lengths: ArrayLike, coordinates: ArrayLi
     return state
 
 
-def hessian_pattern(network: Network) -> FixedPattern:
-    """The elastic Hessian's pattern, made once for a network and all its strained copies."""
-    return block_laplacian(network)
-
-
 def factorize_hessian(pattern: FixedPattern, state: SpringState, shift: float = 0.0) -> Factor:
     """Factorise H + shift·1 of a state."""
     return pattern.factorize(edge_blocks(state.modified_stiffness, state.bond_vectors, state.sigma), shift)
@@ -130,7 +125,7 @@ def equilibrium(
     """
     scale = float(np.mean(state.network.stiffness) * np.mean(state.rest_lengths))
     if method == "newton":
-        solution = _newton(state, tolerance * scale, max_steps or 200, pattern or hessian_pattern(state.network))
+        solution = _newton(state, tolerance * scale, max_steps or 200, pattern or block_laplacian(state.network))
     elif method == "fire":
         solution = _fire(state, tolerance * scale, max_steps or 200_000)
     else:

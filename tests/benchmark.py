@@ -16,9 +16,8 @@ import time
 import numpy as np
 
 from critflow import CriticalManifold, critical_from_lengths, optimize, stiffening, strain_path, voronoi_network
-from critflow.linalg import Saddle
 from critflow.objectives import named_objective
-from critflow.springs import SpringState, equilibrium, hessian_pattern
+from critflow.springs import SpringState, equilibrium
 
 SEEDS = range(5)
 
@@ -88,7 +87,7 @@ def main():
 
     lengths = [1 + 0.1 * np.random.default_rng(seed).standard_normal(1500) for seed in SEEDS]
     fitted = []
-    spent = median_ms(lambda seed: fitted.append(critical_from_lengths(networks[seed], lengths[seed], throw=False)))
+    spent = median_ms(lambda seed: fitted.append(critical_from_lengths(manifolds[seed], lengths[seed], throw=False)))
     row(
         "rest lengths, conic",
         spent,
@@ -97,7 +96,7 @@ def main():
 
     stressed = [m.configuration(np.abs(rng.standard_normal(1500))) for m in manifolds]
     strains = 1e-3 * np.arange(1, 11)
-    patterns = [hessian_pattern(network) for network in networks]
+    patterns = [m.hessian for m in manifolds]
     paths = []
     spent = median_ms(
         lambda seed: paths.append(strain_path(networks[seed], stressed[seed], strains, pattern=patterns[seed]))
@@ -105,9 +104,7 @@ def main():
     worst = max(s.value.max_force.max() for s in paths)
     row("strain step with its moduli", spent / len(strains), f"ten steps of 0.001, largest force {worst:.0e}")
 
-    saddles = [Saddle(network) for network in networks]
-    stiffening(networks[0], stressed[0], saddles[0])
-    spent = median_ms(lambda seed: stiffening(networks[seed], stressed[seed], saddles[seed]), 3)
+    spent = median_ms(lambda seed: stiffening(networks[seed], stressed[seed], manifolds[seed].saddle), 3)
     row("exact C_B and C_G", spent, "from the transition alone")
 
     # The same step by both methods, in turn, to the same force.

@@ -18,6 +18,7 @@ from critflow import (
 )
 from critflow.cone import fit_lengths, polish
 from critflow.critical import stressed_fraction
+from critflow.linalg import Saddle
 
 NETWORK = voronoi_network(100, seed=1)
 
@@ -144,7 +145,7 @@ def test_no_other_configuration_has_a_smaller_largest_ratio():
 def test_polishing_converges_quadratically():
     target = lengths(0.1, 4)
     cone = fit_lengths(NETWORK, target, tolerance=1e-8)
-    x, sigma, error, steps = polish(NETWORK, target, cone.coordinates, cone.sigma)
+    x, sigma, error, steps = polish(Saddle(NETWORK), NETWORK, target, cone.coordinates, cone.sigma)
     assert error < 1e-13
     assert 1 <= steps <= 3
     np.testing.assert_allclose(np.linalg.norm(NETWORK.bond_vectors(x), axis=1) / target, cone.ratio, rtol=1e-6)

@@ -27,10 +27,8 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical import stressed_fraction
-from critflow.linalg import Saddle
 from critflow.objectives import OBJECTIVES
 from critflow.path import check_strains
-from critflow.springs import hessian_pattern
 from critflow.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
@@ -42,8 +40,7 @@ POPULATIONS = (*OBJECTIVES, "random_lengths", "random_stress", "random_lengths_w
 @lru_cache(maxsize=2)
 def prepared(n_vertices, seed, hard_core):
     """What the populations of one network share: the network and the symbolic analysis of its matrices."""
-    network = voronoi_network(n_vertices, seed, hard_core)
-    return CriticalManifold(network), Saddle(network), hessian_pattern(network)
+    return CriticalManifold(voronoi_network(n_vertices, seed, hard_core))
 
 
 def configuration(manifold, parameters, seed, population) -> Solution[CriticalConfiguration]:
@@ -58,7 +55,7 @@ def configuration(manifold, parameters, seed, population) -> Solution[CriticalCo
     lengths = 1 + spread * rng.standard_normal(n_edges)
     while (negative := lengths <= 0).any():  # a normal distribution with s = 0.3 has one negative length in 2,300
         lengths[negative] = 1 + spread * rng.standard_normal(negative.sum())
-    return critical_from_lengths(manifold.network, lengths, parameters["protocol"], throw=False)
+    return critical_from_lengths(manifold, lengths, parameters["protocol"], throw=False)
 
 
 def fitted(strains, moduli, window):
@@ -71,7 +68,7 @@ def fitted(strains, moduli, window):
 
 def case(parameters, *, seed, population):
     """A critical configuration, its structure, and its moduli at the transition and along the strain path."""
-    manifold, saddle, pattern = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
+    manifold = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
     network = manifold.network
     found = configuration(manifold, parameters, seed, population)
     shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
@@ -79,8 +76,8 @@ def case(parameters, *, seed, population):
         return shared
     critical, strains = found.value, np.array(parameters["strains"])
     at_transition = transition_moduli(critical)
-    path = strain_path(network, critical, strains, pattern=pattern, throw=False).value
-    exact = stiffening(network, critical, saddle, throw=False).value
+    path = strain_path(network, critical, strains, pattern=manifold.hessian, throw=False).value
+    exact = stiffening(network, critical, manifold.saddle, throw=False).value
     # Where an edge collapses the infimum has no configuration, so the coefficients of a near one mean nothing.
     undefined = np.nan if found.status is Status.edge_collapse else 1.0
     result = {
