@@ -29,11 +29,8 @@ class ConeSolution:
     iterations: int
 
 
-def fit_lengths(network: Network, lengths: Array, tolerance: float = 1e-12) -> ConeSolution:
-    """Solve the cone program for lengths ℓ (N_b,) by Clarabel's interior-point method, to about √tolerance.
-
-    The default is what it takes to tell slack edges from weakly stressed ones.
-    """
+def fit_lengths(network: Network, lengths: Array, tolerance: float) -> ConeSolution:
+    """Solve the cone program for lengths ℓ (N_b,) by Clarabel's interior-point method, to about √tolerance."""
     d, n, m = network.dimension, len(network.free), network.n_edges
     g = network.free_incidence.tocoo()
     block = d + 1

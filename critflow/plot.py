@@ -148,7 +148,15 @@ def violins(
     axes.set_xticks(range(len(groups)), shown_labels, fontsize=8)
     axes.set_xlim(-0.6, len(groups) - 0.4)
     if log:
-        axes.yaxis.set_major_formatter(lambda value, _: f"$10^{{{value:g}}}$")
+        low, high = axes.get_ylim()
+        # A few decades need marks within them to be read; many do not.
+        marks = (1, 3) if high - low < 3 else (1,)
+        decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
+        ticks = [(decade + np.log10(mark), mark, decade) for decade in decades for mark in marks]
+        ticks = [tick for tick in ticks if low <= tick[0] <= high]
+        plain = high - low < 3 and low > -4
+        names = [f"{mark * 10.0**decade:g}" if plain else f"$10^{{{decade}}}$" for _, mark, decade in ticks]
+        axes.set_yticks([place for place, _, _ in ticks], names)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(axis="y", labelsize=8)
 

@@ -62,7 +62,7 @@ def gallery(ds):
     for population in ds.population.values:
         one = ds.isel(seed=0).sel(population=population)
         if np.isfinite(one.sigma.values).all():
-            drawings.append(_drawing(one, "", f"$B_0$ = {float(one.bulk_modulus_0):.3f}"))
+            drawings.append(_drawing(one, f"{{name}}: $B_0$ = {float(one.bulk_modulus_0):.3f}"))
     title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition, seven ways"
     return gallery_figure(drawings, title.replace("seven", _NUMBERS.get(len(drawings), str(len(drawings)))))
 
@@ -96,17 +96,18 @@ def _panel(ds, name, label, log=False, zero_line=False):
             of_population = values.sel(population=population)
             seed = np.abs(of_population - of_population.median()).idxmin()
             shown = f"{float(of_population.sel(seed=seed)):.2g}"
-            drawings.append(_drawing(ds.sel(population=population, seed=seed), f"{word}: ", shown))
+            drawings.append(_drawing(ds.sel(population=population, seed=seed), f"{word}: {shown}\n{{name}}"))
     return Panel(label, list(values.values), drawings, log, zero_line)
 
 
-def _drawing(one, word, value):
-    """One configuration; `one` has neither seed nor population left."""
+def _drawing(one, caption):
+    """One configuration; the {name} of its population goes into the caption."""
     sigma, lengths, cell = one.sigma.values, one.length.values, one.cell.values
     tensions = unit_pressure_tensions(sigma, lengths, float(abs(np.linalg.det(cell))))
     name = LABELS[str(one.population.values)].replace("\n", ", ").format(**_parameters(one))
-    caption = f"{word}{name}, {value}"
-    return Drawing(caption, one.edges.values, one.offsets.values, cell, one.coordinates.values, tensions)
+    return Drawing(
+        caption.replace("{name}", name), one.edges.values, one.offsets.values, cell, one.coordinates.values, tensions
+    )
 
 
 # Claims
