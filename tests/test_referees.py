@@ -29,7 +29,8 @@ def lammps(tmp_path_factory):
         lines = ["springs", "", f"{len(x)} atoms", f"{network.n_edges} bonds", "1 atom types"]
         lines += [f"{network.n_edges} bond types", "", f"0 {side!r} xlo xhi", f"0 {side!r} ylo yhi", "-1 1 zlo zhi"]
         lines += ["", "Masses", "", "1 1.0", "", "Bond Coeffs", ""]
-        lines += [f"{e + 1} {k / 2!r} {r!r}" for e, (k, r) in enumerate(zip(network.stiffness.tolist(), state.rest_lengths.tolist(), strict=True))]  # fmt: skip
+        springs = zip(network.stiffness.tolist(), state.rest_lengths.tolist(), strict=True)
+        lines += [f"{e + 1} {k / 2!r} {rest!r}" for e, (k, rest) in enumerate(springs)]
         lines += ["", "Atoms", ""] + [f"{i + 1} 1 1 {a!r} {b!r} 0.0" for i, (a, b) in enumerate(x.tolist())]
         lines += ["", "Bonds", ""] + [f"{e + 1} {e + 1} {i + 1} {j + 1}" for e, (i, j) in enumerate(network.edges)]
         data = folder / "springs.data"
