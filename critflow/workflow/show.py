@@ -38,7 +38,7 @@ def show_configuration(case: xr.Dataset, path: Path) -> str:
     title = ", ".join(f"{name} {value}" for name, value in chosen.items())
     figure = network_figure(edges, offsets, cell, coordinates, sigma, critical.lengths, title)
     figure.savefig(path, dpi=200)
-    return certificate_text(critical, title, case)
+    return f"{certificate_text(critical, title, case)}\ndrawn in {path}"
 
 
 def certificate_text(critical: CriticalConfiguration, title: str, case: xr.Dataset) -> str:
