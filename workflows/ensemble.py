@@ -133,13 +133,14 @@ def check(parameters, axes):
 def table():
     """Names, dimensions, types, units and meanings of everything that is stored."""
     network, member, each = ("seed",), ("population", "seed"), ("population", "seed", "strain")
-    modulus = "k"
+    # CF knows no stiffness as a unit: what is measured in k is dimensionless, and its name says so.
+    in_k = ", in units of k"
 
-    def scalar(name, long_name, units="1", dtype="f8", **more):
-        return Variable(name, member, dtype, units=units, long_name=long_name, **more)
+    def scalar(name, long_name, dtype="f8", **more):
+        return Variable(name, member, dtype, long_name=long_name, **more)
 
-    def along(name, long_name, units="1", dtype="f8", **more):
-        return Variable(name, each, dtype, units=units, long_name=long_name, **more)
+    def along(name, long_name, dtype="f8", **more):
+        return Variable(name, each, dtype, long_name=long_name, **more)
 
     yield Variable("edges", (*network, "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
     yield Variable(
@@ -151,13 +152,13 @@ def table():
     )
     yield Variable("length", (*member, "edge"), "f8", long_name="edge length at the transition")
     yield Variable("coordinates", (*member, "vertex", "axis"), "f8", long_name="vertex coordinates at the transition")
-    yield scalar("bulk_modulus_0", "bulk modulus at the transition", modulus)
-    yield scalar("shear_modulus_0", "shear modulus at the transition", modulus)
-    yield along("bulk_modulus", "bulk modulus V d2E/dV2", modulus)
-    yield along("shear_modulus", "shear modulus (1/V) d2E/dε2, energy convention", modulus)
-    yield along("shear_modulus_stress_corrected", "shear modulus less half of dE/dV", modulus)
-    yield along("energy", "elastic energy", "k")
-    yield along("max_force", "largest unbalanced force component", "k")
+    yield scalar("bulk_modulus_0", "bulk modulus at the transition" + in_k)
+    yield scalar("shear_modulus_0", "shear modulus at the transition" + in_k)
+    yield along("bulk_modulus", "bulk modulus V d2E/dV2" + in_k)
+    yield along("shear_modulus", "shear modulus (1/V) d2E/dε2, energy convention" + in_k)
+    yield along("shear_modulus_stress_corrected", "shear modulus less half of dE/dV" + in_k)
+    yield along("energy", "elastic energy" + in_k)
+    yield along("max_force", "largest unbalanced force component" + in_k)
     yield along("newton_steps", "Newton steps of the relaxation", dtype="i2")
     yield along("path_status", "outcome of the strain step", dtype="i1", flags=Status)
     for name, what in (
@@ -165,9 +166,9 @@ def table():
         ("C_G", "shear modulus (energy convention)"),
         ("C_G_stress_corrected", "stress-corrected shear modulus"),
     ):
-        yield scalar(name, f"growth of the {what} with strain, straight line fitted to the path", modulus)
-        yield scalar(f"{name}_error", f"standard error of the fitted growth of the {what}", modulus)
-        yield scalar(f"{name}_exact", f"growth of the {what} with strain, from the transition alone", modulus)
+        yield scalar(name, f"growth of the {what} with strain, straight line fitted to the path" + in_k)
+        yield scalar(f"{name}_error", f"standard error of the fitted growth of the {what}" + in_k)
+        yield scalar(f"{name}_exact", f"growth of the {what} with strain, from the transition alone" + in_k)
     yield scalar("length_variance", "variance of the lengths over their squared mean, V_L")
     yield scalar("tension_variance", "variance of the tensions over their squared mean, V_τ")
     yield scalar("anisotropy_physical", "mean shape anisotropy of the faces")
