@@ -23,11 +23,12 @@ from critflow.workflow.status import folder_status, status_lines
 from critflow.workflow.study import Study
 
 FAILED_CASES = 3
+DAMAGED = 4
 INTERRUPTED = 130
 EXIT_CODES = (
     (Interrupted, INTERRUPTED),
     (InputError, 2),
-    (IntegrityError, 4),
+    (IntegrityError, DAMAGED),
     (LockedError, 5),
     (EnvironmentFailure, 6),
 )
@@ -153,6 +154,20 @@ def status(folder: FolderArgument) -> None:
     print("\n".join(status_lines(found)))
     for line in found.damage:
         print("critflow:", line, file=sys.stderr)
+
+
+@app.command()
+def verify(folder: FolderArgument) -> int:
+    """Look at every byte of a folder's shards and dataset, and recompute the physics from the stored arrays."""
+    results = Folder(folder)
+    stored, problems = _part("critflow.workflow.verify").verify_folder(results)
+    for problem in problems:
+        print("critflow:", problem, file=sys.stderr)
+    if problems:
+        count = f"{len(problems)} thing{'s are' if len(problems) > 1 else ' is'} wrong"
+        return _complain(f"{count} in {results.path}: run the study again to mend it", DAMAGED)
+    print(f"{results.path}: {stored} stored cases and the dataset agree to the last byte, and with their physics")
+    return 0
 
 
 @app.command()

@@ -1,6 +1,7 @@
 """The ensemble study end to end, small: what it stores, whether the stored arrays bear out the stored numbers."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -163,6 +164,31 @@ def test_figures_claims_and_summary_are_written(folder):
     assert all(claim["because"] for claim in claims if claim["verdict"] == "differs")
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["networks"] == 3 and len(summary["populations"]) == 7
+
+
+def test_verify_believes_a_good_folder_and_names_what_is_wrong(folder, tmp_path, capsys):
+    assert run("verify", str(folder)) == 0
+    assert "21 stored cases" in capsys.readouterr().out
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    # Wrong physics in a file that is whole: σ of one edge of one network.
+    with xr.open_dataset(copy / "ensemble.nc") as stored:
+        changed = stored.load()
+    changed.sigma.loc[{"population": "random_stress", "seed": 1, "edge": 5}] *= 1 + 1e-6
+    changed.to_netcdf(copy / "ensemble.nc", engine="netcdf4")
+    assert run("verify", str(copy)) == 4
+    message = capsys.readouterr().err
+    assert "sigma is not what the shards hold" in message
+    assert "random_stress, seed 1: force balance" in message
+    # A byte flipped in a shard.
+    shard = next((copy / "shards").glob("*seed2-shear*"), None) or sorted((copy / "shards").glob("*.nc"))[3]
+    content = bytearray(shard.read_bytes())
+    content[len(content) // 2] ^= 1
+    shard.write_bytes(content)
+    assert run("verify", str(copy)) == 4
+    assert shard.name in capsys.readouterr().err
+    assert run("run", "ensemble", "--workers", "0", "--out", str(copy), *SETTINGS) == 0
+    assert run("verify", str(copy)) == 0
 
 
 def test_show_prints_a_certificate(folder, tmp_path, capsys):

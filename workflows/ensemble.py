@@ -33,6 +33,7 @@ from critflow.structure import face_anisotropy, force_anisotropy, length_varianc
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
 from ._ensemble_report import claims, gallery, response_figure, structure_figure, summary
+from ._ensemble_verify import verify
 
 POPULATIONS = (*OBJECTIVES, "random_lengths", "random_stress", "random_lengths_wide")
 
@@ -206,4 +207,5 @@ study = Study(
     figures={"gallery": gallery, "structure": structure_figure, "response": response_figure},
     claims=claims,
     summary=summary,
+    verify=verify,
 )

@@ -192,6 +192,8 @@ def _interrupts_held_back() -> Iterator[None]:
 
 def _kill_workers(cluster: LocalCluster) -> None:
     """End the workers in the middle of what they do; stored cases are complete, so nothing is lost."""
+    # From here on dask has only news of connections that this breaks, some with tracebacks.
+    logging.getLogger("distributed").handlers = [logging.NullHandler()]
     for nanny in cluster.workers.values():
         nanny.auto_restart = False
         if nanny.pid is not None:

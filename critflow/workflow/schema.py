@@ -99,6 +99,9 @@ class _Table:
             # xarray would add a fill value to float coordinates, and turn integers with one into floats on reading.
             fills = name in data and labelled.dtype.kind == "f"
             labelled.encoding["_FillValue"] = labelled.dtype.type(np.nan) if fills else None
+            if labelled.dtype.kind == "U":
+                # Characters, not strings of variable length: those crash the library when a file is opened twice.
+                labelled.encoding["dtype"] = "S1"
         return dataset
 
     def _filled(self, variable: Variable) -> np.ndarray:

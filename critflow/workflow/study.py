@@ -175,6 +175,7 @@ class Study:
     figures: Mapping[str, Callable[[xr.Dataset], Figure]] = field(default_factory=dict)
     claims: Callable[[xr.Dataset], Sequence[Claim]] | None = None
     summary: Callable[[xr.Dataset], Mapping[str, Any]] | None = None
+    verify: Callable[[xr.Dataset], Sequence[str]] | None = None  # recomputes what it can; a line for each contradiction
     references: str = ""  # what it reproduces, for the dataset attribute of the same name
 
     def __post_init__(self) -> None:

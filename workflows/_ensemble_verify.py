@@ -1,0 +1,43 @@
+"""The physics of an ensemble recomputed from its stored arrays, by formulas of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Relative force balance that edges as short as a thousandth of the mean allow in stored coordinates.
+BALANCED = 1e-11
+
+
+def verify(ds):
+    """A line for each stored configuration that its own numbers contradict."""
+    problems = []
+    for population in ds.population.values:
+        for seed in ds.seed.values:
+            one = ds.sel(population=population, seed=seed)
+            if np.isfinite(one.residual):
+                wrong = [name for name, holds in _checks(one) if not holds]
+                if wrong:
+                    problems.append(f"{population}, seed {seed}: {', '.join(wrong)} does not follow from the arrays")
+    return problems
+
+
+def _checks(one):
+    tail, head = one.edges.values.T
+    x, sigma, cell = one.coordinates.values, one.sigma.values, one.cell.values
+    L = x[head] - x[tail] + one.offsets.values @ cell
+    length, area = np.linalg.norm(L, axis=1), abs(np.linalg.det(cell))
+    tension, force = sigma * length, np.zeros_like(x)
+    np.add.at(force, head, sigma[:, None] * L)
+    np.add.at(force, tail, -sigma[:, None] * L)
+    cost = np.sum(tension**2)
+    yield "force balance", np.abs(force).max() <= BALANCED * np.abs(tension).mean()
+    yield "length", np.allclose(length, one.length, rtol=1e-10, atol=1e-13)
+    yield "sigma", np.isclose(np.sum(sigma**2), len(sigma), rtol=1e-10)
+    yield (
+        "bulk_modulus_0",
+        np.isclose(np.sum(sigma * length**2) ** 2 / (4 * area * cost), one.bulk_modulus_0, rtol=1e-9),
+    )
+    shear = np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / (area * cost)
+    yield "shear_modulus_0", np.isclose(shear, one.shear_modulus_0, rtol=1e-6, atol=1e-14)
+    for name, values in (("length_variance", length), ("tension_variance", tension)):
+        yield name, np.isclose(np.var(values) / np.mean(values) ** 2, one[name], rtol=1e-8, atol=1e-20)
