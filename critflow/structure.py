@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 
 from critflow.manifold import CriticalConfiguration
 from critflow.network import Array
+from critflow.objectives import LengthVariance, TensionVariance
 from critflow.result import InputError
 
 
 def length_variance(critical: CriticalConfiguration) -> float:
     """V_L of a configuration (`LengthVariance`)."""
-    return _relative_variance(critical.lengths)
+    return LengthVariance().evaluate(critical.sigma, critical.bond_vectors)[0]
 
 
 def tension_variance(critical: CriticalConfiguration) -> float:
     """V_τ of a configuration (`TensionVariance`)."""
-    return _relative_variance(critical.tensions)
+    return TensionVariance().evaluate(critical.sigma, critical.bond_vectors)[0]
 
 
 def face_anisotropy(critical: CriticalConfiguration) -> Array:
@@ -65,8 +66,3 @@ def polygon_anisotropy(sides: Array, starts: NDArray[np.intp]) -> Array:
     with np.errstate(invalid="ignore"):
         # (λ_1² − λ_2²)²/(λ_1² + λ_2²)², the same without eigenvalues.
         return ((xx - yy) ** 2 + 4 * xy**2) / (xx + yy) ** 2
-
-
-def _relative_variance(values: Array) -> float:
-    mean = values.mean()
-    return float(np.mean((values - mean) ** 2) / mean**2)
