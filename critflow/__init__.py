@@ -15,7 +15,7 @@ from critflow.isogonal import isogonal_modes
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, stiffening, transition_moduli
 from critflow.network import Network
-from critflow.optimize import bulk_modulus_bound, optimize
+from critflow.optimize import optimize
 from critflow.path import strain_path
 from critflow.result import (
     CritflowError,
@@ -31,6 +31,7 @@ from critflow.result import (
 )
 from critflow.rigidity import certify, rigidity
 from critflow.springs import equilibrium, spring_state
+from critflow.supremum import bulk_modulus_bound, modulus_bound
 
 __version__ = version("critflow")
 
@@ -59,6 +60,7 @@ __all__ = [
     "honeycomb_network",
     "isogonal_modes",
     "linear_response",
+    "modulus_bound",
     "optimize",
     "random_sequential_addition",
     "rigidity",

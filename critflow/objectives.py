@@ -90,7 +90,7 @@ class TransitionModulus(Objective):
     maximise = True
 
     def evaluate(self, sigma: Array, L: Array) -> tuple[float, Partials]:
-        AL = L @ self._symmetric
+        AL = L @ self.symmetric
         hdot = np.einsum("ad,ad->a", L, AL)
         flexibility = np.einsum("ad,ad->a", L, L) / self.stiffness
         work, cost = sigma @ hdot, sigma**2 @ flexibility
@@ -100,7 +100,7 @@ class TransitionModulus(Objective):
         return float(work * ratio / self.volume), (dO_dsigma / self.volume, dO_dL / self.volume)
 
     def differential(self, sigma: Array, L: Array, dsigma: Array, dL: Array) -> Partials:
-        AL, AdL = L @ self._symmetric, dL @ self._symmetric
+        AL, AdL = L @ self.symmetric, dL @ self.symmetric
         hdot, dhdot = np.einsum("ad,ad->a", L, AL), 2 * np.einsum("ad,ad->a", dL, AL)
         flexibility = np.einsum("ad,ad->a", L, L) / self.stiffness
         dflexibility = 2 * np.einsum("ad,ad->a", L, dL) / self.stiffness
@@ -124,7 +124,8 @@ class TransitionModulus(Objective):
         return ddO_dsigma / self.volume, ddO_dL / self.volume
 
     @property
-    def _symmetric(self) -> Array:
+    def symmetric(self) -> Array:
+        """The symmetric part of A, (d, d): the modulus does not see rotations."""
         return 0.5 * (self.strain + self.strain.T)
 
 

@@ -1,10 +1,14 @@
 """Optimise over all critical configurations: stress in, configuration out, the best of a kind returned.
 
-The unknowns are θ = log σ, so every stress stays positive, and results are scaled to Σσ² = N_b.  The residual of an
-optimum is the largest component of dO/dσ, the gradient projected on the stresses of that scale.
+The unknowns are θ = log σ, so every stress stays positive, or σ itself where compression is allowed; results are
+scaled to Σσ² = N_b.  The residual of an optimum is the largest component of dO/dσ, the gradient projected on the
+stresses of that scale.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +17,17 @@ from critflow.critical import critical_from_lengths
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.minimize import Minimum, Point, fire, lbfgs, newton
 from critflow.network import Array, Network, edge_values
-from critflow.objectives import LengthVariance, Objective, TransitionModulus, dilation, named_objective
+from critflow.objectives import (
+    LengthVariance,
+    Objective,
+    TransitionModulus,
+    dilation,
+    named_objective,
+    pure_shear,
+    transition_modulus,
+)
 from critflow.result import InputError, Solution, Stats, Status
+from critflow.supremum import largest_modulus
 
 METHODS = ("auto", "fire", "lbfgs", "newton", "closed_form", "conic")
 
@@ -39,29 +52,41 @@ def optimize(
     objective: str | Objective,
     method: str = "auto",
     *,
+    signs: str = "positive",
     start: ArrayLike | None = None,
     starts: int = 1,
     rng: np.random.Generator | None = None,
     threshold: float = 0.1,
     tolerance: float = 1e-12,
     max_steps: int | None = None,
+    observe: Observer | None = None,
     throw: bool = True,
 ) -> Solution[CriticalConfiguration]:
     """The critical configuration that is best by an objective, with its value in `stats.details["objective"]`.
 
     objective  "length_variance", "tension_variance" (least), "bulk_modulus", "shear_modulus" (largest; the last with
                the penalty that keeps σ above about `threshold`), or an `Objective`
-    method     "fire", "lbfgs", "newton"; "closed_form" for the bulk modulus; "conic" for the length variance; "auto"
-               takes the cheapest that reaches the tolerance
+    method     "fire", "lbfgs", "newton"; "closed_form" for moduli without a penalty, in three dimensions for the bulk
+               modulus; "conic" for the length variance; "auto" takes the cheapest that reaches the tolerance
+    signs      "positive": every edge under tension; "any": compression too, and "shear_modulus" has no penalty then
     start      σ to start from, (N_b,); by default 1 on every edge
     starts     number of starts; from the second on random, |N(0, 1)|, drawn from `rng`; the best optimum is returned
                and `stats.details["starts"]` lists the values of all
+    observe    called with (step, value, σ, L) at the start and after every step of a descent
+
+    With signs of both kinds a way may cross stresses whose prestress matrix is singular, where no configuration is:
+    `stats.details["crossings"]` lists the steps that did, `stats.details["nearest_singular"]` how near a step came
+    (the smallest pivot over the largest).
 
     A tension variance whose infimum wants an edge of zero length returns `Status.edge_collapse`, the edges and the
     limit of the value; a length variance for which edges fall slack does the same with `Status.slack_edges`.
     Raises `InputError` for bad arguments, `SolveError` when the status is not good and `throw`.
     """
     manifold = CriticalManifold.of(network)
+    if signs not in ("positive", "any"):
+        raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
+    if signs == "any" and objective == "shear_modulus":
+        objective = transition_modulus(manifold.network, pure_shear(manifold.network.dimension))
     goal = named_objective(manifold.network, objective, threshold) if isinstance(objective, str) else objective
     if method not in METHODS:
         raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
@@ -69,25 +94,24 @@ def optimize(
         raise InputError("starts must be at least 1, and more than one start needs a random generator rng")
     if not tolerance > 0:
         raise InputError(f"the tolerance must be positive, not {tolerance}")
-    is_bulk = isinstance(goal, TransitionModulus) and np.array_equal(goal.strain, dilation(manifold.network.dimension))
-    if method == "closed_form" or (method == "auto" and is_bulk):
-        if not isinstance(goal, TransitionModulus) or not is_bulk:
-            raise InputError("a closed form is known for the bulk modulus only: choose another method")
-        solution = _largest_bulk_modulus(manifold, goal)
+    if method == "closed_form" or (method == "auto" and _has_closed_form(manifold, goal, signs)):
+        solution = _largest(manifold, goal, signs)
     elif method == "conic":
         if not isinstance(goal, LengthVariance):
             raise InputError("the cone program finds the least length variance only: choose another method")
         solution = _equal_lengths(manifold)
-    elif method == "auto" and start is None and isinstance(goal, LengthVariance):
+    elif method == "auto" and start is None and isinstance(goal, LengthVariance) and signs == "positive":
         solution = _equal_lengths(manifold)
         if not solution.ok:
             # Equal lengths leave edges slack, so the least variance is not zero and has to be looked for.
-            solution = _descend(manifold, goal, method, np.ones(manifold.network.n_edges), tolerance, max_steps)
+            landscape = _Landscape(manifold, goal, observe)
+            solution = _descend(landscape, method, np.ones(manifold.network.n_edges), tolerance, max_steps)
     else:
         n_edges = manifold.network.n_edges
-        first = np.ones(n_edges) if start is None else edge_values(start, n_edges, "start")
+        first = np.ones(n_edges) if start is None else edge_values(start, n_edges, "start", signs == "positive")
         others = [np.abs(rng.standard_normal(n_edges)) for _ in range(starts - 1)] if rng is not None else []
-        solutions = [_descend(manifold, goal, method, sigma, tolerance, max_steps) for sigma in [first, *others]]
+        landscape = (_Landscape if signs == "positive" else _SignedLandscape)(manifold, goal, observe)
+        solutions = [_descend(landscape, method, sigma, tolerance, max_steps) for sigma in [first, *others]]
         values = np.array([s.stats.details["objective"] for s in solutions])
         good = [n for n, s in enumerate(solutions) if s.ok] or range(len(solutions))
         best = max(good, key=lambda n: values[n]) if goal.maximise else min(good, key=lambda n: values[n])
@@ -96,25 +120,33 @@ def optimize(
     return solution.or_raise("no optimum") if throw else solution
 
 
-def bulk_modulus_bound(network: Network | CriticalManifold) -> float:
-    """The largest B_0 that any stress can give, (1/d²V) Σ k|L*|² with L* the configuration at σ = k.
-
-    Virtual work gives Σσ|L|² = Σσ L·L* for every compatible L*, and Cauchy–Schwarz does the rest.
-    """
-    manifold = CriticalManifold.of(network)
-    k, d = manifold.network.stiffness, manifold.network.dimension
-    L = manifold.balance(k)[1]
-    return float(k @ np.sum(L**2, axis=1)) / (d**2 * manifold.network.volume)
+Observer = Callable[[int, float, Array, Array], Any]
+"""What is told of a descent: step, value of the objective, σ (N_b,) and L (N_b, d)."""
 
 
-def _largest_bulk_modulus(manifold: CriticalManifold, goal: TransitionModulus) -> Solution[CriticalConfiguration]:
+def _has_closed_form(manifold: CriticalManifold, goal: Objective, signs: str) -> bool:
+    """Whether a configuration of the largest value is known, with no more compression than the signs allow."""
+    if not isinstance(goal, TransitionModulus) or not np.array_equal(goal.stiffness, manifold.network.stiffness):
+        return False
+    d = manifold.network.dimension
+    return np.array_equal(goal.strain, dilation(d)) or (signs == "any" and d == 2)
+
+
+def _largest(manifold: CriticalManifold, goal: Objective, signs: str) -> Solution[CriticalConfiguration]:
+    if not isinstance(goal, TransitionModulus):
+        raise InputError("a closed form is known for moduli without a penalty only: choose another method")
     if not np.array_equal(goal.stiffness, manifold.network.stiffness):
         raise InputError("the closed form needs the stiffness of the network itself")
-    value = manifold.configuration(manifold.network.stiffness)
-    modulus, residual = _residual(manifold, goal, value)
-    bound = bulk_modulus_bound(manifold)
-    details = {"objective": modulus, "bound": bound, "gap": 1 - modulus / bound}
-    return Solution(value, Status.ok, Stats("closed_form", 0, 1, residual, details))
+    solution = largest_modulus(manifold, goal.strain)
+    compressed = int(np.sum(solution.value.sigma < 0))
+    if compressed and signs == "positive":
+        raise InputError(
+            f"the largest modulus for this strain compresses {compressed} edges: allow it with signs='any', or choose "
+            "another method"
+        )
+    stats = solution.stats
+    residual = _residual(manifold, goal, solution.value)[1] if solution.ok else np.nan
+    return Solution(solution.value, solution.status, Stats("closed_form", 0, 1, residual, stats.details))
 
 
 def _equal_lengths(manifold: CriticalManifold) -> Solution[CriticalConfiguration]:
@@ -139,19 +171,20 @@ def _residual(manifold: CriticalManifold, goal: Objective, value: CriticalConfig
 
 
 def _descend(
-    manifold: CriticalManifold, goal: Objective, method: str, sigma: Array, tolerance: float, max_steps: int | None
+    landscape: _Landscape, method: str, sigma: Array, tolerance: float, max_steps: int | None
 ) -> Solution[CriticalConfiguration]:
-    landscape = _Landscape(manifold, goal)
-    end = _minimise(landscape, method, np.log(sigma), tolerance, max_steps)
+    manifold = landscape.manifold
+    start = landscape.unknowns(sigma)
+    end = _minimise(landscape, method, start, tolerance, max_steps)
     if end.status is Status.ok and end.iterations == 0:
         # A start without slope may be a saddle by symmetry; a step to the side, to no one's liking, tells.
-        aside = np.log(sigma) + 0.1 * np.sin(1.0 + np.arange(len(sigma)))
+        aside = start + 0.1 * np.sin(1.0 + np.arange(len(sigma)))
         other = _minimise(landscape, method, aside, tolerance, max_steps)
         if other.status is Status.ok and other.point.value < end.point.value - _NOTICED * abs(other.point.value):
             end = other
     reached = manifold.solve(landscape.sigma(end.point.x))
     status, value = end.status, reached.value
-    details: dict[str, object] = {"objective": landscape.sign * end.point.value}
+    details: dict[str, object] = {"objective": landscape.sign * end.point.value, **landscape.told()}
     if status in (Status.edge_collapse, Status.slack_edges):
         details = _limit(end, value, landscape.sign)
         value = manifold.configuration(landscape.sigma(landscape.last_sound))
@@ -201,31 +234,50 @@ def _minimise(landscape: _Landscape, method: str, x: Array, tolerance: float, ma
 class _Landscape:
     """An objective as a function of θ = log σ, to be minimised."""
 
-    def __init__(self, manifold: CriticalManifold, goal: Objective):
-        self._manifold, self._goal = manifold, goal
+    def __init__(self, manifold: CriticalManifold, goal: Objective, observe: Observer | None = None):
+        self.manifold, self._goal, self._observe = manifold, goal, observe
         self.sign = -1.0 if goal.maximise else 1.0
         self.last_sound = np.zeros(manifold.network.n_edges)
+        self._step = 0
+
+    def unknowns(self, sigma: Array) -> Array:
+        """θ of a stress; a descent from it is about to begin."""
+        self._step = 0
+        return np.log(sigma)
 
     def sigma(self, x: Array) -> Array:
         """σ of log-stresses θ, scaled to Σσ² = N_b."""
         sigma = np.exp(x - x.max())
         return sigma * np.sqrt(len(x) / (sigma @ sigma))
 
+    def along(self, x: Array, sigma: Array, direction: Array) -> Array:
+        """A change of σ that a direction of θ brings; what it adds along σ does not matter."""
+        return sigma * direction
+
+    def slope(self, x: Array, sigma: Array, gradient: Array) -> Array:
+        """dO/dθ from dO/dσ."""
+        return sigma * gradient
+
+    def bend(self, x: Array, sigma: Array, gradient: Array, direction: Array) -> Array:
+        """What the curvature of σ(θ) adds to the Hessian times a direction."""
+        return sigma * direction * gradient
+
     @property
     def time_step(self) -> float:
         # Curvatures per edge are of order 1/N_b.
-        return 0.3 * np.sqrt(self._manifold.network.n_edges)
+        return 0.3 * np.sqrt(self.manifold.network.n_edges)
 
     def at(self, x: Array) -> Point:
         # Trials far out may overflow; they are told by a value that is not finite.
         with np.errstate(all="ignore"):
             sigma = self.sigma(x)
-            _, L, factor = self._manifold.balance(sigma)
+            _, L, factor = self.manifold.balance(sigma)
             value, partials = self._goal.evaluate(sigma, L)
-            gradient, gy = self._manifold.pull_back(L, factor, *partials)
+            gradient, gy = self.manifold.pull_back(L, factor, *partials)
         self._last = (x, sigma, L, factor, gradient, gy)
         residual = float(np.abs(gradient).max())
-        return Point(x, self.sign * value, self.sign * sigma * gradient, residual if np.isfinite(residual) else np.inf)
+        slope = self.sign * self.slope(x, sigma, gradient)
+        return Point(x, self.sign * value, slope, residual if np.isfinite(residual) else np.inf)
 
     def stiff_diagonal(self, point: Point) -> Array | float:
         return self._goal.stiff_diagonal(self._last[1])
@@ -234,6 +286,13 @@ class _Landscape:
         _, sigma, L, *_ = self._last
         if not np.isfinite(point.value):
             return Status.singular
+        if self._observe is not None:
+            self._observe(self._step, self.sign * point.value, sigma, L)
+        self._step += 1
+        return self._end(point)
+
+    def _end(self, point: Point) -> Status | None:
+        _, sigma, L, *_ = self._last
         length = np.linalg.norm(L, axis=1)
         tension = sigma * length
         if length.min() > _SOUND * length.mean() and sigma.min() > _SOUND**2:
@@ -243,11 +302,52 @@ class _Landscape:
         vanishing = (length < _COLLAPSING * length.mean()) & (tension > 0.01 * tension.mean())
         return Status.edge_collapse if vanishing.any() else None
 
+    def told(self) -> dict[str, object]:
+        """What the way itself has to say."""
+        return {}
+
     def curvature(self, point: Point, direction: Array) -> Array:
         x, sigma, L, factor, gradient, gy = self._last
         assert x is point.x, "the curvature belongs to the point evaluated last"
-        dsigma = sigma * direction
-        dL = self._manifold.tangent(L, factor, dsigma)
+        dsigma = self.along(x, sigma, direction)
+        dL = self.manifold.tangent(L, factor, dsigma)
         second = self._goal.differential(sigma, L, dsigma, dL)
-        dgradient = self._manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second)
-        return self.sign * (dsigma * gradient + sigma * dgradient)
+        dgradient = self.manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second)
+        return self.sign * (self.bend(x, sigma, gradient, direction) + self.slope(x, sigma, dgradient))
+
+
+class _SignedLandscape(_Landscape):
+    """An objective as a function of σ itself, which may change sign, and with it the inertia of P(σ)."""
+
+    def unknowns(self, sigma: Array) -> Array:
+        self._step, self._nearest = 0, np.inf
+        self._crossings: list[int] = []
+        self._negative: int | None = None
+        return sigma.copy()
+
+    def sigma(self, x: Array) -> Array:
+        return x * np.sqrt(len(x) / (x @ x))
+
+    def along(self, x: Array, sigma: Array, direction: Array) -> Array:
+        size = x @ x
+        return np.sqrt(len(x) / size) * (direction - (x @ direction / size) * x)
+
+    def slope(self, x: Array, sigma: Array, gradient: Array) -> Array:
+        # The gradient has no component along σ.
+        return np.sqrt(len(x) / (x @ x)) * gradient
+
+    def bend(self, x: Array, sigma: Array, gradient: Array, direction: Array) -> Array:
+        size = x @ x
+        return -np.sqrt(len(x) / size) * (x @ direction / size) * gradient
+
+    def _end(self, point: Point) -> Status | None:
+        factor = self._last[3]
+        pivots = np.abs(factor.pivots)
+        self._nearest = min(self._nearest, float(pivots.min() / pivots.max()))
+        if self._negative is not None and factor.n_negative != self._negative:
+            self._crossings.append(self._step - 1)
+        self._negative = factor.n_negative
+        return Status.singular if factor.singular else None
+
+    def told(self) -> dict[str, object]:
+        return {"crossings": self._crossings, "nearest_singular": self._nearest, "negative_pivots": self._negative}

@@ -355,4 +355,4 @@ def test_bad_arguments_say_what_to_do():
     with pytest.raises(InputError, match="random generator"):
         optimize(NETWORK, "shear_modulus", starts=3)
     with pytest.raises(InputError, match="stiffness of the network"):
-        optimize(NETWORK, transition_modulus(NETWORK.with_stiffness(2), dilation(2)))
+        optimize(NETWORK, transition_modulus(NETWORK.with_stiffness(2), dilation(2)), "closed_form")

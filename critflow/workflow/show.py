@@ -10,10 +10,10 @@ import numpy as np
 from critflow.manifold import CriticalConfiguration
 from critflow.moduli import transition_moduli
 from critflow.network import Network
-from critflow.optimize import bulk_modulus_bound
 from critflow.plot import network_figure
 from critflow.result import InputError, Status
 from critflow.rigidity import certify
+from critflow.supremum import bulk_modulus_bound
 
 if TYPE_CHECKING:
     import xarray as xr
