@@ -116,6 +116,10 @@ class CriticalManifold:
             raise NetworkError("sigma is zero on every edge: give each edge a force density, positive for tension")
         sigma = sigma * np.sqrt(self.network.n_edges / np.sum(sigma**2))
         free, L, factor = self.balance(sigma)
+        if factor.n_negative and not factor.singular:
+            # Without pivoting an indefinite factorisation may lose digits; one refinement brings them back.
+            free = free - factor.solve(self.network.divergence @ (sigma[:, None] * L))
+            L = self._g @ free + self._b
         status, x = Status.ok, self.network.all_coordinates(free)
         if factor.singular:
             status, x, L = Status.singular, np.full_like(x, np.nan), np.full_like(L, np.nan)

@@ -145,6 +145,15 @@ def test_no_stress_of_any_sign_exceeds_the_bound(strain):
     assert 0.9 * bound < ascended.stats.details["objective"] < bound
 
 
+def test_stresses_of_both_signs_keep_their_digits():
+    # P has 500 negative eigenvalues here; unrefined, the coordinates are off by 1e-10.
+    manifold = CriticalManifold(voronoi_network(1000, seed=1))
+    critical = largest_modulus(manifold, pure_shear(2)).value
+    again = manifold.solve(critical.sigma)
+    assert again.stats.details["negative_pivots"] > 400
+    np.testing.assert_allclose(again.value.bond_vectors, critical.bond_vectors, rtol=0, atol=2e-11)
+
+
 def test_rotating_the_strain_axes_rotates_the_answer():
     # Pure shear at 45° to another pure shear; together with the dilation they span all strains.
     network = voronoi_network(60, seed=3)
