@@ -12,12 +12,15 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 from numpy.typing import ArrayLike
+from scipy.optimize import linprog
 
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.network import Array, Network
 from critflow.objectives import dilation, transition_modulus
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Solution, SolveError, Stats, Status
+from critflow.rigidity import spread_columns
 
 # An edge of the attaining configuration shorter than this part of the mean has no stress to speak of.
 _NO_LENGTH = 1e-10
@@ -69,6 +72,34 @@ def largest_modulus(network: Network | CriticalManifold, strain: ArrayLike) -> S
         value = CriticalConfiguration(network, nowhere[:, 0], np.full_like(value.coordinates, np.nan), nowhere)
         details = {"objective": bound, "bound": bound, "gap": np.nan}
     return Solution(value, status, Stats("closed_form", 0, 1, value.residual, details))
+
+
+def least_compressed_length(network: Network | CriticalManifold, strain: ArrayLike) -> float:
+    """The least total length of compressed edges that a planar configuration with the largest modulus can have.
+
+    All of them share the forces T = kFL* and differ by isogonal modes.  With t = T/|T| and n ⊥ t a linear program:
+        least Σ p,  p ≥ 0,  p ≥ −t·(g x + b),  n·(g x + b) = 0.
+    """
+    manifold = CriticalManifold.of(network)
+    network = manifold.network
+    if network.dimension != 2:
+        raise InputError("configurations of one force network are found in two dimensions only")
+    F, _ = _force_map(manifold, transition_modulus(network, strain).symmetric)
+    T = network.stiffness[:, None] * (manifold.balance(network.stiffness)[1] @ F.T)
+    along = T / np.linalg.norm(T, axis=1)[:, None]
+    across = along @ _QUARTER_TURN.T
+    n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors
+    program = linprog(
+        np.repeat([0.0, 1.0], [n_coordinates, n_edges]),
+        A_ub=sp.hstack([-spread_columns(network, along), -sp.eye_array(n_edges)]),
+        b_ub=np.einsum("ad,ad->a", along, b),
+        A_eq=sp.hstack([spread_columns(network, across), sp.csr_array((n_edges, n_edges))]),
+        b_eq=-np.einsum("ad,ad->a", across, b),
+        bounds=[(None, None)] * n_coordinates + [(0, None)] * n_edges,
+    )
+    if program.status != 0:
+        raise SolveError(f"no configuration has the largest modulus for this strain: {program.message}")
+    return float(program.fun)
 
 
 def _closed(manifold: CriticalManifold, F: Array) -> tuple[CriticalConfiguration, float]:

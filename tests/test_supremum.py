@@ -27,7 +27,7 @@ from critflow import (
 )
 from critflow.objectives import dilation, pure_shear, transition_modulus
 from critflow.optimize import _SignedLandscape
-from critflow.supremum import largest_modulus
+from critflow.supremum import largest_modulus, least_compressed_length
 
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 NETWORKS = {
@@ -143,6 +143,44 @@ def test_no_stress_of_any_sign_exceeds_the_bound(strain):
     # The bound is no empty one: an ascent comes close to it.
     ascended = optimize(network, goal, "lbfgs", signs="any", max_steps=2000, throw=False)
     assert 0.9 * bound < ascended.stats.details["objective"] < bound
+
+
+@pytest.mark.parametrize("name", ["voronoi", "oblique"])
+def test_no_attaining_configuration_has_less_compression(name):
+    network = NETWORKS[name]()
+    least = least_compressed_length(network, pure_shear(2))
+    near = largest_modulus(network, pure_shear(2)).value
+    force = near.sigma[:, None] * near.bond_vectors
+    unit = force / np.linalg.norm(force, axis=1)[:, None]
+    g = network.free_incidence.toarray()
+    _, values, right = np.linalg.svd(np.hstack([(unit @ J.T)[:, [axis]] * g for axis in (0, 1)]))
+    modes = right[np.count_nonzero(values > 1e-10) :]
+    elongations = modes @ np.hstack([unit[:, [axis]] * g for axis in (0, 1)]).T
+    lengths = np.einsum("ad,ad->a", unit, near.bond_vectors)
+
+    def compressed(amplitudes):
+        return np.maximum(-(lengths + amplitudes @ elongations), 0).sum()
+
+    # A convex function of the amplitudes: descents from everywhere end above the program's value, and reach it.
+    rng = np.random.default_rng(3)
+    ends = []
+    for start in (np.zeros(len(modes)), 5 * rng.standard_normal(len(modes))):
+        a, best = start, compressed(start)
+        for step in range(4000):
+            slope = -elongations[:, lengths + a @ elongations < 0].sum(axis=1)
+            a = a - 3.0 / np.sqrt(1 + step) * slope / np.linalg.norm(slope)
+            best = min(best, compressed(a))
+        ends.append(best)
+    assert min(ends) > least * (1 - 1e-9)
+    # Subgradients converge slowly.
+    assert min(ends) == pytest.approx(least, rel=0.02)
+    assert least_compressed_length(network.deformed(2 * np.eye(2)), pure_shear(2)) == pytest.approx(2 * least, rel=1e-9)
+
+
+def test_a_dilation_needs_no_compression():
+    assert least_compressed_length(voronoi_network(60, seed=1), dilation(2)) == pytest.approx(0, abs=1e-9)
+    with pytest.raises(InputError, match="two dimensions"):
+        least_compressed_length(voronoi_3d(), dilation(3))
 
 
 def test_stresses_of_both_signs_keep_their_digits():
