@@ -201,8 +201,8 @@ def show(
 
 
 def _print_report(study: Study, folder: Folder, claims: Sequence[Any]) -> None:
-    if study.figures:
-        print(f"{folder.figures}: {', '.join(study.figures)}")
+    if study.figures or study.animations:
+        print(f"{folder.figures}: {', '.join([*study.figures, *study.animations])}")
     if claims:
         holding = sum(claim.verdict == "holds" for claim in claims)
         print(f"{folder.path / 'claims.md'}: {holding} of {len(claims)} claims hold")

@@ -40,7 +40,7 @@ def test_a_run_by_name_writes_its_folder_and_says_so(here, capsys):
     out, err = capsys.readouterr()
     assert out.splitlines() == [
         "results/tiny/tiny.nc: 4 seeds × 2 populations, 0 of 8 cases were there before",
-        "results/tiny/figures: modulus",
+        "results/tiny/figures: modulus, growth",
         "results/tiny/claims.md: 1 of 2 claims hold",
     ]
     assert err.splitlines()[0] == "tiny: 4 networks, 8 cases to compute in this process"
@@ -51,6 +51,7 @@ def test_a_run_by_name_writes_its_folder_and_says_so(here, capsys):
         *("tiny.nc", "figures", "claims.md", "claims.json", "summary.json", "shards", "study.json", "run.log", ".lock")
     }
     assert (folder / "figures" / "modulus.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "figures" / "growth.gif").read_bytes().startswith(b"GIF89a")
     claims = json.loads((folder / "claims.json").read_text())
     assert [claim["verdict"] for claim in claims] == ["holds", "differs"]
     assert "| large | residuals \\| are large | 7 | 0.5 | differs |" in (folder / "claims.md").read_text()
@@ -148,7 +149,8 @@ def test_a_figure_that_fails_keeps_the_claims(here, capsys):
     source = Path(TINY).read_text().replace("picture = Figure()", "raise ArithmeticError('no ink')")
     (here / "workflows" / "tiny.py").write_text(source)
     assert main(["run", "tiny", "--workers", "0"]) == 1
-    assert "critflow: figure 'modulus' could not be made: ArithmeticError: no ink" in capsys.readouterr().err
+    expected = "critflow: figure 'modulus' could not be made (and 1 more): ArithmeticError: no ink"
+    assert expected in capsys.readouterr().err
     assert (here / "results" / "tiny" / "claims.md").exists()
     assert (here / "results" / "tiny" / "tiny.nc").exists()
 

@@ -16,6 +16,7 @@ import numpy as np
 import xarray as xr
 
 from critflow.result import CritflowError, IntegrityError, StudyError
+from critflow.workflow.animate import gif
 from critflow.workflow.errors import ReportError
 from critflow.workflow.folder import Folder
 from critflow.workflow.store import write_text, written_beside
@@ -63,9 +64,10 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> list[Clai
                 # Without the name of the software the same data give the same bytes.
                 figure.savefig(picture, format=format, metadata={"Software": None} if format == "png" else None)
                 plt.close(figure)
-                folder.figures.mkdir(exist_ok=True)
-                with written_beside(folder.figures / f"{name}.{format}") as partial:
-                    partial.write_bytes(picture.getvalue())
+                _write_picture(folder, f"{name}.{format}", picture.getvalue())
+        for name, frames in study.animations.items():
+            with part(f"animation {name!r}"):
+                _write_picture(folder, f"{name}.gif", gif(frames(dataset)))
         if study.claims is not None:
             with part("the claims"):
                 claims = list(study.claims(dataset))
@@ -79,6 +81,12 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> list[Clai
         others = f" (and {len(troubles) - 1} more)" if len(troubles) > 1 else ""
         raise ReportError(f"{what} could not be made{others}: {type(error).__name__}: {error}") from error
     return claims
+
+
+def _write_picture(folder: Folder, name: str, content: bytes) -> None:
+    folder.figures.mkdir(exist_ok=True)
+    with written_beside(folder.figures / name) as partial:
+        partial.write_bytes(content)
 
 
 def claims_table(study: Study, claims: Sequence[Claim]) -> str:

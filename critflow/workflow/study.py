@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from enum import IntEnum
@@ -173,6 +173,7 @@ class Study:
     version: int = 1
     check: Callable[[Mapping[str, Any], Mapping[str, tuple]], None] | None = None  # raises StudyError for bad settings
     figures: Mapping[str, Callable[[xr.Dataset], Figure]] = field(default_factory=dict)
+    animations: Mapping[str, Callable[[xr.Dataset], Iterable[Figure]]] = field(default_factory=dict)  # frames in turn
     claims: Callable[[xr.Dataset], Sequence[Claim]] | None = None
     summary: Callable[[xr.Dataset], Mapping[str, Any]] | None = None
     verify: Callable[[xr.Dataset], Sequence[str]] | None = None  # recomputes what it can; a line for each contradiction

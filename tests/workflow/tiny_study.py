@@ -88,6 +88,7 @@ study = Study(
         Variable("status", ("population", "seed"), "i1", long_name="outcome", flags=Status),
     ),
     figures={"modulus": figure},
+    animations={"growth": lambda ds: (figure(ds.isel(strain=slice(0, n + 1))) for n in range(ds.sizes["strain"]))},
     claims=claims,
     summary=lambda ds: {"largest": ds.residual.max(), "count": np.int64(ds.seed.size), "nothing": float("nan")},
 )

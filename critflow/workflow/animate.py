@@ -1,0 +1,40 @@
+"""Animations: figures one after the other as a GIF that loops, small enough to keep beside them."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+# Time for which each frame is shown, and the last one, in milliseconds.
+FRAME, LAST_FRAME = 140, 2500
+# Few colours keep files small, and thin lines need no more.
+N_COLOURS = 48
+
+
+def gif(figures: Iterable[Figure]) -> bytes:
+    """The figures, all of one size, as an animated GIF in one palette; each is closed once it is drawn."""
+    frames = []
+    for figure in figures:
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+        plt.close(figure)
+    if not frames:
+        raise ValueError("an animation needs at least one frame")
+    # One palette for all, so that nothing flickers: that of a few frames side by side.
+    chosen = frames[:: max(1, len(frames) // 4)]
+    together = Image.new("RGB", (chosen[0].width * len(chosen), chosen[0].height))
+    for number, frame in enumerate(chosen):
+        together.paste(frame, (number * frame.width, 0))
+    palette = together.quantize(N_COLOURS, dither=Image.Dither.NONE)
+    small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    moving = io.BytesIO()
+    durations = [FRAME] * (len(small) - 1) + [LAST_FRAME]
+    small[0].save(moving, "GIF", save_all=True, append_images=small[1:], duration=durations, loop=0, optimize=False)
+    return moving.getvalue()
