@@ -204,5 +204,5 @@ def _print_report(study: Study, folder: Folder, claims: Sequence[Any]) -> None:
     if study.figures or study.animations:
         print(f"{folder.figures}: {', '.join([*study.figures, *study.animations])}")
     if claims:
-        holding = sum(claim.verdict == "holds" for claim in claims)
-        print(f"{folder.path / 'claims.md'}: {holding} of {len(claims)} claims hold")
+        verdicts = [claim.verdict for claim in claims if claim.verdict != "measured"]
+        print(f"{folder.path / 'claims.md'}: {verdicts.count('holds')} of {len(verdicts)} claims hold")

@@ -72,7 +72,8 @@ def optimize(
     start      σ to start from, (N_b,); by default 1 on every edge
     starts     number of starts; from the second on random, |N(0, 1)|, drawn from `rng`; the best optimum is returned
                and `stats.details["starts"]` lists the values of all
-    observe    called with (step, value, σ, L) at the start and after every step of a descent
+    observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
+               value the descent ends there, with `Status.step_limit`
 
     With signs of both kinds a way may cross stresses whose prestress matrix is singular, where no configuration is:
     `stats.details["crossings"]` lists the steps that did, `stats.details["nearest_singular"]` how near a step came
@@ -286,10 +287,10 @@ class _Landscape:
         _, sigma, L, *_ = self._last
         if not np.isfinite(point.value):
             return Status.singular
-        if self._observe is not None:
-            self._observe(self._step, self.sign * point.value, sigma, L)
+        enough = self._observe is not None and self._observe(self._step, self.sign * point.value, sigma, L)
         self._step += 1
-        return self._end(point)
+        end = self._end(point)
+        return Status.step_limit if enough and end is None else end
 
     def _end(self, point: Point) -> Status | None:
         _, sigma, L, *_ = self._last

@@ -53,7 +53,7 @@ def test_a_run_by_name_writes_its_folder_and_says_so(here, capsys):
     assert (folder / "figures" / "modulus.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "figures" / "growth.gif").read_bytes().startswith(b"GIF89a")
     claims = json.loads((folder / "claims.json").read_text())
-    assert [claim["verdict"] for claim in claims] == ["holds", "differs"]
+    assert [claim["verdict"] for claim in claims] == ["holds", "measured", "differs"]
     assert "| large | residuals \\| are large | 7 | 0.5 | differs |" in (folder / "claims.md").read_text()
     assert "**large** differs: they are uniform below one" in (folder / "claims.md").read_text()
     summary = json.loads((folder / "summary.json").read_text())

@@ -280,6 +280,20 @@ def test_an_ascent_over_both_signs_rises_and_tells_its_way(method):
     assert (way[-1][2] < 0).any()
 
 
+def test_who_observes_may_end_the_ascent():
+    network = voronoi_network(40, seed=1)
+    seen = []
+
+    def enough(step, value, sigma, L):
+        seen.append(value)
+        return value > 0.05
+
+    solution = optimize(network, "shear_modulus", "lbfgs", signs="any", observe=enough, throw=False)
+    assert solution.status is Status.step_limit
+    assert solution.stats.details["objective"] == seen[-1] > 0.05
+    assert max(seen[:-1]) <= 0.05
+
+
 def test_an_ascent_from_a_singular_start_says_so():
     network = square_octagon()
     # Sides and links that pull against each other, t_x = −s: the matrix has no inverse.

@@ -82,7 +82,7 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
     parameters = {k: _parameter(k, given[k], v) if k in given else v for k, v in study.parameters.items()}
     for coordinate in study.coordinates:
         labels = parameters[coordinate.parameter]
-        if any(later <= earlier for earlier, later in itertools.pairwise(labels)):
+        if not isinstance(labels[0], str) and any(later <= earlier for earlier, later in itertools.pairwise(labels)):
             raise StudyError(f"{coordinate.parameter} must increase from each value to the next")
     count = 1
     for chosen in values.values():

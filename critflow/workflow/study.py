@@ -146,12 +146,14 @@ class Claim:
     statement: str  # what the paper says
     paper: str  # the value it prints
     value: str  # measured, with its spread
-    verdict: str  # "holds" or "differs"
+    verdict: str  # "holds" or "differs"; "measured" where the paper says nothing to compare with
     because: str = ""  # required when it differs
 
     def __post_init__(self) -> None:
-        if self.verdict not in ("holds", "differs"):
-            raise StudyError(f"verdict of claim {self.key!r} must be 'holds' or 'differs', not {self.verdict!r}")
+        if self.verdict not in ("holds", "differs", "measured"):
+            raise StudyError(
+                f"verdict of claim {self.key!r} must be 'holds', 'differs' or 'measured', not {self.verdict!r}"
+            )
         if self.verdict == "differs" and not self.because.strip():
             raise StudyError(f"claim {self.key!r} differs: say why in `because`")
 

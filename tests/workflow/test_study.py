@@ -8,6 +8,7 @@ import pytest
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, Variable
 from critflow.workflow.load import load_file, load_study, named_studies
+from critflow.workflow.plan import select
 
 STATUS = Variable("status", ("seed",), "i1", long_name="outcome", flags=Status)
 
@@ -37,7 +38,7 @@ def small_study(**changes):
         (lambda: Variable("x", (), "float", long_name="x"), "must be one of"),
         (lambda: Variable("x", (), "f8", long_name="x", fill=1), "must be an integer"),
         (lambda: Variable("x", (), "i1", long_name="x", fill=200), "does not fit"),
-        (lambda: Claim("k", "s", "1", "2", "maybe"), "'holds' or 'differs'"),
+        (lambda: Claim("k", "s", "1", "2", "maybe"), "'holds', 'differs' or 'measured'"),
         (lambda: Claim("k", "s", "1", "2", "differs"), "say why"),
         (lambda: small_study(name="a/b"), "study name"),
         (lambda: small_study(axes=[]), "at least one axis"),
@@ -54,6 +55,14 @@ def small_study(**changes):
 def test_bad_declarations_are_refused(declare, sentence):
     with pytest.raises(StudyError, match=sentence):
         declare()
+
+
+def test_inner_labels_that_are_words_keep_their_order():
+    study = small_study(parameters={"kinds": ("b", "a")}, coordinates=[Coordinate("kind", "kinds", "kind")])
+    assert select(study, []).parameters["kinds"] == ("b", "a")
+    assert select(study, ["kinds=a,c"]).parameters["kinds"] == ("a", "c")
+    with pytest.raises(StudyError, match="kinds contains a twice"):
+        select(study, ["kinds=a,a"])
 
 
 def test_parameters_become_plain_numbers():

@@ -57,6 +57,7 @@ def claims(ds):
     finite = bool(np.isfinite(ds.residual.where(ds.status == Status.ok, 0.0)).all())
     return [
         Claim("finite", "residuals are finite", "all", str(finite), "holds"),
+        Claim("count", "there are configurations", "not stated", "8", "measured"),
         Claim("large", "residuals | are large", "7", "0.5", "differs", because="they are uniform below one"),
     ]
 
