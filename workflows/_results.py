@@ -1,0 +1,117 @@
+"""Write results/README.md from what the studies wrote: `python workflows/_results.py`.
+
+`python workflows/_results.py --time` first runs every study at its full size in a folder of its own, with two workers,
+and notes how long each took in results/times.json.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from _paper import EQUATIONS, FIGURES, MORE
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "results"
+HEAD = """# Results
+
+Every study of `workflows/`: its command, the time that it takes on two cores, its figures, and which claims of the
+paper hold. The netCDF files are made by the commands and are not kept here. This page is written by
+`python workflows/_results.py` from the claims and summaries beside it.
+"""
+
+
+def studies() -> list[str]:
+    """The studies in the order in which the paper comes to them."""
+    return list(dict.fromkeys(figure.study for figure in (*FIGURES, *MORE)))
+
+
+def rendered(results: Path = RESULTS) -> str:
+    """The text of results/README.md."""
+    times = json.loads((results / "times.json").read_text(encoding="utf-8"))
+    claims = {study: _claims(results, study) for study in studies()}
+    parts = [HEAD, _overview(claims, times), *(_study(study, results) for study in studies()), _table(claims)]
+    return "\n".join(parts)
+
+
+def _claims(results: Path, study: str) -> list[dict]:
+    return json.loads((results / study / "claims.json").read_text(encoding="utf-8"))
+
+
+def _count(claims: list[dict]) -> str:
+    tested = [claim for claim in claims if claim["verdict"] != "measured"]
+    return f"{sum(claim['verdict'] == 'holds' for claim in tested)} of {len(tested)}"
+
+
+def _overview(claims: dict[str, list[dict]], times: dict[str, float]) -> str:
+    lines = ["| study | command | seconds | claims that hold |", "|---|---|---|---|"]
+    for study, its in claims.items():
+        took = f"{times[study]:.0f}" if study in times else "not timed"
+        lines.append(f"| [{study}](#{study}) | `critflow run {study}` | {took} | [{_count(its)}]({study}/claims.md) |")
+    total = [claim for its in claims.values() for claim in its]
+    lines += ["", f"Together {_count(total)} tested claims hold.", ""]
+    return "\n".join(lines)
+
+
+def _study(study: str, results: Path) -> str:
+    shown = [figure for figure in (*FIGURES, *MORE) if figure.study == study]
+    lines = [f"## {study}", ""]
+    for figure in shown:
+        lines.append(f"- {figure.meaning}" + (f" (`{figure.label}`)" if figure.label else ""))
+    lines += [f"- `critflow run {study}`; claims in [{study}/claims.md]({study}/claims.md)", ""]
+    pictures = sorted((results / study / "figures").glob("*.png")) + sorted((results / study / "figures").glob("*.gif"))
+    lines += [f"![{study}: {picture.stem}]({study}/figures/{picture.name})" for picture in pictures]
+    return "\n".join([*lines, ""])
+
+
+def _table(claims: dict[str, list[dict]]) -> str:
+    lines = [
+        "## The paper, label by label",
+        "",
+        "Functions are those of `critflow`, tests those of `tests/`; claims come from the studies, with the label of",
+        "what they belong to as the beginning of their key.",
+        "",
+        "| label | what it is | where | held by | verdict |",
+        "|---|---|---|---|---|",
+    ]
+    lines += [_row(f"`{e.label}`", e.meaning, f"`{e.function}`", f"`{e.test}`", e.verdict) for e in EQUATIONS]
+    for figure in (*FIGURES, *MORE):
+        its = claims[figure.study]
+        command, table = f"`critflow run {figure.study}`", f"[claims]({figure.study}/claims.md)"
+        label = f"`{figure.label}`" if figure.label else "(beyond the paper)"
+        lines.append(_row(label, figure.meaning, command, table, f"{_count(its)} claims hold"))
+    for study, its in claims.items():
+        for claim in its:
+            verdict = f"{claim['verdict']}: {claim['because']}" if claim["because"] else claim["verdict"]
+            lines.append(
+                _row(f"`{claim['key']}`", claim["statement"], f"`critflow run {study}`", claim["value"], verdict)
+            )
+    return "\n".join([*lines, ""])
+
+
+def _row(*cells: str) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+
+
+def measure() -> None:
+    """Run every study at its full size and note the seconds that each took."""
+    times = {}
+    for study in studies():
+        with tempfile.TemporaryDirectory() as folder:
+            command = [Path(sys.executable).with_name("critflow"), "run", study, "--workers", "2", "--out"]
+            begin = time.perf_counter()
+            subprocess.run([*command, f"{folder}/{study}"], cwd=ROOT, check=True)
+            times[study] = round(time.perf_counter() - begin, 1)
+    (RESULTS / "times.json").write_text(json.dumps(times, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["--time"]:
+        measure()
+    (RESULTS / "README.md").write_text(rendered(), encoding="utf-8")
