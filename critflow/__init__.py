@@ -12,6 +12,7 @@ from critflow.generate import (
 )
 from critflow.geometry import StereographicChart, surface_geometry
 from critflow.isogonal import isogonal_modes
+from critflow.laws import Hookean, PowerLaw, SpringLaw, WormLike
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, stiffening, transition_moduli
 from critflow.network import Network
@@ -39,16 +40,20 @@ __all__ = [
     "CriticalConfiguration",
     "CriticalManifold",
     "EnvironmentFailure",
+    "Hookean",
     "InputError",
     "IntegrityError",
     "Network",
     "NetworkError",
+    "PowerLaw",
     "Solution",
     "SolveError",
+    "SpringLaw",
     "Stats",
     "Status",
     "StereographicChart",
     "StudyError",
+    "WormLike",
     "__version__",
     "bulk_modulus_bound",
     "certify",
