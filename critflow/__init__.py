@@ -18,6 +18,7 @@ from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, sti
 from critflow.network import Network
 from critflow.optimize import bulk_modulus_bound, optimize
 from critflow.path import strain_path
+from critflow.perimeters import cells_of, critical_from_perimeters, perimeter_moduli, perimeter_state
 from critflow.result import (
     CritflowError,
     EnvironmentFailure,
@@ -56,8 +57,10 @@ __all__ = [
     "WormLike",
     "__version__",
     "bulk_modulus_bound",
+    "cells_of",
     "certify",
     "critical_from_lengths",
+    "critical_from_perimeters",
     "elastic_moduli",
     "equilibrium",
     "fit_stiffening",
@@ -65,6 +68,8 @@ __all__ = [
     "isogonal_modes",
     "linear_response",
     "optimize",
+    "perimeter_moduli",
+    "perimeter_state",
     "random_sequential_addition",
     "rigidity",
     "spring_state",

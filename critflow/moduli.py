@@ -10,6 +10,7 @@ B = B_0 + C_B γ and G = G_0 + C_G γ to first order (`ModulusStrainScaling`).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,7 +57,7 @@ class Fit:
 
 
 _NO_MODULI = Moduli(np.nan, np.nan, np.nan)
-_FLOPPY = Moduli(0.0, 0.0, 0.0)
+FLOPPY = Moduli(0.0, 0.0, 0.0)
 _NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
 
 
@@ -72,7 +73,7 @@ def linear_response(state: ElasticState, pattern: FixedPattern | None = None) ->
     factor = state.factorize(pattern)
     floppy = factor.indefinite
     if floppy:
-        factor = state.factorize(pattern, FLOPPY_REST * state.scales[0])
+        factor = state.factorize(pattern, FLOPPY_REST * state.stiffness_scale)
         if factor.indefinite:
             stats = Stats("linear response", 2, 2, details={"negative_pivots": factor.n_negative})
             return Solution(_NO_MODULI, Status.unstable, stats), np.zeros_like(state.forces)
@@ -237,13 +238,16 @@ def elastic_moduli(
         return linear_response(state)[0]
     counts = rigidity(network, x)
     if counts.status is not Status.ok:
-        return Solution(_FLOPPY if counts.status is Status.floppy else _NO_MODULI, counts.status, counts.stats)
-    L, S = state.bond_vectors, counts.value.self_stresses
-    compliance = (S * (np.sum(L**2, axis=1) / network.stiffness)) @ S.T
-    values = []
-    for A in (dilation(network.dimension), pure_shear(network.dimension)):
-        work = S @ np.einsum("ad,ad->a", L, L @ A)
-        values.append(float(work @ np.linalg.solve(compliance, work)) / network.volume)
-    return Solution(
-        Moduli(values[0], values[1], values[1]), Status.ok, Stats("self-stress", 1, 1, counts.stats.residual)
-    )
+        return Solution(FLOPPY if counts.status is Status.floppy else _NO_MODULI, counts.status, counts.stats)
+    L, S, d = state.bond_vectors, counts.value.self_stresses, network.dimension
+    rates = (np.einsum("ad,ad->a", L, L @ A) for A in (dilation(d), pure_shear(d)))
+    value = self_stress_moduli(S, np.sum(L**2, axis=1) / network.stiffness, rates, network.volume)
+    return Solution(value, Status.ok, Stats("self-stress", 1, 1, counts.stats.residual))
+
+
+def self_stress_moduli(stresses: Array, flexibility: Array, rates: Iterable[Array], volume: float) -> Moduli:
+    """Moduli at rest through self-stresses S (N_s, n), K⁻¹ (n,) and the rates (n,) of dilation and of shear."""
+    compliance = (stresses * flexibility) @ stresses.T
+    works = [stresses @ rate for rate in rates]
+    bulk, shear = (float(work @ np.linalg.solve(compliance, work)) / volume for work in works)
+    return Moduli(bulk, shear, shear)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +32,8 @@ class ElasticState(ABC):
     network: Network
     coordinates: Array
     bond_vectors: Array
+    # Whether an edge may pull its ends together until they meet, because nothing holds its own length.
+    edges_may_collapse: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -46,12 +48,17 @@ class ElasticState(ABC):
     @property
     @abstractmethod
     def edge_stiffness(self) -> Array:
-        """Largest resistance of each edge alone, ∂²E/∂|L_α|², (N_b,)."""
+        """Stiffnesses (N_b,) that bound the resistance of the edges to a change of |L|."""
 
     @property
     @abstractmethod
-    def scales(self) -> tuple[float, float]:
-        """Stiffness of a typical edge, as stiff as the stiffest has become, and length: forces are judged by them."""
+    def stiffness_scale(self) -> float:
+        """Mean stiffness, times the largest factor that an edge has stiffened by: times a length, a unit of force."""
+
+    @property
+    @abstractmethod
+    def length_scale(self) -> float:
+        """Mean length at rest."""
 
     @abstractmethod
     def resistance(self, hdot: Array) -> tuple[Array, float]:
@@ -130,6 +137,7 @@ class SpringState(ElasticState):
 
     @property
     def edge_stiffness(self) -> Array:
+        """E'', (N_b,)."""
         return self.law.stiffness(self.extension, self.rest_lengths, self.network.stiffness)
 
     @cached_property
@@ -138,11 +146,14 @@ class SpringState(ElasticState):
         return (self.edge_stiffness - self.sigma) / self.lengths**2
 
     @property
-    def scales(self) -> tuple[float, float]:
-        k = self.network.stiffness
+    def stiffness_scale(self) -> float:
+        k, now = self.network.stiffness, self.edge_stiffness
         # An edge that its law has stiffened brings more rounding.
-        stiffened = max(1.0, float(np.max(self.edge_stiffness / k)))
-        return float(np.mean(k)) * stiffened, float(np.mean(self.rest_lengths))
+        return float(k.mean()) * (1.0 if now is k else max(1.0, float(np.max(now / k))))
+
+    @property
+    def length_scale(self) -> float:
+        return float(self.rest_lengths.mean())
 
     def resistance(self, hdot: Array) -> tuple[Array, float]:
         K = self.modified_stiffness
@@ -163,6 +174,9 @@ class SpringState(ElasticState):
 
 # Compression, in units of k, that is rounding.
 NO_COMPRESSION = 1e-10
+
+# An edge below this part of the mean length, where there is no equilibrium, is on its way to none.
+_COLLAPSING = 1e-3
 
 # Stiffness, in units of k, that keeps floppy modes in place: they feel no force, so it changes nothing else.
 FLOPPY_REST = 1e-11
@@ -213,15 +227,20 @@ def equilibrium(
     elif method == "newton":
         solution = _newton(state, tolerance, max_steps or 200, pattern or state.pattern())
     elif method == "fire":
-        solution = _fire(state, tolerance * float(np.prod(state.scales)), max_steps or 200_000)
+        solution = _fire(state, tolerance * state.stiffness_scale * state.length_scale, max_steps or 200_000)
     else:
         raise InputError(f"no relaxation method is called {method!r}: choose 'newton' or 'fire'")
+    length = solution.value.lengths
+    if not solution.ok and state.edges_may_collapse and length.min() < _COLLAPSING * length.mean():
+        note = f"edge {int(length.argmin())} shrinks to zero length, where its pull has no direction"
+        stats = replace(solution.stats, details={**solution.stats.details, "note": note})
+        solution = Solution(solution.value, Status.edge_collapse, stats)
     return solution.or_raise("the springs found no equilibrium") if throw else solution
 
 
 def _newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern) -> Solution[State]:
     """Newton's method; where the Hessian is indefinite, on its convex part; a shift grows until a step helps."""
-    stiffness, mean_length = state.scales
+    stiffness, mean_length = state.stiffness_scale, state.length_scale
     shift, rest, step, factorisations = 0.0, 0.0, 0, 0
     # After the exact Hessian was found indefinite it is not tried again before the force has fallen, or for ten steps.
     try_below, try_from = np.inf, 0
@@ -265,7 +284,7 @@ def _newton(state: State, tolerance: float, max_steps: int, pattern: FixedPatter
             reuse = trial_force < 1e-2 * force
             state, energy, force, step = trial, trial_energy, trial_force, step + 1
             shift = 0.1 * shift if shift > smallest_shift else 0.0
-            stiffness, mean_length = state.scales
+            stiffness = state.stiffness_scale
         elif reuse:
             reuse = False
         elif force < 1e-13 * stiffness * mean_length:
