@@ -130,6 +130,21 @@ def test_edges_are_coupled_exactly_where_they_share_a_cell(name):
     np.testing.assert_allclose((sigma[1] - sigma[-1]) / (2 * e), K[:, edge], rtol=0, atol=1e-7)
 
 
+@pytest.mark.parametrize("name", CELLS)
+def test_the_convex_part_has_no_negative_stiffness(name):
+    cells = CELLS[name]()
+    network, n = cells.network, cells.network.dimension * len(cells.network.free)
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
+    compressed = perimeter_state(cells, (cells.sides @ critical.lengths) / 0.8, critical.coordinates)
+    pattern = compressed.pattern()
+    assert compressed.factorize(pattern).n_negative > 0
+    convex = compressed.factorize_convex(pattern, 1.0).multiply(np.eye(n)) - np.eye(n)
+    assert np.linalg.eigvalsh(convex).min() > -1e-12 * np.abs(convex).max()
+    # The couplings of edges are at most their stiffness.
+    bound = np.diag(compressed.edge_stiffness) - cells.overlap.toarray()
+    assert np.linalg.eigvalsh(bound).min() > -1e-12 * np.abs(bound).max()
+
+
 @pytest.mark.parametrize("name", ["voronoi, random stiffness", "voronoi 3D", "pinned grid"])
 def test_cells_of_one_edge_each_are_springs(name):
     network = with_random_stiffness(NETWORKS[name](), 5)

@@ -197,6 +197,25 @@ def test_forces_and_hessian_of_every_law(law, name):
 
 
 @pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_the_convex_part_is_the_hessian_without_compression(law):
+    network = with_random_stiffness(voronoi_network(40, seed=2), 5)
+    critical = CriticalManifold(network).configuration(random_stress(60, 2))
+    pattern, unit = block_laplacian(network), np.eye(78)
+    stretched = spring_state(network, critical.lengths / 1.1, critical.coordinates, law)
+    whole = stretched.factorize(pattern).multiply(unit)
+    np.testing.assert_allclose(stretched.factorize_convex(pattern, 0.0).multiply(unit), whole, rtol=0, atol=1e-13)
+    compressed = spring_state(network, critical.lengths / 0.9, critical.coordinates, law)
+    assert compressed.factorize(pattern).n_negative > 0
+    convex = compressed.factorize_convex(pattern, 1.0).multiply(unit) - unit
+    assert np.linalg.eigvalsh(convex).min() > -1e-12
+    # Along an edge it keeps all of E''.
+    g, _ = dense_free(network)
+    n = compressed.bond_vectors / compressed.lengths[:, None]
+    R = np.einsum("ai,am->aim", g[:, 1:], n).reshape(60, -1)
+    np.testing.assert_allclose(convex, R.T @ (compressed.edge_stiffness[:, None] * R), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=repr)
 def test_newton_and_fire_agree_for_every_law(law):
     network = with_random_stiffness(voronoi_network(20, seed=3), 2)
     critical = CriticalManifold(network).configuration(random_stress(30, 1))
