@@ -12,11 +12,13 @@ from critflow.generate import (
 )
 from critflow.geometry import StereographicChart, surface_geometry
 from critflow.isogonal import isogonal_modes
+from critflow.laws import Hookean, PowerLaw, SpringLaw, WormLike
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, stiffening, transition_moduli
 from critflow.network import Network
 from critflow.optimize import optimize
 from critflow.path import strain_path
+from critflow.perimeters import cells_of, critical_from_perimeters, perimeter_moduli, perimeter_state
 from critflow.result import (
     CritflowError,
     EnvironmentFailure,
@@ -40,20 +42,26 @@ __all__ = [
     "CriticalConfiguration",
     "CriticalManifold",
     "EnvironmentFailure",
+    "Hookean",
     "InputError",
     "IntegrityError",
     "Network",
     "NetworkError",
+    "PowerLaw",
     "Solution",
     "SolveError",
+    "SpringLaw",
     "Stats",
     "Status",
     "StereographicChart",
     "StudyError",
+    "WormLike",
     "__version__",
     "bulk_modulus_bound",
+    "cells_of",
     "certify",
     "critical_from_lengths",
+    "critical_from_perimeters",
     "elastic_moduli",
     "equilibrium",
     "fit_stiffening",
@@ -62,6 +70,8 @@ __all__ = [
     "linear_response",
     "modulus_bound",
     "optimize",
+    "perimeter_moduli",
+    "perimeter_state",
     "random_sequential_addition",
     "rigidity",
     "spring_state",

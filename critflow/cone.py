@@ -1,7 +1,8 @@
-"""Lengths proportional to given ones as a cone program: minimise t subject to |L_α(x)| ≤ t ℓ_α.
+"""Lengths or perimeters proportional to given ones as a cone program, with the tensions as its multipliers.
 
-The problem is convex, so its answer is global, and its multipliers are the tensions.  If all are positive the
-configuration is the only all-tension one with those length ratios; an edge without tension is slack.
+Minimise t subject to |L_α(x)| ≤ t ℓ_α for each edge, or to Σ_{α∈c} |L_α(x)| ≤ t p_c for each cell.  The problem is
+convex, so its answer is global.  If all multipliers are positive the configuration is the only all-tension one with
+those ratios; an edge, or cell, without tension is slack.
 """
 
 from __future__ import annotations
@@ -19,11 +20,15 @@ from critflow.network import Array, Network
 
 @dataclass(frozen=True, eq=False)
 class ConeSolution:
-    """Coordinates (N_v, d), stresses σ ≥ 0 (N_b,), the ratio t and which edges are stressed."""
+    """Coordinates (N_v, d), stresses σ ≥ 0 (N_b,), the ratio t; multipliers of the edges or cells, and which have one.
+
+    Multipliers are tensions of the edges or of the cells, of a common scale with σ|L|.
+    """
 
     coordinates: Array
     sigma: Array
     ratio: float
+    multipliers: Array
     stressed: NDArray[np.bool_]
     solved: bool
     iterations: int
@@ -31,37 +36,72 @@ class ConeSolution:
 
 def fit_lengths(network: Network, lengths: Array, tolerance: float) -> ConeSolution:
     """Solve the cone program for lengths ℓ (N_b,) by Clarabel's interior-point method, to about √tolerance."""
+    # One cone (t ℓ_α, L_α) an edge, for the unknowns (x, t).
+    x, (ratio,), tension, _, solved, iterations = _solve(network, sp.csc_array(lengths[:, None]), None, tolerance)
+    length = np.linalg.norm(network.bond_vectors(x), axis=1)
+    stressed = _has_tension(tension, length / (ratio * lengths))
+    return ConeSolution(x, tension / length, ratio, tension, stressed, solved, iterations)
+
+
+def fit_perimeters(network: Network, sides: sp.csr_array, perimeters: Array, tolerance: float) -> ConeSolution:
+    """Solve the cone program for perimeters p (N_c,) of cells, their sides being a matrix A ≥ 0 (N_c, N_b)."""
+    # One cone (s_α, L_α) an edge and one row t p_c − Σ A s ≥ 0 a cell, for the unknowns (x, s, t).
+    m = network.n_edges
+    extents = sp.hstack([sp.eye_array(m), sp.csc_array((m, 1))])
+    limits = sp.hstack([-sides, perimeters[:, None]])
+    x, (*_, ratio), tension, multipliers, solved, iterations = _solve(network, extents, limits, tolerance)
+    length = np.linalg.norm(network.bond_vectors(x), axis=1)
+    stressed = _has_tension(multipliers, sides @ length / (ratio * perimeters))
+    sigma = tension / np.maximum(length, np.finfo(float).tiny)
+    return ConeSolution(x, sigma, ratio, multipliers, stressed, solved, iterations)
+
+
+def _has_tension(multipliers: Array, filled: Array) -> NDArray[np.bool_]:
+    """Strict complementarity: tension or room to spare, whichever is the larger part of its scale."""
+    return multipliers / multipliers.mean() > 1 - filled
+
+
+def _solve(
+    network: Network, extents: sp.sparray, limits: sp.sparray | None, tolerance: float
+) -> tuple[Array, Array, Array, Array, bool, int]:
+    """Minimise the last of the unknowns y subject to |L_α(x)| ≤ (extents y)_α and limits y ≥ 0.
+
+    Returns coordinates, y, the multipliers of the edges and of the limits, whether it was solved, iterations.
+    """
     d, n, m = network.dimension, len(network.free), network.n_edges
-    g = network.free_incidence.tocoo()
-    block = d + 1
-    # One cone (t ℓ_α, L_α) an edge; Clarabel wants b − A z in the cone, for z = (x, t).
-    rows, cols, values = [block * np.arange(m)], [np.full(m, d * n)], [-lengths]
+    g, y = network.free_incidence.tocoo(), extents.tocoo()
+    block, size = d + 1, d * n + extents.shape[1]
+    # Clarabel wants b − A z in the cones, for z = (x, y).
+    rows, cols, values = [block * y.row], [d * n + y.col], [-y.data]
     for axis in range(d):
         rows.append(block * g.row + 1 + axis)
         cols.append(d * g.col + axis)
         values.append(-g.data)
+    cones = [clarabel.SecondOrderConeT(block)] * m
+    n_limits = 0
+    if limits is not None:
+        least, n_limits = limits.tocoo(), limits.shape[0]
+        rows, cols, values = [*rows, block * m + least.row], [*cols, d * n + least.col], [*values, -least.data]
+        cones.append(clarabel.NonnegativeConeT(n_limits))
     A = sp.csc_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=(block * m, d * n + 1)
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=(block * m + n_limits, size)
     )
     b = np.zeros((m, block))
     b[:, 1:] = network.boundary_vectors
-    cost = np.zeros(d * n + 1)
+    cost = np.zeros(size)
     cost[-1] = 1.0
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    cones = [clarabel.SecondOrderConeT(block)] * m
-    answer = clarabel.DefaultSolver(sp.csc_matrix((d * n + 1,) * 2), cost, A, b.ravel(), cones, settings).solve()
+    right = np.concatenate([b.ravel(), np.zeros(n_limits)])
+    answer = clarabel.DefaultSolver(sp.csc_matrix((size,) * 2), cost, A, right, cones, settings).solve()
 
-    z = np.array(answer.x)
-    x, ratio = network.all_coordinates(z[:-1].reshape(n, d)), float(z[-1])
-    tension = np.array(answer.z).reshape(m, block)[:, 0]
-    length = np.linalg.norm(network.bond_vectors(x), axis=1)
-    # Strict complementarity: an edge has either tension or room to spare, whichever is the larger part of its scale.
-    stressed = tension / tension.mean() > 1 - length / (ratio * lengths)
+    z, multipliers = np.array(answer.x), np.array(answer.z)
+    tension = multipliers[: block * m].reshape(m, block)[:, 0]
     solved = answer.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
-    return ConeSolution(x, tension / length, ratio, stressed, solved, answer.iterations)
+    x = network.all_coordinates(z[: d * n].reshape(n, d))
+    return x, z[d * n :], tension, multipliers[block * m :], solved, answer.iterations
 
 
 def polish(

@@ -176,6 +176,24 @@ def edge_blocks(along: Array, vectors: Array, isotropic: Array) -> Array:
     return blocks.ravel()
 
 
+def pair_laplacian(network: Network, pairs: tuple[NDArray[np.integer], NDArray[np.integer]]) -> FixedPattern:
+    """Σ_{αβ} g_α g_βᵀ ⊗ C_{αβ} over the free coordinates, (d·n_free)², for energies that couple edges.
+
+    pairs  edges α and β, (n_pairs,) each, with (β, α) beside every (α, β); the values are C of shape (n_pairs, d, d)
+    """
+    d = network.dimension
+    ends, signs = _unknowns(network), (-1.0, 1.0)
+    first, second = ends[pairs[0]], ends[pairs[1]]
+    entries = []
+    for row, col in np.ndindex(d, d):
+        source = np.arange(len(first)) * d * d + d * row + col
+        for end, other in np.ndindex(2, 2):
+            i, j = first[:, end], second[:, other]
+            inside = (i >= 0) & (j >= 0)
+            entries.append((d * i[inside] + row, d * j[inside] + col, source[inside], signs[end] * signs[other]))
+    return FixedPattern(d * len(network.free), len(first) * d * d, entries)
+
+
 class Saddle:
     """Systems with the matrix [[P ⊗ 1, Rᵀ], [R, 0]], P = gᵀ diag(σ) g and R = g L, by a quasi-definite factorisation.
 

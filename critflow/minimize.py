@@ -56,7 +56,7 @@ def fire(function: Function, x: Array, tolerance: float, max_steps: int, time_st
     """FIRE 2.0, the method of the paper: damped dynamics that stop whenever they run uphill (Guénolé et al., 2020).
 
     Semi-implicit Euler with unit masses; after 20 downhill steps the time step grows, after an uphill step it shrinks
-    and half a step is taken back.  No component moves by more than `max_move` a step.
+    and half a step is taken back.  No component moves by more than `max_move` a step, none to an infinite value.
     """
     start_mixing, longest = 0.25, 10 * time_step
     velocity, mixing, downhill = np.zeros_like(x), start_mixing, 0
@@ -84,7 +84,12 @@ def fire(function: Function, x: Array, tolerance: float, max_steps: int, time_st
         move = time_step * float(np.abs(velocity).max())
         if move > max_move:
             velocity = velocity * (max_move / move)
-        point = function.at(point.x + time_step * velocity)
+        trial = function.at(point.x + time_step * velocity)
+        if trial.value == np.inf:
+            # A wall is in the way: stop before it and go on more slowly.
+            velocity, time_step = np.zeros_like(velocity), 0.5 * time_step
+        else:
+            point = trial
     status = Status.ok if point.residual < tolerance else Status.step_limit
     return Minimum(point, status, max_steps, max_steps + 1)
 

@@ -10,18 +10,20 @@ B = B_0 + C_B γ and G = G_0 + C_G γ to first order (`ModulusStrainScaling`).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.linalg import FixedPattern, Saddle, block_laplacian
+from critflow.laws import HOOKEAN, SpringLaw, checked_law
+from critflow.linalg import FixedPattern, Saddle
 from critflow.manifold import CriticalConfiguration
 from critflow.network import Array, Network
 from critflow.objectives import dilation, pure_shear, transition_modulus
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity import rigidity
-from critflow.springs import FLOPPY_REST, SpringState, factorize_hessian, spring_state
+from critflow.springs import FLOPPY_REST, ElasticState, spring_state
 
 
 @dataclass(frozen=True)
@@ -55,23 +57,23 @@ class Fit:
 
 
 _NO_MODULI = Moduli(np.nan, np.nan, np.nan)
-_FLOPPY = Moduli(0.0, 0.0, 0.0)
+FLOPPY = Moduli(0.0, 0.0, 0.0)
 _NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
 
 
-def linear_response(state: SpringState, pattern: FixedPattern | None = None) -> tuple[Solution[Moduli], Array]:
+def linear_response(state: ElasticState, pattern: FixedPattern | None = None) -> tuple[Solution[Moduli], Array]:
     """Moduli of springs under stress in equilibrium, and the relaxation dx/dγ (n_free, d) that dilation causes.
 
     `Status.unstable` and NaN where the Hessian has negative eigenvalues: the springs then buckle under any strain.
     Parts that are floppy, as slack ones are, do not resist and take no share; `stats.details["floppy"]` says so.
     """
     network, L, sigma = state.network, state.bond_vectors, state.sigma
-    K, V, d = state.modified_stiffness, network.volume, network.dimension
-    pattern = pattern or block_laplacian(network)
-    factor = factorize_hessian(pattern, state)
+    V, d = network.volume, network.dimension
+    pattern = pattern or state.pattern()
+    factor = state.factorize(pattern)
     floppy = factor.indefinite
     if floppy:
-        factor = factorize_hessian(pattern, state, FLOPPY_REST * float(np.mean(network.stiffness)))
+        factor = state.factorize(pattern, FLOPPY_REST * state.stiffness_scale)
         if factor.indefinite:
             stats = Stats("linear response", 2, 2, details={"negative_pivots": factor.n_negative})
             return Solution(_NO_MODULI, Status.unstable, stats), np.zeros_like(state.forces)
@@ -85,10 +87,11 @@ def linear_response(state: SpringState, pattern: FixedPattern | None = None) -> 
     moduli, relaxations, errors = [], [], []
     for dL, work in zip(affine, stress_work, strict=True):
         hdot = np.einsum("ad,ad->a", L, dL)
-        force = -(network.divergence @ ((K * hdot)[:, None] * L + sigma[:, None] * dL))
+        stress, energy = state.resistance(hdot)
+        force = -(network.divergence @ (stress[:, None] * L + sigma[:, None] * dL))
         u = factor.solve(force.ravel())
         errors.append(float(np.abs(factor.multiply(u) - force.ravel()).max() / max(np.abs(force).max(), 1e-300)))
-        moduli.append(float((K @ hdot**2 + work - force.ravel() @ u) / V))
+        moduli.append(float((energy + work - force.ravel() @ u) / V))
         relaxations.append(u.reshape(force.shape))
     dE_dV = float(sigma @ state.lengths**2) / (d * V)
     value = Moduli(moduli[0], moduli[1], moduli[1] - 0.5 * dE_dV)
@@ -107,7 +110,12 @@ def transition_moduli(critical: CriticalConfiguration) -> Moduli:
 
 
 def stiffening(
-    network: Network, critical: CriticalConfiguration, saddle: Saddle | None = None, throw: bool = True
+    network: Network,
+    critical: CriticalConfiguration,
+    saddle: Saddle | None = None,
+    throw: bool = True,
+    *,
+    law: SpringLaw = HOOKEAN,
 ) -> Solution[Stiffening]:
     """C_B and C_G of a network exactly, from its critical configuration alone: no strain path.
 
@@ -115,8 +123,10 @@ def stiffening(
     the network answers with ḣ_a = c_a K⁻¹ σ̂, and the zero modes settle where P(σ̂) is least,
         P̂ u + Rᵀ λ = −gᵀ(σ̂ ∘ A_a L),   R u = c_a K⁻¹ σ̂ − ḣ_a(affine),   L̇_a = A_a L + g u.
     Third derivatives of the energy need no more than these first-order answers,
-        E_abc = Σ φ''' ḣ_a ḣ_b ḣ_c + Σ_cyc c_a Σ σ̂ (L̇_b·L̇_c + L·b̈_bc),   φ''' = −3k/|L|⁴,
+        E_abc = Σ φ''' ḣ_a ḣ_b ḣ_c + Σ_cyc c_a Σ σ̂ (L̇_b·L̇_c + L·b̈_bc),   φ''' = E'''/|L|³ − 3k/|L|⁴,
     and B_0 = E_γγ/V, C_B = (E_γγ + E_γγγ)/V, G_0 = E_εε/V, C_G = (E_γεε − E_εε)/V.
+    So a law adds Σ E''' e_γ³/V to the C_B of Hookean springs and Σ E''' e_γ e_ε²/V to C_G, with the elongations
+    e_a = ḣ_a/|L| = c_a σ̂|L|/k; B_0 and G_0 are the same for all laws.
 
     `Status.unstable` and NaN where P(σ̂) is not positive on the zero modes, so that no such answer exists.
     """
@@ -146,7 +156,9 @@ def stiffening(
         responses.append(affine + network.free_incidence @ u)
         errors.append(error)
 
-    third = -3 * k / np.sum(L**2, axis=1) ** 2
+    lengths = critical.lengths
+    steepening = checked_law(law, lengths, k).stiffening(np.zeros_like(lengths), lengths, k)
+    third = steepening / lengths**3 - 3 * k / np.sum(L**2, axis=1) ** 2
     identity = np.eye(d)
     # b̈ of γγ, γε and εε, mapped on L.
     curvature = {(0, 0): (1 / d) * (1 / d - 1) * identity, (0, 1): pure_shear(d) / d, (1, 1): 0 * identity}
@@ -199,7 +211,12 @@ def fit_stiffening(strains: ArrayLike, moduli: ArrayLike, window: float = np.inf
 
 
 def elastic_moduli(
-    network: Network, coordinates: ArrayLike, rest_lengths: ArrayLike | None = None, tolerance: float = 1e-9
+    network: Network,
+    coordinates: ArrayLike,
+    rest_lengths: ArrayLike | None = None,
+    tolerance: float = 1e-9,
+    *,
+    law: SpringLaw = HOOKEAN,
 ) -> Solution[Moduli]:
     """Relaxed B and G of springs at coordinates (N_v, d) in equilibrium, on either side of the transition.
 
@@ -211,7 +228,7 @@ def elastic_moduli(
     """
     x = np.asarray(coordinates, dtype=float)
     at_rest = np.linalg.norm(network.bond_vectors(x), axis=1)
-    state = spring_state(network, at_rest if rest_lengths is None else rest_lengths, x)
+    state = spring_state(network, at_rest if rest_lengths is None else rest_lengths, x, law)
     stress = float(np.max(np.abs(state.sigma) / network.stiffness))
     if state.max_force > tolerance * float(np.mean(network.stiffness) * np.mean(state.lengths)):
         raise InputError(
@@ -221,13 +238,16 @@ def elastic_moduli(
         return linear_response(state)[0]
     counts = rigidity(network, x)
     if counts.status is not Status.ok:
-        return Solution(_FLOPPY if counts.status is Status.floppy else _NO_MODULI, counts.status, counts.stats)
-    L, S = state.bond_vectors, counts.value.self_stresses
-    compliance = (S * (np.sum(L**2, axis=1) / network.stiffness)) @ S.T
-    values = []
-    for A in (dilation(network.dimension), pure_shear(network.dimension)):
-        work = S @ np.einsum("ad,ad->a", L, L @ A)
-        values.append(float(work @ np.linalg.solve(compliance, work)) / network.volume)
-    return Solution(
-        Moduli(values[0], values[1], values[1]), Status.ok, Stats("self-stress", 1, 1, counts.stats.residual)
-    )
+        return Solution(FLOPPY if counts.status is Status.floppy else _NO_MODULI, counts.status, counts.stats)
+    L, S, d = state.bond_vectors, counts.value.self_stresses, network.dimension
+    rates = (np.einsum("ad,ad->a", L, L @ A) for A in (dilation(d), pure_shear(d)))
+    value = self_stress_moduli(S, np.sum(L**2, axis=1) / network.stiffness, rates, network.volume)
+    return Solution(value, Status.ok, Stats("self-stress", 1, 1, counts.stats.residual))
+
+
+def self_stress_moduli(stresses: Array, flexibility: Array, rates: Iterable[Array], volume: float) -> Moduli:
+    """Moduli at rest through self-stresses S (N_s, n), K⁻¹ (n,) and the rates (n,) of dilation and of shear."""
+    compliance = (stresses * flexibility) @ stresses.T
+    works = [stresses @ rate for rate in rates]
+    bulk, shear = (float(work @ np.linalg.solve(compliance, work)) / volume for work in works)
+    return Moduli(bulk, shear, shear)

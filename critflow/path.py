@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.linalg import FixedPattern, block_laplacian
+from critflow.laws import HOOKEAN, SpringLaw, checked_law
+from critflow.linalg import FixedPattern
 from critflow.manifold import CriticalConfiguration
 from critflow.moduli import Moduli, linear_response
 from critflow.network import Array, Network
@@ -52,6 +53,7 @@ def strain_path(
     strains: ArrayLike,
     method: str = "newton",
     *,
+    law: SpringLaw = HOOKEAN,
     tolerance: float = 1e-14,
     moduli: bool = True,
     pattern: FixedPattern | None = None,
@@ -66,11 +68,13 @@ def strain_path(
     gamma = check_strains(strains)
     network = critical.springs_of(network)
     d = network.dimension
-    pattern = pattern or block_laplacian(network)
-    state = SpringState(network, critical.lengths, critical.coordinates, critical.bond_vectors)
+    law = checked_law(law, critical.lengths, network.stiffness)
+    state = SpringState(network, critical.lengths, critical.coordinates, critical.bond_vectors, law)
+    pattern = pattern or state.pattern()
     records = np.full((5, len(gamma)), np.nan)
     steps, statuses = np.zeros(len(gamma), int), np.full(len(gamma), int(Status.missing))
     states: list[SpringState] = []
+    why = ""
     before, trace = 0.0, _Trace(state.coordinates[network.free])
     for n, strain in enumerate(gamma):
         size = (1 + before) ** (1 / d)
@@ -79,6 +83,7 @@ def strain_path(
         solution = equilibrium(start, method, tolerance, pattern=pattern, throw=False)
         state, steps[n], statuses[n] = solution.value, solution.stats.iterations, solution.status
         if not solution.ok:
+            why = solution.stats.details.get("note", solution.status.message)
             break
         measured, slope = _NOTHING, None
         size = (1 + strain) ** (1 / d)
@@ -86,6 +91,7 @@ def strain_path(
             response, relaxation = linear_response(state, pattern)
             measured, statuses[n] = response.value, response.status
             if not response.ok:
+                why = response.status.message
                 break
             slope = relaxation / ((1 + strain) * size)
         trace.add(strain, state.coordinates[network.free] / size, slope)
@@ -96,7 +102,7 @@ def strain_path(
     status = Status(int(statuses[bad[0]])) if len(bad) else Status.ok
     bulk, shear, corrected, energy, force = records
     path = StrainPath(gamma, bulk, shear, corrected, energy, force, steps, statuses, tuple(states))
-    details = {"note": f"at strain {gamma[bad[0]]:g}, {status.message}"} if len(bad) else {}
+    details = {"note": f"at strain {gamma[bad[0]]:g}, {why}"} if len(bad) else {}
     worst = float(np.max(path.max_force[: len(states)], initial=0.0))
     result = Solution(path, status, Stats(method, int(steps.sum()), residual=worst, details=details))
     return result.or_raise("the strain path stopped") if throw else result

@@ -17,8 +17,11 @@ from problems import (
 
 from critflow import (
     CriticalManifold,
+    Hookean,
     InputError,
+    PowerLaw,
     Status,
+    WormLike,
     critical_from_lengths,
     elastic_moduli,
     equilibrium,
@@ -203,6 +206,75 @@ def test_stiffening_of_an_unstable_stress_is_a_status():
     solution = stiffening(critical.network, critical, throw=False)
     assert solution.status is Status.unstable
     assert np.isnan(solution.value.C_B)
+
+
+# Other laws
+
+LAWS = {"cubic": PowerLaw(3), "power 4.5": PowerLaw(4.5), "worm-like": WormLike(0.4)}
+
+
+@pytest.mark.parametrize("name", ["2D, random stiffness", "3D"])
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_linear_response_of_every_law(law, name):
+    critical = critical_of(name)
+    d = critical.network.dimension
+    state = strain_path(critical.network, critical, [0.02], law=law).value.states[0]
+    response, _ = linear_response(state)
+    V = state.network.volume
+    bulk = second_derivative(lambda e: relaxed_energy(state, (1 + e) ** (1 / d) * np.eye(d)), 5e-4) / V
+    assert response.value.bulk == pytest.approx(bulk, rel=1e-6)
+    modulus = second_derivative(lambda e: relaxed_energy(state, np.eye(d) + e * shear(d)), 5e-4) / V
+    assert response.value.shear == pytest.approx(modulus, rel=1e-6)
+    direct = elastic_moduli(state.network, state.coordinates, state.rest_lengths, law=law).value
+    assert direct.bulk == pytest.approx(response.value.bulk, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_exact_stiffening_of_every_law(law, name):
+    critical = critical_of(name)
+    network, exact = critical.network, stiffening(critical.network, critical, law=law).value
+    # The transition itself does not know the law.
+    moduli = transition_moduli(critical)
+    assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-11)
+    windows = 8e-4 * 2.0 ** -np.arange(4)
+    gamma = np.unique(np.concatenate([w * np.arange(1, 9) / 8 for w in windows]))
+    path = strain_path(network, critical, gamma, law=law).value
+    for values, start, C in (
+        (path.bulk_modulus, exact.bulk_0, exact.C_B),
+        (path.shear_modulus, exact.shear_0, exact.C_G),
+        (path.shear_modulus_stress_corrected, exact.shear_0, exact.C_G_stress_corrected),
+    ):
+        assert np.polyfit(gamma, values, 3)[-1] == pytest.approx(start, abs=1e-6 * exact.bulk_0)
+        for degree, rate in ((1, 1), (2, 2)):
+            errors = np.abs([fit_stiffening(gamma, values, w, degree).slope - C for w in windows])
+            # Down to rounding of the moduli, about 1e-12/w, the bias halves, or quarters, with the window.
+            above = errors > 1e-6 * max(abs(C), 0.1)
+            np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:])[above[1:]], rate, atol=0.3)
+            assert errors[-1] < (0.02 if degree == 1 else 1e-4) * max(abs(C), 0.1)
+
+
+@pytest.mark.parametrize("k", [1.0, 2.5])
+def test_stiffening_of_the_honeycomb_in_closed_form(k):
+    # All edges stretch alike, E(γ) = N_b E(ℓ√(1 + γ)), so that C_B = ½ B_0 (ℓE'''/k − 1); no shear stretches any.
+    network = honeycomb_network(3, 3, edge_length=0.8).with_stiffness(k)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    shears = []
+    for law, steepness in ((Hookean(), 0), (PowerLaw(3), 1), (PowerLaw(5.5), 3.5), (WormLike(0.2), 5)):
+        found = stiffening(network, critical, law=law).value
+        assert found.bulk_0 == pytest.approx(k * HONEYCOMB_BULK_MODULUS, rel=1e-12)
+        assert found.C_B == pytest.approx(0.5 * found.bulk_0 * (steepness - 1), rel=1e-11, abs=1e-12)
+        shears.append(found.C_G)
+    np.testing.assert_allclose(shears, shears[0], rtol=1e-12)
+
+
+def test_stiffening_of_the_largest_bulk_modulus_in_closed_form():
+    # With σ = k the response to dilation is affine, so the same holds for power laws: C_B = ½(n − 3) B_0.
+    network = with_random_stiffness(voronoi_network(100, seed=1), 2)
+    critical = CriticalManifold(network).configuration(network.stiffness)
+    for n in (2, 3, 4, 7.5):
+        found = stiffening(network, critical, law=PowerLaw(n)).value
+        assert found.C_B == pytest.approx(0.5 * (n - 3) * found.bulk_0, rel=1e-9, abs=1e-11)
 
 
 # Springs at rest

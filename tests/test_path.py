@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from problems import NETWORKS, random_stress, with_random_stiffness
 
-from critflow import CriticalManifold, InputError, SolveError, Status, equilibrium, spring_state, strain_path
+from critflow import (
+    CriticalManifold,
+    InputError,
+    PowerLaw,
+    SolveError,
+    Status,
+    WormLike,
+    equilibrium,
+    spring_state,
+    strain_path,
+)
 from critflow import voronoi_network as voronoi
 
 STRAINS = np.array([1e-6, 1e-5, 1e-4, 0.001, 0.002, 0.003, 0.01, 0.05])
@@ -106,3 +116,36 @@ def test_steps_start_close_to_where_they_end():
     critical = critical_of(voronoi(40, seed=1))
     path = strain_path(critical.network, critical, np.linspace(0.001, 0.02, 20)).value
     assert path.steps[3:].max() <= 3
+
+
+@pytest.mark.parametrize("n", [2.0, 3.0, 4.5])
+def test_power_laws_of_the_largest_bulk_modulus_stay_affine(n):
+    # With σ = k all edges stretch alike, by λ = √v; every tension is then kℓ times one function of λ, so forces go on
+    # balancing and B = (v/V_0) d²E/dv² with E = Σkℓ²/(n − 1)·((λⁿ − 1)/n − λ + 1) at any strain.
+    network = with_random_stiffness(voronoi(40, seed=1), 3)
+    critical = CriticalManifold(network).configuration(network.stiffness)
+    gamma = np.array([0.01, 0.1, 0.5])
+    path = strain_path(network, critical, gamma, law=PowerLaw(n)).value
+    v, scale = 1 + gamma, network.stiffness @ critical.lengths**2 / (n - 1)
+    second = (n / 2 - 1) / 2 * v ** (n / 2 - 2) + 0.25 * v**-1.5
+    np.testing.assert_allclose(path.bulk_modulus, v * scale * second / network.volume, rtol=1e-10)
+    energy = scale * ((v ** (n / 2) - 1) / n - np.sqrt(v) + 1)
+    np.testing.assert_allclose(path.energy, energy, rtol=1e-11)
+    for g, state in zip(gamma, path.states, strict=True):
+        np.testing.assert_allclose(state.lengths, np.sqrt(1 + g) * critical.lengths, rtol=1e-10)
+
+
+def test_a_path_ends_where_its_law_does():
+    # With σ = k the edges of equal law reach their contour length together, at the volume (1 + m)².
+    network = voronoi(40, seed=1)
+    critical = CriticalManifold(network).configuration(np.ones(60))
+    law, strains = WormLike(0.02), 0.002 * np.arange(1, 26)
+    solution = strain_path(network, critical, strains, law=law, throw=False)
+    assert solution.status is Status.stalled
+    path = solution.value
+    assert len(path.states) == 20
+    assert path.strains[19] < 1.02**2 - 1 < path.strains[20]
+    assert (np.diff(path.bulk_modulus[:20]) > 0).all()
+    assert np.isnan(path.bulk_modulus[20:]).all()
+    with pytest.raises(SolveError, match=r"at strain 0\.042, an edge is longer than its law lets it be"):
+        strain_path(network, critical, strains, law=law)

@@ -1,5 +1,7 @@
 """Software that we did not write computes the same: LAMMPS relaxes the same springs, PyRigi counts the same stresses.
 
+Its `harmonic` bonds are Hookean; its `class2` bonds, K2 e² + K3 e³ + K4 e⁴, are power laws of exponent four.
+
 These need the optional extra `peers` (`pip install -e '.[test,peers]'`) and are left out without it.
 """
 
@@ -11,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from critflow import Network, elastic_moduli, optimize, rigidity, strain_path, voronoi_network
+from critflow import Hookean, Network, PowerLaw, elastic_moduli, optimize, rigidity, strain_path, voronoi_network
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +31,14 @@ def lammps(tmp_path_factory):
         lines = ["springs", "", f"{len(x)} atoms", f"{network.n_edges} bonds", "1 atom types"]
         lines += [f"{network.n_edges} bond types", "", f"0 {side!r} xlo xhi", f"0 {side!r} ylo yhi", "-1 1 zlo zhi"]
         lines += ["", "Masses", "", "1 1.0", "", "Bond Coeffs", ""]
-        springs = zip(network.stiffness.tolist(), state.rest_lengths.tolist(), strict=True)
-        lines += [f"{e + 1} {k / 2!r} {rest!r}" for e, (k, rest) in enumerate(springs)]
+        springs = enumerate(zip(network.stiffness.tolist(), state.rest_lengths.tolist(), strict=True))
+        if state.law == PowerLaw(4):
+            style = "class2"
+            lines += [f"{e + 1} {r!r} {k / 2!r} {k / (3 * r)!r} {k / (12 * r**2)!r}" for e, (k, r) in springs]
+        else:
+            assert state.law == Hookean()
+            style = "harmonic"
+            lines += [f"{e + 1} {k / 2!r} {r!r}" for e, (k, r) in springs]
         lines += ["", "Atoms", ""] + [f"{i + 1} 1 1 {a!r} {b!r} 0.0" for i, (a, b) in enumerate(x.tolist())]
         lines += ["", "Bonds", ""] + [f"{e + 1} {e + 1} {i + 1} {j + 1}" for e, (i, j) in enumerate(network.edges)]
         data = folder / "springs.data"
@@ -42,7 +50,7 @@ def lammps(tmp_path_factory):
                 dimension 2
                 atom_style bond
                 atom_modify map array
-                bond_style harmonic
+                bond_style {style}
                 pair_style zero 5.0
                 read_data {data}
                 pair_coeff * *
@@ -62,14 +70,15 @@ def lammps(tmp_path_factory):
     return relax
 
 
+@pytest.mark.parametrize("law, strain", [(Hookean(), 0.01), (PowerLaw(4), 0.01), (PowerLaw(4), 0.3)], ids=str)
 @pytest.mark.parametrize("objective", ["length_variance", "bulk_modulus", "shear_modulus"])
-def test_lammps_finds_the_same_equilibrium(lammps, objective):
+def test_lammps_finds_the_same_equilibrium(lammps, objective, law, strain):
     network = voronoi_network(200, seed=5)
     critical = optimize(network, objective).value
-    ours = strain_path(network, critical, [0.01]).value.states[0]
+    ours = strain_path(network, critical, [strain], law=law).value.states[0]
     # LAMMPS starts from the affine state and finds its own way down.
-    start = type(ours)(network, critical.lengths, critical.coordinates, critical.bond_vectors)
-    x, energy, pressure = lammps(start.deformed(np.sqrt(1.01) * np.eye(2)))
+    start = type(ours)(network, critical.lengths, critical.coordinates, critical.bond_vectors, law)
+    x, energy, pressure = lammps(start.deformed(np.sqrt(1 + strain) * np.eye(2)))
     side = ours.network.cell[0, 0]
     apart = x - ours.coordinates
     apart -= side * np.round(apart / side)
@@ -81,10 +90,11 @@ def test_lammps_finds_the_same_equilibrium(lammps, objective):
     assert -pressure == pytest.approx(dE_dV, rel=1e-8)
 
 
-def test_lammps_pressures_give_the_bulk_modulus(lammps):
+@pytest.mark.parametrize("law", [Hookean(), PowerLaw(4)], ids=str)
+def test_lammps_pressures_give_the_bulk_modulus(lammps, law):
     network = voronoi_network(100, seed=2)
     critical = optimize(network, "tension_variance", throw=False).value
-    path = strain_path(network, critical, [0.0199, 0.02, 0.0201]).value
+    path = strain_path(network, critical, [0.0199, 0.02, 0.0201], law=law).value
     pressures = [lammps(state)[2] for state in path.states]
     # B = −V dP/dV by central differences of a step 1e-4 of the volume.
     volumes = [state.network.volume for state in path.states]
