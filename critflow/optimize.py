@@ -191,7 +191,7 @@ def _descend(
         value = manifold.configuration(landscape.sigma(landscape.last_sound))
     elif not reached.ok:
         # A method that ran away ends where no configuration is.
-        status, details = Status.singular, {"objective": np.nan}
+        status, details = Status.singular, {**details, "objective": np.nan}
     return Solution(value, status, Stats(method, end.iterations, end.evaluations, end.point.residual, details))
 
 
