@@ -4,7 +4,7 @@ from importlib.metadata import version
 
 from critflow.critical import critical_from_lengths
 from critflow.generate import (
-    honeycomb_network,
+    foam_network,
     random_sequential_addition,
     three_bar_linkage,
     voronoi_network,
@@ -12,6 +12,14 @@ from critflow.generate import (
 )
 from critflow.geometry import StereographicChart, surface_geometry
 from critflow.isogonal import isogonal_modes
+from critflow.lattices import (
+    cubic_network,
+    diamond_network,
+    honeycomb_network,
+    kagome_network,
+    square_network,
+    triangular_network,
+)
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, stiffening, transition_moduli
 from critflow.network import Network
@@ -53,21 +61,27 @@ __all__ = [
     "bulk_modulus_bound",
     "certify",
     "critical_from_lengths",
+    "cubic_network",
+    "diamond_network",
     "elastic_moduli",
     "equilibrium",
     "fit_stiffening",
+    "foam_network",
     "honeycomb_network",
     "isogonal_modes",
+    "kagome_network",
     "linear_response",
     "optimize",
     "random_sequential_addition",
     "rigidity",
     "spring_state",
+    "square_network",
     "stiffening",
     "strain_path",
     "surface_geometry",
     "three_bar_linkage",
     "transition_moduli",
+    "triangular_network",
     "voronoi_network",
     "voronoi_of",
 ]
