@@ -39,6 +39,8 @@ from critflow.result import (
 )
 from critflow.rigidity import certify, rigidity
 from critflow.springs import equilibrium, spring_state
+from critflow.stresses import StressSpace, stresses_of
+from critflow.tensegrity import SignedStress, Stability, signed_stress, stability
 
 __version__ = version("critflow")
 
@@ -51,11 +53,14 @@ __all__ = [
     "IntegrityError",
     "Network",
     "NetworkError",
+    "SignedStress",
     "Solution",
     "SolveError",
+    "Stability",
     "Stats",
     "Status",
     "StereographicChart",
+    "StressSpace",
     "StudyError",
     "__version__",
     "bulk_modulus_bound",
@@ -74,10 +79,13 @@ __all__ = [
     "optimize",
     "random_sequential_addition",
     "rigidity",
+    "signed_stress",
     "spring_state",
     "square_network",
+    "stability",
     "stiffening",
     "strain_path",
+    "stresses_of",
     "surface_geometry",
     "three_bar_linkage",
     "transition_moduli",

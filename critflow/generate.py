@@ -22,6 +22,8 @@ STANDARD_HARD_CORE = 0.82
 # Of spheres it stops at 0.384 of the volume, which is ρ = 0.902.
 FOAM_HARD_CORE = 0.87
 _SATURATED = {2: 0.834, 3: 0.902}
+# No packing at all is denser than the hexagonal one of discs and the face-centred one of spheres.
+_DENSEST = {2: np.sqrt(2 / np.sqrt(3)), 3: 2 ** (1 / 6)}
 
 
 def voronoi_network(
@@ -99,7 +101,8 @@ def random_sequential_addition(
         )
     if dimension < 1:
         raise InputError(f"points need a dimension of at least 1, not {dimension}")
-    for _ in range(max_restarts):
+    crowded = distance * n_points ** (1 / dimension) > _DENSEST.get(dimension, np.inf)
+    for _ in range(0 if crowded else max_restarts):
         points = _add_until_saturated(n_points, distance, rng, dimension)
         if len(points) == n_points:
             cell = np.floor(points * n_points ** (1 / dimension)).astype(int)

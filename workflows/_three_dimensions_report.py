@@ -58,8 +58,9 @@ def response_figure(ds):
         axes.set_title(letter, loc="left", fontweight="bold", fontsize=12)
     figure.supxlabel(
         f"{ds.sizes['seed']} networks. Dark, wide edges carry the most tension and far ones fade. Red lines: no change "
-        "with strain; $G_0$: shear in the x–y plane.\nmin $V_\\tau$ is not attained: its values are of configurations near the infimum. Undefined: "
-        f"slack edges leave vertices loose. $G_0$ below {LEAST_SHOWN:g} is drawn there.",
+        "with strain. $G_0$: shear of $x$ and $y$.\nmin $V_\\tau$ is not attained: its values are of near "
+        "configurations. Undefined: slack edges leave vertices loose. "
+        f"$G_0$ below {LEAST_SHOWN:g} is drawn there.",
         fontsize=8.5, color="0.25",
     )  # fmt: skip
     return figure
