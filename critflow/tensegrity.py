@@ -53,7 +53,7 @@ def signed_stress(
 
     signs  (N_b,) +1 for a cable, −1 for a strut, 0 for a bar, which may do either
 
-        maximise t  subject to  gᵀ(σ ∘ L) = 0,  t ≤ s_α σ_α ≤ 1.
+        maximise t  subject to  gᵀ(σ ∘ L) = 0,  s_α σ_α ≥ t,  |σ_α| ≤ 1.
 
     If t = 0 is the best there is none, `Status.floppy`: by Stiemke's lemma there is then a motion u with
     s_α L_α·(g u)_α ≤ 0 on every cable and strut, not zero on all, and 0 on bars; it is returned as the reason.
@@ -75,7 +75,7 @@ def signed_stress(
         b_ub=np.zeros(len(signed)),
         A_eq=balance,
         b_eq=np.zeros(R.shape[1]),
-        bounds=[*zip(np.where(s > 0, 0, -1.0), np.where(s < 0, 0, 1.0), strict=True), (None, 1.0)],
+        bounds=[(-1.0, 1.0)] * n + [(None, 1.0)],
         method="highs",
     )
     details: dict[str, object] = {}
@@ -169,11 +169,10 @@ def _loosening(
 ) -> tuple[Array, NDArray[np.intp], float]:
     """The multipliers of the balance as a motion that loosens edges, the edges, and the worst it does otherwise."""
     elongation = R @ multipliers
-    turn = -1.0 if signs @ elongation > 0 else 1.0
-    size = max(float(np.abs(elongation).max()), 1e-300)
-    loosening = -signs * elongation * turn / size
+    size = float(np.abs(elongation).max())
+    loosening = -signs * elongation / size
     motion = np.zeros((network.n_vertices, network.dimension))
-    motion[network.free] = (turn / size * multipliers).reshape(-1, network.dimension)
+    motion[network.free] = (multipliers / size).reshape(-1, network.dimension)
     error = max(0.0, float(-loosening.min()), float(np.abs(elongation[signs == 0]).max(initial=0.0)) / size)
     return motion, np.flatnonzero(loosening > _NONE), error
 

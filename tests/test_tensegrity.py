@@ -223,14 +223,23 @@ def test_all_tension_is_super_stable():
 
 
 def test_an_affine_flex_is_no_super_stability():
-    # Edges in two directions only: a shear along them keeps every length, so P alone does not decide.
-    x = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.0, 2.0], [1.0, 2.0]])
-    edges = [[0, 2], [2, 4], [1, 3], [3, 5], [2, 3], [4, 5], [0, 4], [1, 5]]
-    network = Network(edges, pins={0: x[0], 1: x[1]}, positions=x)
-    signs = np.array([1, 1, 1, 1, 0, 0, -1, -1])
-    critical = signed_stress(network, x, signs).value.critical
+    # A cross of two straight lines, each stressed on its own, turns like scissors: an affine map that keeps all lengths
+    # although P has no zero eigenvalue but that of the affine maps.
+    x = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    network = Network([[0, 2], [2, 1], [2, 3], [2, 4], [3, 4]], pins={0: x[0], 1: x[1]}, positions=x)
+    critical = signed_stress(network, x, [1, 1, 1, 1, -1]).value.critical
+    np.testing.assert_allclose(critical.sigma / critical.sigma[2], [1, 1, 1, 1, -0.5], atol=1e-12)
     held = stability(critical)
+    assert (held.n_negative, held.n_null, held.n_affine) == (0, 1, 1)
     assert not held.super_stable and not held.prestress_stable
+
+
+def test_a_frame_that_turns_about_one_pin_is_still_super_stable():
+    # Rigid motions about the pins keep lengths as they must, and are no flex.
+    network, signs = snelson_x((0,))
+    held = stability(signed_stress(network, network.positions, signs).value.critical)
+    assert (held.n_negative, held.n_null, held.n_affine) == (0, 2, 2)
+    assert held.super_stable and not held.prestress_stable
 
 
 @pytest.mark.parametrize(
