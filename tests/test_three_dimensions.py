@@ -224,6 +224,15 @@ def test_claims_figure_and_checks(folder, capsys):
     assert "12 stored cases" in capsys.readouterr().out
 
 
+def test_one_configuration_is_shown(folder, tmp_path, capsys):
+    picture = tmp_path / "one.png"
+    words = ["--set", "seed=1", "--set", "population=bulk_modulus", "--out", str(picture)]
+    assert main(["show", str(folder / "three_dimensions.nc"), *words]) == 0
+    text = capsys.readouterr().out
+    assert "rigid to second order" in text and "100.000000 % of its bound" in text
+    assert picture.stat().st_size > 10_000
+
+
 def test_some_populations_alone(tmp_path, dataset):
     words = ["--set", "n_vertices=60", "--set", "seeds=1", "--set", "populations=random_lengths,shear_modulus"]
     assert main(["run", "three_dimensions", "--workers", "0", "--out", str(tmp_path), *words]) == 0

@@ -73,6 +73,7 @@ def table(planar):
     network, member, each = ("seed",), ("population", "seed"), ("population", "seed", "strain")
     # CF knows no stiffness as a unit: what is measured in k is dimensionless, and its name says so.
     in_k = ", in units of k"
+    of_modulus = in_k if planar else ", in units of k per length"
 
     def scalar(name, long_name, dtype="f8", **more):
         return Variable(name, member, dtype, long_name=long_name, **more)
@@ -90,11 +91,11 @@ def table(planar):
     )
     yield Variable("length", (*member, "edge"), "f8", long_name="edge length at the transition")
     yield Variable("coordinates", (*member, "vertex", "axis"), "f8", long_name="vertex coordinates at the transition")
-    yield scalar("bulk_modulus_0", "bulk modulus at the transition" + in_k)
-    yield scalar("shear_modulus_0", "shear modulus at the transition" + in_k)
-    yield along("bulk_modulus", "bulk modulus V d2E/dV2" + in_k)
-    yield along("shear_modulus", "shear modulus (1/V) d2E/dε2, energy convention" + in_k)
-    yield along("shear_modulus_stress_corrected", "shear modulus less half of dE/dV" + in_k)
+    yield scalar("bulk_modulus_0", "bulk modulus at the transition" + of_modulus)
+    yield scalar("shear_modulus_0", "shear modulus at the transition" + of_modulus)
+    yield along("bulk_modulus", "bulk modulus V d2E/dV2" + of_modulus)
+    yield along("shear_modulus", "shear modulus (1/V) d2E/dε2, energy convention" + of_modulus)
+    yield along("shear_modulus_stress_corrected", "shear modulus less half of dE/dV" + of_modulus)
     yield along("energy", "elastic energy" + in_k)
     yield along("max_force", "largest unbalanced force component" + in_k)
     yield along("newton_steps", "Newton steps of the relaxation", dtype="i2")
@@ -104,9 +105,9 @@ def table(planar):
         ("C_G", "shear modulus (energy convention)"),
         ("C_G_stress_corrected", "stress-corrected shear modulus"),
     ):
-        yield scalar(name, f"growth of the {what} with strain, straight line fitted to the path" + in_k)
-        yield scalar(f"{name}_error", f"standard error of the fitted growth of the {what}" + in_k)
-        yield scalar(f"{name}_exact", f"growth of the {what} with strain, from the transition alone" + in_k)
+        yield scalar(name, f"growth of the {what} with strain, straight line fitted to the path" + of_modulus)
+        yield scalar(f"{name}_error", f"standard error of the fitted growth of the {what}" + of_modulus)
+        yield scalar(f"{name}_exact", f"growth of the {what} with strain, from the transition alone" + of_modulus)
     yield scalar("length_variance", "variance of the lengths over their squared mean, V_L")
     yield scalar("tension_variance", "variance of the tensions over their squared mean, V_τ")
     if planar:

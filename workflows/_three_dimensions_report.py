@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 
 import numpy as np
-from matplotlib.collections import LineCollection
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from critflow.plot import TENSION_MAP, unit_pressure_tensions, violins
+from critflow.plot import draw_in_depth, unit_pressure_tensions, violins
 from critflow.result import Status
 from critflow.workflow import Claim
 
@@ -28,9 +26,6 @@ PANELS = {
     "C_G_stress_corrected_exact": "its growth $C_G$, stress-corrected  [$k$ / length]",
 }
 LEAST_SHOWN = 1e-8
-# Directions of view: across, up and towards the eye, all at right angles.
-_ACROSS = np.array([0.94, -0.34, 0.0])
-_UP = np.array([0.09, 0.25, 0.96])
 
 
 def response_figure(ds):
@@ -42,7 +37,7 @@ def response_figure(ds):
     for axes, population in zip(left.subplots(2, 1), ("bulk_modulus", "shear_modulus"), strict=True):
         one = ds.sel(seed=seed)
         if population in ds.population and np.isfinite(one.sel(population=population).sigma).all():
-            draw_in_depth(axes, one.sel(population=population))
+            _draw(axes, one.sel(population=population))
             axes.set_title(f"{LABELS[population]}, {ds.sizes['vertex']} vertices", fontsize=10)
         axes.set_axis_off()
     names = [str(name) for name in ds.population.values]
@@ -58,9 +53,9 @@ def response_figure(ds):
         axes.set_title(letter, loc="left", fontweight="bold", fontsize=12)
     figure.supxlabel(
         f"{ds.sizes['seed']} networks. Dark, wide edges carry the most tension and far ones fade. Red lines: no change "
-        "with strain. $G_0$: shear of $x$ and $y$.\nmin $V_\\tau$ is not attained: its values are of near "
-        "configurations. Undefined: slack edges leave vertices loose. "
-        f"$G_0$ below {LEAST_SHOWN:g} is drawn there.",
+        "with strain. $G_0$: shear of $x$ and $y$; below "
+        f"{LEAST_SHOWN:g} drawn there.\nmin $V_L$: equal lengths on all stressed edges. min $V_\\tau$ is not attained: "
+        "values of near configurations. Undefined: slack edges leave vertices loose.",
         fontsize=8.5, color="0.25",
     )  # fmt: skip
     return figure
@@ -84,41 +79,9 @@ def _with_outliers_told(axes, values):
     return [group[keep] for group, keep in zip(values, inside, strict=True)]
 
 
-def draw_in_depth(axes, one):
-    """One network in parallel projection, edges from far to near: near ones dark, far ones faded, wide with tension."""
-    towards = np.cross(_ACROSS, _UP)
-    cell, (tail, head) = one.cell.values, one.edges.values.T
-    x = one.coordinates.values
-    L = x[head] - x[tail] + one.offsets.values @ cell
-    # Every edge is drawn once, from where its tail lies in the cell to wherever that takes it.
-    fraction = x[tail] @ np.linalg.inv(cell)
-    start = (fraction - np.floor(fraction)) @ cell
-    tensions = unit_pressure_tensions(one.sigma.values, one.length.values, float(abs(np.linalg.det(cell))))
-    strength = np.clip(tensions / np.percentile(tensions, 97), 0, 1)
-    depth = (start + 0.5 * L) @ towards
-    near = np.clip((depth - np.percentile(depth, 2)) / np.ptp(np.percentile(depth, (2, 98))), 0, 1)
-    ink = TENSION_MAP(0.25 + 0.75 * strength)[:, :3]
-    faded = 1 - (0.12 + 0.88 * near**1.5)[:, None] * (1 - ink)
-    order = np.argsort(depth)
-    ends = np.stack([start, start + L], axis=1)
-    flat = np.stack([ends @ _ACROSS, ends @ _UP], axis=2)
-    widths = (0.3 + 1.9 * strength) * (0.45 + 0.55 * near)
-    axes.add_collection(
-        LineCollection(flat[order], colors=faded[order], linewidths=widths[order], capstyle="round"), autolim=True
-    )
-    corners = np.array(list(np.ndindex(2, 2, 2)))
-    sides = [(a, b) for a in range(8) for b in range(a) if np.abs(corners[a] - corners[b]).sum() == 1]
-    frame = (corners @ cell)[np.array(sides)]
-    outline = np.stack([frame @ _ACROSS, frame @ _UP], axis=2)
-    axes.add_collection(LineCollection(outline, colors=[to_rgb("0.55")], linewidths=0.7, zorder=0), autolim=True)
-    view = np.stack([_ACROSS, _UP], axis=1)
-    for name, place in zip("xyz", ((0.5, 0, 0), (0, 0.5, 0), (0, 1, 0.5)), strict=True):
-        middle, centre = (np.array(point) @ cell @ view for point in (place, (0.5, 0.5, 0.5)))
-        axes.text(
-            *(middle + 0.08 * (middle - centre)), f"${name}$", fontsize=11, ha="center", va="center", color="0.35"
-        )
-    axes.autoscale_view()
-    axes.set_aspect("equal")
+def _draw(axes, one):
+    tensions = unit_pressure_tensions(one.sigma.values, one.length.values, float(abs(np.linalg.det(one.cell.values))))
+    draw_in_depth(axes, one.edges.values, one.offsets.values, one.cell.values, one.coordinates.values, tensions)
 
 
 # Claims
