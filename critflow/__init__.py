@@ -4,7 +4,7 @@ from importlib.metadata import version
 
 from critflow.critical import critical_from_lengths
 from critflow.generate import (
-    honeycomb_network,
+    foam_network,
     random_sequential_addition,
     three_bar_linkage,
     voronoi_network,
@@ -12,6 +12,14 @@ from critflow.generate import (
 )
 from critflow.geometry import StereographicChart, surface_geometry
 from critflow.isogonal import isogonal_modes
+from critflow.lattices import (
+    cubic_network,
+    diamond_network,
+    honeycomb_network,
+    kagome_network,
+    square_network,
+    triangular_network,
+)
 from critflow.laws import Hookean, PowerLaw, SpringLaw, WormLike
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, stiffening, transition_moduli
@@ -33,7 +41,9 @@ from critflow.result import (
 )
 from critflow.rigidity import certify, rigidity
 from critflow.springs import equilibrium, spring_state
+from critflow.stresses import StressSpace, stresses_of
 from critflow.supremum import bulk_modulus_bound, modulus_bound
+from critflow.tensegrity import SignedStress, Stability, signed_stress, stability
 
 __version__ = version("critflow")
 
@@ -48,12 +58,15 @@ __all__ = [
     "Network",
     "NetworkError",
     "PowerLaw",
+    "SignedStress",
     "Solution",
     "SolveError",
     "SpringLaw",
+    "Stability",
     "Stats",
     "Status",
     "StereographicChart",
+    "StressSpace",
     "StudyError",
     "WormLike",
     "__version__",
@@ -62,11 +75,15 @@ __all__ = [
     "certify",
     "critical_from_lengths",
     "critical_from_perimeters",
+    "cubic_network",
+    "diamond_network",
     "elastic_moduli",
     "equilibrium",
     "fit_stiffening",
+    "foam_network",
     "honeycomb_network",
     "isogonal_modes",
+    "kagome_network",
     "linear_response",
     "modulus_bound",
     "optimize",
@@ -74,12 +91,17 @@ __all__ = [
     "perimeter_state",
     "random_sequential_addition",
     "rigidity",
+    "signed_stress",
     "spring_state",
+    "square_network",
+    "stability",
     "stiffening",
     "strain_path",
+    "stresses_of",
     "surface_geometry",
     "three_bar_linkage",
     "transition_moduli",
+    "triangular_network",
     "voronoi_network",
     "voronoi_of",
 ]

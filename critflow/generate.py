@@ -1,7 +1,8 @@
-"""Making networks: Voronoi tessellations of random points, the honeycomb, and small ones with known answers.
+"""Making networks: Voronoi tessellations of random points in two and three dimensions, and the three-bar linkage.
 
 The standard network is the periodic Voronoi tessellation of n_cells = N_v/2 points placed by random sequential
 addition with hard-core distance ρ/√n_cells, scaled to the area V = N_v.  Every vertex has three edges, N_b = 3 N_v/2.
+In three dimensions the distance is ρ/n_cells^(1/3), every vertex has four edges, N_b = 2 N_v, and V = N_v again.
 """
 
 from __future__ import annotations
@@ -12,11 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import Delaunay, cKDTree
 
-from critflow.network import Array, Network, planar_faces
+from critflow.lattices import periodic_network
+from critflow.network import Array, Network
 from critflow.result import InputError
 
 # Random sequential addition of discs stops near ρ = 0.834; above, the points asked for do not fit.
 STANDARD_HARD_CORE = 0.82
+# Of spheres it stops at 0.384 of the volume, which is ρ = 0.902.
+FOAM_HARD_CORE = 0.87
+_SATURATED = {2: 0.834, 3: 0.902}
+# No packing at all is denser than the hexagonal one of discs and the face-centred one of spheres.
+_DENSEST = {2: np.sqrt(2 / np.sqrt(3)), 3: 2 ** (1 / 6)}
 
 
 def voronoi_network(
@@ -37,25 +44,37 @@ def voronoi_network(
     return voronoi_of(points, side=np.sqrt(n_vertices))
 
 
-def honeycomb_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0) -> Network:
-    """The regular honeycomb of columns × rows hexagons in its oblique cell; B_0 = √3 k/6 at σ = k."""
-    if columns < 1 or rows < 1:
-        raise InputError(f"a honeycomb needs at least one column and one row, not {columns} and {rows}")
-    lattice = edge_length * np.array([[np.sqrt(3), 0.0], [np.sqrt(3) / 2, 1.5]])
-    column, row = (axis.ravel() for axis in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
-    lower = 2 * (column * rows + row)
-    positions = np.empty((2 * columns * rows, 2))
-    positions[lower] = np.stack([column, row], axis=1) @ lattice
-    positions[lower + 1] = positions[lower] + edge_length * np.array([0.0, 1.0])
-    edges, offsets = [], []
-    # An upper vertex joins the lower one below it and the lower ones of the two cells that meet above it.
-    for step in ((0, 0), (0, 1), (-1, 1)):
-        neighbour = np.stack([column + step[0], row + step[1]], axis=1)
-        image = np.floor_divide(neighbour, [columns, rows])
-        neighbour -= image * [columns, rows]
-        edges.append(np.stack([lower + 1, 2 * (neighbour[:, 0] * rows + neighbour[:, 1])], axis=1))
-        offsets.append(image)
-    return _planar(np.concatenate(edges), np.concatenate(offsets), lattice * [[columns], [rows]], positions)
+def foam_network(
+    n_vertices: int = 400, seed: int | np.random.Generator = 0, hard_core: float = FOAM_HARD_CORE
+) -> Network:
+    """The disordered network in three dimensions: exactly n_vertices, four edges a vertex, volume V = n_vertices.
+
+    A cell has about 6.45 vertices, no fixed number, so the points are drawn anew until the vertices are n_vertices:
+    about 11 times for 400 vertices and √10 times as often for ten times as many.  The same seed gives the same network,
+    always.  Raises `InputError` for too few vertices and for a hard core (ρ, in units of 1/n_cells^(1/3)) that does not
+    leave room for all points.
+    """
+    if int(n_vertices) != n_vertices or n_vertices < _FEWEST_CELLS * _VERTICES_A_CELL:
+        raise InputError(
+            f"n_vertices must be a whole number of at least {int(np.ceil(_FEWEST_CELLS * _VERTICES_A_CELL))}, "
+            f"not {n_vertices}: a foam of fewer cells meets its own images"
+        )
+    n_cells = round(n_vertices / _VERTICES_A_CELL)
+    rng = np.random.default_rng(seed)
+    for _ in range(_MAX_DRAWS):
+        points = random_sequential_addition(n_cells, hard_core / n_cells ** (1 / 3), rng, dimension=3)
+        if len(_periodic_delaunay(points)[0]) == n_vertices:
+            return voronoi_of(points)
+    raise InputError(
+        f"{n_cells} cells never had {n_vertices} vertices in {_MAX_DRAWS} draws: hard_core={hard_core:g} is far from "
+        f"its standard {FOAM_HARD_CORE}, so make the network by voronoi_of(points)"
+    )
+
+
+# Mean number of vertices of a cell at the standard hard core, each counted in the four cells that share it.
+_VERTICES_A_CELL = 6.45
+_FEWEST_CELLS = 8
+_MAX_DRAWS = 3000
 
 
 def three_bar_linkage(span: float = 3.0) -> Network:
@@ -80,14 +99,17 @@ def random_sequential_addition(
         raise InputError(
             f"random sequential addition needs points and a positive distance, not {n_points} and {distance}"
         )
-    for _ in range(max_restarts):
+    if dimension < 1:
+        raise InputError(f"points need a dimension of at least 1, not {dimension}")
+    crowded = distance * n_points ** (1 / dimension) > _DENSEST.get(dimension, np.inf)
+    for _ in range(0 if crowded else max_restarts):
         points = _add_until_saturated(n_points, distance, rng, dimension)
         if len(points) == n_points:
             cell = np.floor(points * n_points ** (1 / dimension)).astype(int)
             return points[np.lexsort(cell.T)]
     raise InputError(
         f"{n_points} points never fitted at a distance of {distance:.4g} in {max_restarts} tries: lower the hard core "
-        f"(ρ = {STANDARD_HARD_CORE} is standard, 0.834 the limit)"
+        f"(ρ = {_SATURATED.get(dimension, 0.9)} is the limit in {dimension} dimensions)"
     )
 
 
@@ -128,18 +150,7 @@ def voronoi_of(points: Array, side: float | None = None) -> Network:
     edges = np.stack([owner[first], owner[second]], axis=1)
     offsets = shift[first] - shift[second] + wrap[owner[second]] - wrap[owner[first]]
     scale = n_vertices ** (1 / dimension) if side is None else side
-    cell, positions = scale * np.eye(dimension), scale * (centres - wrap)
-    return (
-        _planar(edges, offsets, cell, positions)
-        if dimension == 2
-        else Network(edges, offsets, cell, positions=positions)
-    )
-
-
-def _planar(edges: NDArray[np.int64], offsets: NDArray[np.int64], cell: Array, positions: Array) -> Network:
-    bond_vectors = positions[edges[:, 1]] - positions[edges[:, 0]] + offsets @ cell
-    faces = planar_faces(edges, bond_vectors, len(positions))
-    return Network(edges, offsets, cell, positions=positions, faces=faces)
+    return periodic_network(edges, offsets, scale * np.eye(dimension), scale * (centres - wrap))
 
 
 def _add_until_saturated(n_points: int, distance: float, rng: np.random.Generator, dimension: int) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from problems import voronoi_3d
 
-from critflow import InputError, honeycomb_network, random_sequential_addition, voronoi_network, voronoi_of
+from critflow import InputError, foam_network, random_sequential_addition, voronoi_network, voronoi_of
 from critflow.generate import STANDARD_HARD_CORE
 
 
@@ -148,13 +148,49 @@ def test_the_global_generator_is_left_alone():
     np.testing.assert_array_equal(np.random.get_state()[1], before)  # noqa: NPY002
 
 
-@pytest.mark.parametrize("edge_length", [1.0, 0.4])
-def test_honeycomb_is_regular(edge_length):
-    network = honeycomb_network(3, 5, edge_length)
-    L = network.bond_vectors(network.positions)
-    np.testing.assert_allclose(np.linalg.norm(L, axis=1), edge_length, rtol=1e-14)
-    np.testing.assert_array_equal(np.bincount(network.edges.ravel()), np.full(30, 3))
-    assert network.volume == pytest.approx(15 * 1.5 * np.sqrt(3) * edge_length**2, rel=1e-14)
+@pytest.mark.parametrize("n_vertices, seed", [(52, 1), (100, 2), (200, 3)])
+def test_foam(n_vertices, seed):
+    network = foam_network(n_vertices, seed)
+    assert (network.n_vertices, network.n_edges, network.dimension) == (n_vertices, 2 * n_vertices, 3)
+    np.testing.assert_array_equal(np.bincount(network.edges.ravel()), np.full(n_vertices, 4))
+    np.testing.assert_allclose(network.cell, n_vertices ** (1 / 3) * np.eye(3), rtol=1e-14)
+    fraction = network.positions @ np.linalg.inv(network.cell)
+    assert fraction.min() >= 0 and fraction.max() < 1
+    # Space-filling truncated octahedra have edges of 0.79 at one vertex a unit of volume.
+    assert 0.7 < np.linalg.norm(network.bond_vectors(network.positions), axis=1).mean() < 0.9
+
+
+def test_a_foam_is_the_tessellation_of_its_cells():
+    # Circumcentres: every vertex has four nearest centres at one distance, found without any triangulation.
+    points = random_sequential_addition(20, 0.87 / 20 ** (1 / 3), np.random.default_rng(4), dimension=3)
+    network = voronoi_of(points, side=1.0)
+    images = np.array([[i, j, k] for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)])
+    step = network.positions[:, None, None] - points[None, :, None] - images
+    nearest = np.sort(np.linalg.norm(step, axis=3).reshape(network.n_vertices, -1), axis=1)
+    np.testing.assert_allclose(nearest[:, 3], nearest[:, 0], rtol=1e-9)
+    assert (nearest[:, 4] > nearest[:, 3]).all()
+
+
+def test_seed_one_of_foams_is_frozen():
+    network = foam_network(60, seed=1)
+    digest = hashlib.sha256(network.edges.astype("<i8").tobytes() + network.offsets.astype("<i8").tobytes())
+    assert digest.hexdigest()[:16] == "ce4b7c1fd54add8a"
+    np.testing.assert_array_equal(foam_network(60, seed=1).positions, network.positions)
+    assert not np.array_equal(foam_network(60, seed=2).edges, network.edges)
+
+
+@pytest.mark.parametrize(
+    "words, message",
+    [
+        ({"n_vertices": 40}, "at least 52"),
+        ({"n_vertices": 60.5}, "whole number"),
+        ({"n_vertices": 100, "hard_core": 1.2}, "0.902 is the limit in 3 dimensions"),
+        ({"n_vertices": 100, "hard_core": -1.0}, "positive distance"),
+    ],
+)
+def test_foams_that_cannot_be_are_refused(words, message):
+    with pytest.raises(InputError, match=message):
+        foam_network(**words)
 
 
 @pytest.mark.parametrize("points", [[[0.1, 0.2]], np.argwhere(np.ones((4, 4))) / 4 + 0.1], ids=["one", "lattice"])

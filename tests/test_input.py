@@ -127,7 +127,7 @@ CASES = {
     "points of one dimension": (lambda: voronoi_of(np.ones(3)), "shape"),
     "points none": (lambda: voronoi_of(np.zeros((0, 2))), "shape"),
     "points NaN": (lambda: voronoi_of(np.full((9, 2), np.nan)), "finite"),
-    "no honeycomb": (lambda: honeycomb_network(0, 3), "at least one column"),
+    "no honeycomb": (lambda: honeycomb_network(0, 3), "at least 1 of unit cells"),
     "honeycomb without length": (lambda: honeycomb_network(3, 3, edge_length=0.0), "length|span"),
     # Names and numbers
     "unknown objective": (lambda: optimize(NETWORK, "beauty"), "choose one of length_variance"),

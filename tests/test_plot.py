@@ -6,8 +6,15 @@ import pytest
 from matplotlib.figure import Figure
 from problems import oblique, random_stress, sheared
 
-from critflow import CriticalManifold, honeycomb_network, voronoi_network
-from critflow.plot import draw_network, network_figure, periodic_segments, unit_pressure_tensions, violins
+from critflow import CriticalManifold, diamond_network, foam_network, honeycomb_network, voronoi_network
+from critflow.plot import (
+    draw_in_depth,
+    draw_network,
+    network_figure,
+    periodic_segments,
+    unit_pressure_tensions,
+    violins,
+)
 
 matplotlib.use("Agg")
 
@@ -143,3 +150,36 @@ def test_violins_in_decades():
     violins(axes, [10.0 ** np.arange(-9, 0)], ["a"], log=True)
     (median,) = [line.get_ydata()[0] for line in axes.lines]
     assert median == pytest.approx(-5, abs=1e-12)
+
+
+def test_three_dimensions_are_drawn_edge_by_edge_from_far_to_near():
+    network = foam_network(60, seed=1)
+    sigma = random_stress(network.n_edges, 2)
+    sigma[7] = -0.01
+    critical = CriticalManifold(network).configuration(sigma)
+    axes = Figure().add_subplot()
+    bar = draw_in_depth(axes, network.edges, network.offsets, network.cell, critical.coordinates, critical.tensions)
+    edges, frame = axes.collections
+    segments, widths = np.array(edges.get_segments()), np.asarray(edges.get_linewidths())
+    assert len(segments) == len(widths) == network.n_edges
+    assert len(frame.get_segments()) == 12
+    # The projection is along one direction, so projected lengths are |L|² less the part along it, in some order.
+    across, up = np.array([0.94, -0.34, 0]), np.array([0.09, 0.25, 0.96])
+    drawn = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
+    projected = np.hypot(critical.bond_vectors @ across, critical.bond_vectors @ up)
+    np.testing.assert_allclose(np.sort(drawn), np.sort(projected), atol=1e-12)
+    # Far edges come first and are pale; the one under compression is not blue.
+    colours = np.asarray(edges.get_colors())[:, :3]
+    assert colours[:50].mean() > colours[-50:].mean() + 0.2
+    assert np.count_nonzero(colours[:, 0] > colours[:, 2] + 1e-3) == 1
+    assert bar.norm.vmin == 0 and bar.norm.vmax > 0
+
+
+def test_the_figure_of_one_network_in_three_dimensions():
+    network = diamond_network(2, 2, 2)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    figure = network_figure(
+        network.edges, network.offsets, network.cell, critical.coordinates, critical.sigma, critical.lengths, "diamond"
+    )
+    figure.canvas.draw()
+    assert len(figure.axes) == 2 and figure.axes[0].get_title() == "diamond"

@@ -13,7 +13,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from critflow import Hookean, Network, PowerLaw, elastic_moduli, optimize, rigidity, strain_path, voronoi_network
+from critflow import (
+    Hookean,
+    Network,
+    PowerLaw,
+    elastic_moduli,
+    equilibrium,
+    foam_network,
+    optimize,
+    rigidity,
+    spring_state,
+    strain_path,
+    voronoi_network,
+)
 
 
 @pytest.fixture(scope="module")
@@ -26,10 +38,12 @@ def lammps(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lammps")
 
     def relax(state):
-        network, side = state.network, float(state.network.cell[0, 0])
-        x = np.mod(state.coordinates, side)
+        network, side, d = state.network, float(state.network.cell[0, 0]), state.network.dimension
+        x = np.zeros((len(state.coordinates), 3))
+        x[:, :d] = np.mod(state.coordinates, side)
         lines = ["springs", "", f"{len(x)} atoms", f"{network.n_edges} bonds", "1 atom types"]
-        lines += [f"{network.n_edges} bond types", "", f"0 {side!r} xlo xhi", f"0 {side!r} ylo yhi", "-1 1 zlo zhi"]
+        lines += [f"{network.n_edges} bond types", "", f"0 {side!r} xlo xhi", f"0 {side!r} ylo yhi"]
+        lines += ["-1 1 zlo zhi" if d == 2 else f"0 {side!r} zlo zhi"]
         lines += ["", "Masses", "", "1 1.0", "", "Bond Coeffs", ""]
         springs = enumerate(zip(network.stiffness.tolist(), state.rest_lengths.tolist(), strict=True))
         if state.law == PowerLaw(4):
@@ -39,7 +53,7 @@ def lammps(tmp_path_factory):
             assert state.law == Hookean()
             style = "harmonic"
             lines += [f"{e + 1} {k / 2!r} {r!r}" for e, (k, r) in springs]
-        lines += ["", "Atoms", ""] + [f"{i + 1} 1 1 {a!r} {b!r} 0.0" for i, (a, b) in enumerate(x.tolist())]
+        lines += ["", "Atoms", ""] + [f"{i + 1} 1 1 {a!r} {b!r} {c!r}" for i, (a, b, c) in enumerate(x.tolist())]
         lines += ["", "Bonds", ""] + [f"{e + 1} {e + 1} {i + 1} {j + 1}" for e, (i, j) in enumerate(network.edges)]
         data = folder / "springs.data"
         data.write_text("\n".join(lines) + "\n")
@@ -47,14 +61,14 @@ def lammps(tmp_path_factory):
         try:
             run.commands_string(
                 f"""units lj
-                dimension 2
+                dimension {d}
                 atom_style bond
                 atom_modify map array
                 bond_style {style}
                 pair_style zero 5.0
                 read_data {data}
                 pair_coeff * *
-                fix plane all enforce2d
+                {"fix plane all enforce2d" if d == 2 else ""}
                 thermo_style custom pe press
                 thermo_modify norm no
                 min_style cg
@@ -62,7 +76,7 @@ def lammps(tmp_path_factory):
                 minimize 0.0 1e-12 20000 200000"""
             )
             energy, pressure = run.get_thermo("pe"), run.get_thermo("press")
-            relaxed = np.array(run.gather_atoms("x", 1, 3)).reshape(-1, 3)[:, :2]
+            relaxed = np.array(run.gather_atoms("x", 1, 3)).reshape(-1, 3)[:, :d]
         finally:
             run.close()
         return relaxed, energy, pressure
@@ -88,6 +102,24 @@ def test_lammps_finds_the_same_equilibrium(lammps, objective, law, strain):
     assert energy == pytest.approx(ours.energy, rel=1e-11)
     dE_dV = float(ours.sigma @ ours.lengths**2) / (2 * ours.network.volume)
     assert -pressure == pytest.approx(dE_dV, rel=1e-8)
+
+
+def test_lammps_finds_the_same_equilibrium_in_three_dimensions(lammps):
+    network = foam_network(100, seed=5)
+    critical = optimize(network, "bulk_modulus").value
+    # Away from the affine answer: other rest lengths, so that vertices have to move.
+    rest = critical.lengths * (1 + 0.05 * np.sin(np.arange(network.n_edges)))
+    ours = equilibrium(spring_state(network, rest, critical.coordinates).deformed(1.05 * np.eye(3))).value
+    start = spring_state(network, rest, critical.coordinates).deformed(1.05 * np.eye(3))
+    x, energy, pressure = lammps(start)
+    side = ours.network.cell[0, 0]
+    apart = x - ours.coordinates
+    apart -= side * np.round(apart / side)
+    apart -= apart.mean(axis=0)
+    assert np.abs(ours.coordinates - start.coordinates).max() > 0.01
+    assert np.abs(apart).max() < 1e-6
+    assert energy == pytest.approx(ours.energy, rel=1e-11)
+    assert -pressure == pytest.approx(float(ours.sigma @ ours.lengths**2) / (3 * ours.network.volume), rel=1e-8)
 
 
 @pytest.mark.parametrize("law", [Hookean(), PowerLaw(4)], ids=str)

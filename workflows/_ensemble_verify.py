@@ -25,7 +25,7 @@ def _checks(one):
     tail, head = one.edges.values.T
     x, sigma, cell = one.coordinates.values, one.sigma.values, one.cell.values
     L = x[head] - x[tail] + one.offsets.values @ cell
-    length, area = np.linalg.norm(L, axis=1), abs(np.linalg.det(cell))
+    length, volume = np.linalg.norm(L, axis=1), abs(np.linalg.det(cell))
     tension, force = sigma * length, np.zeros_like(x)
     np.add.at(force, head, sigma[:, None] * L)
     np.add.at(force, tail, -sigma[:, None] * L)
@@ -35,9 +35,9 @@ def _checks(one):
     yield "sigma", np.isclose(np.sum(sigma**2), len(sigma), rtol=1e-10)
     yield (
         "bulk_modulus_0",
-        np.isclose(np.sum(sigma * length**2) ** 2 / (4 * area * cost), one.bulk_modulus_0, rtol=1e-9),
+        np.isclose(np.sum(sigma * length**2) ** 2 / (len(cell) ** 2 * volume * cost), one.bulk_modulus_0, rtol=1e-9),
     )
-    shear = np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / (area * cost)
+    shear = np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / (volume * cost)
     yield "shear_modulus_0", np.isclose(shear, one.shear_modulus_0, rtol=1e-6, atol=1e-14)
     for name, values in (("length_variance", length), ("tension_variance", tension)):
         yield name, np.isclose(np.var(values) / np.mean(values) ** 2, one[name], rtol=1e-8, atol=1e-20)

@@ -10,6 +10,8 @@ from critflow import CriticalConfiguration, CriticalManifold, Solution, critical
 from critflow.objectives import OBJECTIVES
 from critflow.workflow import stable_rng
 
+from ._members import random_lengths
+
 POPULATIONS = (*OBJECTIVES, "random_lengths", "random_stress", "random_lengths_wide")
 
 
@@ -28,7 +30,5 @@ def configuration(manifold, parameters, seed, population) -> Solution[CriticalCo
     if population == "random_stress":
         return manifold.solve(np.abs(rng.standard_normal(n_edges)))
     spread = parameters["spread_wide" if population == "random_lengths_wide" else "spread"]
-    lengths = 1 + spread * rng.standard_normal(n_edges)
-    while (negative := lengths <= 0).any():  # a normal distribution with s = 0.3 has one negative length in 2,300
-        lengths[negative] = 1 + spread * rng.standard_normal(negative.sum())
+    lengths = random_lengths(rng, n_edges, spread)
     return critical_from_lengths(manifold, lengths, parameters["protocol"], throw=False)

@@ -13,28 +13,16 @@ from critflow import (
     InputError,
     Status,
     StudyError,
-    fit_stiffening,
-    stiffening,
-    strain_path,
-    transition_moduli,
     voronoi_network,
 )
-from critflow.critical import stressed_fraction
 from critflow.path import check_strains
-from critflow.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
-from critflow.workflow import Axis, Coordinate, Study, Variable, decimals
+from critflow.structure import face_anisotropy, force_anisotropy
+from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from ._ensemble_report import claims, gallery, response_figure, structure_figure, summary
 from ._ensemble_verify import verify
+from ._members import measured, table
 from ._populations import POPULATIONS, configuration, prepared
-
-
-def fitted(strains, moduli, window):
-    """Slope of a straight line through a modulus and its standard error; NaN with fewer than three strains."""
-    if np.count_nonzero(strains <= window) < 3:
-        return np.nan, np.nan
-    fit = fit_stiffening(strains, moduli, window)
-    return fit.slope, fit.slope_error
 
 
 def case(parameters, *, seed, population):
@@ -45,46 +33,14 @@ def case(parameters, *, seed, population):
     shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
     if not np.isfinite(found.value.coordinates).all():
         return shared
-    critical, strains = found.value, np.array(parameters["strains"])
-    at_transition = transition_moduli(critical)
-    path = strain_path(network, critical, strains, pattern=manifold.hessian, throw=False).value
-    exact = stiffening(network, critical, manifold.saddle, throw=False).value
     # Where an edge collapses the infimum has no configuration, so the coefficients of a near one mean nothing.
     undefined = np.nan if found.status is Status.edge_collapse else 1.0
-    result = {
+    return {
         **shared,
-        "sigma": critical.sigma,
-        "length": critical.lengths,
-        "coordinates": critical.coordinates,
-        "bulk_modulus_0": at_transition.bulk,
-        "shear_modulus_0": at_transition.shear,
-        "bulk_modulus": path.bulk_modulus,
-        "shear_modulus": path.shear_modulus,
-        "shear_modulus_stress_corrected": path.shear_modulus_stress_corrected,
-        "energy": path.energy,
-        "max_force": path.max_force,
-        "newton_steps": path.steps,
-        "path_status": path.status,
-        "C_B_exact": exact.C_B * undefined,
-        "C_G_exact": exact.C_G * undefined,
-        "C_G_stress_corrected_exact": exact.C_G_stress_corrected * undefined,
-        "length_variance": length_variance(critical),
-        "tension_variance": tension_variance(critical),
-        "anisotropy_physical": np.nanmean(face_anisotropy(critical)),
-        "anisotropy_force": np.nanmean(force_anisotropy(critical)),
-        "stressed_fraction": stressed_fraction(critical.sigma),
-        "residual": critical.residual,
-        "optimality": found.stats.residual,
-        "iterations": found.stats.iterations,
+        **measured(manifold, found, parameters, undefined),
+        "anisotropy_physical": np.nanmean(face_anisotropy(found.value)),
+        "anisotropy_force": np.nanmean(force_anisotropy(found.value)),
     }
-    for name, moduli in (
-        ("C_B", path.bulk_modulus),
-        ("C_G", path.shear_modulus),
-        ("C_G_stress_corrected", path.shear_modulus_stress_corrected),
-    ):
-        slope, error = fitted(strains, moduli, parameters["fit_window"])
-        result[name], result[f"{name}_error"] = slope * undefined, error * undefined
-    return result
 
 
 def check(parameters, axes):
@@ -99,56 +55,6 @@ def check(parameters, axes):
         voronoi_network(parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
     except InputError as error:
         raise StudyError(str(error)) from error
-
-
-def table():
-    """Names, dimensions, types, units and meanings of everything that is stored."""
-    network, member, each = ("seed",), ("population", "seed"), ("population", "seed", "strain")
-    # CF knows no stiffness as a unit: what is measured in k is dimensionless, and its name says so.
-    in_k = ", in units of k"
-
-    def scalar(name, long_name, dtype="f8", **more):
-        return Variable(name, member, dtype, long_name=long_name, **more)
-
-    def along(name, long_name, dtype="f8", **more):
-        return Variable(name, each, dtype, long_name=long_name, **more)
-
-    yield Variable("edges", (*network, "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
-    yield Variable(
-        "offsets", (*network, "edge", "axis"), "i2", long_name="cell image in which the head of each edge lies"
-    )
-    yield Variable("cell", (*network, "axis", "axis_"), "f8", long_name="cell vectors as rows")
-    yield Variable(
-        "sigma", (*member, "edge"), "f8", long_name="geometric stress (tension per length), sum of squares N_b"
-    )
-    yield Variable("length", (*member, "edge"), "f8", long_name="edge length at the transition")
-    yield Variable("coordinates", (*member, "vertex", "axis"), "f8", long_name="vertex coordinates at the transition")
-    yield scalar("bulk_modulus_0", "bulk modulus at the transition" + in_k)
-    yield scalar("shear_modulus_0", "shear modulus at the transition" + in_k)
-    yield along("bulk_modulus", "bulk modulus V d2E/dV2" + in_k)
-    yield along("shear_modulus", "shear modulus (1/V) d2E/dε2, energy convention" + in_k)
-    yield along("shear_modulus_stress_corrected", "shear modulus less half of dE/dV" + in_k)
-    yield along("energy", "elastic energy" + in_k)
-    yield along("max_force", "largest unbalanced force component" + in_k)
-    yield along("newton_steps", "Newton steps of the relaxation", dtype="i2")
-    yield along("path_status", "outcome of the strain step", dtype="i1", flags=Status)
-    for name, what in (
-        ("C_B", "bulk modulus"),
-        ("C_G", "shear modulus (energy convention)"),
-        ("C_G_stress_corrected", "stress-corrected shear modulus"),
-    ):
-        yield scalar(name, f"growth of the {what} with strain, straight line fitted to the path" + in_k)
-        yield scalar(f"{name}_error", f"standard error of the fitted growth of the {what}" + in_k)
-        yield scalar(f"{name}_exact", f"growth of the {what} with strain, from the transition alone" + in_k)
-    yield scalar("length_variance", "variance of the lengths over their squared mean, V_L")
-    yield scalar("tension_variance", "variance of the tensions over their squared mean, V_τ")
-    yield scalar("anisotropy_physical", "mean shape anisotropy of the faces")
-    yield scalar("anisotropy_force", "mean shape anisotropy of the force triangles")
-    yield scalar("stressed_fraction", "part of the edges under tension")
-    yield scalar("status", "outcome of finding the configuration", dtype="i1", flags=Status)
-    yield scalar("residual", "largest unbalanced force over the mean tension")
-    yield scalar("optimality", "what the method drives to zero: projected gradient, or force")
-    yield scalar("iterations", "iterations of the method that found the configuration", dtype="i4")
 
 
 study = Study(
@@ -173,7 +79,7 @@ study = Study(
     coordinates=(Coordinate("strain", "strains", "volumetric strain past the transition"),),
     case=case,
     check=check,
-    variables=tuple(table()),
+    variables=tuple(table(planar=True)),
     figures={"gallery": gallery, "structure": structure_figure, "response": response_figure},
     claims=claims,
     summary=summary,

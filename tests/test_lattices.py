@@ -1,0 +1,169 @@
+"""Regular lattices: geometry, counts of stresses and modes, and moduli against closed forms."""
+
+from math import gcd
+
+import numpy as np
+import pytest
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    bulk_modulus_bound,
+    cubic_network,
+    diamond_network,
+    elastic_moduli,
+    honeycomb_network,
+    kagome_network,
+    optimize,
+    rigidity,
+    square_network,
+    triangular_network,
+)
+
+SQRT3 = np.sqrt(3.0)
+
+# make, sizes, edges a vertex, vertices and volume a unit cell, B and G of springs of length and stiffness 1 at rest.
+# B and G: isotropic lattices by Cauchy's Lamé constants (triangular: λ = μ = √3/4; kagome: half of it), the others by
+# their self-stresses: straight lines resist B with k/2 (square) and k/3 (cubic) and no shear.
+PLANE, SOLID = [(1, 2), (2, 1), (2, 2), (3, 2), (4, 6)], [(1, 1, 2), (2, 2, 2), (2, 3, 4)]
+LATTICES = {
+    "honeycomb": (honeycomb_network, [(1, 1), *PLANE], 3, 2, 1.5 * SQRT3, SQRT3 / 6, 0.0),
+    "square": (square_network, PLANE, 4, 1, 1.0, 1 / 2, 0.0),
+    "triangular": (triangular_network, PLANE, 6, 1, SQRT3 / 2, SQRT3 / 2, SQRT3 / 4),
+    "kagome": (kagome_network, [(1, 1), *PLANE], 4, 3, 2 * SQRT3, SQRT3 / 4, SQRT3 / 8),
+    "diamond": (diamond_network, [(1, 1, 1), *SOLID], 4, 2, 16 / (3 * SQRT3), SQRT3 / 12, 0.0),
+    "cubic": (cubic_network, SOLID, 6, 1, 1.0, 1 / 3, 0.0),
+}
+CASES = [(name, size) for name, row in LATTICES.items() for size in row[1]]
+SELF_STRESSES = {
+    "honeycomb": lambda *n: 1,
+    "square": lambda m, n: m + n,
+    "triangular": lambda m, n: m * n + 2,
+    # Lines along the two sides of the cell, and diagonal ones, which close after winding around both.
+    "kagome": lambda m, n: m + n + gcd(m, n),
+    "diamond": lambda *n: 1,
+    "cubic": lambda m, n, o: m * n + n * o + o * m,
+}
+
+
+@pytest.mark.parametrize("name, size", CASES)
+def test_geometry(name, size):
+    make, _, degree, vertices, volume, *_ = LATTICES[name]
+    network = make(*size, edge_length=0.4)
+    n_cells = int(np.prod(size))
+    assert network.n_vertices == vertices * n_cells
+    assert network.n_edges == degree * vertices * n_cells // 2
+    np.testing.assert_array_equal(np.bincount(network.edges.ravel()), np.full(network.n_vertices, degree))
+    lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    np.testing.assert_allclose(lengths, 0.4, rtol=1e-13)
+    assert network.volume == pytest.approx(volume * n_cells * 0.4 ** len(size), rel=1e-13)
+
+
+@pytest.mark.parametrize("name, size", CASES)
+def test_every_vertex_sees_all_neighbours_in_their_directions(name, size):
+    # No two edges at a vertex point the same way, which edges through wrong images would.
+    network = LATTICES[name][0](*size)
+    L = network.bond_vectors(network.positions)
+    for vertex in range(network.n_vertices):
+        out = np.concatenate([L[network.edges[:, 0] == vertex], -L[network.edges[:, 1] == vertex]])
+        apart = np.linalg.norm(out[:, None] - out[None], axis=2) + 10 * np.eye(len(out))
+        assert apart.min() > 0.5
+        # By symmetry equal tensions balance.
+        np.testing.assert_allclose(out.sum(axis=0), 0, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "make, sizes",
+    [
+        (honeycomb_network, {6: 6}),
+        (square_network, {4: 6}),
+        (triangular_network, {3: 12}),
+        (kagome_network, {3: 12, 6: 6}),
+    ],
+)
+def test_faces(make, sizes):
+    faces = make(2, 3).faces
+    assert dict(zip(*np.unique(faces.sizes, return_counts=True), strict=True)) == sizes
+
+
+@pytest.mark.parametrize("name, size", CASES)
+def test_counts(name, size):
+    network = LATTICES[name][0](*size)
+    found = rigidity(network, network.positions).value
+    expected = SELF_STRESSES[name](*size)
+    assert found.n_self_stresses == expected
+    # Maxwell–Calladine.
+    assert found.n_zero_modes == network.dimension * network.n_vertices - network.n_edges + expected
+    assert found.smallest_nonzero > 1e-2
+
+
+@pytest.mark.parametrize("name, size", CASES)
+@pytest.mark.parametrize("edge_length", [1.0, 0.4])
+def test_moduli(name, size, edge_length):
+    make, *_, bulk, shear = LATTICES[name]
+    network = make(*size, edge_length)
+    unit = edge_length ** (2 - network.dimension)
+    found = elastic_moduli(network, network.positions).value
+    assert found.bulk == pytest.approx(bulk * unit, rel=1e-12)
+    assert found.shear == pytest.approx(shear * unit, rel=1e-12, abs=1e-14)
+    # Bravais lattices of any kind with one edge length are at the largest B_0 of their topology.
+    assert bulk_modulus_bound(network) == pytest.approx(bulk * unit, rel=1e-12)
+    assert optimize(network, "bulk_modulus").stats.details["objective"] == pytest.approx(bulk * unit, rel=1e-12)
+
+
+@pytest.mark.parametrize("name, size", CASES)
+def test_equal_stress_makes_the_lattice(name, size):
+    network = LATTICES[name][0](*size)
+    found = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    np.testing.assert_allclose(found.bond_vectors, network.bond_vectors(network.positions), rtol=0, atol=1e-12)
+
+
+def test_two_edges_between_the_same_vertices_are_two_edges():
+    # In a kagome cell of its own each pair of vertices is joined inside the cell and through its border.
+    network = kagome_network(1, 1)
+    pairs = np.sort(network.edges, axis=1)
+    np.testing.assert_array_equal(np.unique(pairs, axis=0, return_counts=True)[1], [2, 2, 2])
+    configuration = CriticalManifold(network).configuration([1, 1, 1, 2, 2, 2])
+    # In a row 1, 2, 1, 2 of stresses lengths are as 2 : 1.
+    np.testing.assert_allclose(configuration.lengths, [4 / 3] * 3 + [2 / 3] * 3, rtol=1e-14)
+
+
+def test_the_smallest_sizes_repeat_to_the_larger_ones():
+    # Doubling a small lattice by hand gives the lattice of twice the size, edge by edge up to order.
+    small, large = triangular_network(2, 3), triangular_network(4, 3)
+    for copy in (0, 1):
+        middle = small.positions + copy * small.cell[0]
+        ends = np.stack([middle[small.edges[:, 0]], small.bond_vectors(small.positions)], axis=1)
+        for tail, L in ends:
+            there = large.positions[large.edges[:, 0]] - tail
+            hits = (np.abs(there) < 1e-9).all(axis=1)
+            assert (np.abs(large.bond_vectors(large.positions)[hits] - L) < 1e-9).all(axis=1).sum() == 1
+
+
+@pytest.mark.parametrize("make", [row[0] for row in LATTICES.values()], ids=LATTICES)
+def test_bad_sizes_are_refused_in_one_sentence(make):
+    for size in (0, -1, 1.5, True + 0.0):
+        with pytest.raises(InputError, match=r"at least 1 of unit cells.* not .*×"):
+            make(size, 3)
+    for length in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(InputError, match="edge length of a lattice must be positive"):
+            make(edge_length=length)
+
+
+@pytest.mark.parametrize("make", [square_network, triangular_network, lambda *n: cubic_network(*n, 1)])
+def test_a_single_vertex_is_refused(make):
+    with pytest.raises(InputError, match="single vertex"):
+        make(1, 1)
+
+
+def test_an_edge_to_the_own_image_pulls_at_nothing():
+    network = square_network(1, 3)
+    assert isinstance(network, Network)
+    sigma = np.linspace(0.5, 2, network.n_edges)
+    own = network.edges[:, 0] == network.edges[:, 1]
+    assert own.sum() == 3
+    configuration = CriticalManifold(network).configuration(sigma)
+    np.testing.assert_allclose(configuration.lengths[own], 1.0, rtol=1e-14)
+    # The others hang in a row: lengths as 1/σ.
+    np.testing.assert_allclose(configuration.lengths[~own], 3 / sigma[~own] / np.sum(1 / sigma[~own]), rtol=1e-13)
