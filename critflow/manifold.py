@@ -68,6 +68,13 @@ def critical_configuration(network: Network, sigma: Array, coordinates: Array) -
     return CriticalConfiguration(network, sigma, coordinates, network.bond_vectors(coordinates))
 
 
+def require_one_self_stress(network: Network, instead: str) -> None:
+    """Refuse networks whose counts alone give several self-stresses, N_s ≥ N_b − d n_free > 1."""
+    certain = network.n_edges - network.dimension * len(network.free)
+    if certain > 1:
+        raise InputError(f"this holds for one self-stress and the network has at least {certain}: {instead}")
+
+
 class CriticalManifold:
     """The map σ → configuration of one network, its pull-back and its tangents.
 

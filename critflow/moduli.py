@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from critflow.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.linalg import FixedPattern, Saddle
-from critflow.manifold import CriticalConfiguration
+from critflow.manifold import CriticalConfiguration, require_one_self_stress
 from critflow.network import Array, Network
 from critflow.objectives import dilation, pure_shear, transition_modulus
 from critflow.result import InputError, Solution, Stats, Status
@@ -100,7 +100,11 @@ def linear_response(state: ElasticState, pattern: FixedPattern | None = None) ->
 
 
 def transition_moduli(critical: CriticalConfiguration) -> Moduli:
-    """B_0 and G_0 of a critical configuration, where the stress is about to appear (`BulkModulus`, `ShearModulus`)."""
+    """B_0 and G_0 of a critical configuration, where the stress is about to appear (`BulkModulus`, `ShearModulus`).
+
+    Raises `InputError` for overconstrained networks, where one stress does not tell how the others answer.
+    """
+    require_one_self_stress(critical.network, "use elastic_moduli(network, coordinates), which takes all of them")
     network, d = critical.network, critical.network.dimension
     bulk, shear = (
         transition_modulus(network, A).evaluate(critical.sigma, critical.bond_vectors)[0]
@@ -131,6 +135,7 @@ def stiffening(
     `Status.unstable` and NaN where P(σ̂) is not positive on the zero modes, so that no such answer exists.
     """
     network, L = critical.springs_of(network), critical.bond_vectors
+    require_one_self_stress(network, "follow strain_path() and use fit_stiffening()")
     V, d, k = network.volume, network.dimension, network.stiffness
     # Lengths are of order one, so the stress is scaled to balance the system's two kinds of rows.
     norm = float(np.linalg.norm(critical.sigma))

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.critical import critical_from_lengths
-from critflow.manifold import CriticalConfiguration, CriticalManifold
+from critflow.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.minimize import Minimum, Point, fire, lbfgs, newton
 from critflow.network import Array, Network, edge_values
 from critflow.objectives import (
+    ConstrainedModulus,
     LengthVariance,
     Objective,
     TransitionModulus,
@@ -95,6 +96,13 @@ def optimize(
         raise InputError("starts must be at least 1, and more than one start needs a random generator rng")
     if not tolerance > 0:
         raise InputError(f"the tolerance must be positive, not {tolerance}")
+    if (
+        isinstance(goal, TransitionModulus | ConstrainedModulus)
+        and signs == "positive"
+        and not _is_bulk(manifold, goal)
+    ):
+        # The bulk modulus is safe: over all stresses of all configurations σ = k, which is positive, is best.
+        require_one_self_stress(manifold.network, "only its bulk modulus and its variances can be optimised")
     if method == "closed_form" or (method == "auto" and _has_closed_form(manifold, goal, signs)):
         solution = _largest(manifold, goal, signs)
     elif method == "conic":
@@ -125,12 +133,16 @@ Observer = Callable[[int, float, Array, Array], Any]
 """What is told of a descent: step, value of the objective, σ (N_b,) and L (N_b, d)."""
 
 
+def _is_bulk(manifold: CriticalManifold, goal: Objective) -> bool:
+    """Whether an objective is the modulus of a dilation."""
+    return isinstance(goal, TransitionModulus) and np.array_equal(goal.strain, dilation(manifold.network.dimension))
+
+
 def _has_closed_form(manifold: CriticalManifold, goal: Objective, signs: str) -> bool:
     """Whether a configuration of the largest value is known, with no more compression than the signs allow."""
     if not isinstance(goal, TransitionModulus) or not np.array_equal(goal.stiffness, manifold.network.stiffness):
         return False
-    d = manifold.network.dimension
-    return np.array_equal(goal.strain, dilation(d)) or (signs == "any" and d == 2)
+    return _is_bulk(manifold, goal) or (signs == "any" and manifold.network.dimension == 2)
 
 
 def _largest(manifold: CriticalManifold, goal: Objective, signs: str) -> Solution[CriticalConfiguration]:

@@ -12,7 +12,9 @@ from critflow import (
     cubic_network,
     elastic_moduli,
     kagome_network,
+    optimize,
     square_network,
+    stiffening,
     stresses_of,
     three_bar_linkage,
     transition_moduli,
@@ -187,3 +189,27 @@ def test_bad_input():
     for amplitudes in ([0.0], [np.nan], [1.0, 2.0]):
         with pytest.raises(InputError, match="finite amplitudes"):
             space.walk(amplitudes)
+
+
+# What one stress cannot tell where a configuration has several
+
+
+def test_moduli_of_one_stress_are_refused_where_there_are_several():
+    network = triangular_network(4, 4)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    for ask in (
+        lambda: transition_moduli(critical),
+        lambda: stiffening(network, critical),
+        lambda: optimize(network, "shear_modulus"),
+    ):
+        with pytest.raises(InputError, match=r"holds for one self-stress and the network has at least 18: "):
+            ask()
+
+
+def test_the_stiffest_overconstrained_configuration_is_still_found():
+    # The true modulus is the largest single-stress value over the stresses of a configuration; σ = k has it.
+    network = triangular_network(4, 4)
+    solution = optimize(network, "bulk_modulus")
+    true = elastic_moduli(network, solution.value.coordinates).value
+    assert solution.stats.details["objective"] == pytest.approx(true.bulk, rel=1e-12)
+    assert true.bulk == pytest.approx(np.sqrt(3) / 2, rel=1e-12)
