@@ -10,7 +10,7 @@ from critflow.generate import (
     voronoi_network,
     voronoi_of,
 )
-from critflow.geometry import StereographicChart, surface_geometry
+from critflow.geometry import StereographicChart, gaussian_curvature, principal_curvatures, surface_geometry
 from critflow.isogonal import isogonal_modes
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, stiffening, transition_moduli
@@ -56,10 +56,12 @@ __all__ = [
     "elastic_moduli",
     "equilibrium",
     "fit_stiffening",
+    "gaussian_curvature",
     "honeycomb_network",
     "isogonal_modes",
     "linear_response",
     "optimize",
+    "principal_curvatures",
     "random_sequential_addition",
     "rigidity",
     "spring_state",
