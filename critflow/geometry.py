@@ -223,8 +223,8 @@ def principal_curvatures(
 
 _NOTES = {
     Status.edge_collapse: "an edge without length leaves the manifold no tangent plane here: move the stress away",
-    Status.stalled: "some curvatures are infinite, as with several self-stresses, or lost in rounding: ask for a few at "
-    "the flat end",
+    Status.stalled: "some curvatures are infinite, as with several self-stresses, or lost in rounding: ask for a few "
+    "at the flat end",
 }
 
 
