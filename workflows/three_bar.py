@@ -23,6 +23,8 @@ from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stabl
 
 from ._three_bar_report import claims, curvature_figure, geometry_figure, manifold_figure, summary
 
+# Grids of the whole chart and, twice as fine, of its middle, which holds the rigid sheets.
+CHARTS = {"chart": 1.0, "middle": 0.5}
 SHEETS = ("stretched", *(f"{kind}_{edge}" for kind in ("folded", "branch") for edge in (1, 2, 3)))
 EXAMPLES = ("stretched", "folded", "branch", "floppy")
 # Every so many rows and columns, derivatives are also taken by finite differences, and the linkage is moved.
@@ -32,9 +34,9 @@ STRIDE = 6
 def stresses(grid, nodes, reach):
     """Stresses of a grid (n, n, 3): of the chart at its nodes, of a sheet by signed lengths up to `reach` spans."""
     n = len(nodes)
-    if grid == "chart":
-        chart = StereographicChart.about(np.ones(3))
-        return np.array([[chart.sigma([s_1, s_2]) for s_1 in nodes] for s_2 in nodes])
+    if grid in CHARTS:
+        chart, at = StereographicChart.about(np.ones(3)), CHARTS[grid] * nodes
+        return np.array([[chart.sigma([s_1, s_2]) for s_1 in at] for s_2 in at])
     # Closer together at the ends, where lengths vanish, but not on them: there is no tangent plane.
     even = np.sin(np.linspace(0.03, np.pi / 2 - 0.03, n)) ** 2
     far, part = np.meshgrid(even, even, indexing="ij")
@@ -93,7 +95,7 @@ def check_at(manifold, chart, s, point):
     sigma, span = chart.sigma(s), manifold.network.pins[3][0]
 
     def h(a, b):
-        return manifold.configuration(chart.sigma(s + [a, b])).lengths ** 2 / 2
+        return manifold.configuration(chart.sigma(s + np.array([a, b]))).lengths ** 2 / 2
 
     # The distance to the nearest place without a tangent plane sets the length on which the surface changes.
     e = 2e-3 * min(float(np.abs(sigma).min()), float(np.abs(point["prestress_eigenvalue"]).min()))
@@ -146,7 +148,7 @@ def examples(manifold):
     """Four configurations, stretched, folded, branch point and floppy, and where each can move."""
     span = manifold.network.pins[3][0]
     pins = np.array([[0.0, 0.0], [span, 0.0]])
-    lines = {"stretched": (0.44, 0.24, 0.32), "folded": (1.42, -0.24, -0.18), "branch": (-0.24, 0.72, 0.52)}
+    lines = {"stretched": (0.44, 0.24, 0.32), "folded": (1.42, -0.24, -0.18), "branch": (0.62, -0.2, 0.58)}
     out = {name: [] for name in ("sigma", "coordinates", "n_self_stresses", "n_zero_modes", "motion")}
     for name in EXAMPLES:
         if name in lines:
@@ -155,9 +157,9 @@ def examples(manifold):
             x, sigma = critical.coordinates, critical.sigma
             ways = [way for turn in (0.12, 0.24) for way in ways_out(r, span, turn)]
         else:
-            angles = [0.6, 0.85, 0.74, 0.46, 0.32, 0.18, 0.04, -0.1, -0.24]
-            first = 0.46 * span * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-            ways = [(a, meeting_points(a, pins[1], 0.42 * span, 0.4 * span)[1]) for a in first]
+            angles = [0.45, 0.65, 0.55, 0.3, 0.15, 0.0, -0.15, -0.3, -0.45]
+            first = 0.4 * span * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            ways = [(a, meeting_points(a, pins[1], 0.38 * span, 0.36 * span)[1]) for a in first]
             x, sigma = np.array([pins[0], *ways.pop(0), pins[1]]), np.full(3, np.nan)
         counts = rigidity(manifold.network, x).value
         motion = np.full((8, 4, 2), np.nan)
@@ -189,12 +191,16 @@ def case(parameters, *, grid):
     normal, here = result["normal"], result["length"] ** 2 / 2
     result["lowest_height"] = np.array([(h @ n).min() for n in normal.reshape(-1, 3)]).reshape(normal.shape[:2])
     result["lowest_height"] -= np.sum(normal * here, axis=-1)
-    chosen = [[point for point in row[STRIDE // 2 :: STRIDE]] for row in points[STRIDE // 2 :: STRIDE]]
+    chosen = range(STRIDE // 2, len(nodes), STRIDE)
     empty = {"numeric_metric": np.full((2, 2), np.nan), "numeric_second_form": np.full((2, 2), np.nan),
              "library_curvature": np.full(2, np.nan), "rescaled_change": np.nan, "rank": 0, "n_self_stresses": 0,
              "prestress_stable": False, "ways_out": 0}  # fmt: skip
     checks = [
-        [check_at(manifold, chart, p["s"], p) if p["outcome"] is Status.ok else empty for p in row] for row in chosen
+        [
+            check_at(manifold, chart, p["s"], p) if p["outcome"] is Status.ok else empty
+            for p in map(row.__getitem__, chosen)
+        ]
+        for row in map(points.__getitem__, chosen)
     ]
     squares = (span * np.linspace(0.03, 2.4, 24)) ** 2
     return {
@@ -202,6 +208,7 @@ def case(parameters, *, grid):
         **result,
         **gathered(checks),
         **examples(manifold),
+        "checked_row": chosen,
         "basis": dense(chart.basis),
         "lattice_square": squares,
         "lattice_compatible": compatible(span, squares).astype(int),
@@ -246,6 +253,7 @@ def table():
     yield at("second_form", ("chart_axis", "chart_axis_"), "second fundamental form towards the stress")
     yield at("principal_curvature", ("mode",), "principal curvatures towards the stress, ascending")
     yield at("lowest_height", (), "least height of 1000 random configurations over the tangent plane")
+    yield Variable("checked_row", ("check_row",), "i4", long_name="rows, and likewise columns, where checks were made")
     yield checked("numeric_metric", ("chart_axis", "chart_axis_"), "metric by finite differences")
     yield checked("numeric_second_form", ("chart_axis", "chart_axis_"), "second form by finite differences")
     yield checked("library_curvature", ("mode",), "principal curvatures by the response matrix alone, ascending")
@@ -278,9 +286,9 @@ study = Study(
     title="The critical manifold of the three-bar linkage",
     references="Hain, Santangelo and Manning, Optimizing properties on the critical rigidity manifold of "
     "underconstrained central-force networks (arXiv:2407.13939)",
-    axes=(Axis("grid", ("chart", *SHEETS), "grid of stresses: all of the chart, or one sheet of the manifold"),),
+    axes=(Axis("grid", (*CHARTS, *SHEETS), "grid of stresses: of the chart, or of one sheet of the manifold"),),
     parameters={"span": 3.0, "reach": 2.4, "s": decimals("-2.1:2.1:0.1")},
-    coordinates=(Coordinate("column", "s", "node of the grid; in the chart, its first coordinate"),),
+    coordinates=(Coordinate("column", "s", "node of the grid: in the chart, its first coordinate"),),
     case=case,
     check=check,
     variables=tuple(table()),
