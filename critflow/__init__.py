@@ -10,7 +10,7 @@ from critflow.generate import (
     voronoi_network,
     voronoi_of,
 )
-from critflow.geometry import StereographicChart, surface_geometry
+from critflow.geometry import StereographicChart, gaussian_curvature, principal_curvatures, surface_geometry
 from critflow.isogonal import isogonal_modes
 from critflow.lattices import (
     cubic_network,
@@ -81,6 +81,7 @@ __all__ = [
     "equilibrium",
     "fit_stiffening",
     "foam_network",
+    "gaussian_curvature",
     "honeycomb_network",
     "isogonal_modes",
     "kagome_network",
@@ -89,6 +90,7 @@ __all__ = [
     "optimize",
     "perimeter_moduli",
     "perimeter_state",
+    "principal_curvatures",
     "random_sequential_addition",
     "rigidity",
     "signed_stress",

@@ -8,10 +8,13 @@ from problems import oblique, random_stress, sheared
 
 from critflow import CriticalManifold, diamond_network, foam_network, honeycomb_network, voronoi_network
 from critflow.plot import (
+    clipped_polygons,
     draw_in_depth,
     draw_network,
+    draw_surfaces,
     network_figure,
     periodic_segments,
+    surface_quads,
     unit_pressure_tensions,
     violins,
 )
@@ -183,3 +186,33 @@ def test_the_figure_of_one_network_in_three_dimensions():
     )
     figure.canvas.draw()
     assert len(figure.axes) == 2 and figure.axes[0].get_title() == "diamond"
+
+
+def test_quads_cover_a_grid_of_points():
+    points = np.random.default_rng(2).random((4, 3, 3))
+    quads = surface_quads(points)
+    assert quads.shape == (6, 4, 3)
+    np.testing.assert_array_equal(quads[0], [points[0, 0], points[1, 0], points[1, 1], points[0, 1]])
+
+
+def test_clipping_keeps_what_is_in_the_box():
+    square = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]])
+    (cut,) = clipped_polygons([square, square + 5.0], 1.5)
+    assert cut.max() == 1.5
+    # Shoelace area of the part of the square that is left.
+    x, y = cut[:, 0], cut[:, 1]
+    assert abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2 == pytest.approx(2.25, rel=1e-14)
+    # A corner cut off by a slanted edge.
+    (triangle,) = clipped_polygons([np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]])], 1.0)
+    assert len(triangle) == 4
+
+
+def test_surfaces_hide_each_other_and_keep_their_colours(tmp_path):
+    figure = Figure()
+    axes = figure.add_subplot(projection="3d")
+    quad = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    # Both have the same direction, so the same shade.
+    collection = draw_surfaces(axes, [([quad], "red", 1.0), ([quad + 0.5], "blue", 0.5)], light=(0, 0, 1))
+    figure.savefig(tmp_path / "surfaces.png")
+    assert sorted(map(tuple, np.round(collection.get_facecolor(), 12))) == [(0, 0, 1, 0.5), (1, 0, 0, 1)]
+    assert len(axes.collections) == 1

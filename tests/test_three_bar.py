@@ -1,0 +1,126 @@
+"""The three-bar study end to end, coarse: its stored grids against elementary geometry of the linkage."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from critflow import Status
+from critflow.cli import main
+
+SPAN = 2.0
+SETTINGS = ["--set", "s=-2.1:2.1:0.3", "--set", f"span={SPAN}"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("three_bar") / "out"
+    assert main(["run", "three_bar", "--workers", "0", "--out", str(folder), *SETTINGS]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def dataset(folder):
+    with xr.open_dataset(folder / "three_bar.nc") as dataset:
+        yield dataset.load()
+
+
+def points(dataset, grid):
+    """Every stress of a grid that has a tangent plane."""
+    one = dataset.sel(grid=grid).stack(point=("row", "column"))
+    return one.isel(point=np.flatnonzero(one.outcome == Status.ok))
+
+
+def test_every_grid_was_computed_in_one_span(dataset):
+    assert (dataset.status == Status.ok).all()
+    assert set(dataset.grid.values) == {"chart", "middle", "stretched"} | {
+        f"{kind}_{edge}" for kind in ("folded", "branch") for edge in (1, 2, 3)
+    }
+    np.testing.assert_allclose(dataset.coordinates.isel(vertex=3, axis=0).values[dataset.outcome == 0], SPAN, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("grid", "signs"),
+    [
+        ("stretched", [1, 1, 1]),
+        ("folded_1", [1, -1, -1]),
+        ("folded_2", [-1, 1, -1]),
+        ("folded_3", [-1, -1, 1]),
+        ("branch_1", [-1, 1, 1]),
+        ("branch_2", [1, -1, 1]),
+        ("branch_3", [1, 1, -1]),
+    ],
+)
+def test_each_sheet_adds_up_its_lengths_with_its_own_signs(dataset, grid, signs):
+    one = points(dataset, grid)
+    np.testing.assert_allclose(one.length.transpose("point", "edge").values @ signs, SPAN, rtol=1e-11)
+    assert (one.n_negative == (1 if grid.startswith("branch") else 0)).all()
+
+
+def test_inertia_is_that_of_the_matrix_written_out(dataset):
+    for grid in ("chart", "folded_2"):
+        a, b, c = dataset.normal.sel(grid=grid).transpose("edge", ...).values
+        P = np.moveaxis(np.array([[a + b, -b], [-b, b + c]]), (0, 1), (-2, -1))
+        np.testing.assert_allclose(
+            np.linalg.eigvalsh(P), dataset.prestress_eigenvalue.sel(grid=grid).values, rtol=0, atol=1e-14
+        )
+        ok = dataset.outcome.sel(grid=grid).values == Status.ok
+        np.testing.assert_array_equal(
+            (np.linalg.eigvalsh(P) < 0).sum(axis=-1)[ok], dataset.n_negative.sel(grid=grid).values[ok]
+        )
+
+
+def test_where_there_is_no_configuration_nothing_is_stored(dataset):
+    bad = dataset.outcome.values == Status.singular
+    for name in ("metric", "second_form", "principal_curvature", "tangents", "length"):
+        values = dataset[name].values
+        assert np.isnan(values[bad]).all(), name
+        assert np.isfinite(values[~bad]).all(), name
+
+
+def test_equal_stresses_have_the_curvature_of_the_symmetric_point(dataset):
+    """r_α = D/3 makes K = D/((r³)³(3/r²)²) = 27/D⁴, the same in all directions."""
+    chart = dataset.sel(grid="chart")
+    centre = np.abs(chart.s).sum("chart_axis")
+    at = {
+        name: int(i)
+        for name, i in zip(centre.dims, np.unravel_index(centre.values.argmin(), centre.shape), strict=True)
+    }
+    np.testing.assert_allclose(chart.s.isel(at), 0.0, atol=1e-12)
+    np.testing.assert_allclose(chart.principal_curvature.isel(at), np.sqrt(27) / SPAN**2, rtol=1e-12)
+
+
+def test_compatible_lengths_fulfil_the_polygon_inequality(dataset):
+    """Four bars, the span among them, close if and only if none is longer than the others together."""
+    L = np.sqrt(dataset.lattice_square.values)
+    bars = np.stack([*np.meshgrid(L, L, L, indexing="ij"), np.full((len(L),) * 3, SPAN)])
+    np.testing.assert_array_equal(2 * bars.max(axis=0) <= bars.sum(axis=0), dataset.lattice_compatible.values == 1)
+
+
+def test_motions_keep_all_lengths(dataset):
+    for example in range(dataset.sizes["example"]):
+        frames = dataset.example_motion.values[example]
+        frames = frames[np.isfinite(frames[:, 0, 0])]
+        assert len(frames) == (0, 0, 8, 8)[example]
+        rest = np.linalg.norm(np.diff(dataset.example_coordinates.values[example], axis=0), axis=1)
+        for frame in frames:
+            np.testing.assert_allclose(np.linalg.norm(np.diff(frame, axis=0), axis=1), rest, rtol=1e-12)
+
+
+def test_claims_are_those_of_the_full_grids(folder):
+    verdicts = {claim["key"]: claim["verdict"] for claim in json.loads((folder / "claims.json").read_text())}
+    differs = {key for key, verdict in verdicts.items() if verdict == "differs"}
+    assert differs == {"2FF", "3-barlinkage-G-regions", "3-barlinkage-G-floppy"}
+    assert len(verdicts) == 18
+
+
+def test_figures_are_drawn(folder):
+    for name in ("manifold", "geometry", "curvature"):
+        assert 20_000 < (folder / "figures" / f"{name}.png").stat().st_size < 500_000
+
+
+@pytest.mark.parametrize("word", ["span=-1", "reach=1", "s=0:1:0.5"])
+def test_settings_that_could_only_fail_are_refused(word, tmp_path, capsys):
+    assert main(["run", "three_bar", "--workers", "0", "--out", str(tmp_path), "--set", word]) == 2
+    assert word.split("=")[0] in capsys.readouterr().err

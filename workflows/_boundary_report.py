@@ -1,0 +1,214 @@
+"""Figure, claims and summary of the boundary term, read off its dataset alone."""
+
+from __future__ import annotations
+
+import json
+from itertools import product
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from critflow.plot import COLOURS
+from critflow.workflow import Claim
+
+INTERIOR, CROSSING = COLOURS[1], COLOURS[0]
+COPY_INTERIOR, COPY_CROSSING = "#B7E0C0", "#1B7837"
+
+
+def boundary_figure(ds):
+    """`BoundaryTerm`: a network among its copies, all its vertices at one point, and both sheared."""
+    one = ds.isel(seed=0)
+    # The largest shear that is still easy to read.
+    shear = int(np.argmin(np.abs(ds.shear.values - 0.5)))
+    bent = one.isel(shear=shear)
+    figure = Figure(figsize=(9.6, 10.0), dpi=120, layout="constrained")
+    axes = figure.subplots(2, 2)
+    plain, sheared = one.cell.values, bent.sheared_cell.values
+    F = np.linalg.solve(plain, sheared)
+    for row, (cell, positions, b, name) in enumerate(
+        (
+            (plain, one.positions.values, one.boundary_vectors.values, ""),
+            (sheared, one.positions.values @ F, bent.sheared_boundary_vectors.values, "sheared, b → F b:  "),
+        )
+    ):
+        _draw_copies(axes[row, 0], one, cell, positions)
+        _draw_collapsed(axes[row, 1], one, cell, b)
+        axes[row, 0].set_title(f"$\\bf{{{'AC'[row]}}}$   {name}L = g x + b", loc="left", fontsize=11)
+        axes[row, 1].set_title(
+            f"$\\bf{{{'BD'[row]}}}$   {name}all vertices at one point, L = b", loc="left", fontsize=11
+        )
+    handles = [
+        axes[0, 0].plot([], [], color=colour, linewidth=2.4, label=label)[0]
+        for colour, label in (
+            (INTERIOR, "edges within the cell, b = 0"),
+            (COPY_INTERIOR, "their copies"),
+            (CROSSING, "edges across its boundary, b ≠ 0"),
+            (COPY_CROSSING, "their copies"),
+        )
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=10, frameon=False)
+    return figure
+
+
+def _crosses(one):
+    return one.offsets.values.any(axis=1)
+
+
+def _draw_copies(axes, one, cell, positions):
+    tail = positions[one.edges.values[:, 0]]
+    head = positions[one.edges.values[:, 1]] + one.offsets.values @ cell
+    segments, crosses = np.stack([tail, head], axis=1), _crosses(one)
+    for image in product((-2, -1, 0, 1, 2), repeat=2):
+        here = image == (0, 0)
+        for which, colour in (
+            (~crosses, INTERIOR if here else COPY_INTERIOR),
+            (crosses, CROSSING if here else COPY_CROSSING),
+        ):
+            axes.add_collection(
+                LineCollection(
+                    segments[which] + np.array(image) @ cell,
+                    colors=colour,
+                    linewidths=2.4 if here else 1.3,
+                    zorder=3 if here else 2,
+                    capstyle="round",
+                )
+            )  # fmt: skip
+    axes.plot(*positions.T, "o", color="k", markersize=3.6, zorder=4)
+    _window(axes, cell)
+
+
+def _draw_collapsed(axes, one, cell, b):
+    """Where edges lead when every vertex sits in the middle of its cell; numbers count the edges of each b."""
+    middle = cell.sum(axis=0) / 2
+    points = np.array([middle + np.array(image) @ cell for image in product((-2, -1, 0, 1, 2), repeat=2)])
+    images, counts = np.unique(one.offsets.values, axis=0, return_counts=True)
+    joins = images[images.any(axis=1)]
+    lines = [[point, point + join @ cell] for point in points for join in joins]
+    axes.add_collection(LineCollection(lines, colors=COPY_CROSSING, linewidths=1.2, zorder=2))
+    axes.plot(*points.T, "o", color=COPY_CROSSING, markersize=5, zorder=3)
+    box = {"boxstyle": "round,pad=0.2", "facecolor": "w", "edgecolor": "none", "alpha": 0.9}
+    for image, count in zip(images, counts, strict=True):
+        if not image.any():
+            axes.plot(*middle, "o", color="k", markersize=9, zorder=5)
+            place = middle + 0.29 * cell[0] * [1, 1] - 0.17 * cell[1]
+            axes.annotate(
+                f"{count} edges\nwith b = 0", middle, place, fontsize=9, ha="center", va="center", color=INTERIOR,
+                fontweight="bold", bbox=box, zorder=6,
+            )  # fmt: skip
+            continue
+        b_of = b[(one.offsets.values == image).all(axis=1)][0]
+        axes.annotate(
+            "", middle + b_of, middle, zorder=4,
+            arrowprops={"arrowstyle": "-|>", "color": CROSSING, "linewidth": 2.4, "shrinkA": 0, "shrinkB": 3},
+        )  # fmt: skip
+        axes.text(
+            *(middle + 0.7 * b_of), f"({image[0]:d}, {image[1]:d})\n{count} edge{'s' if count > 1 else ''}",
+            fontsize=8.5, ha="center", va="center", color=CROSSING, bbox=box, zorder=6,
+        )  # fmt: skip
+    _window(axes, cell)
+
+
+def _window(axes, cell):
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ cell
+    axes.add_patch(
+        Polygon(corners, closed=True, fill=False, edgecolor="0.35", linewidth=1.0, linestyle=(0, (4, 2)), zorder=5)
+    )
+    middle, half = cell.sum(axis=0) / 2, 1.12 * np.abs(cell).max()
+    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.spines[:].set_color("0.8")
+
+
+# Claims
+
+
+def claims(ds):
+    """What the paper says of the boundary term beside what the stored networks say."""
+    return list(_claims(ds))
+
+
+def _claim(key, statement, paper, value, holds, because="", note=""):
+    why = "; ".join(part for part in (because if not holds else "", note) if part)
+    return Claim(key, statement, paper, value, "holds" if holds else "differs", why)
+
+
+def _claims(ds):
+    g, x, L, b = (ds[name].values for name in ("incidence", "coordinates", "bond_vectors", "boundary_vectors"))
+    n_networks, n_vertices = ds.sizes["seed"], ds.sizes["vertex"]
+    ranks = {int(np.linalg.matrix_rank(one)) for one in g}
+    plus, minus, degree = ((g == 1).sum(axis=2), (g == -1).sum(axis=2), np.abs(g).sum(axis=1))
+    yield _claim(
+        "incidenceMatrix", "g is +1 at the head and −1 at the tail of an edge, else 0", "±1",
+        f"one of each in every row of {n_networks} networks; {degree.min()} edges at every vertex; rank "
+        f"{'/'.join(map(str, sorted(ranks)))} of {n_vertices} vertices",
+        (plus == 1).all() and (minus == 1).all() and (degree == 3).all() and ranks == {n_vertices - 1},
+        "some row or vertex is not so", "the missing rank is the free translation",
+    )  # fmt: skip
+    off = np.abs(np.einsum("sev,sva->sea", g, x) + b - L).max()
+    yield _claim(
+        "BondVectors2", "bond vectors are L = g x + b", "0", f"at most {off:.1g} off", off < 1e-12, "they differ"
+    )
+    collapsed = np.abs(ds.collapsed_bond_vectors.values - b).max()
+    yield _claim(
+        "BoundaryTerm-B", "with all vertices at one point the edges are b", "L = b", f"at most {collapsed:.1g} off",
+        collapsed == 0, "they differ",
+    )  # fmt: skip
+    images = np.einsum("sea,sab->seb", b, np.linalg.inv(ds.cell.values))
+    whole = np.abs(images - np.round(images)).max()
+    yield _claim(
+        "BoundaryTerm-A", "b is made of whole cell vectors, as [S, 0] for an edge to the copy on the right", "whole",
+        f"at most {whole:.1g} from whole numbers, of −1, 0 and 1" if np.abs(images).max() < 1.5 else f"{whole:.1g}",
+        whole < 1e-12, "some are fractions",
+    )  # fmt: skip
+    S = ds.cell.values[:, 0, 0]
+    inside = ds.positions.values
+    tail = np.take_along_axis(inside, ds.edges.values[:, :, :1], axis=1)
+    reach = tail + np.einsum("sev,sva->sea", g, inside) + b
+    leaves = ((reach < 0) | (reach >= S[:, None, None])).any(axis=2)
+    crossing = (b != 0).any(axis=2)
+    yield _claim(
+        "BondVectors2-interior", "edges within the cell have b = 0, those that cross its boundary do not", "b = 0",
+        f"{(~crossing).sum()} edges within, {crossing.sum()} across, {(leaves != crossing).sum()} contradict",
+        (leaves == crossing).all(), "some contradict",
+    )  # fmt: skip
+    n_edges = ds.sizes["edge"]
+    yield _claim(
+        "BoundaryTerm-side", "the linear size of the box is S = √N_b", f"{np.sqrt(n_edges):.4g}",
+        f"{S.mean():.4g} = √N_v", bool(np.allclose(S, np.sqrt(n_edges))),
+        "the main text sets V = N_v (`RestLengthVolumetric`), which is used here; √N_b would only rescale all lengths "
+        "by √(3/2)",
+    )  # fmt: skip
+    F = np.linalg.solve(ds.cell.values[:, None], ds.sheared_cell.values)
+    expected = np.einsum("sea,skab->skeb", L, F)
+    scale = np.linalg.norm(L, axis=2).mean()
+    apart = np.abs(ds.sheared_bond_vectors.values - expected).max() / scale
+    top = float(ds.shear.max())
+    yield _claim(
+        "BondVectors2-affine", "an affine deformation A is applied by b → A b alone", "exact",
+        f"the configuration of F b is F times the one of b to {apart:.1g} mean lengths, to shears of {top:g}",
+        apart < 1e-11, "they differ", "the stress stays the same, as force balance is linear",
+    )  # fmt: skip
+    wrong = ds.nearest_image_wrong.sum("seed").values
+    total = n_networks * n_edges
+    listed = ", ".join(f"{100 * n / total:.3g} % at {shear:g}" for n, shear in zip(wrong, ds.shear.values, strict=True))
+    yield _claim(
+        "BoundaryTerm-nearest", "(not in the paper) taking the nearest image instead would miss edges", "—",
+        f"shear by shear {listed}", bool(wrong[-1] > 0), "none is missed at these shears",
+    )  # fmt: skip
+
+
+def summary(ds):
+    """Counts of edges by what they cross, and how exact the sheared configurations are."""
+    crossing = ds.offsets.values.any(axis=2)
+    return {
+        "parameters": json.loads(ds.attrs["parameters"]),
+        "networks": ds.sizes["seed"],
+        "edges": ds.sizes["edge"],
+        "crossing_edges_mean": float(crossing.sum(axis=1).mean()),
+        "box_side": float(ds.cell.values[0, 0, 0]),
+        "nearest_image_wrong": {f"{shear:g}": int(n) for shear, n in
+                                zip(ds.shear.values, ds.nearest_image_wrong.sum("seed").values, strict=True)},
+    }  # fmt: skip
