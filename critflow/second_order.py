@@ -91,8 +91,7 @@ def second_order_rigidity(
     counted = rigidity(network, coordinates, tolerance, vectors=False)
     counts = counted.value
     if counted.status is Status.singular:
-        note = counted.stats.details["note"]
-        return _answer(SecondOrderRigidity(counts, None, None, None, reason=note), Status.singular)
+        return _uncertain(counted)
     if counts.first_order_rigid:
         reason = f"every motion{' but a translation' if counts.n_trivial else ''} changes a length"
         return _answer(SecondOrderRigidity(counts, True, True, True, reason=reason), Status.ok)
@@ -105,7 +104,10 @@ def second_order_rigidity(
         reason = f"{counts.n_self_stresses} self-stresses are more than fit in memory: take a part of the network"
         return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.stalled)
 
-    counts = rigidity(network, coordinates, tolerance).value
+    counted = rigidity(network, coordinates, tolerance)
+    counts = counted.value
+    if counted.status is Status.singular:
+        return _uncertain(counted)
     quick = _quickly(network, counts, network.bond_vectors(np.asarray(coordinates, dtype=float)))
     if quick is not None:
         return _answer(quick, Status.ok)
@@ -120,6 +122,11 @@ def second_order_rigidity(
 
 def _answer(value: SecondOrderRigidity, status: Status) -> Solution[SecondOrderRigidity]:
     return Solution(value, status, Stats("second order", details={"note": value.reason}))
+
+
+def _uncertain(counted: Solution[Rigidity]) -> Solution[SecondOrderRigidity]:
+    value = SecondOrderRigidity(counted.value, None, None, None, reason=counted.stats.details["note"])
+    return _answer(value, Status.singular)
 
 
 def _modes_fit(network: Network, counts: Rigidity) -> bool:
