@@ -201,6 +201,15 @@ def test_a_forged_certificate_fails():
     assert not certificate.rigid
 
 
+def square_lattice(n):
+    """n × n unit squares: each of the 2n closed lines carries a stress of its own and slides along itself."""
+    column, row = (axis.ravel() for axis in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    vertex, right, above = column * n + row, (column + 1) % n * n + row, column * n + (row + 1) % n
+    edges = np.concatenate([np.stack([vertex, right], axis=1), np.stack([vertex, above], axis=1)])
+    across = np.concatenate([np.stack([column == n - 1, 0 * row], 1), np.stack([0 * column, row == n - 1], 1)])
+    return Network(edges, across, n * np.eye(2)), np.stack([column, row], axis=1).astype(float)
+
+
 def critical_voronoi(n_vertices):
     network = voronoi_network(n_vertices, seed=1)
     return network, CriticalManifold(network).configuration(random_stress(network.n_edges, 2)).coordinates
@@ -221,6 +230,7 @@ CONFIGURATIONS = {
     ),
     "voronoi in space, 432 edges": lambda: (voronoi_3d(32), voronoi_3d(32).positions),
     "honeycomb, 432 edges": lambda: (honeycomb_network(12, 12), honeycomb_network(12, 12).positions),
+    "square, 450 edges": lambda: square_lattice(15),
     "triangular, 432 edges": lambda: triangular_lattice(12, 12),
     "triangular, 48 edges": lambda: triangular_lattice(4, 4),
     "linkage": lambda: (three_bar_linkage(), three_bar_linkage().positions),
@@ -337,13 +347,7 @@ def test_zero_modes_of_an_edge_without_length():
 def test_a_certificate_with_several_self_stresses():
     # The square lattice has one self-stress a line; with the uniform tension of all lines it is rigid.
     n = 4
-    column, row = (axis.ravel() for axis in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
-    number = column * n + row
-    edges = np.concatenate(
-        [np.stack([number, (column + 1) % n * n + row], 1), np.stack([number, column * n + (row + 1) % n], 1)]
-    )
-    offsets = np.concatenate([np.stack([column == n - 1, 0 * row], 1), np.stack([0 * column, row == n - 1], 1)])
-    critical = CriticalManifold(Network(edges, offsets, n * np.eye(2))).configuration(np.ones(2 * n * n))
+    critical = CriticalManifold(square_lattice(n)[0]).configuration(np.ones(2 * n * n))
     certificate = certify(critical)
     assert certificate.n_self_stresses == 2 * n
     assert certificate.rigid
