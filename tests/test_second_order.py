@@ -194,9 +194,17 @@ def test_two_strings_of_which_none_holds_the_other():
     both = joined(chain([1, 1, 1]), chain([1, 2, 1], shift=1.0))
     value = decide(*both, "prestress").value
     assert value.counts.n_self_stresses == 2
-    assert "no slack edges" in value.reason
+    assert "every edge in tension" in value.reason
     # Alone each leaves the other's modes without work, so both must carry stress.
     assert np.linalg.norm(value.stress[:3]) > 0.1 and np.linalg.norm(value.stress[3:]) > 0.1
+    # A bar between them, at right angles to both, stays slack and is no hindrance.
+    network, x = both
+    tied = Network(np.concatenate([network.edges, [[1, 5]]]), pins=network.pins)
+    x = x.copy()
+    x[5, 0] = x[1, 0]
+    value = decide(tied, x, "prestress").value
+    assert "1 slack edges" in value.reason
+    assert abs(value.stress[6]) < 1e-12
     # Strings that push in part need the semidefinite program.
     folded = joined(chain([6, -1, -2]), chain([1, 2, 1], shift=1.0), chain([-1, 5, -1], shift=2.0))
     value = decide(*folded, "prestress").value
