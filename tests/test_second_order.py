@@ -15,6 +15,7 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
+from critflow.linalg import Saddle
 
 ANSWERS = {
     "first order": (True, True, True),
@@ -311,6 +312,34 @@ def test_too_large_is_undecided_and_says_so(monkeypatch):
     assert second_order_rigidity(*joined(chain([1, 1]), chain([1, 2], shift=1.0))).value.prestress_stable
     monkeypatch.setattr(second_order, "LARGEST", 10)
     assert "2 self-stresses are more than fit" in str(second_order_rigidity(network, x).value)
+
+
+def test_the_linear_program_is_not_always_needed(monkeypatch):
+    monkeypatch.setattr(second_order, "_LINEAR_PROGRAM", 0)
+    value = decide(*star([-1, 1, 2, -3, 4, -2]), "prestress").value
+    assert "every edge in tension" in value.reason
+
+
+@pytest.mark.parametrize("lengths", [[1, 1, 1], [6, -1, -2]])
+def test_eigenvalues_decide_where_a_factorisation_is_too_careful(monkeypatch, lengths):
+    monkeypatch.setattr(Saddle, "stable", lambda *_: False)
+    value = decide(*chain(lengths), "prestress").value
+    # The form of unit stresses on unit displacements across, P = gᵀ diag(σ) g of the two inner vertices.
+    s = np.sign(lengths[0] * np.prod(lengths)) / np.array(lengths) / np.linalg.norm(1 / np.array(lengths))
+    least = np.abs(np.linalg.eigvalsh([[s[0] + s[1], -s[1]], [-s[1], s[1] + s[2]]])).min()
+    assert value.least_stiffness == pytest.approx(least, rel=1e-10)
+
+
+def test_the_proof_that_none_escapes_fails_where_one_does():
+    # x² − y² and xz vanish together at x = y, z = 0, and with yz and xy added still along z.
+    forms = np.zeros((4, 3, 3))
+    forms[0, 0, 0], forms[0, 1, 1] = 1, -1
+    for form, (i, j) in zip(forms[1:], ((0, 2), (1, 2), (0, 1)), strict=True):
+        form[i, j] = form[j, i] = 0.5
+    assert not second_order._none_escapes(forms[:2], np.zeros(2))
+    assert not second_order._none_escapes(forms, np.zeros(4))
+    last = np.diag([-0.5, -0.5, 1.0])
+    assert second_order._none_escapes(np.concatenate([forms, last[None]]), np.zeros(5))
 
 
 def test_bad_input_is_refused():
