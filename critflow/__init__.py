@@ -3,6 +3,7 @@
 from importlib.metadata import version
 
 from critflow.critical import critical_from_lengths
+from critflow.flatness import flat_directions, stress_hessian
 from critflow.generate import (
     foam_network,
     random_sequential_addition,
@@ -11,6 +12,7 @@ from critflow.generate import (
     voronoi_of,
 )
 from critflow.geometry import StereographicChart, gaussian_curvature, principal_curvatures, surface_geometry
+from critflow.hessian import bond_operator, geometric_split, hookean_split
 from critflow.isogonal import isogonal_modes
 from critflow.lattices import (
     cubic_network,
@@ -39,7 +41,8 @@ from critflow.result import (
     Status,
     StudyError,
 )
-from critflow.rigidity import certify, rigidity
+from critflow.rigidity import certify, rigidity, zero_modes
+from critflow.second_order import second_order_rigidity
 from critflow.springs import equilibrium, spring_state
 from critflow.stresses import StressSpace, stresses_of
 from critflow.supremum import bulk_modulus_bound, modulus_bound
@@ -70,6 +73,7 @@ __all__ = [
     "StudyError",
     "WormLike",
     "__version__",
+    "bond_operator",
     "bulk_modulus_bound",
     "cells_of",
     "certify",
@@ -80,9 +84,12 @@ __all__ = [
     "elastic_moduli",
     "equilibrium",
     "fit_stiffening",
+    "flat_directions",
     "foam_network",
     "gaussian_curvature",
+    "geometric_split",
     "honeycomb_network",
+    "hookean_split",
     "isogonal_modes",
     "kagome_network",
     "linear_response",
@@ -93,12 +100,14 @@ __all__ = [
     "principal_curvatures",
     "random_sequential_addition",
     "rigidity",
+    "second_order_rigidity",
     "signed_stress",
     "spring_state",
     "square_network",
     "stability",
     "stiffening",
     "strain_path",
+    "stress_hessian",
     "stresses_of",
     "surface_geometry",
     "three_bar_linkage",
@@ -106,4 +115,5 @@ __all__ = [
     "triangular_network",
     "voronoi_network",
     "voronoi_of",
+    "zero_modes",
 ]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from critflow.manifold import CriticalConfiguration, critical_configuration
 from critflow.network import Array, edge_values
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Solution, Stats
 from critflow.rigidity import Rigidity, rigidity
 
 
@@ -61,21 +61,14 @@ def stresses_of(critical: CriticalConfiguration, tolerance: float = 1e-6) -> Sol
     """The space of all stresses that give the same configuration as a critical one.
 
     `stats.residual` is the distance of its own σ from the space that was found.  `Status.singular` where an edge has
-    no length, so no direction, and `Status.floppy` where the coordinates admit no self-stress, so σ cannot balance.
+    no length or the count cannot be trusted, and `Status.floppy` where the coordinates admit no self-stress, so that
+    σ cannot balance.
     """
-    network, most = critical.network, 6
-    while True:
-        counts = rigidity(network, critical.coordinates, tolerance, most)
-        found = counts.value
-        # Of large networks a few self-stresses are looked for; if all that were found count, there may be more.
-        complete = found.n_self_stresses == 0 or np.isfinite(found.smallest_nonzero)
-        if complete or found.n_self_stresses + 1 >= network.n_edges:
-            break
-        most *= 4
+    counts = rigidity(critical.network, critical.coordinates, tolerance)
+    found = counts.value
     space = StressSpace(critical, _led_by(critical.sigma, found), (found.largest_zero, found.smallest_nonzero))
-    status = Status.ok if found.n_self_stresses else counts.status
-    distance = space.distance(critical.sigma) if status is Status.ok else np.nan
-    return Solution(space, status, Stats("counts", 1, 1, distance, dict(counts.stats.details)))
+    distance = space.distance(critical.sigma) if counts.ok else np.nan
+    return Solution(space, counts.status, Stats("counts", 1, 1, distance, dict(counts.stats.details)))
 
 
 def _led_by(sigma: Array, found: Rigidity) -> Array:

@@ -7,7 +7,7 @@ These need the optional extra `peers` (`pip install -e '.[test,peers]'`) and are
 
 import ctypes
 import sys
-from itertools import combinations
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +22,11 @@ from critflow import (
     foam_network,
     optimize,
     rigidity,
+    second_order_rigidity,
     spring_state,
     strain_path,
     voronoi_network,
+    zero_modes,
 )
 
 
@@ -148,20 +150,121 @@ def pinned_frameworks():
     yield "a straight chain", chain, two, np.array([[0, 0], [4, 0], [1, 0], [2, 0], [3, 0]], float)
 
 
+def as_framework(edges, pins, positions):
+    """The plane network as a framework: a fan of bars from a vertex beside the pins makes them one rigid body."""
+    pyrigi, rational = pytest.importorskip("pyrigi"), pytest.importorskip("sympy").Rational
+    hub, names = len(positions), list(pins)
+    bars = [tuple(edge) for edge in np.asarray(edges).tolist()]
+    bars += [(hub, i) for i in names] + list(pairwise(names))
+    # Exact numbers, so that the framework is judged by algebra and not by rounding.
+    places = [*np.asarray(positions).tolist(), [-7.25, 5.5]]
+    exact = {i: tuple(rational(str(c)) for c in place) for i, place in enumerate(places)}
+    return pyrigi.Framework(pyrigi.Graph(bars), exact)
+
+
 @pytest.mark.parametrize("case", list(pinned_frameworks()), ids=lambda case: case[0])
 def test_pyrigi_counts_the_same(case):
-    pyrigi = pytest.importorskip("pyrigi")
     _, edges, pins, positions = case
     network = Network(edges, pins=pins, n_vertices=len(positions))
-    counts = rigidity(network, positions).value
-    # The pins become a rigid frame by edges between all of them.
-    bars = [tuple(edge) for edge in edges.tolist()] + list(combinations(pins, 2))
-    places = {i: tuple(map(float, p)) for i, p in enumerate(positions)}
-    framework = pyrigi.Framework(pyrigi.Graph(bars), places)
-    stresses = len(framework.stresses(numerical=True))
-    flexes = len(framework.nontrivial_inf_flexes(numerical=True))
-    assert counts.n_self_stresses == stresses
-    assert counts.n_zero_modes == flexes
+    counts, modes = rigidity(network, positions).value, zero_modes(network, positions).value
+    framework = as_framework(edges, pins, positions)
+    assert counts.n_self_stresses == len(framework.stresses())
+    assert counts.n_zero_modes == len(modes.modes) == len(framework.nontrivial_inf_flexes())
+
+
+def in_a_row(*places):
+    """A chain of bars between pins at its ends, along the x axis."""
+    n = len(places) - 1
+    x = np.array([[place, 0.0] for place in places])
+    return [[i, i + 1] for i in range(n)], {0: x[0], n: x[n]}, x
+
+
+def on_a_line(*pins):
+    """A vertex at the origin joined to pins on the x axis."""
+    x = np.array([[0.0, 0.0], *[[place, 0.0] for place in pins]])
+    return [[0, i + 1] for i in range(len(pins))], {i + 1: p for i, p in enumerate(x[1:])}, x
+
+
+# PyRigi decides prestress stability for one stress with up to two flexes, and for any stresses with one flex.
+SECOND_ORDER = {
+    "three bars stretched": in_a_row(0, 1, 2.5, 3),
+    "three bars, one reversed": in_a_row(0, 4, 5, 3),
+    "three bars, the middle reversed": in_a_row(0, 2, 1, 3),
+    "three bars, two reversed": in_a_row(0, 6, 5, 3),
+    "two bars": in_a_row(0, 1, 3),
+    "two bars folded": in_a_row(0, 4, 3),
+    "pins on either side": on_a_line(-1, 2, 3, -4),
+    "pins on one side": on_a_line(1, 2, 4),
+}
+
+
+@pytest.mark.parametrize("name", SECOND_ORDER)
+def test_pyrigi_finds_the_same_order_of_rigidity(name):
+    edges, pins, x = SECOND_ORDER[name]
+    framework = as_framework(edges, pins, x)
+    value = second_order_rigidity(Network(edges, pins=pins), x).value
+    assert value.first_order_rigid == framework.is_inf_rigid()
+    assert value.prestress_stable == framework.is_prestress_stable()
+    assert value.second_order_rigid == framework.is_second_order_rigid()
+
+
+# Frameworks of PyRigi's own collection, and the body in each that is pinned: as many joined vertices as dimensions.
+COLLECTION = {
+    "frustum of three": (lambda db: db.Frustum(3), (0, 1)),
+    "frustum of four": (lambda db: db.Frustum(4), (0, 1)),
+    "parallel prism": (lambda db: db.ThreePrism("parallel"), (0, 1)),
+    "flexible prism": (lambda db: db.ThreePrism("flexible"), (0, 1)),
+    "prism": (lambda db: db.ThreePrism(), (0, 1)),
+    "square": (lambda db: db.Square(), (0, 1)),
+    "K(3,3) and an edge": (lambda db: db.K33plusEdge(), (0, 3)),
+    "K(4,4)": (lambda db: db.CompleteBipartite(4, 4), (0, 4)),
+    "eight vertices on a circle, four stresses": (lambda db: db.CnSymmetricFourRegular(8), (0, 1)),
+    "triangle on a line": (lambda db: db.Framework.Collinear(db.graphs.Complete(3), 2), (0, 1)),
+}
+
+
+def pinned_body(framework, body):
+    """Our network of a framework with the vertices of a rigid body pinned, whose own edges leave."""
+    number = {v: i for i, v in enumerate(framework.graph.vertex_list())}
+    x = np.array([[float(c) for c in framework.realization(numerical=True)[v]] for v in number])
+    pins = {number[v]: x[number[v]] for v in body}
+    edges = np.array([[number[v] for v in edge] for edge in framework.graph.edge_list()])
+    within = np.isin(edges, list(pins)).all(axis=1)
+    assert within.sum() == len(body) * (len(body) - 1) // 2
+    return Network(edges[~within], pins=pins, n_vertices=len(x)), x
+
+
+@pytest.mark.parametrize("name", COLLECTION)
+def test_frameworks_of_the_collection_of_pyrigi(name):
+    make, body = COLLECTION[name]
+    framework = make(pytest.importorskip("pyrigi.frameworkDB"))
+    value = second_order_rigidity(*pinned_body(framework, body)).value
+    assert value.counts.n_self_stresses == len(framework.stresses(numerical=True))
+    assert value.counts.n_zero_modes == len(framework.nontrivial_inf_flexes(numerical=True))
+    assert value.first_order_rigid == framework.is_inf_rigid(numerical=True)
+    assert value.prestress_stable == framework.is_prestress_stable(numerical=True)
+    assert value.second_order_rigid == framework.is_second_order_rigid(numerical=True)
+
+
+def test_the_framework_that_no_prestress_stabilises():
+    # The collection documents the answer, which PyRigi itself does not decide: two stresses and two flexes.
+    framework = pytest.importorskip("pyrigi.frameworkDB").SecondOrderRigid()
+    with pytest.raises(ValueError, match="not"):
+        framework.is_second_order_rigid(numerical=True)
+    value = second_order_rigidity(*pinned_body(framework, (0, 1, 2))).value
+    assert value.counts.n_self_stresses == len(framework.stresses()) == 2
+    assert value.counts.n_zero_modes == len(framework.nontrivial_inf_flexes()) == 2
+    assert (value.prestress_stable, value.second_order_rigid) == (False, True)
+
+
+def test_four_vertices_on_a_line_braced_in_all_ways():
+    # Three stresses and two flexes, beyond what PyRigi decides: in tension the outer pair holds the others.
+    pyrigi = pytest.importorskip("pyrigi")
+    framework = pyrigi.Framework.Collinear(pyrigi.graphDB.Complete(4), 2)
+    value = second_order_rigidity(*pinned_body(framework, (0, 3))).value
+    assert value.counts.n_self_stresses == len(framework.stresses()) == 3
+    assert value.counts.n_zero_modes == len(framework.nontrivial_inf_flexes()) == 2
+    assert value.prestress_stable
 
 
 def test_the_floppy_answer_of_a_framework_is_exact():

@@ -6,6 +6,7 @@ from problems import NETWORKS, dense_free, random_stress, triangular_lattice, vo
 
 from critflow import (
     CriticalManifold,
+    InputError,
     Network,
     Status,
     certify,
@@ -14,19 +15,25 @@ from critflow import (
     rigidity,
     three_bar_linkage,
     voronoi_network,
+    zero_modes,
 )
 from critflow.rigidity import rigidity_matrix
 
 
-def dense_counts(network, x):
-    """N_s and N_0 by singular values of the dense rigidity matrix, no vertex grounded."""
+def dense_matrix(network, x):
+    """The dense rigidity matrix, no vertex grounded, and the vertices of its columns."""
     g, b = dense_free(network)
     free = [i for i in range(network.n_vertices) if i not in network.pins]
     L = g @ x[free] + b
     unit = L / np.linalg.norm(L, axis=1)[:, None]
-    R = np.einsum("ai,ad->aid", g, unit).reshape(len(g), -1)
+    return np.einsum("ai,ad->aid", g, unit).reshape(len(g), -1), free
+
+
+def dense_counts(network, x):
+    """N_s and N_0 by singular values of the dense rigidity matrix."""
+    R, _ = dense_matrix(network, x)
     rank = np.linalg.matrix_rank(R, tol=1e-8)
-    return len(g) - rank, R.shape[1] - rank
+    return len(R) - rank, R.shape[1] - rank
 
 
 def generic(network):
@@ -192,3 +199,157 @@ def test_a_forged_certificate_fails():
     assert certificate.residual > 1e-4
     assert certificate.n_self_stresses == 0
     assert not certificate.rigid
+
+
+def square_lattice(n):
+    """n × n unit squares: each of the 2n closed lines carries a stress of its own and slides along itself."""
+    column, row = (axis.ravel() for axis in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    vertex, right, above = column * n + row, (column + 1) % n * n + row, column * n + (row + 1) % n
+    edges = np.concatenate([np.stack([vertex, right], axis=1), np.stack([vertex, above], axis=1)])
+    across = np.concatenate([np.stack([column == n - 1, 0 * row], 1), np.stack([0 * column, row == n - 1], 1)])
+    return Network(edges, across, n * np.eye(2)), np.stack([column, row], axis=1).astype(float)
+
+
+def critical_voronoi(n_vertices):
+    network = voronoi_network(n_vertices, seed=1)
+    return network, CriticalManifold(network).configuration(random_stress(network.n_edges, 2)).coordinates
+
+
+def pinned_in_space():
+    network = Network([[0, 3], [3, 4], [4, 1], [4, 2], [3, 2]], pins={0: [0, 0, 0], 1: [3, 0, 1], 2: [0, 2, 0]})
+    return network, np.array([[0, 0, 0], [3, 0, 1], [0, 2, 0], [1, 1, 1], [2, 1, 0]], float)
+
+
+# Below 400 edges the counts come from all singular values, above from the inertia of a sparse matrix.
+CONFIGURATIONS = {
+    "voronoi, 60 edges": lambda: critical_voronoi(40),
+    "voronoi, 450 edges": lambda: critical_voronoi(300),
+    "voronoi off the manifold, 450 edges": lambda: (
+        voronoi_network(300, seed=1),
+        generic(voronoi_network(300, seed=1)),
+    ),
+    "voronoi in space, 432 edges": lambda: (voronoi_3d(32), voronoi_3d(32).positions),
+    "honeycomb, 432 edges": lambda: (honeycomb_network(12, 12), honeycomb_network(12, 12).positions),
+    "square, 450 edges": lambda: square_lattice(15),
+    "triangular, 432 edges": lambda: triangular_lattice(12, 12),
+    "triangular, 48 edges": lambda: triangular_lattice(4, 4),
+    "linkage": lambda: (three_bar_linkage(), three_bar_linkage().positions),
+    "pinned in space": pinned_in_space,
+}
+
+
+@pytest.mark.parametrize("name", CONFIGURATIONS)
+def test_all_null_vectors_by_either_way(name):
+    network, x = CONFIGURATIONS[name]()
+    R, free = dense_matrix(network, x)
+    counts, found = rigidity(network, x).value, zero_modes(network, x)
+    assert found.status is Status.ok
+    n_stresses, n_modes = dense_counts(network, x)
+    assert (counts.n_self_stresses, counts.n_zero_modes) == (n_stresses, n_modes)
+    assert len(counts.self_stresses) == n_stresses
+    modes = found.value
+    everything = np.concatenate([modes.trivial, modes.modes])
+    assert (len(modes.trivial), len(everything)) == (counts.n_trivial, n_modes)
+    flat = everything.reshape(n_modes, network.n_vertices * network.dimension)
+    np.testing.assert_allclose(flat @ flat.T, np.eye(n_modes), rtol=0, atol=1e-12)
+    assert np.abs(everything[:, list(network.pins)]).max(initial=0.0) == 0.0
+    assert np.abs(R @ everything[:, free].reshape(n_modes, -1).T).max(initial=0.0) < 1e-11
+    # What only the translations move is told apart: the others move nothing on average.
+    if not network.pins:
+        assert np.abs(modes.modes.mean(axis=1)).max(initial=0.0) < 1e-13
+        np.testing.assert_allclose(modes.trivial - modes.trivial[:, :1], 0.0)
+    S = counts.self_stresses
+    np.testing.assert_allclose(S @ S.T, np.eye(n_stresses), rtol=0, atol=1e-12)
+    length = np.linalg.norm(network.bond_vectors(x), axis=1)
+    assert np.abs(R.T @ (S * length).T).max(initial=0.0) < 1e-11
+    # The gap is that of the grounded matrix.
+    values = np.linalg.svd(rigidity_matrix(network, x).toarray(), compute_uv=False)
+    smallest = values[values > 1e-6].min()
+    for gap in (counts, modes):
+        assert gap.largest_zero < 1e-11
+        assert gap.smallest_nonzero == pytest.approx(smallest, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["voronoi, 450 edges", "triangular, 432 edges", "voronoi, 60 edges"])
+def test_counts_alone_need_no_vectors(name):
+    network, x = CONFIGURATIONS[name]()
+    full, counts = rigidity(network, x).value, rigidity(network, x, vectors=False).value
+    assert (counts.n_self_stresses, counts.n_zero_modes) == (full.n_self_stresses, full.n_zero_modes)
+    assert counts.self_stresses.shape == (0, network.n_edges)
+    assert 0.99e-5 < counts.smallest_nonzero <= full.smallest_nonzero * (1 + 1e-12)
+    assert counts.first_order_rigid == full.first_order_rigid
+
+
+@pytest.mark.parametrize("n_vertices", [40, 300])
+def test_a_singular_value_near_the_tolerance_is_no_count(n_vertices):
+    network, x = critical_voronoi(n_vertices)
+    # The least singular value grows in proportion to the distance from the manifold.
+    away = 1e-3 * np.random.default_rng(3).standard_normal(x.shape)
+    slope = rigidity(network, x + away).value.smallest_nonzero
+    for aim, expected in ((1e-9, Status.ok), (5e-7, Status.singular), (2e-6, Status.singular), (1e-4, Status.floppy)):
+        moved = x + aim / slope * away
+        solution = rigidity(network, moved)
+        assert solution.status is expected
+        near = (solution.value.largest_zero, solution.value.smallest_nonzero)
+        assert min(abs(s / aim - 1) for s in near) < 0.1
+        assert (zero_modes(network, moved).status is Status.singular) == (expected is Status.singular)
+        if expected is Status.singular:
+            assert solution.value.prestress_stable is None
+            assert "choose a tolerance inside a gap" in solution.stats.details["note"]
+            assert rigidity(network, moved, tolerance=1e-4).status is Status.ok
+    # Counts alone look upwards of the tolerance only.
+    assert rigidity(network, x + 2e-6 / slope * away, vectors=False).status is Status.singular
+
+
+def test_a_stress_that_mostly_pushes_may_stabilise():
+    # A string from a pin to a vertex that two steep struts hold: 2·0.1·5 = 1 balances it, and 1 + 1 − 5 − 5 < 0.
+    pins = {0: [0.0, 0.0], 3: [1.9, 1.0], 4: [1.9, -1.0]}
+    network = Network([[0, 1], [1, 2], [2, 3], [2, 4]], pins=pins)
+    x = np.array([pins[0], [1, 0], [2, 0], pins[3], pins[4]], float)
+    counts = rigidity(network, x).value
+    assert (counts.n_self_stresses, counts.n_zero_modes) == (1, 1)
+    assert counts.prestress_stable
+    np.testing.assert_allclose(counts.self_stresses[0], np.array([1, 1, -5, -5]) / np.sqrt(52), rtol=0, atol=1e-12)
+
+
+def test_what_does_not_fit_in_memory_is_refused_by_name():
+    wide = honeycomb_network(60, 60)
+    with pytest.raises(InputError, match=r"3599 zero modes .* GB, more than is made here: rigidity\(\) counts them"):
+        zero_modes(wide, wide.positions)
+    assert rigidity(wide, wide.positions).value.n_zero_modes == 3601
+    network, x = triangular_lattice(60, 60)
+    with pytest.raises(InputError, match=r"3602 self-stresses .* vectors=False counts them"):
+        rigidity(network, x)
+    assert rigidity(network, x, vectors=False).value.n_self_stresses == 3602
+
+
+def test_bad_input_is_refused():
+    network = three_bar_linkage()
+    for bad in (network.positions[:3], np.full((4, 2), np.nan)):
+        with pytest.raises(InputError, match="coordinates must be finite and of shape"):
+            rigidity(network, bad)
+        with pytest.raises(InputError, match="coordinates must be finite and of shape"):
+            zero_modes(network, bad)
+    with pytest.raises(InputError, match="tolerance must be positive"):
+        rigidity(network, network.positions, tolerance=0.0)
+    large, x = critical_voronoi(300)
+    with pytest.raises(InputError, match="raise the tolerance"):
+        rigidity(large, x, tolerance=1e-9)
+
+
+def test_zero_modes_of_an_edge_without_length():
+    network = Network([[0, 1], [1, 0], [0, 1]], [[0, 0], [1, 0], [0, 1]], np.eye(2))
+    solution = zero_modes(network, np.zeros((2, 2)))
+    assert solution.status is Status.singular
+    assert "edge 0 has no length" in solution.stats.details["note"]
+
+
+def test_a_certificate_with_several_self_stresses():
+    # The square lattice has one self-stress a line; with the uniform tension of all lines it is rigid.
+    n = 4
+    critical = CriticalManifold(square_lattice(n)[0]).configuration(np.ones(2 * n * n))
+    certificate = certify(critical)
+    assert certificate.n_self_stresses == 2 * n
+    assert certificate.rigid
+    loose = type(critical)(critical.network, -critical.sigma, critical.coordinates, critical.bond_vectors)
+    assert not certify(loose).rigid
