@@ -11,7 +11,7 @@ from critflow.generate import (
     voronoi_of,
 )
 from critflow.geometry import StereographicChart, surface_geometry
-from critflow.isogonal import isogonal_modes
+from critflow.isogonal import face_modes, isogonal_modes
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, stiffening, transition_moduli
 from critflow.network import Network
@@ -55,6 +55,7 @@ __all__ = [
     "critical_from_lengths",
     "elastic_moduli",
     "equilibrium",
+    "face_modes",
     "fit_stiffening",
     "honeycomb_network",
     "isogonal_modes",
