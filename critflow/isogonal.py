@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
+from scipy.optimize import linprog
 
 from critflow.manifold import CriticalConfiguration, critical_configuration
-from critflow.network import Array
-from critflow.result import InputError
+from critflow.network import Array, edge_values
+from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity import spread_columns
 
 # Twice the area of a force triangle, over the square of the mean tension, that is no triangle any more.
@@ -75,6 +76,27 @@ class IsogonalModes:
         if not np.isfinite(limit):
             raise InputError("no edge shrinks along this direction: it changes nothing, so give one that does")
         return self.walk(fraction * limit * np.asarray(direction, dtype=float))
+
+    def largest(self, weights: ArrayLike, shortest: float, throw: bool = True) -> Solution[CriticalConfiguration]:
+        """The configuration with the largest Σ w_α|L_α|, w (N_b,), whose edges all are `shortest` or longer.
+
+        Lengths are linear in the amplitudes, so this is a linear program and its answer the best of the whole family;
+        it is bounded, since Σ τ_α|L_α| does not change.  The amplitudes stand in `stats.details["amplitudes"]`.
+        """
+        critical = self.critical
+        w = edge_values(weights, critical.network.n_edges, "weights", positive=False)
+        if not shortest > 0:
+            raise InputError(f"the shortest length must be positive, not {shortest}: an edge without length has no way")
+        E = sp.csr_array(self.elongations)
+        found = linprog(-(E @ w), A_ub=-E.T, b_ub=critical.lengths - shortest, bounds=(None, None), method="highs")
+        if found.status == 2:
+            raise InputError(f"no isogonal change makes every edge {shortest:g} or longer: ask for a smaller length")
+        ok = found.status == 0
+        value = self.walk(found.x) if ok else critical
+        status = Status.ok if ok else Status.stalled
+        stats = Stats("linear program", int(found.nit), details={"amplitudes": found.x, "note": found.message})
+        solution = Solution(value, status, stats)
+        return solution.or_raise("no best isogonal change was found") if throw else solution
 
     def _elongation(self, amplitudes: ArrayLike) -> Array:
         a = np.asarray(amplitudes, dtype=float)

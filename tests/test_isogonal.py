@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from problems import NETWORKS, dense_free, oblique, pinned_grid, random_stress, sheared, square_octagon, voronoi_3d
+from scipy.optimize import nnls
 
 from critflow import (
     CriticalManifold,
@@ -262,3 +263,35 @@ def test_where_faces_do_not_serve_a_sentence_says_so():
     slackened = type(critical)(critical.network, slack, critical.coordinates, critical.bond_vectors)
     with pytest.raises(InputError, match=f"vertex {critical.network.edges[11].min()} lie along one line or vanish"):
         face_modes(slackened)
+
+
+def test_the_largest_of_a_family_meets_the_conditions_of_an_optimum():
+    before = with_stiffness(60)
+    faces, modes = before.network.faces, face_modes(before)
+    weights = np.zeros(90)
+    np.add.at(weights, faces.edges[faces.starts[5] : faces.starts[6]], 1.0)
+    solution = modes.largest(weights, 0.1)
+    assert solution.ok
+    after = solution.value
+    np.testing.assert_array_equal(modes.walk(solution.stats.details["amplitudes"]).lengths, after.lengths)
+    # HiGHS meets its constraints to 1e-7.
+    assert after.lengths.min() > 0.1 - 1e-7
+    assert np.sum(weights * after.lengths) > 1.5 * np.sum(weights * before.lengths)
+    assert transition_moduli(after).bulk == pytest.approx(bulk_modulus_bound(before.network), rel=1e-12)
+    # Duality: weights are tensions, which no change of the family works on, less non-negative prices of tight edges.
+    tight = np.flatnonzero(after.lengths < 0.1 + 1e-6)
+    prices = nnls(np.asarray((-modes.elongations[:, tight]).todense()), modes.elongations @ weights)
+    assert prices[1] < 1e-8
+    # Another method, and modes of another basis, find the same.
+    again = isogonal_modes(before).largest(weights, 0.1).value
+    assert np.sum(weights * again.lengths) == pytest.approx(np.sum(weights * after.lengths), rel=1e-7)
+
+
+def test_lengths_that_no_member_of_the_family_has_are_refused():
+    modes = face_modes(with_stiffness(60))
+    with pytest.raises(InputError, match="ask for a smaller length"):
+        modes.largest(np.ones(90), 1.5)
+    with pytest.raises(InputError, match="must be positive"):
+        modes.largest(np.ones(90), 0.0)
+    with pytest.raises(InputError, match="one value per edge"):
+        modes.largest(np.ones(89), 0.1)
