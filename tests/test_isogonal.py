@@ -16,6 +16,8 @@ from critflow import (
     honeycomb_network,
     isogonal_modes,
     optimize,
+    stiffening,
+    strain_path,
     transition_moduli,
     voronoi_network,
 )
@@ -172,6 +174,41 @@ def test_long_walks_change_neither_tension_variance_nor_bulk_modulus(n_vertices)
         assert abs(kept(after) - kept(before)) < 1e-12
 
 
+@pytest.mark.parametrize("name", PERIODIC)
+def test_moduli_at_the_transition_belong_to_the_force_network_alone(name):
+    # At any stress, not only where it is best: T in balance does the same work on all L that close on the cell.
+    critical = at_random_stress(PERIODIC[name]())
+    network, modes, before = critical.network, face_modes(critical), transition_moduli(critical)
+    rng = np.random.default_rng(3)
+    other = CriticalManifold(network).configuration(rng.uniform(0.3, 2.0, network.n_edges))
+    for fraction in (0.4, 0.9):
+        after = modes.towards(rng.standard_normal(network.n_vertices // 2), fraction)
+        moduli = transition_moduli(after)
+        assert moduli.bulk == pytest.approx(before.bulk, rel=1e-12)
+        assert moduli.shear == pytest.approx(before.shear, rel=1e-10, abs=1e-14)
+        # Any other configuration in the same cell may stand for L.
+        T = after.sigma[:, None] * after.bond_vectors
+        by_other = np.sum(T * other.bond_vectors) ** 2 / (
+            4 * network.volume * np.sum(T**2 / network.stiffness[:, None])
+        )
+        assert moduli.bulk == pytest.approx(by_other, rel=1e-11)
+
+
+def test_the_stiffest_family_answers_to_any_expansion_alike():
+    # L + s L* is in balance with forces k s L*: E = ½ s² Σ k|L*|² with (1 + s)² = 1 + γ.
+    stiffest, strains = with_stiffness(60), np.array([0.001, 0.03, 0.5])
+    bound, network = bulk_modulus_bound(stiffest.network), stiffest.network
+    s = np.sqrt(1 + strains) - 1
+    for fraction in (0.0, 0.5, 0.9):
+        member = face_modes(stiffest).towards(np.random.default_rng(6).standard_normal(30), fraction)
+        path = strain_path(network, member, strains).value
+        np.testing.assert_allclose(path.bulk_modulus, bound / np.sqrt(1 + strains), rtol=1e-12)
+        np.testing.assert_allclose(path.energy, 2 * network.volume * bound * s**2, rtol=1e-11)
+        expected = member.bond_vectors + s[-1] * stiffest.bond_vectors
+        np.testing.assert_allclose(path.states[-1].bond_vectors, expected, rtol=0, atol=1e-12)
+        assert stiffening(network, member).value.C_B == pytest.approx(-bound / 2, rel=1e-9)
+
+
 def test_a_face_that_is_inflated_gains_area_and_the_others_lose_it():
     before = with_stiffness(100)
     direction = np.zeros(50)
@@ -278,7 +315,7 @@ def test_the_largest_of_a_family_meets_the_conditions_of_an_optimum():
     assert after.lengths.min() > 0.1 - 1e-7
     assert np.sum(weights * after.lengths) > 1.5 * np.sum(weights * before.lengths)
     assert transition_moduli(after).bulk == pytest.approx(bulk_modulus_bound(before.network), rel=1e-12)
-    # Duality: weights are tensions, which no change of the family works on, less non-negative prices of tight edges.
+    # Duality: weights, with prices that are not negative on the tight edges, pull along no mode.
     tight = np.flatnonzero(after.lengths < 0.1 + 1e-6)
     prices = nnls(np.asarray((-modes.elongations[:, tight]).todense()), modes.elongations @ weights)
     assert prices[1] < 1e-8

@@ -201,6 +201,22 @@ def _equal_tension_variance(ds):
     )  # fmt: skip
 
 
+def _moduli_of_forces(ds):
+    off = 0.0
+    for panel, origin in ISOGONAL.items():
+        for name in ("bulk_modulus_0", "shear_modulus_0"):
+            one, other = _values(ds, name, panel, origin)
+            # A shear modulus may be zero but for the shape of the cell, so both are measured by B_0.
+            off = max(off, float(np.abs((one - other) / _values(ds, "bulk_modulus_0", origin)[0]).max()))
+    yield _claim(
+        "BulkModulus", "B_0 cannot be written as a function of the tensions alone, so its degeneracy surprises",
+        "to be studied", f"B_0 and G_0 change by less than {_bound(off)} B_0 from B to C, where neither is at its "
+        "maximum, and from D to E and F", off >= 1e-12, "forces T in balance do the same work Σ T·A L on all bond "
+        "vectors L that close on the cell, so every modulus at the transition is a function of the force network, and "
+        "isogonal modes keep it, from any configuration",
+    )  # fmt: skip
+
+
 def _equal_bulk_modulus(ds):
     B_0 = _values(ds, "bulk_modulus_0", *_STIFFEST)
     V_L = _values(ds, "length_variance", *_STIFFEST)
@@ -262,6 +278,7 @@ _CLAIMS = (
     ((), _pressure),
     (("length_variance",), _equal_lengths),
     (("tension_variance", "tension_variance_inflated"), _equal_tension_variance),
+    ((*ISOGONAL, *ISOGONAL.values()), _moduli_of_forces),
     (_STIFFEST, _equal_bulk_modulus),
     (("shear_modulus_1", "shear_modulus_2", "shear_modulus_3"), _shear),
     ((), _random_lengths),
