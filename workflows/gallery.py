@@ -84,6 +84,8 @@ def configuration(manifold, chosen, parameters, seed, panel) -> tuple[Solution, 
         return critical_from_lengths(manifold, lengths, throw=False), amplitudes
 
     found = optimize(manifold, kind, throw=False)
+    if not np.isfinite(found.value.coordinates).all():
+        return found, amplitudes
     modes = face_modes(found.value)
     if variant == "designed":
         weights = np.bincount(network.faces.edges, np.repeat(chosen, network.faces.sizes), network.n_edges)
