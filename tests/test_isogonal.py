@@ -317,6 +317,7 @@ def test_the_largest_of_a_family_meets_the_conditions_of_an_optimum():
     assert transition_moduli(after).bulk == pytest.approx(bulk_modulus_bound(before.network), rel=1e-12)
     # Duality: weights, with prices that are not negative on the tight edges, pull along no mode.
     tight = np.flatnonzero(after.lengths < 0.1 + 1e-6)
+    assert len(tight) > 0
     prices = nnls(np.asarray((-modes.elongations[:, tight]).todense()), modes.elongations @ weights)
     assert prices[1] < 1e-8
     # Another method, and modes of another basis, find the same.

@@ -127,13 +127,14 @@ plt.show()
 # %% [markdown]
 # ## Along the strain
 #
-# The inner dimension `strain` holds the path past the transition. Lines are means over networks of how much the bulk
-# modulus has changed; their slopes at γ = 0 are C_B/B_0, known without the path.
+# The inner dimension `strain` holds the path past the transition. Lines are means over good members of how much
+# the bulk modulus has changed; their slopes at γ = 0 are C_B/B_0, known without the path.
 
 # %%
-change = (ensemble.bulk_modulus / ensemble.bulk_modulus_0 - 1).mean("seed")
+change = (good.bulk_modulus / good.bulk_modulus_0 - 1).mean("seed").dropna("population")
 fig, axes = plt.subplots(figsize=(6.5, 3.6), layout="constrained")
-for colour, name in zip(COLOURS, names, strict=False):
+for name in change.population.values:
+    colour = COLOURS[names.index(name) % len(COLOURS)]
     line = [0.0, *change.sel(population=name).values]
     axes.plot(
         [0.0, *change.strain.values], line, "o-", color=colour, markersize=3, linewidth=1, label=name.replace("_", " ")
