@@ -13,7 +13,7 @@ from critflow.generate import (
 )
 from critflow.geometry import StereographicChart, gaussian_curvature, principal_curvatures, surface_geometry
 from critflow.hessian import bond_operator, geometric_split, hookean_split
-from critflow.isogonal import isogonal_modes
+from critflow.isogonal import face_modes, isogonal_modes
 from critflow.lattices import (
     cubic_network,
     diamond_network,
@@ -83,6 +83,7 @@ __all__ = [
     "diamond_network",
     "elastic_moduli",
     "equilibrium",
+    "face_modes",
     "fit_stiffening",
     "flat_directions",
     "foam_network",

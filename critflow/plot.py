@@ -6,26 +6,30 @@ Tension is shown by both colour (a map that survives colour blindness and grey p
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize, to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import ArrayLike
+from PIL import Image
 
-from critflow.network import Array
+from critflow.network import Array, Faces
 
 # Okabe and Ito's colours, told apart by all common kinds of colour vision.
 COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F")
 COMPRESSED = "#D55E00"
+SHADE = "#FBE3B5"
 
 # From a light to a dark blue-black, so that strong edges stand out on white and print in grey.
 TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("tension", ["#b8d4ea", "#4f93c4", "#1c4f86", "#0b1530"])
@@ -98,6 +102,31 @@ def periodic_segments(
         pieces.append(np.stack([start[touching] + image, end[touching] + image], axis=1) @ cell)
         owners.append(np.flatnonzero(touching))
     return np.concatenate(pieces), np.concatenate(owners)
+
+
+def face_polygons(faces: Faces, edges: ArrayLike, coordinates: ArrayLike, bond_vectors: ArrayLike) -> list[Array]:
+    """The corners (n_sides, 2) of every face, each whole even where it crosses the border of the cell."""
+    edges, coordinates = np.asarray(edges), np.asarray(coordinates)
+    sides = faces.signs[:, None] * np.asarray(bond_vectors)[faces.edges]
+    start = np.where(faces.signs > 0, edges[faces.edges, 0], edges[faces.edges, 1])[faces.starts[:-1]]
+    walks = np.split(sides, faces.starts[1:-1])
+    return [coordinates[first] + np.cumsum(walk, axis=0) - walk for first, walk in zip(start, walks, strict=True)]
+
+
+def shade_faces(axes: Axes, polygons: Sequence[Array], cell: ArrayLike, colour: str = SHADE) -> PolyCollection:
+    """Fill faces of a periodic network behind its edges, in all images that touch the cell and cut at its border."""
+    cell = np.asarray(cell, dtype=float)
+    pieces = []
+    for polygon in polygons:
+        fraction = polygon @ np.linalg.inv(cell)
+        low, high = fraction.min(axis=0), fraction.max(axis=0)
+        images = (range(int(np.ceil(-high[k])), int(np.floor(1 - low[k])) + 1) for k in range(2))
+        pieces += [polygon + np.array(image) @ cell for image in product(*images)]
+    shading = PolyCollection(pieces, facecolors=colour, edgecolors="none", zorder=0)
+    axes.add_collection(shading)
+    outline = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ cell, closed=True, transform=axes.transData)
+    shading.set_clip_path(outline)
+    return shading
 
 
 def network_figure(
@@ -207,6 +236,18 @@ def violins(
         axes.set_yticks([place for place, _, _ in ticks], names)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(axis="y", labelsize=8)
+
+
+class PaletteFigure(Figure):
+    """A figure whose PNG has at most 256 colours, all that drawings of lines need, in a third of the bytes."""
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        if options.get("format") != "png":
+            return super().savefig(fname, **options)
+        picture = io.BytesIO()
+        super().savefig(picture, **options)
+        colours = Image.open(picture).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        colours.save(fname, "png", optimize=True, dpi=(options.get("dpi", self.dpi),) * 2)
 
 
 @dataclass(frozen=True, eq=False)

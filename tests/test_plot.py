@@ -1,19 +1,26 @@
 """Figures: every edge is drawn once, whole and in its cell."""
 
+import io
+
 import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 from problems import oblique, random_stress, sheared
+from scipy.spatial import cKDTree
 
 from critflow import CriticalManifold, diamond_network, foam_network, honeycomb_network, voronoi_network
 from critflow.plot import (
+    PaletteFigure,
     clipped_polygons,
     draw_in_depth,
     draw_network,
     draw_surfaces,
+    face_polygons,
     network_figure,
     periodic_segments,
+    shade_faces,
     surface_quads,
     unit_pressure_tensions,
     violins,
@@ -216,3 +223,55 @@ def test_surfaces_hide_each_other_and_keep_their_colours(tmp_path):
     figure.savefig(tmp_path / "surfaces.png")
     assert sorted(map(tuple, np.round(collection.get_facecolor(), 12))) == [(0, 0, 1, 0.5), (1, 0, 0, 1)]
     assert len(axes.collections) == 1
+
+
+@pytest.mark.parametrize("name", ["voronoi", "oblique", "sheared", "honeycomb"])
+def test_face_polygons_tile_the_cell_and_follow_the_edges(name):
+    critical = configuration(name)
+    network = critical.network
+    polygons = face_polygons(network.faces, network.edges, critical.coordinates, critical.bond_vectors)
+    nexts = [np.roll(p, -1, axis=0) for p in polygons]
+    areas = [0.5 * np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]) for p, q in zip(polygons, nexts, strict=True)]
+    assert min(areas) > 0
+    assert sum(areas) == pytest.approx(network.volume, rel=1e-12)
+    sides = np.concatenate([q - p for p, q in zip(polygons, nexts, strict=True)])
+    walked = network.faces.signs[:, None] * critical.bond_vectors[network.faces.edges]
+    np.testing.assert_allclose(sides, walked, rtol=0, atol=1e-12)
+    # Corners are vertices, up to whole cells.
+    tree = cKDTree(np.mod(critical.coordinates @ np.linalg.inv(network.cell), 1.0) % 1.0, boxsize=1.0)
+    corners = np.mod(np.concatenate(polygons) @ np.linalg.inv(network.cell), 1.0) % 1.0
+    assert tree.query(corners)[0].max() < 1e-12
+
+
+def test_shaded_faces_cover_the_cell_once():
+    critical = configuration("oblique")
+    network = critical.network
+    polygons = face_polygons(
+        network.faces, network.edges, critical.coordinates + np.array([3.0, -5.0]), critical.bond_vectors
+    )
+    axes = Figure().add_subplot()
+    shading = shade_faces(axes, polygons, network.cell)
+    points = np.random.default_rng(0).random((200, 2)) @ network.cell
+    inside = sum(path.contains_points(points).astype(int) for path in shading.get_paths())
+    np.testing.assert_array_equal(inside, 1)
+    assert shading.get_clip_path() is not None
+
+
+def test_a_palette_keeps_the_picture_and_saves_bytes(tmp_path):
+    critical = configuration("voronoi")
+    network, sizes, pictures = critical.network, [], []
+    for kind in (Figure, PaletteFigure):
+        figure = kind(figsize=(3, 3), dpi=100)
+        draw_network(
+            figure.add_subplot(), network.edges, network.offsets, network.cell, critical.coordinates, critical.tensions
+        )
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", metadata={"Software": None})
+        sizes.append(len(buffer.getvalue()))
+        pictures.append(np.asarray(Image.open(buffer).convert("RGB")).astype(int))
+    assert pictures[0].shape == pictures[1].shape == (300, 300, 3)
+    assert (pictures[1][0, 0] == 255).all()
+    assert np.abs(pictures[0] - pictures[1]).max() < 32
+    assert sizes[1] < 0.6 * sizes[0]
+    PaletteFigure().savefig(tmp_path / "figure.pdf", format="pdf")
+    assert (tmp_path / "figure.pdf").read_bytes()[:4] == b"%PDF"

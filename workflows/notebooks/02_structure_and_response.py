@@ -1,0 +1,159 @@
+# %% [markdown]
+# # Structure against response
+#
+# Can one look at a critical network and tell how stiff it is? Structure is what one sees: how unequal the lengths are
+# (V_L) and the tensions (V_τ), how elongated the faces and the triangles of the force network. Response is what one
+# measures: B_0 and G_0 at the transition, their growth C_B and C_G past it.
+#
+# There are two questions in one. *Between* populations: do kinds of networks with larger V_τ have smaller B_0?
+# *Within* a population: does a member with larger V_τ than its siblings have smaller B_0? The answers can differ.
+
+# %%
+import os
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+
+
+def dataset_path(default="results/ensemble/ensemble.nc"):
+    """A dataset named on the command line or by CRITFLOW_ENSEMBLE, or the default, here or in a folder above."""
+    named = [word for word in sys.argv[1:] if word.endswith(".nc")] or [os.environ.get("CRITFLOW_ENSEMBLE", "")]
+    if named[0]:
+        return Path(named[0])
+    return next((up / default for up in (Path.cwd(), *Path.cwd().parents) if (up / default).is_file()), Path(default))
+
+
+ensemble = xr.open_dataset(dataset_path())
+names = [str(name) for name in ensemble.population.values]
+STRUCTURE = {
+    "length_variance": "$V_L$",
+    "tension_variance": "$V_\\tau$",
+    "anisotropy_physical": "$\\langle\\kappa_{phys}\\rangle$",
+    "anisotropy_force": "$\\langle\\kappa_{force}\\rangle$",
+}
+RESPONSE = {
+    "bulk_modulus_0": "$B_0$",
+    "C_B_exact": "$C_B$",
+    "shear_modulus_0": "$G_0$",
+    "C_G_stress_corrected_exact": "$C_G$",
+}
+COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F")
+
+# %% [markdown]
+# ## The planes
+#
+# Each point is one network in one population.
+
+# %%
+fig, grid = plt.subplots(4, 4, figsize=(10, 9), sharex="col", sharey="row", layout="constrained")
+for row, response in zip(grid, RESPONSE, strict=True):
+    for axes, structure in zip(row, STRUCTURE, strict=True):
+        for colour, name in zip(COLOURS, names, strict=False):
+            member = ensemble.sel(population=name)
+            axes.plot(member[structure], member[response], "o", color=colour, markersize=2.5, alpha=0.7, label=name)
+        if structure.endswith("variance"):
+            # Some variances are zero to rounding: they stand at the left border.
+            axes.set_xscale("symlog", linthresh=1e-3)
+        if response == "shear_modulus_0":
+            axes.set_yscale("log")
+        axes.tick_params(labelsize=7)
+for axes, label in zip(grid[-1], STRUCTURE.values(), strict=True):
+    axes.set_xlabel(label)
+for axes, label in zip(grid[:, 0], RESPONSE.values(), strict=True):
+    axes.set_ylabel(f"{label}  [$k$]")
+handles, labels = grid[0, 0].get_legend_handles_labels()
+fig.legend(handles, [label.replace("_", " ") for label in labels], loc="outside upper center", ncols=4, fontsize=8,
+           frameon=False, markerscale=2)  # fmt: skip
+plt.show()
+
+# %% [markdown]
+# ## Rank correlations
+#
+# Ranks ask for order only, so they fit quantities that span decades. Between populations: ranks of the medians.
+# Within: ranks among siblings, averaged over the populations. A metric that does not vary in a population (V_L where
+# it was made zero) says nothing there and is left out.
+
+
+# %%
+def ranks(values):
+    return np.argsort(np.argsort(values)).astype(float)
+
+
+def rank_correlation(x, y):
+    """Spearman's coefficient over pairs that are known; NaN where one of the two does not vary."""
+    known = np.isfinite(x) & np.isfinite(y)
+    x, y = x[known], y[known]
+    if len(x) < 3 or min(np.ptp(x), np.ptp(y)) < 1e-12:
+        return np.nan
+    return float(np.corrcoef(ranks(x), ranks(y))[0, 1])
+
+
+def known_mean(values):
+    known = [value for value in values if np.isfinite(value)]
+    return np.mean(known) if known else np.nan
+
+
+medians = ensemble[[*STRUCTURE, *RESPONSE]].median("seed")
+between = np.array([[rank_correlation(medians[s].values, medians[r].values) for s in STRUCTURE] for r in RESPONSE])
+in_each = [
+    [[rank_correlation(ensemble[s].sel(population=p).values, ensemble[r].sel(population=p).values) for p in names]
+     for s in STRUCTURE]
+    for r in RESPONSE
+]  # fmt: skip
+within = np.array([[known_mean(values) for values in row] for row in in_each])
+
+fig, pair = plt.subplots(1, 2, figsize=(8.5, 3.8), layout="constrained")
+for axes, values, title in zip(pair, (between, within), ("between populations", "within populations"), strict=True):
+    image = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
+    axes.set_xticks(range(4), STRUCTURE.values())
+    axes.set_yticks(range(4), RESPONSE.values())
+    axes.set_title(title, fontsize=10)
+    for (i, j), value in np.ndenumerate(values):
+        axes.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=9, color="w" if abs(value) > 0.6 else "k")
+fig.colorbar(image, ax=pair, label="rank correlation", shrink=0.85)
+plt.show()
+
+# %% [markdown]
+# ## What to read off
+#
+# - V_τ and B_0: the more unequal the tensions, the softer, between populations and within. There is a reason: at unit
+#   pressure, Σ τ|L| = 2V, the modulus at the transition is B_0 = V/Σ τ² for k = 1. The stiffest network carries the
+#   pressure with the least tension, and unequal tensions waste it.
+# - The same metric that orders the populations may say little about siblings: the optimum has fixed it, and what is
+#   left is the network.
+# - With few seeds the right table is noise: the error of a rank correlation of n values is about 1/√n. The next cell
+#   says how much.
+
+# %%
+n = ensemble.sizes["seed"]
+print(f"{n} networks: a correlation within one population is known to ± {1 / np.sqrt(max(n - 1, 1)):.2f}")
+for (i, j), value in np.ndenumerate(between):
+    response, structure = list(RESPONSE)[i], list(STRUCTURE)[j]
+    print(f"{response:28s} {structure:20s} between {value:5.2f}  within {within[i, j]:5.2f}")
+
+# %% [markdown]
+# ## Lengths and tensions together
+#
+# B_0 = (1/4V)(Σ τ|L|)²/Σ τ² at k = 1, with ⟨τ²⟩ = ⟨τ⟩²(1 + V_τ). If tensions and lengths were not correlated, this
+# would be B_0 = N_b⟨|L|⟩²/4V/(1 + V_τ). The next picture compares: what lies above the line owes it to long edges
+# that carry more tension, as where σ = k.
+
+# %%
+volume = np.abs(np.linalg.det(ensemble.cell.values))
+mean_length = ensemble.length.mean("edge")
+guess = (
+    ensemble.sizes["edge"] * mean_length**2 / (4 * xr.DataArray(volume, dims="seed")) / (1 + ensemble.tension_variance)
+)
+fig, axes = plt.subplots(figsize=(4.8, 4.2), layout="constrained")
+for colour, name in zip(COLOURS, names, strict=False):
+    B_0 = ensemble.bulk_modulus_0.sel(population=name)
+    axes.plot(guess.sel(population=name), B_0, "o", color=colour, markersize=3.5, label=name.replace("_", " "))
+ends = [float(np.nanmin(guess)), float(np.nanmax(guess))]
+axes.plot(ends, ends, color="0.5", linewidth=0.8, zorder=0)
+axes.set_xlabel("$N_b\\langle|L|\\rangle^2/4V\\,/\\,(1 + V_\\tau)$  [$k$]")
+axes.set_ylabel("$B_0$  [$k$]")
+axes.legend(fontsize=7, frameon=False)
+plt.show()
