@@ -113,6 +113,11 @@ class Factor:
         return int(np.count_nonzero(self.pivots < 0))
 
     @property
+    def sound(self) -> bool:
+        """Whether the elimination came to its end: no pivot is zero or not finite, so that their signs count."""
+        return bool(np.isfinite(self.pivots).all() and (self.pivots != 0).all())
+
+    @property
     def singular(self) -> bool:
         """Whether a pivot vanished, is not finite, or is lost in the rounding of the largest."""
         size = np.abs(self.pivots)
@@ -252,9 +257,8 @@ class Saddle:
         n_coordinates = self._shape[0] * self._shape[1]
         shift = self._shifts(sigma, bond_vectors)
         shift[:n_coordinates] = -margin * float(np.mean(np.abs(sigma)))
-        pivots = self._pattern.factorize(self._values(sigma, bond_vectors), shift).pivots
-        healthy = np.isfinite(pivots).all() and (pivots != 0).all()
-        return bool(healthy and np.count_nonzero(pivots < 0) == self._pattern.size - n_coordinates)
+        factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift)
+        return factor.sound and factor.n_negative == self._pattern.size - n_coordinates
 
     def solve(
         self, forces: Array, elongations: Array, tolerance: float = 1e-15, max_refinements: int = 30

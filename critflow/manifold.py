@@ -19,6 +19,9 @@ from critflow.linalg import Factor, FixedPattern, Saddle, block_laplacian, lapla
 from critflow.network import Array, Network, edge_values
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
+# Shift of the prestress matrix, in units of the mean stress, by which its singularity is told from a vanishing pivot.
+_SHIFT = 1e-9
+
 # An edge shorter than this part of the mean length counts as collapsed.
 COLLAPSED = 1e-8
 
@@ -47,9 +50,10 @@ class CriticalConfiguration:
 
     @cached_property
     def residual(self) -> float:
-        """Largest unbalanced force |gᵀ(σ ∘ L)| over the free vertices, relative to the mean tension."""
+        """Largest unbalanced force |gᵀ(σ ∘ L)| over the free vertices, relative to the mean tension, or NaN."""
         force = self.network.divergence @ (self.sigma[:, None] * self.bond_vectors)
-        return float(np.abs(force).max(initial=0.0) / np.abs(self.tensions).mean())
+        mean = float(np.abs(self.tensions).mean())
+        return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
 
     def springs_of(self, network: Network) -> Network:
         """The network itself if this is a configuration of it, whatever its stiffnesses, else an `InputError`."""
@@ -125,15 +129,38 @@ class CriticalManifold:
         free, L, factor = self.balance(sigma)
         if factor.n_negative and not factor.singular:
             # Without pivoting an indefinite factorisation may lose digits; one refinement brings them back.
-            free = free - factor.solve(self.network.divergence @ (sigma[:, None] * L))
-            L = self._g @ free + self._b
+            free, L = self._refined(sigma, free, L, factor, 1)
+        singular = factor.singular
+        if singular and (sigma < 0).any():
+            # A vanishing pivot need not mean a vanishing eigenvalue where signs are mixed.
+            free, L, factor, singular = self._beside(sigma)
         status, x = Status.ok, self.network.all_coordinates(free)
-        if factor.singular:
+        if singular:
             status, x, L = Status.singular, np.full_like(x, np.nan), np.full_like(L, np.nan)
         value = CriticalConfiguration(self.network, sigma, x, L)
         stats = Stats("force density", 1, 1, value.residual, {"negative_pivots": factor.n_negative})
         solution = Solution(value, status, stats)
         return solution.or_raise("no configuration for this stress") if throw else solution
+
+    def _refined(self, sigma: Array, free: Array, L: Array, factor: Factor, steps: int) -> tuple[Array, Array]:
+        for _ in range(steps):
+            free = free - factor.solve(self.network.divergence @ (sigma[:, None] * L))
+            L = self._g @ free + self._b
+        return free, L
+
+    def _beside(self, sigma: Array) -> tuple[Array, Array, Factor, bool]:
+        """As `balance` by matrices P ± δ, and whether P itself is singular: whether their inertias differ."""
+        shift = _SHIFT * float(np.mean(np.abs(sigma)))
+        below = self._laplacian.factorize(sigma, -shift)
+        n_below, sound = below.n_negative, below.sound
+        above = self._laplacian.factorize(sigma, shift)
+        singular = not (sound and above.sound and above.n_negative == n_below)
+        free = np.zeros((self._g.shape[1], len(self._load)))
+        if not singular:
+            free, L = self._refined(sigma, free, self._b, above, 20)
+            force = np.abs(self.network.divergence @ (sigma[:, None] * L)).max()
+            singular = not force < 1e-9 * np.abs(sigma).max() * np.abs(self._b).max()
+        return free, self._g @ free + self._b, above, singular
 
     def balance(self, sigma: Array) -> tuple[Array, Array, Factor]:
         """Free coordinates, bond vectors L(σ) and the factor of P, unchecked: the inner step of every optimisation."""

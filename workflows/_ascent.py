@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from critflow import StudyError, modulus_bound, optimize
+from critflow import Solution, StudyError, modulus_bound, optimize
 from critflow.objectives import pure_shear
 
 MEASURES = ("shear_modulus", "longest_edge", "least_tension", "compressed_edges", "compressed_length")
@@ -24,40 +26,51 @@ def measures(network, value, sigma, L):
     )
 
 
-def ascend(manifold, method, steps, fractions, stop_at_last=False):
-    """Climb from σ = 1 through `steps[-1]` steps; what was measured at the steps, and where parts of the bound lie.
+@dataclass(frozen=True)
+class Ascent:
+    """An ascent from σ = 1: how it ended, the bound, and the measures (5,) where they were wanted.
 
-    Returns the solution, the bound, measures (5, n_steps), measures (5, n_fractions) at the first step that reached
-    each part of the bound, those steps, and the stresses at the recorded steps.  With `stop_at_last` the largest part
-    of the bound ends the ascent.
+    along     (5, n_steps) at the recorded steps, NaN beyond the end; `sigmas` (n_steps, N_b) are the stresses there
+    reached   (5, n_fractions) at the first step that has each part of the bound, which is `first`; −1: none
+    end       (5,) at the last step
     """
+
+    solution: Solution
+    bound: float
+    along: np.ndarray
+    sigmas: np.ndarray
+    reached: np.ndarray
+    first: np.ndarray
+    end: np.ndarray
+
+
+def ascend(manifold, method, steps, fractions, stop_at_last=False):
+    """Climb from σ = 1 through `steps[-1]` steps, or with `stop_at_last` to the largest part of the bound."""
     network = manifold.network
     bound = modulus_bound(manifold, pure_shear(2))
     place = {step: n for n, step in enumerate(steps)}
     along, reached = np.full((5, len(steps)), np.nan), np.full((5, len(fractions)), np.nan)
-    first = np.full(len(fractions), -1)
-    sigmas = []
+    first, end, sigmas = np.full(len(fractions), -1), np.full(5, np.nan), []
 
     def observe(step, value, sigma, L):
+        end[:] = measures(network, value, sigma, L)
         newly = (first < 0) & (value >= np.array(fractions) * bound)
-        if step in place or newly.any():
-            now = measures(network, value, sigma, L)
-            reached[:, newly] = np.array(now)[:, None]
-            first[newly] = step
-            if step in place:
-                along[:, place[step]] = now
-                sigmas.append(sigma.copy())
+        reached[:, newly] = end[:, None]
+        first[newly] = step
+        if step in place:
+            along[:, place[step]] = end
+            sigmas.append(sigma.copy())
         return step >= steps[-1] or (stop_at_last and (first >= 0).all())
 
     solution = optimize(
         manifold, "shear_modulus", method, signs="any", max_steps=max(steps) + 1, observe=observe, throw=False
     )
-    return solution, bound, along, reached, first, np.array(sigmas)
+    return Ascent(solution, bound, along, np.array(sigmas), reached, first, end)
 
 
 def check_ascent(parameters):
     """Refuse settings that could only fail."""
-    if parameters["method"] not in ("lbfgs", "fire", "newton"):
+    if parameters.get("method", "lbfgs") not in ("lbfgs", "fire", "newton"):
         raise StudyError(f"method={parameters['method']} must be lbfgs, fire (the paper's) or newton")
     if "fractions" in parameters and not all(0 < part < 1 for part in parameters["fractions"]):
         raise StudyError("fractions are parts of the bound: numbers between 0 and 1")

@@ -26,21 +26,22 @@ def case(parameters, *, seed):
     network = voronoi_network(parameters["n_vertices"], seed, parameters["hard_core"])
     manifold = CriticalManifold(network)
     steps = parameters["steps"]
-    found, bound, along, _, _, sigmas = ascend(manifold, parameters["method"], steps, (0.9,))
+    ascent = ascend(manifold, parameters["method"], steps, (0.9,))
+    found, along = ascent.solution, ascent.along
     shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
     if not np.isfinite(along).all():
         return {**shared, "status": Status.stalled if found.ok else found.status}
     exact = largest_modulus(manifold, pure_shear(2))
     # Coordinates whose bond vectors are those of the record, to single precision, which is enough to draw.
-    coordinates = np.array([network.all_coordinates(manifold.balance(sigma)[0]) for sigma in sigmas])
+    coordinates = np.array([network.all_coordinates(manifold.balance(sigma)[0]) for sigma in ascent.sigmas])
     details = found.stats.details
     return {
         **shared,
         **dict(zip(MEASURES, along, strict=True)),
         "compressed_edges": along[3].astype(int),
-        "sigma": sigmas,
+        "sigma": ascent.sigmas,
         "coordinates": coordinates,
-        "bound": bound,
+        "bound": ascent.bound,
         "closed_form": exact.stats.details["objective"],
         "closed_form_gap": exact.stats.details["gap"],
         "least_compressed_length": least_compressed_length(manifold, pure_shear(2)),
