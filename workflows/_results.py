@@ -1,12 +1,13 @@
 """Write results/README.md from what the studies wrote: `python workflows/_results.py`.
 
-`python workflows/_results.py --time` first runs every study at its full size in a folder of its own, with two workers,
-and notes how long each took in results/times.json.
+`python workflows/_results.py --run [STUDY ...]` first runs studies anew at their full size with two workers, each in a
+folder of its own, notes how long they took in results/times.json, and puts what git keeps of them in its place.
 """
 
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -99,19 +100,28 @@ def _row(*cells: str) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
 
 
-def measure() -> None:
-    """Run every study at its full size and note the seconds that each took."""
-    times = {}
-    for study in studies():
+def run_anew(names: list[str]) -> None:
+    """Run studies at their full size, note the seconds that each took, and keep their figures, claims and summary."""
+    file = RESULTS / "times.json"
+    times = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    for study in names:
         with tempfile.TemporaryDirectory() as folder:
-            command = [Path(sys.executable).with_name("critflow"), "run", study, "--workers", "2", "--out"]
+            made = Path(folder) / study
+            command = [Path(sys.executable).with_name("critflow"), "run", study, "--workers", "2", "--out", made]
             begin = time.perf_counter()
-            subprocess.run([*command, f"{folder}/{study}"], cwd=ROOT, check=True)
+            subprocess.run(command, cwd=ROOT, check=True)
             times[study] = round(time.perf_counter() - begin, 1)
-    (RESULTS / "times.json").write_text(json.dumps(times, indent=1) + "\n", encoding="utf-8")
+            (RESULTS / study).mkdir(exist_ok=True)
+            for kept in ("figures", "claims.json", "claims.md", "summary.json"):
+                if (made / kept).is_dir():
+                    shutil.rmtree(RESULTS / study / kept, ignore_errors=True)
+                    shutil.copytree(made / kept, RESULTS / study / kept)
+                elif (made / kept).exists():
+                    shutil.copy(made / kept, RESULTS / study / kept)
+        file.write_text(json.dumps(times, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["--time"]:
-        measure()
+    if sys.argv[1:2] == ["--run"]:
+        run_anew(sys.argv[2:] or studies())
     (RESULTS / "README.md").write_text(rendered(), encoding="utf-8")
