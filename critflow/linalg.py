@@ -69,6 +69,27 @@ class FixedPattern:
         self._generation += 1
         return Factor(self, self._generation)
 
+    def factorize_signed(self, values: Array) -> Factor:
+        """As `factorize` for values of both signs, where a pivot may vanish though no eigenvalue does.
+
+        Then A + δ is factorised instead.  Where the inertias of A + δ and A − δ differ, an eigenvalue lies within δ of
+        zero and the factor is `singular`.
+        """
+        factor = self.factorize(values)
+        if factor.singular:
+            shift = _BESIDE * float(np.mean(np.abs(values)))
+            below = self.factorize(values, -shift)
+            sound, n_negative = below.sound, below.n_negative
+            self.factorize(values, shift)
+            above = ShiftedFactor(self, self._generation, shift)
+            regular = sound and above.sound and above.n_negative == n_negative
+            factor = above if regular else self.factorize(values)
+        return factor
+
+
+# Shift, in units of the mean value, that tells a singular matrix from a vanishing pivot.
+_BESIDE = 1e-9
+
 
 class Factor:
     """L D Lᵀ of one matrix, serving many right-hand sides."""
@@ -128,6 +149,33 @@ class Factor:
     def indefinite(self) -> bool:
         """Whether A is not safely positive definite."""
         return self.singular or self.n_negative > 0
+
+
+class ShiftedFactor(Factor):
+    """L D Lᵀ of A + δ, serving right-hand sides of A itself by iterative refinement."""
+
+    __slots__ = ("_shift",)
+
+    def __init__(self, owner: FixedPattern, generation: int, shift: float):
+        super().__init__(owner, generation)
+        self._shift = shift
+
+    def multiply(self, x: Array) -> Array:
+        return super().multiply(x) - self._shift * x
+
+    def solve(self, right_side: Array) -> Array:
+        x, best = super().solve(right_side), np.inf
+        for _ in range(20):
+            rest = right_side - self.multiply(x)
+            size = float(np.abs(rest).max(initial=0.0))
+            if not size < 0.5 * best:
+                break
+            x, best = x + super().solve(rest), size
+        return x
+
+    @property
+    def singular(self) -> bool:
+        return False
 
 
 def laplacian(network: Network) -> FixedPattern:

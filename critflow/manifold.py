@@ -19,9 +19,6 @@ from critflow.linalg import Factor, FixedPattern, Saddle, block_laplacian, lapla
 from critflow.network import Array, Network, edge_values
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
-# Shift of the prestress matrix, in units of the mean stress, by which its singularity is told from a vanishing pivot.
-_SHIFT = 1e-9
-
 # An edge shorter than this part of the mean length counts as collapsed.
 COLLAPSED = 1e-8
 
@@ -127,49 +124,32 @@ class CriticalManifold:
             raise NetworkError("sigma is zero on every edge: give each edge a force density, positive for tension")
         sigma = sigma * np.sqrt(self.network.n_edges / np.sum(sigma**2))
         free, L, factor = self.balance(sigma)
+        if factor.singular:
+            factor = self._laplacian.factorize_signed(sigma)
+            free, L = self._placed(sigma, factor)
         if factor.n_negative and not factor.singular:
             # Without pivoting an indefinite factorisation may lose digits; one refinement brings them back.
-            free, L = self._refined(sigma, free, L, factor, 1)
-        singular = factor.singular
-        if singular and (sigma < 0).any():
-            # A vanishing pivot need not mean a vanishing eigenvalue where signs are mixed.
-            free, L, factor, singular = self._beside(sigma)
+            free = free - factor.solve(self.network.divergence @ (sigma[:, None] * L))
+            L = self._g @ free + self._b
         status, x = Status.ok, self.network.all_coordinates(free)
-        if singular:
+        if factor.singular:
             status, x, L = Status.singular, np.full_like(x, np.nan), np.full_like(L, np.nan)
         value = CriticalConfiguration(self.network, sigma, x, L)
         stats = Stats("force density", 1, 1, value.residual, {"negative_pivots": factor.n_negative})
         solution = Solution(value, status, stats)
         return solution.or_raise("no configuration for this stress") if throw else solution
 
-    def _refined(self, sigma: Array, free: Array, L: Array, factor: Factor, steps: int) -> tuple[Array, Array]:
-        for _ in range(steps):
-            free = free - factor.solve(self.network.divergence @ (sigma[:, None] * L))
-            L = self._g @ free + self._b
-        return free, L
-
-    def _beside(self, sigma: Array) -> tuple[Array, Array, Factor, bool]:
-        """As `balance` by matrices P ± δ, and whether P itself is singular: whether their inertias differ."""
-        shift = _SHIFT * float(np.mean(np.abs(sigma)))
-        below = self._laplacian.factorize(sigma, -shift)
-        n_below, sound = below.n_negative, below.sound
-        above = self._laplacian.factorize(sigma, shift)
-        singular = not (sound and above.sound and above.n_negative == n_below)
-        free = np.zeros((self._g.shape[1], len(self._load)))
-        if not singular:
-            free, L = self._refined(sigma, free, self._b, above, 20)
-            force = np.abs(self.network.divergence @ (sigma[:, None] * L)).max()
-            singular = not force < 1e-9 * np.abs(sigma).max() * np.abs(self._b).max()
-        return free, self._g @ free + self._b, above, singular
-
     def balance(self, sigma: Array) -> tuple[Array, Array, Factor]:
         """Free coordinates, bond vectors L(σ) and the factor of P, unchecked: the inner step of every optimisation."""
         factor = self._laplacian.factorize(sigma)
+        return *self._placed(sigma, factor), factor
+
+    def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
         x = np.empty((self._g.shape[1], len(self._load)))
         for axis, load in enumerate(self._load):
             x[:, axis] = factor.solve(load @ sigma)
         np.negative(x, out=x)
-        return x, self._g @ x + self._b, factor
+        return x, self._g @ x + self._b
 
     def _difference(self, factor: Factor, edge_vectors: Array) -> Array:
         """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
@@ -202,7 +182,7 @@ class CriticalManifold:
         """
         L = configuration.bond_vectors
         # Its own pattern, so that no later factorisation makes the operator stale.
-        factor = laplacian(self.network).factorize(configuration.sigma)
+        factor = laplacian(self.network).factorize_signed(configuration.sigma)
 
         def apply(dsigma: Array) -> Array:
             return np.einsum("ad,ad->a", L, self.tangent(L, factor, np.ravel(dsigma)))

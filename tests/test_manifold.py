@@ -218,6 +218,14 @@ def test_a_vanishing_pivot_is_no_singular_matrix():
     assert value.residual < 1e-12
 
 
+def test_the_response_survives_a_vanishing_pivot():
+    manifold = CriticalManifold(three_bar_linkage())
+    for sigma in ([-1.0, 1.0, 1.0], [1.0, -1.0, 3.0]):
+        configuration = manifold.configuration(sigma)
+        response = manifold.response(configuration) @ np.eye(3)
+        np.testing.assert_allclose(response, dense_response(manifold.network, configuration.sigma), rtol=0, atol=1e-10)
+
+
 def test_without_any_tension_there_is_no_residual():
     # All stress sits on edges without length, and the edge with length has no stress.
     value = CriticalManifold(three_bar_linkage()).configuration([1.0, -1.0, 0.0])
