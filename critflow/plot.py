@@ -6,11 +6,9 @@ Tension is shown by both colour (a map that survives colour blindness and grey p
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,7 +20,6 @@ from matplotlib.patches import Polygon
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import ArrayLike
-from PIL import Image
 
 from critflow.network import Array, Faces
 
@@ -236,18 +233,6 @@ def violins(
         axes.set_yticks([place for place, _, _ in ticks], names)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(axis="y", labelsize=8)
-
-
-class PaletteFigure(Figure):
-    """A figure whose PNG has at most 256 colours, all that drawings of lines need, in a third of the bytes."""
-
-    def savefig(self, fname: Any, **options: Any) -> None:
-        if options.get("format") != "png":
-            return super().savefig(fname, **options)
-        picture = io.BytesIO()
-        super().savefig(picture, **options)
-        colours = Image.open(picture).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-        colours.save(fname, "png", optimize=True, dpi=(options.get("dpi", self.dpi),) * 2)
 
 
 @dataclass(frozen=True, eq=False)

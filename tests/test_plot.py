@@ -1,18 +1,14 @@
 """Figures: every edge is drawn once, whole and in its cell."""
 
-import io
-
 import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from PIL import Image
 from problems import oblique, random_stress, sheared
 from scipy.spatial import cKDTree
 
 from critflow import CriticalManifold, diamond_network, foam_network, honeycomb_network, voronoi_network
 from critflow.plot import (
-    PaletteFigure,
     clipped_polygons,
     draw_in_depth,
     draw_network,
@@ -255,23 +251,3 @@ def test_shaded_faces_cover_the_cell_once():
     inside = sum(path.contains_points(points).astype(int) for path in shading.get_paths())
     np.testing.assert_array_equal(inside, 1)
     assert shading.get_clip_path() is not None
-
-
-def test_a_palette_keeps_the_picture_and_saves_bytes(tmp_path):
-    critical = configuration("voronoi")
-    network, sizes, pictures = critical.network, [], []
-    for kind in (Figure, PaletteFigure):
-        figure = kind(figsize=(3, 3), dpi=100)
-        draw_network(
-            figure.add_subplot(), network.edges, network.offsets, network.cell, critical.coordinates, critical.tensions
-        )
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", metadata={"Software": None})
-        sizes.append(len(buffer.getvalue()))
-        pictures.append(np.asarray(Image.open(buffer).convert("RGB")).astype(int))
-    assert pictures[0].shape == pictures[1].shape == (300, 300, 3)
-    assert (pictures[1][0, 0] == 255).all()
-    assert np.abs(pictures[0] - pictures[1]).max() < 32
-    assert sizes[1] < 0.6 * sizes[0]
-    PaletteFigure().savefig(tmp_path / "figure.pdf", format="pdf")
-    assert (tmp_path / "figure.pdf").read_bytes()[:4] == b"%PDF"

@@ -6,9 +6,10 @@ import json
 
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 
 from critflow.network import planar_faces
-from critflow.plot import PaletteFigure, draw_network, face_polygons, periodic_segments, shade_faces
+from critflow.plot import draw_network, face_polygons, periodic_segments, shade_faces
 from critflow.result import Status
 from critflow.workflow import Claim
 
@@ -65,7 +66,7 @@ def gallery(ds):
     shown = [panel for panel in PANELS if panel in one.panel.values]
     tension = np.abs(one.tension.sel(panel=shown).values)
     limits = (0.0, float(np.nanpercentile(tension, 98)))
-    figure = PaletteFigure(figsize=(7.2, 9.0), dpi=200)
+    figure = Figure(figsize=(7.2, 9.0), dpi=200)
     ways = "thirteen" if len(shown) == len(PANELS) else len(shown)
     title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition, {ways} ways"
     figure.text(0.5, 0.985, title, ha="center", va="top", fontsize=11)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,9 +15,9 @@ import numpy as np
 import xarray as xr
 
 from critflow.result import CritflowError, IntegrityError, StudyError
-from critflow.workflow.animate import gif
 from critflow.workflow.errors import ReportError
 from critflow.workflow.folder import Folder
+from critflow.workflow.pictures import gif, picture
 from critflow.workflow.store import write_text, written_beside
 from critflow.workflow.study import Claim, Study
 
@@ -60,11 +59,8 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> list[Clai
         for name, draw in study.figures.items():
             with part(f"figure {name!r}"):
                 figure = draw(dataset)
-                picture = io.BytesIO()
-                # Without the name of the software the same data give the same bytes.
-                figure.savefig(picture, format=format, metadata={"Software": None} if format == "png" else None)
+                _write_picture(folder, f"{name}.{format}", picture(figure, format))
                 plt.close(figure)
-                _write_picture(folder, f"{name}.{format}", picture.getvalue())
         for name, frames in study.animations.items():
             with part(f"animation {name!r}"):
                 _write_picture(folder, f"{name}.gif", gif(frames(dataset)))

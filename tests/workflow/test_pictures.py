@@ -1,4 +1,4 @@
-"""Animations: every frame is there, in order, and the same figures give the same bytes."""
+"""Pictures: few colours change nothing to see, every frame is there in order, and bytes repeat."""
 
 import io
 
@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image, ImageSequence
 
-from critflow.workflow.animate import FRAME, LAST_FRAME, gif
+from critflow.workflow.pictures import FRAME, LAST_FRAME, gif, picture
 
 
 def bars(heights):
@@ -40,3 +40,32 @@ def test_the_same_figures_give_the_same_bytes():
 def test_no_frames_are_an_error():
     with pytest.raises(ValueError, match="at least one frame"):
         gif(())
+
+
+def lines():
+    """A figure of many thin lines in many shades."""
+    figure = Figure(figsize=(3, 3), dpi=100)
+    axes = figure.add_subplot()
+    for number, angle in enumerate(np.linspace(0, np.pi, 120)):
+        axes.plot([0, np.cos(angle)], [0, np.sin(angle)], color=str(0.8 * number / 120), linewidth=0.7)
+    return figure
+
+
+def test_few_colours_keep_the_picture_and_save_bytes():
+    plain = io.BytesIO()
+    lines().savefig(plain, format="png")
+    small = picture(lines(), "png")
+    before, after = (
+        np.asarray(Image.open(io.BytesIO(b)).convert("RGB")).astype(int) for b in (plain.getvalue(), small)
+    )
+    assert before.shape == after.shape == (300, 300, 3)
+    assert (after[0, 0] == 255).all()
+    assert np.abs(before - after).max() < 32
+    assert len(small) < 0.7 * len(plain.getvalue())
+    assert picture(lines(), "png") == small
+    assert b"Software" not in small
+
+
+def test_other_formats_stay_as_they_are():
+    assert picture(lines(), "pdf").startswith(b"%PDF")
+    assert b"<svg" in picture(lines(), "svg")
