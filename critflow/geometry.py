@@ -1,8 +1,9 @@
 """The critical manifold as a surface in the space of h = |L|²/2: chart, metric and curvature, at any size.
 
-Stress is normal to it, and B = ∂h/∂σ holds the rest: tangents B V, metric VᵀB²V and second fundamental form
-−VᵀB V/|σ| in any chart σ(s) with V = ∂σ/∂s (`TangentSpace`, `Metric`, `2FF`).  The sign is that of
-Σ_α σ_α ∂²h_α/∂s∂s/|σ|, since σᵀB = 0 gives σᵀ∂B = −B; the paper prints the opposite one.
+The surface is h(σ) (`SelfStressParamaterization_Lsqr`).  Stress is normal to it, and B = ∂h/∂σ holds the rest:
+tangents B V, metric VᵀB²V and second fundamental form −VᵀB V/|σ| in any chart σ(s) with V = ∂σ/∂s (`TangentSpace`,
+`Metric`, `2FF`).  The sign is that of Σ_α σ_α ∂²h_α/∂s∂s/|σ|, since σᵀB = 0 gives σᵀ∂B = −B; the paper prints the
+opposite one.
 
 In a chart about the point itself V is an orthonormal basis of σ^⊥, and −VᵀBV x = κ|σ| VᵀB²V x makes the principal
 directions eigenvectors of B and the radii of curvature 1/κ the eigenvalues of −|σ|B on σ^⊥.  B has rank N_b − 1 where

@@ -1,9 +1,10 @@
 """Isogonal modes: every edge keeps its direction, lengths change with closure.
 
-They keep the force network T_α = σ_α L_α, and with it the tension variance and every modulus at the transition: in
-balance T does the same work Σ T·A L on all bond vectors L that close on the same cell, so μ_A = (Σ T·A L)²/(VΣ|T|²/k)
-depends on T alone.  At the largest B_0, T ∝ k L* with L* the configuration at σ = k, they keep the bulk response to any
-strain: L + s L* is in balance at every expansion s, so that B(γ) = B_0 (1 + γ)^{−1/2} and C_B = −B_0/2.
+Tensions alone therefore fix no configuration (`ForceBalanceL`).  The modes keep the force network T_α = σ_α L_α, and
+with it the tension variance and every modulus at the transition: in balance T does the same work Σ T·A L on all bond
+vectors L that close on the same cell, so μ_A = (Σ T·A L)²/(VΣ|T|²/k) depends on T alone.  At the largest B_0, T ∝ k
+L* with L* the configuration at σ = k, they keep the bulk response to any strain: L + s L* is in balance at every
+expansion s, so that B(γ) = B_0 (1 + γ)^{−1/2} and C_B = −B_0/2.
 
 A displacement u that keeps the direction of edge α moves both its ends alike across it.  Where the three tensions of a
 vertex balance, Σ τ_α n_α = 0 for the normals too, so w_α = τ_α n_α·u flows into every vertex as much as out of it:

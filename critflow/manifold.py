@@ -47,7 +47,7 @@ class CriticalConfiguration:
 
     @cached_property
     def residual(self) -> float:
-        """Largest unbalanced force |gᵀ(σ ∘ L)| over the free vertices, relative to the mean tension, or NaN."""
+        """Largest unbalanced force |gᵀ(σ ∘ L)| over the mean tension, or NaN without any (`ForceBalanceLsqr`)."""
         force = self.network.divergence @ (self.sigma[:, None] * self.bond_vectors)
         mean = float(np.abs(self.tensions).mean())
         return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
@@ -178,7 +178,7 @@ class CriticalManifold:
     def response(self, configuration: CriticalConfiguration) -> LinearOperator:
         """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).
 
-        B is symmetric and σᵀ B = 0: the stress is normal to the manifold.
+        B is symmetric and σᵀ B = 0: the stress is normal to the manifold (`TangentVectors`).
         """
         L = configuration.bond_vectors
         # Its own pattern, so that no later factorisation makes the operator stale.

@@ -127,7 +127,7 @@ class Network:
 
     @cached_property
     def incidence(self) -> sp.csr_array:
-        """Signed incidence g, (N_b, N_v): +1 at the head, −1 at the tail; an edge to its own image has an empty row."""
+        """Signed incidence g, (N_b, N_v): +1 at the head, −1 at the tail, nothing at both (`incidenceMatrix`)."""
         rows = np.repeat(np.arange(self.n_edges), 2)
         signs = np.tile([-1.0, 1.0], self.n_edges)
         g = sp.csr_array((signs, (rows, self.edges.ravel())), shape=(self.n_edges, self.n_vertices))
@@ -150,7 +150,7 @@ class Network:
 
     @cached_property
     def boundary_vectors(self) -> Array:
-        """b, (N_b, d): image offset times cell, plus what the pins contribute."""
+        """b, (N_b, d): image offset times cell, plus what the pins contribute (`BondVectors2`, `BoundaryTerm`)."""
         b = np.asarray(self.incidence @ self.fixed_positions)
         return b if self.cell is None else b + self.offsets @ self.cell
 

@@ -44,7 +44,7 @@ class Rigidity:
     """Counts of a configuration.
 
     n_self_stresses, n_zero_modes   N_s and N_0 (translations of a periodic network included)
-    self_stresses                   orthonormal geometric stresses σ, (N_s, N_b)
+    self_stresses                   orthonormal geometric stresses σ, (N_s, N_b) (`selfstressdef`)
     largest_zero, smallest_nonzero  singular values on both sides of the tolerance: the gap behind the count
     n_trivial                       zero modes that any configuration has: the translations of a periodic network
     prestress_stable                whether the single self-stress stabilises all zero modes; None for N_s ≠ 1

@@ -83,7 +83,7 @@ class ElasticState(ABC):
 
     @cached_property
     def forces(self) -> Array:
-        """Unbalanced forces −∂E/∂x on the free vertices, (n_free, d)."""
+        """Unbalanced forces −∂E/∂x on the free vertices, (n_free, d) (`Equilibrium`, `ForceBalance`)."""
         return -np.asarray(self.network.divergence @ (self.sigma[:, None] * self.bond_vectors))
 
     @property
@@ -128,6 +128,7 @@ class SpringState(ElasticState):
 
     @property
     def energy(self) -> float:
+        """E, the sum over the springs (`EnergyConstraints`), in units of k times length squared."""
         return float(np.sum(self.law.energy(self.extension, self.rest_lengths, self.network.stiffness)))
 
     @cached_property
