@@ -13,6 +13,15 @@ from critflow.workflow import stable_rng
 from ._members import random_lengths
 
 POPULATIONS = (*OBJECTIVES, "random_lengths", "random_stress", "random_lengths_wide")
+LABELS = {
+    "length_variance": "min $V_L$",
+    "tension_variance": "min $V_\\tau$",
+    "bulk_modulus": "max $B_0$",
+    "shear_modulus": "max $G_0$",
+    "random_lengths": "random $\\ell$",
+    "random_stress": "random $\\sigma$",
+    "random_lengths_wide": "random $\\ell$, wide",
+}
 
 
 @lru_cache(maxsize=2)

@@ -11,17 +11,9 @@ from critflow.plot import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ._populations import LABELS
 from ._scaling import exponent, shown
 
-LABELS = {
-    "length_variance": "min $V_L$",
-    "tension_variance": "min $V_\\tau$",
-    "bulk_modulus": "max $B_0$",
-    "shear_modulus": "max $G_0$",
-    "random_lengths": "random $\\ell$",
-    "random_stress": "random $\\sigma$",
-    "random_lengths_wide": "random $\\ell$, wide",
-}
 MARKERS = "osD^v<>"
 # An objective within this relative distance of the best one found counts as the best.
 BEST = 1e-6

@@ -11,14 +11,9 @@ from critflow.plot import draw_in_depth, unit_pressure_tensions, violins
 from critflow.result import Status
 from critflow.workflow import Claim
 
-LABELS = {
-    "length_variance": "min $V_L$",
-    "tension_variance": "min $V_\\tau$",
-    "bulk_modulus": "max $B_0$",
-    "shear_modulus": "max $G_0$",
-    "random_lengths": "random $\\ell$",
-    "random_stress": "random $\\sigma$",
-}
+from ._populations import LABELS as ALL_LABELS
+
+LABELS = {population: label for population, label in ALL_LABELS.items() if population != "random_lengths_wide"}
 PANELS = {
     "bulk_modulus_0": "bulk modulus $B_0$  [$k$ / length]",
     "C_B_exact": "its growth with strain $C_B$  [$k$ / length]",

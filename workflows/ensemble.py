@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from critflow import (
-    InputError,
     Status,
     StudyError,
     voronoi_network,
@@ -19,6 +18,7 @@ from critflow.path import check_strains
 from critflow.structure import face_anisotropy, force_anisotropy
 from critflow.workflow import Axis, Coordinate, Study, decimals
 
+from ._checks import check_network, check_positive
 from ._ensemble_report import claims, gallery, response_figure, structure_figure, summary
 from ._ensemble_verify import verify
 from ._members import measured, table
@@ -46,15 +46,10 @@ def case(parameters, *, seed, population):
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_strains(parameters["strains"])
-    for name in ("threshold", "spread", "spread_wide", "hard_core", "fit_window"):
-        if not parameters[name] > 0:
-            raise StudyError(f"{name}={parameters[name]} must be positive")
+    check_positive(parameters, "threshold", "spread", "spread_wide", "hard_core", "fit_window")
     if parameters["protocol"] not in ("conic", "strain"):
         raise StudyError(f"protocol={parameters['protocol']} must be conic (exact) or strain (the paper's steps)")
-    try:
-        voronoi_network(parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
-    except InputError as error:
-        raise StudyError(str(error)) from error
+    check_network(voronoi_network, parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
 
 
 study = Study(

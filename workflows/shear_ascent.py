@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import CriticalManifold, InputError, StudyError, voronoi_network
+from critflow import CriticalManifold, StudyError, voronoi_network
 from critflow.objectives import pure_shear
 from critflow.result import Status
 from critflow.supremum import largest_modulus, least_compressed_length
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ._ascent import MEASURES, ascend, check_ascent
+from ._checks import check_network
 from ._shear_ascent_report import animation, ascent_figure, claims, summary
 
 # Every step at first, then about eight a factor of ten.
@@ -57,10 +58,7 @@ def check(parameters, axes):
     check_ascent(parameters)
     if list(parameters["steps"]) != sorted(set(parameters["steps"])) or parameters["steps"][0] < 0:
         raise StudyError("steps must be increasing whole numbers from 0 on, such as 0,1,10,100")
-    try:
-        voronoi_network(parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
-    except InputError as error:
-        raise StudyError(str(error)) from error
+    check_network(voronoi_network, parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
 
 
 def table():

@@ -11,7 +11,7 @@ import json
 import numpy as np
 from matplotlib.figure import Figure
 
-from critflow import CriticalManifold, InputError, StudyError, voronoi_network
+from critflow import CriticalManifold, StudyError, voronoi_network
 from critflow.objectives import pure_shear
 from critflow.plot import COLOURS
 from critflow.result import Status
@@ -19,6 +19,7 @@ from critflow.supremum import least_compressed_length
 from critflow.workflow import Axis, Claim, Coordinate, Study, Variable
 
 from ._ascent import ascend, check_ascent
+from ._checks import check_network
 from ._scaling import exponent, shown
 
 
@@ -50,10 +51,7 @@ def check(parameters, axes):
     if parameters["n_steps"] < 1:
         raise StudyError(f"n_steps={parameters['n_steps']} must be at least 1")
     for n_vertices in axes["n_vertices"]:
-        try:
-            voronoi_network(n_vertices, axes["seed"][0], parameters["hard_core"])
-        except InputError as error:
-            raise StudyError(str(error)) from error
+        check_network(voronoi_network, n_vertices, axes["seed"][0], parameters["hard_core"])
 
 
 def _curves(ds, name):

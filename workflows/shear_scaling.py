@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import InputError, Status, StudyError, modulus_bound, optimize, transition_moduli, voronoi_network
+from critflow import Status, StudyError, modulus_bound, optimize, transition_moduli, voronoi_network
 from critflow.objectives import pure_shear
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
+from ._checks import check_network
 from ._populations import POPULATIONS, configuration, prepared
 from ._shear_scaling_report import claims, scaling_figure, summary
 
@@ -61,10 +62,7 @@ def check(parameters, axes):
     if parameters["n_starts"] < 1:
         raise StudyError(f"n_starts={parameters['n_starts']} must be at least 1")
     for n_vertices in axes["n_vertices"]:
-        try:
-            voronoi_network(n_vertices, axes["seed"][0], parameters["hard_core"])
-        except InputError as error:
-            raise StudyError(str(error)) from error
+        check_network(voronoi_network, n_vertices, axes["seed"][0], parameters["hard_core"])
 
 
 EACH = ("n_vertices", "seed")

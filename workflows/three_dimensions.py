@@ -14,12 +14,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from critflow import CriticalManifold, InputError, StudyError, critical_from_lengths, foam_network, optimize
+from critflow import CriticalManifold, critical_from_lengths, foam_network, optimize
 from critflow.generate import FOAM_HARD_CORE
 from critflow.objectives import OBJECTIVES
 from critflow.path import check_strains
 from critflow.workflow import Axis, Coordinate, Study, decimals, stable_rng
 
+from ._checks import check_network, check_positive
 from ._ensemble_report import summary
 from ._ensemble_verify import verify
 from ._members import measured, random_lengths, table
@@ -60,13 +61,8 @@ def case(parameters, *, seed, population):
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_strains(parameters["strains"])
-    for name in ("threshold", "spread", "hard_core", "fit_window"):
-        if not parameters[name] > 0:
-            raise StudyError(f"{name}={parameters[name]} must be positive")
-    try:
-        foam_network(parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
-    except InputError as error:
-        raise StudyError(str(error)) from error
+    check_positive(parameters, "threshold", "spread", "hard_core", "fit_window")
+    check_network(foam_network, parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
 
 
 study = Study(
