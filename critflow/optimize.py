@@ -44,6 +44,10 @@ _FADED = 1e-12
 # the coordinates.
 _SOUND = 1e-2
 
+# A prestress matrix whose smallest pivot is below this part of the largest is nearly singular: lengths are then known
+# to about 1e-7.  An ascent that stays there for so many steps is on its way to a limit at the singular matrix itself.
+_NEARLY_SINGULAR, _TRAPPED = 1e-9, 20
+
 # A relative gain in the objective that is not rounding.
 _NOTICED = 1e-9
 
@@ -78,7 +82,8 @@ def optimize(
 
     With signs of both kinds a way may cross stresses whose prestress matrix is singular, where no configuration is:
     `stats.details["crossings"]` lists the steps that did, `stats.details["nearest_singular"]` how near a step came
-    (the smallest pivot over the largest).
+    (the smallest pivot over the largest).  A way on which lengths grow without end, to a limit at a singular matrix,
+    returns `Status.singular`, the limit of the value and the last configuration with lengths to be relied on.
 
     A tension variance whose infimum wants an edge of zero length returns `Status.edge_collapse`, the edges and the
     limit of the value; a length variance for which edges fall slack does the same with `Status.slack_edges`.
@@ -201,6 +206,10 @@ def _descend(
     if status in (Status.edge_collapse, Status.slack_edges):
         details = _limit(end, value, landscape.sign)
         value = manifold.configuration(landscape.sigma(landscape.last_sound))
+    elif landscape.runs_away(end) and np.isfinite(landscape.last_sound).all():
+        limit = f"the value tends to {details['objective']:.8g} as the prestress matrix turns singular and lengths grow"
+        status, details = Status.singular, {**details, "note": f"{limit} without end"}
+        value = manifold.configuration(landscape.sigma(landscape.last_sound))
     elif not reached.ok:
         # A method that ran away ends where no configuration is.
         status, details = Status.singular, {**details, "objective": np.nan}
@@ -299,9 +308,9 @@ class _Landscape:
         _, sigma, L, *_ = self._last
         if not np.isfinite(point.value):
             return Status.singular
+        end = self._end(point)
         enough = self._observe is not None and self._observe(self._step, self.sign * point.value, sigma, L)
         self._step += 1
-        end = self._end(point)
         return Status.step_limit if enough and end is None else end
 
     def _end(self, point: Point) -> Status | None:
@@ -319,6 +328,10 @@ class _Landscape:
         """What the way itself has to say."""
         return {}
 
+    def runs_away(self, end: Minimum) -> bool:
+        """Whether the descent ended because lengths grow without end."""
+        return False
+
     def curvature(self, point: Point, direction: Array) -> Array:
         x, sigma, L, factor, gradient, gy = self._last
         assert x is point.x, "the curvature belongs to the point evaluated last"
@@ -333,7 +346,8 @@ class _SignedLandscape(_Landscape):
     """An objective as a function of σ itself, which may change sign, and with it the inertia of P(σ)."""
 
     def unknowns(self, sigma: Array) -> Array:
-        self._step, self._nearest = 0, np.inf
+        self._step, self._nearest, self._trapped = 0, np.inf, 0
+        self.last_sound = np.full_like(sigma, np.nan)
         self._crossings: list[int] = []
         self._negative: int | None = None
         return sigma.copy()
@@ -358,9 +372,15 @@ class _SignedLandscape(_Landscape):
         pivots = np.abs(factor.pivots)
         self._nearest = min(self._nearest, float(pivots.min() / pivots.max()))
         if self._negative is not None and factor.n_negative != self._negative:
-            self._crossings.append(self._step - 1)
+            self._crossings.append(self._step)
         self._negative = factor.n_negative
-        return Status.singular if factor.singular else None
+        self._trapped = self._trapped + 1 if pivots.min() < _NEARLY_SINGULAR * pivots.max() else 0
+        if not self._trapped:
+            self.last_sound = point.x
+        return Status.singular if factor.singular or self._trapped > _TRAPPED else None
+
+    def runs_away(self, end: Minimum) -> bool:
+        return end.status in (Status.singular, Status.stalled) and self._trapped > 0
 
     def told(self) -> dict[str, object]:
         return {"crossings": self._crossings, "nearest_singular": self._nearest, "negative_pivots": self._negative}

@@ -294,6 +294,31 @@ def test_who_observes_may_end_the_ascent():
     assert max(seen[:-1]) <= 0.05
 
 
+def test_an_ascent_to_a_singular_matrix_has_a_limit():
+    network = voronoi_network(100, seed=28)
+    values = []
+    solution = optimize(
+        network,
+        "shear_modulus",
+        "lbfgs",
+        signs="any",
+        observe=lambda step, value, sigma, L: values.append((value, np.linalg.norm(L, axis=1).max())),
+        throw=False,
+    )
+    details = solution.stats.details
+    assert solution.status is Status.singular
+    assert details["nearest_singular"] < 1e-9
+    # Lengths grow by orders of magnitude while the value converges: it has a limit, and the limit is returned.
+    (_, before), (late, after) = values[len(values) // 2], values[-1]
+    assert after > 10 * before > 100 * np.sqrt(network.volume)
+    assert details["objective"] == late == pytest.approx(values[-50][0], rel=1e-4)
+    assert "without end" in details["note"]
+    # The configuration is one on the way, good to its digits, with nearly that value.
+    assert solution.value.residual < 1e-6
+    by_formula = modulus_by_formula(network, solution.value.sigma, solution.value.bond_vectors, pure_shear(2))
+    assert by_formula == pytest.approx(details["objective"], rel=1e-4)
+
+
 def test_an_ascent_from_a_singular_start_says_so():
     network = square_octagon()
     # Sides and links that pull against each other, t_x = −s: the matrix has no inverse.

@@ -30,19 +30,22 @@ def case(parameters, *, seed):
     ascent = ascend(manifold, parameters["method"], steps, (0.9,))
     found, along = ascent.solution, ascent.along
     shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
-    if not np.isfinite(along).all():
-        return {**shared, "status": Status.stalled if found.ok else found.status}
     exact = largest_modulus(manifold, pure_shear(2))
     # Coordinates whose bond vectors are those of the record, to single precision, which is enough to draw.
-    coordinates = np.array([network.all_coordinates(manifold.balance(sigma)[0]) for sigma in ascent.sigmas])
+    stored = len(ascent.sigmas)
+    sigma = np.full((len(steps), network.n_edges), np.nan)
+    sigma[:stored] = ascent.sigmas
+    coordinates = np.full((len(steps), *network.positions.shape), np.nan)
+    coordinates[:stored] = [network.all_coordinates(manifold.balance(s)[0]) for s in ascent.sigmas]
     details = found.stats.details
     return {
         **shared,
         **dict(zip(MEASURES, along, strict=True)),
-        "compressed_edges": along[3].astype(int),
-        "sigma": ascent.sigmas,
+        "sigma": sigma,
         "coordinates": coordinates,
         "bound": ascent.bound,
+        "last_step": found.stats.iterations,
+        "shear_modulus_end": found.stats.details["objective"],
         "closed_form": exact.stats.details["objective"],
         "closed_form_gap": exact.stats.details["gap"],
         "least_compressed_length": least_compressed_length(manifold, pure_shear(2)),
@@ -70,11 +73,13 @@ def table():
     yield Variable("shear_modulus", along, "f8", long_name="shear modulus at the transition, in units of k")
     yield Variable("longest_edge", along, "f8", long_name="length of the longest edge over the side of the box")
     yield Variable("least_tension", along, "f8", long_name="least tension over the largest magnitude of a tension")
-    yield Variable("compressed_edges", along, "i4", long_name="number of edges under compression", fill=-1)
+    yield Variable("compressed_edges", along, "f8", long_name="number of edges under compression")
     yield Variable("compressed_length", along, "f8", long_name="total length of the edges under compression")
     yield Variable("sigma", (*along, "edge"), "f4", long_name="geometric stress, sum of squares N_b")
     yield Variable("coordinates", (*along, "vertex", "axis"), "f4", long_name="vertex coordinates")
     yield Variable("bound", network, "f8", long_name="largest shear modulus of any stress, in closed form")
+    yield Variable("last_step", network, "i4", long_name="step that ended the ascent", fill=-1)
+    yield Variable("shear_modulus_end", network, "f8", long_name="shear modulus there, or its limit, in units of k")
     yield Variable("closed_form", network, "f8", long_name="shear modulus of the closed form's configuration")
     yield Variable("closed_form_gap", network, "f8", long_name="relative distance of that modulus from the bound")
     yield Variable(

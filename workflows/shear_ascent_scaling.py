@@ -183,7 +183,7 @@ study = Study(
     title="Compressed edges of the unconstrained shear ascent against the size of the network",
     references="Hain, Santangelo and Manning, arXiv:2407.13939, figure ShearModulusSteepestDescent F, G",
     axes=(
-        Axis("seed", range(20), "seed of the network", noun="networks"),
+        Axis("seed", range(12), "seed of the network", noun="networks"),
         Axis("algorithm", ("fire", "lbfgs"), "algorithm of the ascent", choices=("newton",)),
         Axis("n_vertices", (50, 100, 200, 500, 1000), "number of vertices", key="n_vertices"),
     ),

@@ -72,8 +72,8 @@ study = Study(
     title="The shear modulus at the transition against size, threshold and number of starts",
     references="Hain, Santangelo and Manning, arXiv:2407.13939, figure ShearModulusScaling",
     axes=(
-        Axis("seed", range(100), "seed of the network", noun="networks"),
-        Axis("n_vertices", (100, 200, 500, 1000, 2000), "number of vertices", key="n_vertices"),
+        Axis("seed", range(60), "seed of the network", noun="networks"),
+        Axis("n_vertices", (100, 200, 500, 1000), "number of vertices", key="n_vertices"),
     ),
     parameters={
         "populations": POPULATIONS,
