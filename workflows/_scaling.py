@@ -10,16 +10,16 @@ from critflow.workflow import stable_rng
 _RESAMPLED = 1000
 
 
-def exponent(sizes, values):
-    """Exponent p of mean ∝ size^p over networks, values (n_sizes, n_networks), with its 95 % interval by resampling.
+def exponent(sizes, values, middle=np.nanmean):
+    """Exponent p of middle ∝ size^p over networks, values (n_sizes, n_networks), with its 95 % interval by resampling.
 
-    Means are fitted on logarithmic scales, all sizes alike; NaN networks are left out.
+    The middle, mean or median, is fitted on logarithmic scales, all sizes alike; NaN networks are left out.
     """
     values = np.asarray(values, dtype=float)
     n = values.shape[1]
     picks = stable_rng(n, "exponent").integers(0, n, (_RESAMPLED, n))
-    low, high = np.nanquantile(_slopes(sizes, np.nanmean(values[:, picks], axis=2)), (0.025, 0.975))
-    return float(_slopes(sizes, np.nanmean(values, axis=1))), float(low), float(high)
+    low, high = np.nanquantile(_slopes(sizes, middle(values[:, picks], axis=2)), (0.025, 0.975))
+    return float(_slopes(sizes, middle(values, axis=1))), float(low), float(high)
 
 
 def _slopes(sizes, means):

@@ -13,7 +13,7 @@ from critflow.result import Status
 from critflow.workflow import Claim
 
 # Parts of the bound at which one network is drawn.
-SHOWN = (0.05, 0.25, 0.6)
+SHOWN = (0.1, 0.25, 0.6)
 BLUE, GREEN, PURPLE = COLOURS[0], COLOURS[3], COLOURS[5]
 
 

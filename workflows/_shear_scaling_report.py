@@ -36,7 +36,7 @@ def scaling_figure(ds):
         )  # fmt: skip
     middle = np.nanmean(ds.shear_modulus_0.sel(population=_isotropic(ds)).isel(n_vertices=-1).values)
     by_size.plot(sizes, middle * sizes[-1] / sizes, color="0.5", linestyle=":", zorder=0)
-    by_size.text(sizes[0], 0.2 * middle * sizes[-1] / sizes[0], "dotted: $\\propto 1/N_v$", color="0.35", va="top")
+    by_size.text(0.03, 0.03, "dotted: $\\propto 1/N_v$", color="0.35", transform=by_size.transAxes)
     by_size.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="shear modulus $G_0$  [$k$]")
     low, high = by_size.get_ylim()
     by_size.set_ylim(low / 3, high * 150)
@@ -69,6 +69,7 @@ def scaling_figure(ds):
             label=f"$N_v$ = {size}",
         )  # fmt: skip
     by_start.set(xlabel="number of starts", ylabel="mean deficit against the best of all  [%]", yscale="log")
+    by_start.set_ylim(1e-4, None)
     by_start.legend(fontsize=8.5, frameon=False)
     for axes, letter in zip(figure.axes, "ABC", strict=True):
         axes.set_title(letter, loc="left", fontweight="bold")
