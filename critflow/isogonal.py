@@ -27,7 +27,7 @@ from scipy.optimize import linprog
 from critflow.manifold import CriticalConfiguration, critical_configuration
 from critflow.network import Array, edge_values
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.rigidity import spread_columns
+from critflow.rigidity import LARGEST, spread_columns
 
 # Twice the area of a force triangle, over the square of the mean tension, that is no triangle any more.
 _FLAT = 1e-12
@@ -157,11 +157,17 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
     """The isogonal modes of any small planar configuration, orthonormal in the displacements of the free vertices.
 
     Displacements u with no component of g u across any edge, by a dense singular value decomposition; singular values
-    below `tolerance` (rows have norm √2) count as zero.
+    below `tolerance` (rows have norm √2) count as zero.  Raises `InputError` beyond about 2,000 vertices.
     """
     network = critical.network
     if network.dimension != 2:
         raise InputError("isogonal modes are found in two dimensions only")
+    size = 2 * len(network.free)
+    if size**2 > LARGEST:
+        raise InputError(
+            f"a matrix of {size} × {size} is too large to find all modes at once: where three edges meet at every vertex, "
+            "face_modes() finds them"
+        )
     unit = critical.bond_vectors / critical.lengths[:, None]
     across = spread_columns(network, np.stack([-unit[:, 1], unit[:, 0]], axis=1))
     _, values, right = np.linalg.svd(across.toarray())

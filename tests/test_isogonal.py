@@ -270,6 +270,13 @@ def test_wrong_amplitudes_and_ways_are_refused():
     assert modes.limit(np.zeros(30)) == np.inf
 
 
+def test_modes_that_do_not_fit_in_memory_are_refused_at_once():
+    critical = optimize(voronoi_network(4000, seed=1), "bulk_modulus").value
+    with pytest.raises(InputError, match=r"7998 × 7998 is too large .* face_modes\(\) finds"):
+        isogonal_modes(critical)
+    assert face_modes(critical).n_independent == 1999
+
+
 def test_a_pinned_network_keeps_its_pins():
     # Four edges a vertex are more directions than displacements: nothing is isogonal.
     rigid = isogonal_modes(at_random_stress(pinned_grid(6)))

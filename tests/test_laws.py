@@ -148,7 +148,7 @@ BAD = {
     "text": ("hookean", "law must be a SpringLaw"),
     "energy at rest": (Quartic(offset=0.1), "no energy and no tension at rest"),
     "tension at rest": (Quartic(pull=0.1), "no energy and no tension at rest"),
-    "negative stiffness": (Quartic(softness=-1.0), r"has -1 k as its stiffness at rest.*scale it"),
+    "negative stiffness": (Quartic(softness=-1.0), r"has -1 k as its stiffness at rest.*minimum at rest"),
     "stiffness not k": (Quartic(softness=2.0), r"has 2 k as its stiffness at rest.*scale it"),
     "stiffness NaN": (Blind(), "has nan k as its stiffness"),
     "stiffness wrong": (Quartic(slope=2.0), "its stiffness is not the derivative of its tension"),
