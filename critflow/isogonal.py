@@ -165,7 +165,7 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
     size = 2 * len(network.free)
     if size**2 > LARGEST:
         raise InputError(
-            f"a matrix of {size} × {size} is too large to find all modes at once: where three edges meet at every vertex, "
+            f"a matrix of {size} × {size} is too large to find all modes at once: where every vertex has three edges, "
             "face_modes() finds them"
         )
     unit = critical.bond_vectors / critical.lengths[:, None]

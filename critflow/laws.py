@@ -141,9 +141,7 @@ def checked_law(law: SpringLaw, rest: Array, k: Array) -> SpringLaw:
         raise InputError(f"the law {name} must have no energy and no tension at rest: subtract what it has at e = 0")
     if not (np.abs(stiffness - k) <= 1e-9 * k).all():
         found = float(np.ravel(stiffness / k)[0])
-        advice = (
-            "scale it" if found > 0 else "such springs do not hold together, so choose an energy with a minimum at rest"
-        )
+        advice = "scale it" if found > 0 else "give an energy with a minimum at rest"
         raise InputError(f"the law {name} has {found:.3g} k as its stiffness at rest where E'' must be k: {advice}")
     for reach in (1e-1, 1e-2, 1e-3, 1e-4, 1e-5):
         # Far inside what the law can reach.
