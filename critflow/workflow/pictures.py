@@ -13,21 +13,27 @@ from PIL import Image
 
 # Time for which each frame is shown, and the last one, in milliseconds.
 FRAME, LAST_FRAME = 140, 2500
+# Differences of a colour that are seen, and the part of a picture that may have them.
+SEEN, SEEN_PART = 6, 0.03
 # Few colours keep files small, and thin lines need no more.
 N_COLOURS = 48
 
 
 def picture(figure: Figure, format: str) -> bytes:
-    """A figure as a file; PNG has at most 256 colours, all that drawings need, in a third of the bytes."""
+    """A figure as a file; PNG has at most 256 colours where that is all it needs, in a third of the bytes."""
     made = io.BytesIO()
     if format != "png":
         figure.savefig(made, format=format)
         return made.getvalue()
     figure.savefig(made, format="png")
-    few = Image.open(made).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    every = Image.open(made).convert("RGB")
+    few = every.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    error = np.abs(np.asarray(every).astype(int) - np.asarray(few.convert("RGB"))).max(axis=2)
+    # Shaded surfaces would show steps.
+    kept = few if np.mean(error > SEEN) < SEEN_PART else every
     # Without the name of the software the same data give the same bytes.
     smaller = io.BytesIO()
-    few.save(smaller, "png", optimize=True, dpi=(figure.dpi,) * 2)
+    kept.save(smaller, "png", optimize=True, dpi=(figure.dpi,) * 2)
     return smaller.getvalue()
 
 

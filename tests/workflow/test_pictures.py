@@ -66,6 +66,14 @@ def test_few_colours_keep_the_picture_and_save_bytes():
     assert b"Software" not in small
 
 
+def test_shades_keep_all_their_colours():
+    figure = Figure(figsize=(3, 3), dpi=100)
+    x, y = np.meshgrid(np.linspace(0, 1, 200), np.linspace(0, 1, 200))
+    figure.add_axes((0, 0, 1, 1)).imshow(np.stack([x, y, (x + y) % 1], axis=2))
+    shown = np.asarray(Image.open(io.BytesIO(picture(figure, "png"))).convert("RGB"))
+    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 10_000
+
+
 def test_other_formats_stay_as_they_are():
     assert picture(lines(), "pdf").startswith(b"%PDF")
     assert b"<svg" in picture(lines(), "svg")
