@@ -128,8 +128,9 @@ def claims(ds):
                 f"ShearModulusSteepestDescent-{key}-{label.split(' ')[0].rstrip(',').lower()}-{_place(label)}",
                 f"{words} ({label})", f"exponent {said:g}", f"exponent {shown(fit)}",
                 "holds" if holds else "differs",
-                "" if holds else "the exponent depends on the method and on how far it climbs: with FIRE, the paper's "
-                "method, long edges form early and stay few, while L-BFGS compresses more edges of smaller length",
+                "" if holds else "the exponent depends on the method and on how far it climbs: FIRE, the paper's method, "
+                "has the row above; L-BFGS climbs farther and compresses more and shorter edges, of a total length that "
+                "grows as said",
             )  # fmt: skip
     part = (100 * ds.shear_modulus_end / ds.bound).mean("seed")
     reached = (
