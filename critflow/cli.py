@@ -160,13 +160,14 @@ def status(folder: FolderArgument) -> None:
 def verify(folder: FolderArgument) -> int:
     """Look at every byte of a folder's shards and dataset, and recompute the physics from the stored arrays."""
     results = Folder(folder)
-    stored, problems = _part("critflow.workflow.verify").verify_folder(results)
+    stored, problems, recomputed = _part("critflow.workflow.verify").verify_folder(results)
     for problem in problems:
         print("critflow:", problem, file=sys.stderr)
     if problems:
         count = f"{len(problems)} thing{'s are' if len(problems) > 1 else ' is'} wrong"
         return _complain(f"{count} in {results.path}: run the study again to mend it", DAMAGED)
-    print(f"{results.path}: {stored} stored cases and the dataset agree to the last byte, and with their physics")
+    physics = ", and with their physics" if recomputed else "; this study recomputes no physics"
+    print(f"{results.path}: {stored} stored cases and the dataset agree to the last byte{physics}")
     return 0
 
 

@@ -14,6 +14,7 @@ from critflow import CriticalManifold, InputError, Status, StudyError, voronoi_n
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
 from ._boundary_report import boundary_figure, claims, summary
+from ._verify import verify_boundary
 
 
 def nearest_images(coordinates, edges, cell):
@@ -107,6 +108,7 @@ study = Study(
     case=case,
     check=check,
     variables=tuple(table()),
+    verify=verify_boundary,
     figures={"boundary": boundary_figure},
     claims=claims,
     summary=summary,

@@ -17,6 +17,7 @@ from critflow.workflow import Axis, Coordinate, Study, Variable
 from ._ascent import MEASURES, ascend, check_ascent
 from ._checks import check_network
 from ._shear_ascent_report import animation, ascent_figure, claims, summary
+from ._verify import verify_ascent
 
 # Every step at first, then about eight a factor of ten.
 STEPS = tuple(int(step) for step in np.unique(np.round(np.concatenate([[0, 1], 10 ** np.arange(0.3, 3.71, 0.1)]))))
@@ -102,6 +103,7 @@ study = Study(
     case=case,
     check=check,
     variables=tuple(table()),
+    verify=verify_ascent,
     figures={"shear_ascent": ascent_figure},
     animations={"shear_ascent": animation},
     claims=claims,

@@ -22,6 +22,7 @@ from critflow.manifold import COLLAPSED
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
 from ._three_bar_report import claims, curvature_figure, geometry_figure, manifold_figure, summary
+from ._verify import verify_three_bar
 
 # Grids of the whole chart and, twice as fine, of its middle, which holds the rigid sheets.
 CHARTS = {"chart": 1.0, "middle": 0.5}
@@ -292,6 +293,7 @@ study = Study(
     case=case,
     check=check,
     variables=tuple(table()),
+    verify=verify_three_bar,
     figures={"manifold": manifold_figure, "geometry": geometry_figure, "curvature": curvature_figure},
     claims=claims,
     summary=summary,

@@ -11,9 +11,13 @@ from critflow.workflow.schema import merge
 from critflow.workflow.store import read_shard
 
 
-def verify_folder(folder: Folder) -> tuple[int, list[str]]:
-    """Number of cases looked at, and a line for each thing that is wrong; a case not computed yet is not wrong."""
+def verify_folder(folder: Folder) -> tuple[int, list[str], bool]:
+    """Number of cases looked at, a line for each thing that is wrong, and whether the study recomputes its physics.
+
+    A case not computed yet is not wrong.
+    """
     loaded, selection = folder.selection()
+    recomputes = loaded.study.verify is not None
     problems, stored = [], 0
     for case in selection.cases():
         try:
@@ -27,7 +31,7 @@ def verify_folder(folder: Folder) -> tuple[int, list[str]]:
         with opened_dataset(path) as opened:
             dataset = opened.load()
     except IntegrityError as error:
-        return stored, [*problems, str(error)]
+        return stored, [*problems, str(error)], recomputes
     if not problems:
         made = merge(selection, folder.shards)
         for name, expected in made.variables.items():
@@ -42,4 +46,4 @@ def verify_folder(folder: Folder) -> tuple[int, list[str]]:
                 problems.append(f"{path}: {name} is not what the shards hold: run the study again to write it anew")
     if loaded.study.verify is not None:
         problems += [f"{path}: {problem}" for problem in loaded.study.verify(dataset)]
-    return stored, problems
+    return stored, problems, recomputes
