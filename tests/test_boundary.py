@@ -8,6 +8,7 @@ import xarray as xr
 
 from critflow import Status
 from critflow.cli import main
+from critflow.workflow.load import load_study
 
 
 @pytest.fixture(scope="module")
@@ -65,3 +66,21 @@ def test_claims_and_figure(folder):
 def test_too_few_vertices_are_refused(tmp_path, capsys):
     assert main(["run", "boundary", "--workers", "0", "--out", str(tmp_path), "--set", "n_vertices=7"]) == 2
     assert capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "variable, said",
+    [
+        ("boundary_vectors", "boundary_vectors, bond_vectors"),
+        ("sigma", "force balance"),
+        ("sheared_bond_vectors", "sheared_bond_vectors at 0"),
+    ],
+)
+def test_verify_names_what_does_not_follow(folder, dataset, variable, said, capsys):
+    assert main(["verify", str(folder)]) == 0
+    assert "and with their physics" in capsys.readouterr().out
+    changed = dataset.copy(deep=True)
+    changed[variable].values[...] += 1 + np.random.default_rng(1).random(changed[variable].shape)
+    problems = load_study("boundary").study.verify(changed)
+    assert problems
+    assert all(said in problem for problem in problems), problems

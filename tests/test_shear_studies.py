@@ -73,6 +73,23 @@ def test_the_ascent_has_its_figure_and_animation(ascent):
     assert json.loads((folder / "summary.json").read_text())["status"] == {"step_limit": 2}
 
 
+@pytest.mark.parametrize("variable", ["shear_modulus", "longest_edge", "compressed_edges"])
+def test_verify_names_what_does_not_follow(ascent, variable, capsys):
+    dataset, folder = ascent
+    assert main(["verify", str(folder)]) == 0
+    assert "and with their physics" in capsys.readouterr().out
+    changed = dataset.copy(deep=True)
+    changed[variable].values[...] += 1
+    problems = load_study("shear_ascent").study.verify(changed)
+    assert len(problems) == 2
+    assert all(variable in problem for problem in problems), problems
+
+
+def test_a_study_that_recomputes_nothing_says_so(compression, capsys):
+    assert main(["verify", str(compression[1])]) == 0
+    assert "this study recomputes no physics" in capsys.readouterr().out
+
+
 def test_parts_of_the_bound_are_met_in_order(compression):
     dataset, folder = compression
     climbed = dataset.sel(algorithm="lbfgs")

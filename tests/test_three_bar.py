@@ -8,6 +8,7 @@ import xarray as xr
 
 from critflow import Status
 from critflow.cli import main
+from critflow.workflow.load import load_study
 
 SPAN = 2.0
 SETTINGS = ["--set", "s=-2.1:2.1:0.3", "--set", f"span={SPAN}"]
@@ -124,3 +125,14 @@ def test_figures_are_drawn(folder):
 def test_settings_that_could_only_fail_are_refused(word, tmp_path, capsys):
     assert main(["run", "three_bar", "--workers", "0", "--out", str(tmp_path), "--set", word]) == 2
     assert word.split("=")[0] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("variable, said", [("length", "tension"), ("normal", "normal"), ("metric", "metric")])
+def test_verify_names_what_does_not_follow(folder, dataset, variable, said, capsys):
+    assert main(["verify", str(folder)]) == 0
+    assert "and with their physics" in capsys.readouterr().out
+    changed = dataset.copy(deep=True)
+    changed[variable].values[...] += 1 + np.random.default_rng(1).random(changed[variable].shape)
+    problems = load_study("three_bar").study.verify(changed)
+    assert problems
+    assert all(said in problem for problem in problems), problems
