@@ -126,7 +126,7 @@ def _polish_stressed(
                 all_x = all_x if network.pins else all_x - all_x[0]
                 if critical_configuration(network, all_s, all_x).residual > _ROUNDED:
                     L = network.bond_vectors(all_x)[candidate]
-                    all_s[candidate] = _balanced(part.network, L, s, part.hessian)
+                    all_s[candidate] = balanced_part(part.network, L, s, part.hessian)
                 return candidate, all_x, all_s, error, taken
         except NetworkError:
             error, weak = np.inf, np.zeros(0, bool)
@@ -152,14 +152,14 @@ def _without_hanging(network: Network, kept: NDArray[np.bool_]) -> NDArray[np.bo
         kept &= ~hanging
 
 
-def _balanced(network: Network, L: Array, sigma: Array, pattern: FixedPattern) -> Array:
+def balanced_part(network: Network, L: Array, sigma: Array, pattern: FixedPattern, shift: float = 1e-13) -> Array:
     """The part of σ that balances on bond vectors L, free of rounding: σ less its part along the columns of R^h.
 
     Where extensions have few digits, as so close to the transition, or edges are much shorter than the coordinates
     are large, forces that are zero to rounding are not small beside the tensions.
     """
     ones = np.ones(len(sigma))
-    factor = pattern.factorize(edge_blocks(ones, L, 0 * ones), 1e-13)
+    factor = pattern.factorize(edge_blocks(ones, L, 0 * ones), shift)
     for _ in range(3):
         force = network.divergence @ (sigma[:, None] * L)
         u = factor.solve(force.ravel()).reshape(force.shape)
@@ -192,7 +192,7 @@ def _by_strain(
     if relaxation == "newton":
         state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
     # From the coordinates that are recorded, since many steps have rounded theirs and the bond vectors apart.
-    sigma = _balanced(network, network.bond_vectors(state.coordinates), state.sigma, pattern)
+    sigma = balanced_part(network, network.bond_vectors(state.coordinates), state.sigma, pattern)
     value = critical_configuration(network, sigma, state.coordinates)
     slack = np.flatnonzero(value.sigma <= NO_STRESS * np.mean(np.abs(value.sigma)))
     status = solution.status if not solution.ok else Status.slack_edges if len(slack) else Status.ok

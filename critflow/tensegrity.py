@@ -18,7 +18,8 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
 
-from critflow.linalg import Saddle, block_laplacian, edge_blocks, laplacian
+from critflow.critical import balanced_part
+from critflow.linalg import Saddle, block_laplacian, laplacian
 from critflow.manifold import CriticalConfiguration, critical_configuration
 from critflow.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
@@ -83,7 +84,7 @@ def signed_stress(
         value, status, error = SignedStress(None, np.nan, None, signed[:0]), Status.stalled, np.nan
         details["note"] = f"the linear program failed: {answer.message}"
     elif answer.x[-1] > _NONE:
-        sigma = _balanced(network, L, answer.x[:-1])
+        sigma = balanced_part(network, L, answer.x[:-1], block_laplacian(network), 1e-12 * float(np.mean(L**2)))
         critical = critical_configuration(network, sigma, x)
         least = float(np.min(s[signed] * sigma[signed]) / np.abs(sigma).max())
         value, status, error = SignedStress(critical, least, None, signed[:0]), Status.ok, critical.residual
@@ -151,17 +152,6 @@ def _checked(network: Network, coordinates: ArrayLike, signs: ArrayLike) -> tupl
     for vertex, position in network.pins.items():
         x[vertex] = position
     return x, s
-
-
-def _balanced(network: Network, L: Array, sigma: Array) -> Array:
-    """σ less its part that does not balance: from the tolerance of a linear program to rounding."""
-    ones = np.ones(len(sigma))
-    factor = block_laplacian(network).factorize(edge_blocks(ones, L, 0 * ones), 1e-12 * float(np.mean(L**2)))
-    for _ in range(3):
-        force = network.divergence @ (sigma[:, None] * L)
-        u = factor.solve(force.ravel()).reshape(force.shape)
-        sigma = sigma - np.einsum("ad,ad->a", L, network.free_incidence @ u)
-    return sigma
 
 
 def _loosening(

@@ -191,7 +191,7 @@ def test_verify_finds_what_does_not_belong(folder, dataset, tmp_path, capsys):
         wrong = dataset.copy(deep=True)
         wrong[name].loc[{"panel": "shear_modulus_2", "seed": 1}] *= factor
         (line,) = verify(wrong)
-        assert line.startswith("shear_modulus_2, seed 1: "), name
+        assert line.startswith("panel shear_modulus_2, seed 1: "), name
     # Another configuration in balance, but no isogonal change of D.
     wrong = dataset.copy(deep=True)
     for name, values in wrong.data_vars.items():

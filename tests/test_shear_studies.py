@@ -94,6 +94,7 @@ def test_parts_of_the_bound_are_met_in_order(compression):
     dataset, folder = compression
     climbed = dataset.sel(algorithm="lbfgs")
     assert (climbed.status == Status.ok).all()
+    assert (climbed.step > 0).all()
     assert (climbed.step.diff("fraction") >= 0).all()
     assert (climbed.shear_modulus_end >= 0.6 * climbed.bound).all()
     # It stops at the largest part, where it is measured too.

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from ._verify import told
+
 # Relative force balance that edges as short as a thousandth of the mean allow in stored coordinates.
 BALANCED = 1e-11
 
 
 def verify(ds):
     """A line for each stored configuration that its own numbers contradict."""
-    problems = []
-    for population in ds.population.values:
-        for seed in ds.seed.values:
-            one = ds.sel(population=population, seed=seed)
-            if np.isfinite(one.residual):
-                wrong = [name for name, holds in _checks(one) if not holds]
-                if wrong:
-                    problems.append(f"{population}, seed {seed}: {', '.join(wrong)} does not follow from the arrays")
-    return problems
+    return told(ds, ("population", "seed"), _checks)
 
 
 def _checks(one):
+    if not np.isfinite(one.residual):  # no configuration was found
+        return
     tail, head = one.edges.values.T
     x, sigma, cell = one.coordinates.values, one.sigma.values, one.cell.values
     L = x[head] - x[tail] + one.offsets.values @ cell

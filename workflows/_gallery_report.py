@@ -13,6 +13,8 @@ from critflow.plot import draw_network, face_polygons, periodic_segments, shade_
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ._verify import told
+
 # Name and the number that matters of every panel, in the order of the letters.
 CAPTIONS = {
     "length_variance": ("least $V_L$", "$V_L$ {V_L}"),
@@ -307,18 +309,15 @@ def summary(ds):
 
 def verify(ds):
     """A line for each stored configuration that its own numbers, or those of its isogonal origin, contradict."""
-    problems = []
-    for seed in ds.seed.values:
-        for panel in ds.panel.values:
-            one = ds.sel(panel=panel, seed=seed)
-            if np.isfinite(one.residual):
-                wrong = [name for name, holds in _checks(one) if not holds]
-                origin = ISOGONAL.get(str(panel))
-                if origin in ds.panel.values and not _parallel(one, ds.sel(panel=origin, seed=seed)):
-                    wrong.append("directions and tensions")
-                if wrong:
-                    problems.append(f"{panel}, seed {seed}: {', '.join(wrong)} does not follow from the arrays")
-    return problems
+
+    def checks(one):
+        if np.isfinite(one.residual):
+            yield from _checks(one)
+            origin = ISOGONAL.get(str(one.panel.values))
+            if origin in ds.panel.values:
+                yield "directions and tensions", _parallel(one, ds.sel(panel=origin, seed=one.seed))
+
+    return told(ds, ("panel", "seed"), checks)
 
 
 def _checks(one):

@@ -1,15 +1,30 @@
-"""The physics of the smaller studies recomputed from their stored arrays, by formulas of their own."""
+"""Recomputing physics from stored arrays: the loop of all studies, and the formulas of the smaller ones."""
 
 from __future__ import annotations
+
+from itertools import product
 
 import numpy as np
 
 from critflow import Status
 
 
+def told(ds, axes, checks):
+    """A line for each case whose `checks`, pairs of a name and whether it holds, say that its numbers contradict it."""
+    problems = []
+    for values in product(*(ds[axis].values for axis in axes)):
+        one = ds.sel(dict(zip(axes, values, strict=True)))
+        if int(one.status) not in (Status.failed, Status.missing):
+            wrong = [name for name, holds in checks(one) if not holds]
+            if wrong:
+                case = ", ".join(f"{axis} {value}" for axis, value in zip(axes, values, strict=True))
+                problems.append(f"{case}: {', '.join(wrong)} does not follow from the arrays")
+    return problems
+
+
 def verify_boundary(ds):
     """Bond vectors from coordinates and boundary, their balance, and the sheared boundary: a line where one fails."""
-    return _told(ds, "seed", _boundary)
+    return told(ds, ("seed",), _boundary)
 
 
 def _boundary(one):
@@ -29,7 +44,7 @@ def _boundary(one):
 
 def verify_three_bar(ds):
     """Equal tensions along the row, the normal, and the metric of the tangents: a line where one fails."""
-    return _told(ds, "grid", _three_bar)
+    return told(ds, ("grid",), _three_bar)
 
 
 def _three_bar(one):
@@ -46,7 +61,7 @@ def _three_bar(one):
 
 def verify_ascent(ds):
     """Moduli, longest edges and compressed edges from the stored stresses and coordinates, in single precision."""
-    return _told(ds, "seed", _ascent)
+    return told(ds, ("seed",), _ascent)
 
 
 def _ascent(one):
@@ -62,14 +77,3 @@ def _ascent(one):
     yield "longest_edge", np.allclose(longest[stored], one.longest_edge.values[stored], rtol=1e-4)
     yield "compressed_edges", (np.sum(sigma < 0, axis=1)[stored] == one.compressed_edges.values[stored]).all()
     yield "bound", not (one.shear_modulus.values > float(one.bound) * (1 + 1e-9)).any()
-
-
-def _told(ds, axis, checks):
-    problems = []
-    for value in ds[axis].values:
-        one = ds.sel({axis: value})
-        if int(one.status) not in (Status.failed, Status.missing):
-            wrong = [name for name, holds in checks(one) if not holds]
-            if wrong:
-                problems.append(f"{axis} {value}: {', '.join(wrong)} does not follow from the arrays")
-    return problems

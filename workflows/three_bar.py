@@ -21,7 +21,8 @@ from critflow.geometry import SurfaceGeometry, dense, unit_response
 from critflow.manifold import COLLAPSED
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
-from ._three_bar_report import claims, curvature_figure, geometry_figure, manifold_figure, summary
+from ._three_bar_claims import claims, summary
+from ._three_bar_report import curvature_figure, geometry_figure, manifold_figure
 from ._verify import verify_three_bar
 
 # Grids of the whole chart and, twice as fine, of its middle, which holds the rigid sheets.
