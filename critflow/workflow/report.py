@@ -57,7 +57,8 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> list[Clai
 
     with opened_dataset(folder.dataset(study.name)) as dataset:
         for name, draw in study.figures.items():
-            with part(f"figure {name!r}"):
+            # Where nothing is to be drawn stands NaN, which the layout of three-dimensional axes computes with.
+            with part(f"figure {name!r}"), np.errstate(over="ignore", invalid="ignore"):
                 figure = draw(dataset)
                 _write_picture(folder, f"{name}.{format}", picture(figure, format))
                 plt.close(figure)
