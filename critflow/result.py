@@ -26,6 +26,7 @@ class Status(IntEnum):
     unstable = 7
     failed = 8
     missing = 9
+    ill_conditioned = 10
 
     @property
     def message(self) -> str:
@@ -44,18 +45,26 @@ _MESSAGES = {
     Status.unstable: "the equilibrium is a saddle of the energy: perturb it, or take smaller strain steps",
     Status.failed: "the case raised an error, which is stored beside it",
     Status.missing: "not computed yet: run the study again",
+    Status.ill_conditioned: "rounding may have taken every digit of the answer: bring the stresses closer together",
 }
 
 
 @dataclass(frozen=True)
 class Stats:
-    """How a solve went: method used, work done, and how small the residual became (its unit stands with the solver)."""
+    """How a solve went: method used, work done, and how small the residual became (its unit stands with the solver).
+
+    condition    how much the solved system magnifies relative errors, where it was estimated
+    error_bound  what the error of the value does not exceed, against the exact answer for the same floating-point
+                 input: one number, or an object of the value's own class with a bound for each of its numbers
+    """
 
     method: str
     iterations: int = 0
     evaluations: int = 0
     residual: float = float("nan")
     details: dict[str, Any] = field(default_factory=dict)
+    condition: float = float("nan")
+    error_bound: Any = float("nan")
 
 
 @dataclass(frozen=True)
