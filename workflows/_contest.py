@@ -1,4 +1,4 @@
-"""Methods timed against each other: one process, one core, in turn, each time with the error of its answer beside it."""
+"""Methods timed against each other: one process, one core, in turn, and beside each time the error of its answer."""
 
 from __future__ import annotations
 
