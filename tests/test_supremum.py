@@ -25,7 +25,7 @@ from critflow import (
     optimize,
     voronoi_network,
 )
-from critflow.objectives import dilation, pure_shear, transition_modulus
+from critflow.objectives import Objective, dilation, pure_shear, transition_modulus
 from critflow.optimize import _SignedLandscape
 from critflow.supremum import largest_modulus, least_compressed_length
 
@@ -294,29 +294,45 @@ def test_who_observes_may_end_the_ascent():
     assert max(seen[:-1]) <= 0.05
 
 
-def test_an_ascent_to_a_singular_matrix_has_a_limit():
-    network = voronoi_network(100, seed=28)
+class Extent(Objective):
+    """1 − (1 + Σ|L|²)^(−1/20): it grows, ever more slowly, with lengths that have no largest."""
+
+    maximise = True
+
+    def evaluate(self, sigma, L):
+        size = 1 + np.sum(L**2)
+        return 1 - size**-0.05, (np.zeros_like(sigma), 0.1 * L * size**-1.05)
+
+    def differential(self, sigma, L, dsigma, dL):
+        raise NotImplementedError("no method of second order is asked")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_ascent_to_a_singular_matrix_has_a_limit(seed):
+    # The square opens without end as a link's stress comes to minus that of the sides.
+    network = square_octagon()
+    start = np.array([1.0, 1.1, 0.9, 1.0, -0.5, 0.5]) * (1 + 1e-3 * np.random.default_rng(seed).standard_normal(6))
     values = []
     solution = optimize(
         network,
-        "shear_modulus",
+        Extent(),
         "lbfgs",
         signs="any",
+        start=start,
         observe=lambda step, value, sigma, L: values.append((value, np.linalg.norm(L, axis=1).max())),
         throw=False,
     )
     details = solution.stats.details
     assert solution.status is Status.singular
     assert details["nearest_singular"] < 1e-9
-    # Lengths grow by orders of magnitude while the value converges: it has a limit, and the limit is returned.
+    # Lengths grow by orders of magnitude while the value converges, and its limit is returned.
     (_, before), (late, after) = values[len(values) // 2], values[-1]
     assert after > 10 * before > 100 * np.sqrt(network.volume)
-    assert details["objective"] == late == pytest.approx(values[-50][0], rel=1e-4)
+    assert details["objective"] == late < 1
     assert "without end" in details["note"]
-    # The configuration is one on the way, good to its digits, with nearly that value.
+    # The configuration is one on the way, good to its digits, with less than that value.
     assert solution.value.residual < 1e-6
-    by_formula = modulus_by_formula(network, solution.value.sigma, solution.value.bond_vectors, pure_shear(2))
-    assert by_formula == pytest.approx(details["objective"], rel=1e-4)
+    assert 0 < Extent().evaluate(solution.value.sigma, solution.value.bond_vectors)[0] < late
 
 
 def test_an_ascent_from_a_singular_start_says_so():
