@@ -146,8 +146,6 @@ class NestedDissection(MinimumDegree):
 
 def _nested_dissection(full: sp.csc_matrix) -> IntArray:
     graph = (sp.triu(full, 1) + sp.tril(full, -1)).tocsc()
-    if not graph.nnz:
-        return np.arange(full.shape[0], dtype=np.int32)
     adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
     return np.array(pymetis.nested_dissection(adjacency)[0], dtype=np.int32)
 

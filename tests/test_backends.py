@@ -166,9 +166,11 @@ def test_a_failed_factorisation_is_forgotten(backend):
     np.testing.assert_array_equal(again.solve(right), expected)
 
 
-@pytest.mark.parametrize("backend", DOUBLE)
-def test_no_answer_without_a_pivot(backend):
-    x = factor_of(WITHOUT_PIVOTS["zero"], backend).solve(np.ones(3))
+@pytest.mark.parametrize("matrix", ["zero", "ones", "not a number", "infinite"])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_no_answer_where_there_is_none(backend, matrix):
+    A = WITHOUT_PIVOTS[matrix]
+    x = factor_of(A, backend).solve(np.ones(len(A)))
     # qdldl stops without a word, and leaves the verdict to its pivots.
     assert backend == "qdldl" or np.isnan(x).all()
 
