@@ -93,7 +93,8 @@ def run(
     settings: SetOption = [],  # noqa: B006 (typer reads the default and copies it)
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results folder; results/NAME when left out.")] = None,
     workers: Annotated[
-        int | None, typer.Option(help="Worker processes; one per CPU when left out, 0 for none.")
+        int | None,
+        typer.Option(help="Worker processes; one per CPU, or what the study allows, when left out; 0 for none."),
     ] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Use the dask scheduler there.")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be computed, and write nothing.")] = False,
@@ -102,6 +103,9 @@ def run(
     if workers is not None and workers < 0:
         raise InputError(f"--workers {workers} is negative: give how many worker processes, or 0 for none")
     loaded = load_study(study)
+    count = loaded.study.worker_count(workers, os.cpu_count() or 1)
+    if scheduler is not None and loaded.study.workers is not None:
+        raise InputError(f"--scheduler may compute many cases at a time, which disturbs {study!r}: leave it out")
     selection = select(loaded.study, settings)
     folder = Folder(out or Path("results") / loaded.study.name)
     folder.refuse_other(loaded)
@@ -122,7 +126,7 @@ def run(
         loaded,
         selection,
         folder,
-        workers=workers if workers is not None else os.cpu_count() or 1,
+        workers=count,
         scheduler=scheduler,
         command=shlex.join(["critflow", "run", study, *(f"--set={word}" for word in settings)]),
     )

@@ -94,6 +94,7 @@ class Variable:
     units: str = field(default="1", kw_only=True)
     flags: type[IntEnum] | None = field(default=None, kw_only=True)  # the meaning of integer codes
     fill: int | None = field(default=None, kw_only=True)  # where no integer was given; an end of the dtype by default
+    volatile: bool = field(default=False, kw_only=True)  # differs from run to run, as a time does
 
     def __post_init__(self) -> None:
         _identifier(self.name, "variable")
@@ -180,6 +181,7 @@ class Study:
     summary: Callable[[xr.Dataset], Mapping[str, Any]] | None = None
     verify: Callable[[xr.Dataset], Sequence[str]] | None = None  # recomputes what it can; a line for each contradiction
     references: str = ""  # what it reproduces, for the dataset attribute of the same name
+    workers: int | None = None  # at most so many cases at a time: 1 where cases measure time
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name):
@@ -199,9 +201,23 @@ class Study:
                 raise StudyError(
                     f"coordinate {coordinate.name!r} needs a parameter {coordinate.parameter!r} with a list"
                 )
+        for variable in self.variables:
+            if variable.volatile and not set(self.axis_names) <= set(variable.dims):
+                raise StudyError(f"variable {variable.name!r} is volatile, so cases cannot share it: add every axis")
+        if self.workers is not None and self.workers < 1:
+            raise StudyError(f"study {self.name!r} allows {self.workers} workers: allow one, or leave it out")
         status = next((variable for variable in self.variables if variable.name == "status"), None)
         if status is None or status.flags is not Status or set(status.dims) != set(self.axis_names):
             raise StudyError(f"study {self.name!r} needs a variable 'status' over exactly its axes with flags=Status")
+
+    def worker_count(self, asked: int | None, available: int) -> int:
+        """How many workers to start: as many as asked for, else one for each CPU, and never more than it allows."""
+        allowed = available if self.workers is None else self.workers
+        if asked is None:
+            return min(available, allowed)
+        if self.workers is not None and asked > allowed:
+            raise StudyError(f"--workers {asked} would disturb what {self.name!r} measures: give at most {allowed}")
+        return asked
 
     @cached_property
     def axis_names(self) -> tuple[str, ...]:
