@@ -88,10 +88,8 @@ def case(parameters, *, seed):
     """Seconds of both ways in turn, how far their answers are apart, and the bytes of one member of the ensemble."""
     manifold = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
     questions, arrays = ways(manifold, parameters, seed), member(parameters, seed).values()
-    seconds, difference = (
-        np.full((2, len(parameters["questions"])), np.nan),
-        np.full(len(parameters["questions"]), np.nan),
-    )
+    seconds = np.full((2, len(parameters["questions"])), np.nan)
+    difference = np.full(len(parameters["questions"]), np.nan)
     for n, name in enumerate(parameters["questions"]):
         reference = np.asarray(questions[name].short())
 
