@@ -264,4 +264,7 @@ FIGURES = (
 )  # fmt: skip
 
 # Studies beyond the paper's figures.
-MORE = (Figure("", "which of these claims carry over to three dimensions", "three_dimensions", ("response",)),)
+MORE = (
+    Figure("", "which of these claims carry over to three dimensions", "three_dimensions", ("response",)),
+    Figure("", "what it spares to compute no more than is asked for", "economy", ("economy",)),
+)

@@ -1,7 +1,8 @@
 """Write results/README.md from what the studies wrote: `python workflows/_results.py`.
 
-`python workflows/_results.py --run [STUDY ...]` first runs studies anew at their full size with two workers, each in a
-folder of its own, notes how long they took in results/times.json, and puts what git keeps of them in its place.
+`python workflows/_results.py --run [STUDY ...]` first runs studies anew at their full size with two workers (one for
+those that allow no more), each in a folder of its own, notes how long they took in results/times.json, and puts what
+git keeps of them in its place.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 from _paper import EQUATIONS, FIGURES, MORE
+
+from critflow.workflow.load import load_study
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
@@ -107,7 +110,8 @@ def run_anew(names: list[str]) -> None:
     for study in names:
         with tempfile.TemporaryDirectory() as folder:
             made = Path(folder) / study
-            command = [Path(sys.executable).with_name("critflow"), "run", study, "--workers", "2", "--out", made]
+            workers = str(load_study(study).study.worker_count(None, available=2))
+            command = [Path(sys.executable).with_name("critflow"), "run", study, "--workers", workers, "--out", made]
             begin = time.perf_counter()
             subprocess.run(command, cwd=ROOT, check=True)
             times[study] = round(time.perf_counter() - begin, 1)
