@@ -6,8 +6,8 @@ LAMMPS and the atoms of ASE are made before, and every run puts the vertices bac
 
 LAMMPS runs without pair forces, with the largest component as its norm and an energy tolerance of zero; it stops
 where its line search finds no lower energy, and `forcezero` looks at forces instead.  ASE's defaults are made for eV
-and Å; its quasi-Newton methods are told the stiffness of a vertex, 3k, instead of 70.  Iterative methods may take so many
-steps that none works for more than some seconds; `Status.step_limit` says that it would have gone on.
+and Å; its quasi-Newton methods are told the stiffness of a vertex, 3k, instead of 70.  Iterative methods
+may take so many steps that none works for more than some seconds; `Status.step_limit` says that it would have gone on.
 """
 
 from __future__ import annotations
@@ -37,8 +37,12 @@ LEVELS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 # ASE's BFGS diagonalises a dense matrix in each step.
 DENSE = 300
 
-# Steps times vertices that take some seconds, by the cost of a step; and steps that small networks may take.
-_FIRE, _LBFGS, _LAMMPS_WORK, _ASE_WORK, _MOST_STEPS = 20_000_000, 5_000_000, 200_000_000, 5_000_000, 20_000
+# Steps times vertices that take some seconds, and steps that small networks may take, each of a constant cost.
+_FIRE_STEPS = (20_000_000, 20_000)
+_LBFGS_STEPS = (5_000_000, 4_000)
+_LAMMPS_STEPS = (200_000_000, 200_000)
+_ASE_STEPS = (5_000_000, 20_000)
+_DENSE_STEPS = (5_000_000, 200)
 _LAMMPS = {
     "LAMMPS cg": ("cg", "line quadratic"),
     "LAMMPS cg, forcezero": ("cg", "line forcezero"),
@@ -46,10 +50,10 @@ _LAMMPS = {
     "LAMMPS fire": ("fire", "line quadratic"),
 }
 # Optimiser, options, and most steps.
-_ASE: dict[str, tuple[str, dict[str, Any], int]] = {
-    "ASE FIRE": ("FIRE", {}, _MOST_STEPS),
-    "ASE LBFGS": ("LBFGS", {"alpha": 3.0}, _MOST_STEPS),
-    "ASE BFGS": ("BFGS", {"alpha": 3.0}, 200),
+_ASE: dict[str, tuple[str, dict[str, Any], tuple[int, int]]] = {
+    "ASE FIRE": ("FIRE", {}, _ASE_STEPS),
+    "ASE LBFGS": ("LBFGS", {"alpha": 3.0}, _ASE_STEPS),
+    "ASE BFGS": ("BFGS", {"alpha": 3.0}, _DENSE_STEPS),
 }
 
 
@@ -77,7 +81,7 @@ class StrainStep:
         """Mean length of the edges at rest."""
         return self.start.length_scale
 
-    def most_steps(self, work: int, most: int = _MOST_STEPS) -> int:
+    def most_steps(self, work: int, most: int) -> int:
         return min(work // self.start.network.n_vertices, most)
 
     def fresh(self) -> SpringState:
@@ -110,14 +114,16 @@ def _own(step: StrainStep) -> list[Contestant]:
 
     def by_lbfgs(tolerance: float) -> Solution[SpringState]:
         state = step.fresh()
-        end = lbfgs(_Relaxation(state), np.zeros(state.forces.size), tolerance * step.unit, step.most_steps(_LBFGS))
+        end = lbfgs(
+            _Relaxation(state), np.zeros(state.forces.size), tolerance * step.unit, step.most_steps(*_LBFGS_STEPS)
+        )
         value = state.moved(end.point.x.reshape(state.forces.shape))
         return Solution(value, end.status, Stats("lbfgs", end.iterations, end.evaluations, end.point.residual))
 
     return [
         Contestant("Newton", partial(by, "newton", None), step.judge, LEVELS, backend="qdldl"),
         Contestant("L-BFGS", by_lbfgs, step.judge, LEVELS),
-        Contestant("FIRE", partial(by, "fire", step.most_steps(_FIRE)), step.judge, LEVELS),
+        Contestant("FIRE", partial(by, "fire", step.most_steps(*_FIRE_STEPS)), step.judge, LEVELS),
     ]
 
 
@@ -125,7 +131,7 @@ def _lammps(step: StrainStep) -> list[Contestant]:
     if not representable(step.start):
         return []
     engine = Lammps(step.start) if installed("lammps") else None
-    most_steps = step.most_steps(_LAMMPS_WORK, 10 * _MOST_STEPS)
+    most_steps = step.most_steps(*_LAMMPS_STEPS)
 
     def run(style: str, options: str, tolerance: float) -> tuple[Array, Status, int]:
         assert engine is not None
@@ -140,11 +146,13 @@ def _lammps(step: StrainStep) -> list[Contestant]:
 
 
 def _ase(step: StrainStep) -> list[Contestant]:
-    def run(method: str, options: dict[str, Any], most_steps: int, tolerance: float) -> tuple[Array, Status, int]:
+    def run(
+        method: str, options: dict[str, Any], limits: tuple[int, int], tolerance: float
+    ) -> tuple[Array, Status, int]:
         atoms = start.copy()
         atoms.calc = calculator
         optimizer = getattr(optimizers, method)(atoms, logfile=None, **options)
-        done = optimizer.run(fmax=tolerance * step.unit, steps=step.most_steps(_ASE_WORK, most_steps))
+        done = optimizer.run(fmax=tolerance * step.unit, steps=step.most_steps(*limits))
         return atoms.positions[:, :2], Status.ok if done else Status.step_limit, optimizer.nsteps
 
     if installed("ase"):
