@@ -206,12 +206,16 @@ def test_errors_fall_with_the_levels(contestants, word, name):
     contestant = contestants[word][name]
     n_levels, reached = EXPECTED[word, name]
     verdicts = [contestant.judge(contestant.run(level)) for level in contestant.levels[:n_levels]]
-    assert all(v.status is Status.ok for v in verdicts)
+    # A rough answer may say that it knows no bound on its error.
+    assert {v.status for v in verdicts} <= {Status.ok, Status.ill_conditioned}
+    assert verdicts[-1].status is Status.ok
     errors = np.array([v.error for v in verdicts])
     assert errors[-1] < reached
-    # A step of Newton's method may serve several tolerances.
-    assert (errors[1:] <= 1.01 * errors[:-1]).all()
-    assert n_levels == 1 or errors[-1] < 1e-2 * errors[0]
+    # A step of Newton's method may serve several tolerances, and one to the exact equilibrium all of them.
+    assert (errors[1:] <= np.maximum(1.01 * errors[:-1], 1e-15)).all()
+    assert n_levels == 1 or errors[-1] < max(1e-2 * errors[0], 1e-15)
+    # Whoever claims a bound keeps it.
+    assert not any(v.bound < v.error for v in verdicts)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
