@@ -1,10 +1,17 @@
-"""Methods timed against each other: one process, one core, in turn, and beside each time the error of its answer."""
+"""Methods timed against each other: one process, one core, in turn, and beside each time the error of its answer.
+
+A task is one chart.  Its module `_contest_<...>.py` ends with `TASKS = (Task(...), ...)`, which `speed_accuracy` gathers.
+Contestants import their peers by `peer`, when they run; one whose `package` is not installed is not run.
+"""
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -43,6 +50,29 @@ class Contestant:
 
 
 @dataclass(frozen=True)
+class Task:
+    """One chart of error against time.
+
+    word         its name on the axis, as in "strain_step"
+    title        what is computed, as in "σ → configuration, with its gradient"
+    error        what the error is, for the axis of the chart, as in "largest relative error of a bond vector"
+    sizes        sizes N_v that make sense; beyond the largest the task is left out
+    names        all its contestants at any size; an own method says what it does, a peer its package
+    default      the contestant that is critflow called without choosing anything, the one to lie on the front
+    contestants  (n_vertices, seed) -> those that take part at a size, with problem and reference in their closures;
+                 the reference is at least 1,000 times better than the best of them
+    """
+
+    word: str
+    title: str
+    error: str
+    sizes: tuple[int, ...]
+    names: tuple[str, ...]
+    default: str
+    contestants: Callable[[int, int], Sequence[Contestant]]
+
+
+@dataclass(frozen=True)
 class Timing:
     """Seconds of every repeat at one level of one contestant, and the worth of the answer."""
 
@@ -70,33 +100,73 @@ def installed(package: str) -> str:
         return ""
 
 
-def contest(contestants: Sequence[Contestant], repeats: int = 7, patience: float = 2.0) -> list[Timing]:
+def peer(module: str) -> Any:
+    """A module of a package that need not be installed, imported when first used."""
+    return import_module(module)
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Keep this thread, and all that it starts, on one core, where the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(before)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+def contest(
+    contestants: Sequence[Contestant], repeats: int = 7, patience: float = 2.0, budget: float = np.inf
+) -> list[Timing]:
     """Time all levels of all contestants in turn, round after round, after one round that is judged and not timed.
 
-    Nobody is run again after `repeats` rounds or `patience` seconds; whoever takes longer in the first round has that
-    time counted, whoever raises has failed.
+    Nobody is run again after `repeats` rounds or `patience` seconds, and no round begins after `budget` seconds.
+    Whoever takes longer than the patience in the first round has that time counted, and its finer levels are left out.
+    Whoever raises has failed; one whose package is not installed is missing.
     """
-    entries = [(c, n) for c in contestants for n in range(len(c.levels))]
-    timings = {}
-    for contestant, n in entries:
-        begin = time.perf_counter()
-        try:
-            answer = contestant.run(contestant.levels[n])
-        except Exception as error:  # a peer may raise anything, and that is its outcome
-            timings[contestant.name, n] = Timing(
-                contestant, n, verdict=Verdict(np.nan, Status.failed), note=f"{type(error).__name__}: {error}"
-            )
+    begin = time.perf_counter()
+    timings: dict[tuple[str, int], Timing] = {}
+    with one_core():
+        for contestant in contestants:
+            for timing in _judged(contestant, patience):
+                timings[contestant.name, timing.level] = timing
+        for n_round in range(repeats):
+            for key, known in timings.items():
+                over = sum(known.seconds) > patience or known.verdict.status in (Status.failed, Status.missing)
+                late = n_round and time.perf_counter() - begin > budget
+                if not over and not late:
+                    spent, _ = _timed(known.contestant, known.level)
+                    timings[key] = replace(known, seconds=(*known.seconds, spent))
+    return list(timings.values())
+
+
+def _judged(contestant: Contestant, patience: float) -> Iterator[Timing]:
+    """The first round of one contestant, from its rough to its fine levels."""
+    nothing = Verdict(np.nan, Status.missing)
+    if not installed(contestant.package):
+        note = f"{contestant.package} is not installed: `pip install 'critflow[peers]'`"
+        yield from (Timing(contestant, n, verdict=nothing, note=note) for n in range(len(contestant.levels)))
+        return
+    spent = 0.0
+    for n in range(len(contestant.levels)):
+        if spent > patience:
+            yield Timing(contestant, n, verdict=nothing, note=f"the level before took {spent:.2g} s")
             continue
-        spent = time.perf_counter() - begin
-        first = (spent,) if spent > patience else ()
-        timings[contestant.name, n] = Timing(contestant, n, first, contestant.judge(answer))
-    for _ in range(repeats):
-        for contestant, n in entries:
-            known = timings[contestant.name, n]
-            if known.verdict.status is Status.failed or sum(known.seconds) > patience:
-                continue
-            begin = time.perf_counter()
-            contestant.run(contestant.levels[n])
-            spent = time.perf_counter() - begin
-            timings[contestant.name, n] = Timing(contestant, n, (*known.seconds, spent), known.verdict)
-    return [timings[c.name, n] for c, n in entries]
+        try:
+            spent, answer = _timed(contestant, n)
+            verdict = contestant.judge(answer)
+        except Exception as error:  # a peer may raise anything, and that is its outcome
+            note = f"{type(error).__name__}: {error}"
+            yield Timing(contestant, n, verdict=Verdict(np.nan, Status.failed), note=note)
+            continue
+        yield Timing(contestant, n, (spent,) if spent > patience else (), verdict)
+
+
+def _timed(contestant: Contestant, level: int) -> tuple[float, Any]:
+    begin = time.perf_counter()
+    answer = contestant.run(contestant.levels[level])
+    return time.perf_counter() - begin, answer
