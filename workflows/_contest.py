@@ -1,7 +1,7 @@
 """Methods timed against each other: one process, one core, in turn, and beside each time the error of its answer.
 
-A task is one chart.  Its module `_contest_<...>.py` ends with `TASKS = (Task(...), ...)`, which `speed_accuracy` gathers.
-Contestants import their peers by `peer`, when they run; one whose `package` is not installed is not run.
+A task is one chart.  Its module `_contest_<...>.py` ends with `TASKS = (Task(...), ...)`, which `speed_accuracy`
+gathers.  Contestants import their peers by `peer`, when they run; one whose `package` is not installed is not run.
 """
 
 from __future__ import annotations
