@@ -37,14 +37,14 @@ def refined(manifold: CriticalManifold, sigma) -> tuple[Extended, Extended]:
         rest = subtract(load, geometry.divergence(multiply(s, geometry.bond_vectors(y, none))))
         y = add(y, extended(factor.solve(rest.high)))
     along = multiply(L, geometry.bond_vectors(y, none))
-    return L, subtract(by_sigma, _over_axes(along))
+    return L, subtract(by_sigma, over_axes(along))
 
 
 def _partials(s: Extended, L: Extended, volume: float) -> tuple[Extended, Extended]:
     """∂B_0/∂σ and ∂B_0/∂L, as (q/2V)(1 − qσ)|L|² and (q/2V)(2 − qσ)σL."""
-    sigma, square = Extended(s.high[:, 0], s.low[:, 0]), _over_axes(multiply(L, L))
+    sigma, square = Extended(s.high[:, 0], s.low[:, 0]), over_axes(multiply(L, L))
     work = multiply(sigma, square)
-    ratio = divide(_total(work), _total(multiply(sigma, work)))
+    ratio = divide(total(work), total(multiply(sigma, work)))
     scale = divide(ratio, extended(np.array([2 * volume])))
     share = multiply(ratio, sigma)
     one, two = (subtract(extended(np.array([number])), share) for number in (1.0, 2.0))
@@ -53,7 +53,7 @@ def _partials(s: Extended, L: Extended, volume: float) -> tuple[Extended, Extend
     return by_sigma, multiply(Extended(along.high[:, None], along.low[:, None]), L)
 
 
-def _over_axes(vectors: Extended) -> Extended:
+def over_axes(vectors: Extended) -> Extended:
     """Sum over the axes of vectors (n, d), (n,)."""
     total = Extended(vectors.high[:, 0], vectors.low[:, 0])
     for axis in range(1, vectors.high.shape[1]):
@@ -61,7 +61,7 @@ def _over_axes(vectors: Extended) -> Extended:
     return total
 
 
-def _total(values: Extended) -> Extended:
+def total(values: Extended) -> Extended:
     """Sum of all values (n,), as one value (1,), by halves."""
     high, low = values
     while len(high) > 1:
