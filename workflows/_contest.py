@@ -124,18 +124,21 @@ def contest(
 ) -> list[Timing]:
     """Time all levels of all contestants in turn, round after round, after one round that is judged and not timed.
 
+    Every round has an order of its own: what a contestant leaves behind, in caches and threads, is borne by all alike.
     Nobody is run again after `repeats` rounds or `patience` seconds, and no round begins after `budget` seconds.
     Whoever takes longer than the patience in the first round has that time counted, and its finer levels are left out.
     Whoever raises has failed; one whose package is not installed is missing.
     """
-    begin = time.perf_counter()
+    begin, rng = time.perf_counter(), np.random.default_rng(0)
     timings: dict[tuple[str, int], Timing] = {}
     with one_core():
         for contestant in contestants:
             for timing in _judged(contestant, patience):
                 timings[contestant.name, timing.level] = timing
+        keys = list(timings)
         for n_round in range(repeats):
-            for key, known in timings.items():
+            for key in (keys[n] for n in rng.permutation(len(keys))):
+                known = timings[key]
                 over = sum(known.seconds) > patience or known.verdict.status in (Status.failed, Status.missing)
                 late = n_round and time.perf_counter() - begin > budget
                 if not over and not late:

@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from critflow import CriticalManifold, Network, voronoi_network
+from critflow.backends import available_backends
 from critflow.extended import Extended
 from critflow.objectives import dilation, transition_modulus
 from critflow.workflow import stable_rng
@@ -28,6 +29,8 @@ SIZES = (100, 1_000, 10_000, 100_000)
 # Dense matrices beyond are out of the question.
 DENSE = 2_000
 EXACT = 100
+# Backends that need a package beside critflow.
+FAST = {"metis": "pymetis", "pardiso": "pypardiso"}
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 
 Solve = Callable[[np.ndarray], np.ndarray]
@@ -135,8 +138,8 @@ def _methods(network: Network) -> list[_Method]:
         _Method("pseudo-inverse", "numpy", _pseudo_inverse(network)),
     )
     sparse = (
-        _Method("SuperLU", "scipy", _superlu(laplacian)),
-        _Method("float32, refined", "scipy", _single_precision(laplacian), (0.0, 1.0, 2.0, 3.0, 4.0)),
+        _Method("splu", "scipy", _superlu(laplacian)),
+        _Method("splu float32", "scipy", _single_precision(laplacian), (0.0, 1.0, 2.0, 3.0, 4.0)),
         _Method("pyamg CG", "pyamg", _multigrid(laplacian), TOLERANCES),
     )
     return [*(dense if small else ()), *sparse]
@@ -201,23 +204,21 @@ def _contestants(n_vertices: int, seed: int, gradient: bool) -> list[Contestant]
         solution = problem.manifold.solve(sigma)
         return solution.value.bond_vectors, None, float("nan")
 
-    own = [
-        Contestant(name, own_run(manifold), problem.judge, backend=backend)
-        for name, backend, manifold in _backends(problem.manifold)
-    ]
+    own = [Contestant("auto", own_run(problem.manifold), problem.judge)]
     if not gradient:
         own.append(Contestant("solve", solved, problem.judge))
-    return [
-        *own,
-        *(Contestant(m.name, peer_run(m), problem.judge, m.levels, m.package, m.backend) for m in _methods(network)),
-    ]
+    for backend in available_backends():
+        run = own_run(CriticalManifold(network, backend=backend))
+        own.append(Contestant(backend, run, problem.judge, backend=backend))
+    for backend, package in FAST.items():
+        if not installed(package):
+            own.append(Contestant(backend, own_run(problem.manifold), problem.judge, package=package))
+    peers = [Contestant(m.name, peer_run(m), problem.judge, m.levels, m.package, m.backend) for m in _methods(network)]
+    return [*own, *peers]
 
 
-def _backends(manifold: CriticalManifold) -> list[tuple[str, str, CriticalManifold]]:
-    return [("auto", "qdldl", manifold)]
-
-
-_PEERS = ("dense Cholesky", "pseudo-inverse", "SuperLU", "float32, refined", "pyamg CG")
+_BACKENDS = ("qdldl", "superlu", "single", *FAST)
+_PEERS = ("dense Cholesky", "pseudo-inverse", "splu", "splu float32", "pyamg CG")
 
 TASKS = (
     Task(
@@ -225,7 +226,7 @@ TASKS = (
         "σ → configuration",
         "largest relative error of a bond vector",
         SIZES,
-        ("auto", "solve", *_PEERS),
+        ("auto", "solve", *_BACKENDS, *_PEERS),
         "auto",
         partial(_contestants, gradient=False),
     ),
@@ -234,7 +235,7 @@ TASKS = (
         "σ → configuration with a gradient",
         "largest error of a component of dB₀/dσ over the largest component",
         SIZES,
-        ("auto", *_PEERS),
+        ("auto", *_BACKENDS, *_PEERS),
         "auto",
         partial(_contestants, gradient=True),
     ),

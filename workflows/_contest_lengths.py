@@ -116,7 +116,7 @@ def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
     own = [
         Contestant("auto", auto, judge),
         Contestant("cone, polished", polished, judge, CONE),
-        Contestant("cone", cone, judge, CONE, "clarabel"),
+        Contestant("cone", cone, judge, CONE),
         Contestant("strain, Newton", partial(strain, relaxation="newton"), judge, STRAIN_STEPS),
         Contestant("bisection", partial(_bisected, manifold, lengths), judge, WIDTHS),
     ]

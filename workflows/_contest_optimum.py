@@ -167,7 +167,7 @@ def _contestants(n_vertices: int, seed: int, word: str, pinned: bool = False) ->
         Contestant("fire", _by_fire(manifold, word, start), judge, STEPS),
     ]
     if word == "length_variance":
-        own.append(Contestant("conic, no polish", _by_cone(manifold), judge, CONE, "clarabel"))
+        own.append(Contestant("cone", _by_cone(manifold), judge, CONE))
     lbfgs = _by_scipy(landscape.at, start, "L-BFGS-B")
     krylov = _by_scipy(landscape.at, start, "trust-krylov", landscape.curvature)
     peers = [
@@ -238,7 +238,7 @@ def _by_jax(network: Network, word: str, start: np.ndarray):
 
 _OWN = ("auto", "newton", "lbfgs", "fire")
 _SCIPY = ("SciPy L-BFGS-B", "SciPy trust-krylov")
-_MORE = {"length_variance": ("conic, no polish",)}
+_MORE = {"length_variance": ("cone",)}
 _TITLES = dict(
     zip(WORDS, ("least $V_L$", "least $V_\\tau$", "largest $B_0$", "largest $G_0$ with penalty"), strict=True)
 )

@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import NullFormatter
 
 from critflow.plot import COLOURS
 from critflow.result import Status
@@ -19,6 +21,8 @@ from critflow.workflow import Claim
 from ._contests import TASKS
 
 DIGIT = 10.0
+# With a larger error an answer is none.
+USEFUL = 1e-2
 # Times closer than this are the same.
 SAME = 1.1
 MAIN_SIZE = 1_000
@@ -70,14 +74,19 @@ def as_accurate(curve_list, error):
     return max(error, best) if best <= DIGIT * error else error
 
 
-def lead(own, rival):
-    """Least of how many times longer a rival takes than the fastest of these methods to its own accuracies; 0: never.
+def behind(some, others):
+    """How many times longer some methods take than others for what is on the front of these: (ratios, its places).
 
-    Only its points that are not beaten by itself count.
+    The places are (method, point).  Errors that are no use do not count.
     """
-    front = pareto_front(rival.seconds, rival.errors)
-    ratios = [rival.seconds[n] / time_to(own, as_accurate(own, rival.errors[n])) for n in front]
-    return float(min(ratios))
+    points = [(c, n) for c in others for n in range(len(c.errors)) if c.errors[n] < USEFUL]
+    if not points:
+        return np.empty(0), []
+    seconds, errors = (np.array([getattr(c, part)[n] for c, n in points]) for part in ("seconds", "errors"))
+    front = pareto_front(seconds, errors)
+    return np.array([time_to(some, as_accurate(some, errors[n])) / seconds[n] for n in front]), [
+        points[n] for n in front
+    ]
 
 
 def gain(default, rival):
@@ -87,10 +96,9 @@ def gain(default, rival):
 
 
 def detour(default, everyone):
-    """Largest of how many times longer the default takes than the fastest of all methods as accurate."""
-    pairs = zip(default.seconds, default.errors, strict=True)
-    front = pareto_front(default.seconds, default.errors)
-    return max((t / time_to(everyone, e) for n, (t, e) in enumerate(pairs) if n in front), default=np.nan)
+    """Largest of how many times longer the default takes than the fastest of all, for any accuracy that it reaches."""
+    ratios, _ = behind([default], everyone)
+    return float(ratios[np.isfinite(ratios)].max(initial=1.0))
 
 
 def cases(ds):
@@ -161,9 +169,9 @@ def all_sizes_figure(ds):
 
 def _explain(figure):
     figure.suptitle(
-        "Error against time of every method, one core: down and to the left is better. "
-        "Dark blue: critflow's own choice; light blue: its other methods; grey steps: the front",
-        fontsize=11,
+        "Error against time of every method, one core: down and to the left is better\n"
+        "dark blue: what critflow chooses, light blue: its other methods, squares: peers, grey: the front",
+        fontsize=11 if figure.get_figwidth() > 9 else 8,
     )
 
 
@@ -193,6 +201,7 @@ def _chart(axes, all_curves, default, labels):
     axes.set_xlim(0.6 * seconds.min(), (9 if labels else 2) * seconds.max())
     axes.set_xlabel("time of a run  [s]", fontsize=9)
     axes.tick_params(labelsize=8)
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.spines[["top", "right"]].set_visible(False)
     if labels:
         _name(axes, ends)
@@ -212,6 +221,7 @@ def _name(axes, ends):
         axes.annotate(
             name, (across, up), xycoords="axes fraction", fontsize=8, color=colour, va="bottom",
             fontweight="bold" if chosen else "normal", zorder=6,
+            path_effects=[withStroke(linewidth=2, foreground="white")],
         )  # fmt: skip
 
 
@@ -260,35 +270,30 @@ def claims(ds):
 
 
 def _against_peers(ds, word, of_task):
-    leads, ahead = [], []
+    nearest, ahead = (0.0, ""), []
     for size, all_curves, _ in of_task:
         own = [curve for curve in all_curves if curve.own]
         for rival in (curve for curve in all_curves if not curve.own):
-            ratio = lead(own, rival)
-            leads.append((ratio, f"{rival.name} at N_v = {size:,}"))
-            if ratio * SAME < 1:
-                ahead.append(_wins(own, rival, size))
+            ratios, points = behind(own, [rival])
+            nearest = max(nearest, (float(ratios.max(initial=0.0)), f"{rival.name} at N_v = {size:,}"))
+            if ratios.max(initial=0.0) > SAME:
+                n = points[int(ratios.argmax())][1]
+                needs = ratios.max() * rival.seconds[n]
+                mine = f"critflow needs {_milliseconds(needs)}" if np.isfinite(needs) else "critflow does not get there"
+                ahead.append(
+                    f"{rival.name} has {rival.errors[n]:.0e} in {_milliseconds(rival.seconds[n])} at N_v = {size:,}, "
+                    f"{mine}"
+                )
     missing = sorted({name for name, _ in _missing(ds.sel(task=[word]))})
     absent = f"; not installed: {', '.join(missing)}" if missing else ""
     key, statement = f"speed-accuracy-{word}", f"{TASKS[word].title}: critflow beats every peer at every accuracy"
-    if not leads:
+    ratio, where = nearest
+    if not ratio:
         return Claim(key, statement, "not stated", f"no peer took part{absent}", "measured")
-    ratio, where = min(leads)
-    value = f"the nearest peer is {where}, {ratio:.2g} × the time of critflow where it is nearest{absent}"
+    value = f"critflow takes at most {ratio:.2g} × the time of a peer as accurate, of {where}{absent}"
     if ahead:
         return Claim(key, statement, "faster", value, "differs", "; ".join(ahead))
     return Claim(key, statement, "faster", value, "holds")
-
-
-def _wins(own, rival, size):
-    front = pareto_front(rival.seconds, rival.errors)
-    ratios = [rival.seconds[n] / time_to(own, as_accurate(own, rival.errors[n])) for n in front]
-    worst = front[int(np.argmin(ratios))]
-    needs = time_to(own, as_accurate(own, rival.errors[worst]))
-    mine = f"critflow needs {_milliseconds(needs)}" if np.isfinite(needs) else "critflow does not get there"
-    return (
-        f"{rival.name} has {rival.errors[worst]:.0e} in {_milliseconds(rival.seconds[worst])} at N_v = {size:,}, {mine}"
-    )
 
 
 def _milliseconds(seconds):

@@ -19,7 +19,7 @@ from critflow import Status, StudyError, voronoi_network
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ._checks import check_network, check_positive
-from ._contest import contest, installed
+from ._contest import contest, installed, one_core
 from ._contests import CONTESTANTS, TASKS
 from ._speed_accuracy_report import all_sizes_figure, claims, main_figure, summary
 
@@ -57,13 +57,11 @@ def case(parameters, *, task, n_vertices):
     }
     outcome, counts = np.full(shape, int(Status.missing)), np.zeros((2, *shape), int)
     presence, backend, versions = np.zeros(shape[0], int), np.zeros(shape[0], int), np.full((shape[0], 3), -1)
-    entrants = []
-    if n_vertices <= max(TASKS[task].sizes):
-        entrants = [
-            replace(c, levels=tuple(c.levels[level] for level in levels if level < len(c.levels)))
-            for c in TASKS[task].contestants(n_vertices, parameters["seed"])
-            if c.name in names
-        ]
+    # Peers warn of much, and start threads; what counts is their answer on one core.
+    with one_core(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        entrants = _entrants(parameters, TASKS[task], n_vertices)
+        timings = contest(entrants, parameters["repeats"], parameters["patience"], parameters["budget"])
     for contestant in entrants:
         place, version = names.index(contestant.name), installed(contestant.package)
         own = contestant.package == "critflow"
@@ -71,10 +69,6 @@ def case(parameters, *, task, n_vertices):
         backend[place] = Backend.__members__.get(contestant.backend or "none", Backend.other)
         numbers = [int(number) for number in re.findall(r"\d+", version)[:3]]
         versions[place, : len(numbers)] = numbers
-    with warnings.catch_warnings():
-        # Peers warn of much; what counts is their answer.
-        warnings.simplefilter("ignore")
-        timings = contest(entrants, parameters["repeats"], parameters["patience"], parameters["budget"])
     for timing in timings:
         at = names.index(timing.contestant.name), timing.level
         values = timing.median, *timing.quartiles, timing.verdict.error, timing.verdict.bound
@@ -94,13 +88,22 @@ def case(parameters, *, task, n_vertices):
     }
 
 
+def _entrants(parameters, task, n_vertices):
+    """The contestants that were asked for, with the levels that were asked for; none beyond the sizes of the task."""
+    if n_vertices > max(task.sizes):
+        return []
+    return [
+        replace(c, levels=tuple(c.levels[level] for level in parameters["levels"] if level < len(c.levels)))
+        for c in task.contestants(n_vertices, parameters["seed"])
+        if c.name in parameters["contestants"]
+    ]
+
+
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_positive(parameters, "repeats", "patience", "budget")
     if unknown := sorted(set(parameters["contestants"]) - set(CONTESTANTS)):
         raise StudyError(f"there is no contestant {unknown[0]!r}: choose among {', '.join(CONTESTANTS)}")
-    if min(parameters["levels"]) < 0:
-        raise StudyError("levels count from zero")
     for n_vertices in axes["n_vertices"]:
         if n_vertices < 1_000:
             check_network(voronoi_network, n_vertices, parameters["seed"])
