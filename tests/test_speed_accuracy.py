@@ -19,10 +19,12 @@ from critflow.cli import main
 from critflow.result import Status
 from critflow.workflow.load import load_study
 
+study = load_study("speed_accuracy").study
+
 
 def beside(name):
     """A module of the files beside the study."""
-    return sys.modules[f"{load_study('speed_accuracy').study.case.__module__}.{name}"]
+    return sys.modules[f"{study.case.__module__}.{name}"]
 
 
 contests, report, references = beside("_contest"), beside("_speed_accuracy_report"), beside("_contest_reference")
@@ -97,9 +99,9 @@ def test_all_runs_are_on_one_core_and_none_is_taken_away():
 # Reading fronts
 
 
-def curve(name, points, own=True):
+def curve(name, points, own=True, cut=False):
     seconds, errors = np.array(points, dtype=float).T
-    return report.Curve(name, own, seconds, seconds, seconds, errors)
+    return report.Curve(name, own, cut, seconds, seconds, seconds, errors)
 
 
 def test_the_front_is_what_no_point_beats():
@@ -130,6 +132,14 @@ def test_the_front_is_what_no_point_beats():
 def test_how_far_one_is_behind_another(own, rival, ratios):
     found, _ = report.behind([curve("own", own)], [curve("rival", rival, own=False)])
     np.testing.assert_allclose(found, ratios, rtol=1e-12)
+
+
+def test_who_was_not_asked_for_more_is_not_behind():
+    rival = curve("rival", [(3, 1e-5), (4, 1e-15)], own=False)
+    for cut, ratios in ((False, [1 / 3, np.inf]), (True, [1 / 3])):
+        found, points = report.behind([curve("own", [(1, 1e-9)], cut=cut)], [rival])
+        np.testing.assert_allclose(found, ratios, rtol=1e-12)
+        assert [n for _, n in points] == [0, 1][: len(ratios)]
 
 
 def test_a_choice_is_measured_at_every_accuracy_that_it_reaches():
@@ -212,7 +222,9 @@ ASKED = ("auto", "newton", "cone", "cone, polished", "splu", "dense Cholesky", "
 @pytest.mark.parametrize("word", [word for word in TASKS if not word.endswith("pinned")])
 def test_tasks_name_their_contestants(word):
     task = TASKS[word]
-    names = [contestant.name for contestant in task.contestants(min(40, task.sizes[0]), 1)]
+    entrants = task.contestants(min(40, task.sizes[0]), 1)
+    names = [contestant.name for contestant in entrants]
+    assert max(len(contestant.levels) for contestant in entrants) <= len(study.parameters["levels"])
     assert len(names) == len(set(names))
     assert set(names) <= set(task.names)
     assert task.default in names

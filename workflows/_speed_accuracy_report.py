@@ -1,7 +1,8 @@
 """Charts, claims and summary of speed against accuracy, read off the dataset; titles come from the tasks.
 
-A method is as accurate as another whose error is not larger.  At the last digit errors are luck: whoever comes within a
-factor `DIGIT` of the least error of another counts as accurate as that.
+A method is as accurate as another whose error is not larger.  At the last digit errors are luck: those within a factor
+`DIGIT` of the least that a method or a library reaches are its last digit, and as good as whatever is no better by more
+than a digit.
 """
 
 from __future__ import annotations
@@ -33,10 +34,14 @@ _DEFAULT_COLOUR, _OWN_COLOUR, _PEER_COLOURS = COLOURS[0], COLOURS[1], (*COLOURS[
 
 
 class Curve(NamedTuple):
-    """One method: seconds with quartiles, and errors, of the levels that were timed, from rough to fine."""
+    """One method: seconds with quartiles, and errors, of the levels that were timed, from rough to fine.
+
+    `cut` where finer levels were left out, because the last one took too long.
+    """
 
     name: str
     own: bool
+    cut: bool
     seconds: np.ndarray
     low: np.ndarray
     high: np.ndarray
@@ -51,7 +56,8 @@ def curves(one) -> list[Curve]:
         known = np.isfinite(at.seconds.values) & np.isfinite(at.error.values)
         if known.any():
             values = (at[v].values[known] for v in ("seconds", "seconds_low", "seconds_high", "error"))
-            found.append(Curve(name, presence == OWN, *values))
+            cut = (np.isfinite(at.level_value) & (at.outcome == Status.missing)).any()
+            found.append(Curve(name, presence == OWN, bool(cut), *values))
     return found
 
 
@@ -69,24 +75,25 @@ def time_to(curve_list, error):
 
 
 def as_accurate(curve_list, error):
-    """The error that counts as this one: a little larger where the best of these methods comes within a digit of it."""
+    """The largest error of these methods that counts as this one: larger than it only where it is their last digit."""
     best = min((float(curve.errors.min()) for curve in curve_list), default=np.inf)
-    return max(error, best) if best <= DIGIT * error else error
+    return max(error, DIGIT * best) if best <= DIGIT * error else error
 
 
 def behind(some, others):
     """How many times longer some methods take than others for what is on the front of these: (ratios, its places).
 
-    The places are (method, point).  Errors that are no use do not count.
+    The places are (method, point).  Errors that are no use do not count, nor those that nobody may have asked of these
+    methods, because some were cut.
     """
     points = [(c, n) for c in others for n in range(len(c.errors)) if c.errors[n] < USEFUL]
     if not points:
         return np.empty(0), []
     seconds, errors = (np.array([getattr(c, part)[n] for c, n in points]) for part in ("seconds", "errors"))
     front = pareto_front(seconds, errors)
-    return np.array([time_to(some, as_accurate(some, errors[n])) / seconds[n] for n in front]), [
-        points[n] for n in front
-    ]
+    ratios = np.array([time_to(some, as_accurate(some, errors[n])) / seconds[n] for n in front])
+    asked = np.isfinite(ratios) | (not any(curve.cut for curve in some))
+    return ratios[asked], [points[n] for n in front[asked]]
 
 
 def gain(default, rival):
@@ -162,7 +169,8 @@ def all_sizes_figure(ds):
             if column == 0:
                 axes.set_ylabel(word.replace("_", " "), fontsize=9)
             factor = detour(default, all_curves) if default else np.nan
-            axes.set_title(f"$N_v$ = {size:,}    auto: {factor:.2g} × the front", fontsize=8.5, loc="left")
+            chosen = f"{default.name}: {factor:.2g} × the front" if default else ""
+            axes.set_title(f"$N_v$ = {size:,}    {chosen}", fontsize=8.5, loc="left")
     _explain(figure)
     return figure
 
@@ -213,11 +221,21 @@ def _name(axes, ends):
     left, right = np.log10(axes.get_xlim())
     taken = []
     for x, y, name, colour, chosen in sorted(ends, key=lambda end: end[1]):
-        across, up = (np.log10(x) - left) / (right - left) + 0.015, (np.log10(y) - low) / (high - low) - 0.03
+        point = (np.log10(x) - left) / (right - left), (np.log10(y) - low) / (high - low)
+        across, up = point[0] + 0.015, point[1] - 0.03
         width = 0.021 * len(name)
         while any(abs(up - b) < 0.052 and across < a + w and a < across + width for a, b, w in taken):
             up += 0.013
         taken.append((across, up, width))
+        if up > point[1] + 0.02:
+            axes.plot(
+                (point[0], across),
+                (point[1], up + 0.02),
+                color=colour,
+                linewidth=0.5,
+                transform=axes.transAxes,
+                zorder=2,
+            )
         axes.annotate(
             name, (across, up), xycoords="axes fraction", fontsize=8, color=colour, va="bottom",
             fontweight="bold" if chosen else "normal", zorder=6,
@@ -240,6 +258,8 @@ def _boast(default, all_curves):
 
 
 def _times(ratio):
+    if 1 / SAME < ratio < SAME:
+        return "as fast as"
     return f"{ratio:,.0f} × faster than" if ratio >= 9.95 else f"{ratio:.2g} × the speed of"
 
 
@@ -290,7 +310,8 @@ def _against_peers(ds, word, of_task):
     ratio, where = nearest
     if not ratio:
         return Claim(key, statement, "not stated", f"no peer took part{absent}", "measured")
-    value = f"critflow takes at most {ratio:.2g} × the time of a peer as accurate, of {where}{absent}"
+    most = f"takes at most {ratio:.2g} × the time" if np.isfinite(ratio) else "does not reach the accuracy"
+    value = f"critflow {most} of a peer, {where}{absent}"
     if ahead:
         return Claim(key, statement, "faster", value, "differs", "; ".join(ahead))
     return Claim(key, statement, "faster", value, "holds")

@@ -123,9 +123,9 @@ study = Study(
     parameters={
         "contestants": CONTESTANTS,
         "levels": tuple(range(7)),
-        "repeats": 7,
+        "repeats": 5,
         "patience": 1.5,
-        "budget": 15.0,
+        "budget": 10.0,
         "seed": 0,
     },
     coordinates=(
