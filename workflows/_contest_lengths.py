@@ -115,13 +115,13 @@ def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
 
     own = [
         Contestant("auto", auto, judge),
-        Contestant("cone, polished", polished, judge, CONE),
+        Contestant("cone + Newton", polished, judge, CONE),
         Contestant("cone", cone, judge, CONE),
-        Contestant("strain, Newton", partial(strain, relaxation="newton"), judge, STRAIN_STEPS),
+        Contestant("strain Newton", partial(strain, relaxation="newton"), judge, STRAIN_STEPS),
         Contestant("bisection", partial(_bisected, manifold, lengths), judge, WIDTHS),
     ]
     if n_vertices <= FIRE_SIZE:
-        own.append(Contestant("strain, FIRE", partial(strain, relaxation="fire"), judge, STRAIN_STEPS[:2]))
+        own.append(Contestant("strain FIRE", partial(strain, relaxation="fire"), judge, STRAIN_STEPS[:2]))
     return own
 
 
@@ -150,7 +150,7 @@ TASKS = (
         "rest lengths → critical configuration",
         "largest error of a stress over the mean stress",
         SIZES,
-        ("auto", "cone, polished", "cone", "strain, Newton", "bisection", "strain, FIRE"),
+        ("auto", "cone + Newton", "cone", "strain Newton", "bisection", "strain FIRE"),
         "auto",
         _contestants,
     ),

@@ -2,9 +2,23 @@
 
 from __future__ import annotations
 
-from . import _contest_configuration, _contest_lengths, _contest_optimum
+from . import (
+    _contest_coefficients,
+    _contest_configuration,
+    _contest_lengths,
+    _contest_moduli,
+    _contest_optimum,
+    _contest_strain,
+)
 
-MODULES = (_contest_configuration, _contest_optimum, _contest_lengths)
+MODULES = (
+    _contest_configuration,
+    _contest_optimum,
+    _contest_lengths,
+    _contest_strain,
+    _contest_moduli,
+    _contest_coefficients,
+)
 
 TASKS = {task.word: task for module in MODULES for task in module.TASKS}
 
