@@ -254,7 +254,8 @@ def _boast(default, all_curves):
     parts = [f"{default.name}: {_times(ratios[slowest])} {slowest}"]
     if fastest != slowest:
         parts.append(f"{_times(ratios[fastest])} {fastest}" if ratios[fastest] else f"less accurate than {fastest}")
-    return ", ".join(parts)
+    text = ", ".join(parts)
+    return text if len(text) < 62 else ",\n".join(parts)
 
 
 def _times(ratio):
