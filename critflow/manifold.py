@@ -81,11 +81,13 @@ class CriticalManifold:
 
     It also keeps the symbolic analysis of the network's other matrices, made when first asked for; functions that
     take a network and a manifold alike are faster with the manifold when they are called more than once.
+
+    backend  sparse solver of all of them (`critflow.backends`)
     """
 
-    def __init__(self, network: Network):
-        self.network = network
-        self._laplacian = laplacian(network)
+    def __init__(self, network: Network, backend: str = "auto"):
+        self.network, self.backend = network, backend
+        self._laplacian = laplacian(network, backend)
         self._g, self._b = network.free_incidence, network.boundary_vectors
         # gᵀ(σ ∘ b) is linear in σ and only few edges carry b, so it is one thin product per direction.
         self._load = [
@@ -103,12 +105,12 @@ class CriticalManifold:
     @cached_property
     def saddle(self) -> Saddle:
         """Systems of stresses and displacements together."""
-        return Saddle(self.network)
+        return Saddle(self.network, self.backend)
 
     @cached_property
     def hessian(self) -> FixedPattern:
         """The pattern of the elastic Hessian, of the network and all its strained copies."""
-        return block_laplacian(self.network)
+        return block_laplacian(self.network, self.backend)
 
     def configuration(self, sigma: ArrayLike, throw: bool = True) -> CriticalConfiguration:
         """The configuration x(σ) in balance under σ (`SelfStressParamaterization_coords`); σ of any sign.
