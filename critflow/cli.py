@@ -20,7 +20,6 @@ from critflow.workflow.folder import Folder
 from critflow.workflow.load import each_named_study, load_study
 from critflow.workflow.plan import select
 from critflow.workflow.status import folder_status, status_lines
-from critflow.workflow.study import Study
 
 FAILED_CASES = 3
 DAMAGED = 4
@@ -43,6 +42,16 @@ app = typer.Typer(
 NameArgument = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A study, by name or by file.")]
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="A results folder.")]
 SetOption = Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be repeated.")]
+
+RunSetOption = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a setting; may be repeated. variables=NAME,NAME computes and stores these alone, "
+        "variables=scalars no arrays.",
+    ),
+]
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -90,10 +99,11 @@ def _options(
 @app.command()
 def run(
     study: NameArgument,
-    settings: SetOption = [],  # noqa: B006 (typer reads the default and copies it)
+    settings: RunSetOption = [],  # noqa: B006 (typer reads the default and copies it)
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results folder; results/NAME when left out.")] = None,
     workers: Annotated[
-        int | None, typer.Option(help="Worker processes; one per CPU when left out, 0 for none.")
+        int | None,
+        typer.Option(help="Worker processes; one per CPU, or what the study allows, when left out; 0 for none."),
     ] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Use the dask scheduler there.")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be computed, and write nothing.")] = False,
@@ -102,6 +112,9 @@ def run(
     if workers is not None and workers < 0:
         raise InputError(f"--workers {workers} is negative: give how many worker processes, or 0 for none")
     loaded = load_study(study)
+    processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
+    if scheduler is not None and loaded.study.workers is not None:
+        raise InputError(f"--scheduler may compute many cases at a time, which disturbs {study!r}: leave it out")
     selection = select(loaded.study, settings)
     folder = Folder(out or Path("results") / loaded.study.name)
     folder.refuse_other(loaded)
@@ -117,17 +130,18 @@ def run(
         print(f"{loaded.study.name}: {sizes}, {cases}, into {folder.path}")
         for key, value in selection.parameters.items():
             print(f"  {key} = {','.join(map(str, value)) if isinstance(value, tuple) else value}")
+        print(f"  variables = {','.join(selection.study.selected) or 'all'}")
         return 0
     result = engine.run_study(
         loaded,
         selection,
         folder,
-        workers=workers if workers is not None else os.cpu_count() or 1,
+        workers=processes,
         scheduler=scheduler,
         command=shlex.join(["critflow", "run", study, *(f"--set={word}" for word in settings)]),
     )
     print(f"{result.dataset}: {sizes}, {result.kept} of {len(selection.cases())} cases were there before")
-    _print_report(loaded.study, folder, result.claims)
+    _print_report(folder, result.report)
     if not result.failed:
         return 0
     for failure in result.failed[:10]:
@@ -166,7 +180,7 @@ def verify(folder: FolderArgument) -> int:
     if problems:
         count = f"{len(problems)} thing{'s are' if len(problems) > 1 else ' is'} wrong"
         return _complain(f"{count} in {results.path}: run the study again to mend it", DAMAGED)
-    physics = ", and with their physics" if recomputed else "; this study recomputes no physics"
+    physics = ", and with their physics" if recomputed else "; no physics can be recomputed from them"
     print(f"{results.path}: {stored} stored cases and the dataset agree to the last byte{physics}")
     return 0
 
@@ -178,8 +192,8 @@ def figures(
 ) -> None:
     """Draw the figures and write the claims anew from the dataset of a folder."""
     results = Folder(folder)
-    loaded, _ = results.selection()
-    _print_report(loaded.study, results, _part("critflow.workflow.report").write_report(loaded.study, results, format))
+    _, selection = results.selection()
+    _print_report(results, _part("critflow.workflow.report").write_report(selection.study, results, format))
 
 
 @app.command()
@@ -201,9 +215,11 @@ def show(
         print(_part("critflow.workflow.show").show_configuration(case, out or Path(f"{labels}.png")))
 
 
-def _print_report(study: Study, folder: Folder, claims: Sequence[Any]) -> None:
-    if study.figures or study.animations:
-        print(f"{folder.figures}: {', '.join([*study.figures, *study.animations])}")
-    if claims:
-        verdicts = [claim.verdict for claim in claims if claim.verdict != "measured"]
+def _print_report(folder: Folder, report: Any) -> None:
+    if report.written:
+        print(f"{folder.figures}: {', '.join(report.written)}")
+    if report.left_out:
+        print(f"{folder.path}: left out for want of variables: {', '.join(report.left_out)}")
+    if report.claims:
+        verdicts = [claim.verdict for claim in report.claims if claim.verdict != "measured"]
         print(f"{folder.path / 'claims.md'}: {verdicts.count('holds')} of {len(verdicts)} claims hold")

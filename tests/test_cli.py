@@ -85,6 +85,8 @@ MISTAKES = {
     "no study": (["run"], 2, "Missing argument"),
     "workers not a number": (["run", TINY, "--workers", "many"], 2, "--workers"),
     "negative workers": (["run", TINY, "--workers", "-1"], 2, "--workers -1"),
+    "workers of a study that measures": (["run", "alone.py", "--workers", "2"], 2, "give at most 1"),
+    "scheduler of a study that measures": (["run", "alone.py", "--scheduler", "tcp://x:1"], 2, "leave it out"),
     "unknown study": (["run", "tinny"], 2, "did you mean 'tiny'"),
     "missing file": (["run", "nowhere.py"], 2, "cannot read the study file"),
     "study with an error": (["run", "broken.py"], 2, "ZeroDivisionError"),
@@ -118,6 +120,7 @@ def test_a_mistake_gets_its_exit_code_and_one_sentence(here, results, capsys, mo
     monkeypatch.setattr(fanout, "_WAIT_FOR_SCHEDULER", 0.3)
     (here / "broken.py").write_text("1 / 0")
     (here / "other.py").write_text(Path(TINY).read_text().replace('name="tiny"', 'name="other"'))
+    (here / "alone.py").write_text(Path(TINY).read_text().replace("check=check,", "check=check, workers=1,"))
     (here / "damaged").mkdir()
     (here / "damaged" / "study.json").write_text("{")
     before = sorted(here.rglob("*"))

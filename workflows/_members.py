@@ -9,22 +9,48 @@ from critflow.critical import stressed_fraction
 from critflow.structure import length_variance, tension_variance
 from critflow.workflow import Variable
 
+# What has a cost of its own: linear systems at the transition, and the strain path with the lines fitted to it.
+_EXACT = ("C_B_exact", "C_G_exact", "C_G_stress_corrected_exact")
+_ALONG = (
+    *("bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected", "energy", "max_force", "newton_steps"),
+    *("path_status", "C_B", "C_G", "C_G_stress_corrected", "C_B_error", "C_G_error", "C_G_stress_corrected_error"),
+)
 
-def measured(manifold, found, parameters, undefined=1.0):
+
+def measured(manifold, found, parameters, wanted, undefined=1.0):
     """Arrays of a configuration that was found: moduli at the transition and along the strain path, variances.
 
+    wanted     names of the variables asked for; what costs more than a sum over the edges is left out with them
     undefined  NaN where coefficients of growth mean nothing
     """
-    network, critical, strains = manifold.network, found.value, np.array(parameters["strains"])
+    critical = found.value
     at_transition = transition_moduli(critical)
-    path = strain_path(network, critical, strains, pattern=manifold.hessian, throw=False).value
-    exact = stiffening(network, critical, manifold.saddle, throw=False).value
     result = {
         "sigma": critical.sigma,
         "length": critical.lengths,
         "coordinates": critical.coordinates,
         "bulk_modulus_0": at_transition.bulk,
         "shear_modulus_0": at_transition.shear,
+        "length_variance": length_variance(critical),
+        "tension_variance": tension_variance(critical),
+        "stressed_fraction": stressed_fraction(critical.sigma),
+        "residual": critical.residual,
+        "optimality": found.stats.residual,
+        "iterations": found.stats.iterations,
+    }
+    if not wanted.isdisjoint(_EXACT):
+        exact = stiffening(manifold.network, critical, manifold.saddle, throw=False).value
+        values = (exact.C_B, exact.C_G, exact.C_G_stress_corrected)
+        result |= {name: value * undefined for name, value in zip(_EXACT, values, strict=True)}
+    if not wanted.isdisjoint(_ALONG):
+        result |= _along_path(manifold, critical, parameters, undefined)
+    return result
+
+
+def _along_path(manifold, critical, parameters, undefined):
+    strains = np.array(parameters["strains"])
+    path = strain_path(manifold.network, critical, strains, pattern=manifold.hessian, throw=False).value
+    result = {
         "bulk_modulus": path.bulk_modulus,
         "shear_modulus": path.shear_modulus,
         "shear_modulus_stress_corrected": path.shear_modulus_stress_corrected,
@@ -32,15 +58,6 @@ def measured(manifold, found, parameters, undefined=1.0):
         "max_force": path.max_force,
         "newton_steps": path.steps,
         "path_status": path.status,
-        "C_B_exact": exact.C_B * undefined,
-        "C_G_exact": exact.C_G * undefined,
-        "C_G_stress_corrected_exact": exact.C_G_stress_corrected * undefined,
-        "length_variance": length_variance(critical),
-        "tension_variance": tension_variance(critical),
-        "stressed_fraction": stressed_fraction(critical.sigma),
-        "residual": critical.residual,
-        "optimality": found.stats.residual,
-        "iterations": found.stats.iterations,
     }
     for name, moduli in (
         ("C_B", path.bulk_modulus),

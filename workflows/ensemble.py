@@ -25,7 +25,7 @@ from ._members import measured, table
 from ._populations import POPULATIONS, configuration, prepared
 
 
-def case(parameters, *, seed, population):
+def case(parameters, *, seed, population, wanted):
     """A critical configuration, its structure, and its moduli at the transition and along the strain path."""
     manifold = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
     network = manifold.network
@@ -35,12 +35,11 @@ def case(parameters, *, seed, population):
         return shared
     # Where an edge collapses the infimum has no configuration, so the coefficients of a near one mean nothing.
     undefined = np.nan if found.status is Status.edge_collapse else 1.0
-    return {
-        **shared,
-        **measured(manifold, found, parameters, undefined),
-        "anisotropy_physical": np.nanmean(face_anisotropy(found.value)),
-        "anisotropy_force": np.nanmean(force_anisotropy(found.value)),
-    }
+    result = shared | measured(manifold, found, parameters, wanted, undefined)
+    for name, anisotropy in (("anisotropy_physical", face_anisotropy), ("anisotropy_force", force_anisotropy)):
+        if name in wanted:
+            result[name] = np.nanmean(anisotropy(found.value))
+    return result
 
 
 def check(parameters, axes):

@@ -47,7 +47,7 @@ def configuration(manifold, parameters, seed, population):
     return critical_from_lengths(manifold, random_lengths(rng, n_edges, parameters["spread"]), throw=False)
 
 
-def case(parameters, *, seed, population):
+def case(parameters, *, seed, population, wanted):
     """A critical configuration, and its moduli at the transition and along the strain path."""
     manifold = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
     network = manifold.network
@@ -55,7 +55,7 @@ def case(parameters, *, seed, population):
     shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
     if not np.isfinite(found.value.coordinates).all():
         return shared
-    return {**shared, **measured(manifold, found, parameters)}
+    return {**shared, **measured(manifold, found, parameters, wanted)}
 
 
 def check(parameters, axes):

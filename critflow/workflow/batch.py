@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from critflow.result import IntegrityError, Status, StudyError
-from critflow.workflow.load import StudyFile, load_file
+from critflow.workflow.load import load_file
 from critflow.workflow.plan import Case
 from critflow.workflow.store import read_shard, write_shard
+from critflow.workflow.study import Study
 
 _stopped: set[str] = set()  # runs that were asked to stop; a set, because workers may serve several runs
 
@@ -36,6 +37,7 @@ class Job:
     study_digest: str
     shards: str
     parameters: Mapping[str, Any]
+    variables: tuple[str, ...] = ()  # what is stored of each case; all where none is named
 
 
 def run_batch(job: Job, batch: Sequence[Mapping[str, int | str]]) -> list[tuple]:
@@ -43,12 +45,13 @@ def run_batch(job: Job, batch: Sequence[Mapping[str, int | str]]) -> list[tuple]
     loaded = load_file(Path(job.study_path))
     if loaded.digest != job.study_digest:
         raise StudyError(f"{job.study_path} changed while it ran: run it again")
+    study, shards = loaded.study.storing(job.variables), Path(job.shards)
     outcomes = []
     for values in batch:
         if job.run in _stopped:
             break
-        case = Case(loaded.study.name, loaded.study.version, job.parameters, values)
-        outcomes.append(tuple(_stored(loaded, Path(job.shards), case) or _computed(loaded, Path(job.shards), case)))
+        case = Case(study.name, study.version, job.parameters, values, study.selected)
+        outcomes.append(tuple(_stored(study, shards, case) or _computed(study, shards, case)))
     return outcomes
 
 
@@ -57,16 +60,16 @@ def stop(run: str) -> None:
     _stopped.add(run)
 
 
-def record_failure(loaded: StudyFile, shards: Path, case: Case, error: str, seconds: float = 0.0) -> Outcome:
+def record_failure(study: Study, shards: Path, case: Case, error: str, seconds: float = 0.0) -> Outcome:
     """Store that the case failed, and why."""
-    checksum = write_shard(shards, loaded.study, case, Status.failed, {}, error)
+    checksum = write_shard(shards, study, case, Status.failed, {}, error)
     return Outcome(case.id, int(Status.failed), checksum, seconds, error.strip().splitlines()[-1])
 
 
-def _stored(loaded: StudyFile, shards: Path, case: Case) -> Outcome | None:
+def _stored(study: Study, shards: Path, case: Case) -> Outcome | None:
     """The case when it is done already, as after the death of the worker that had this batch before."""
     try:
-        shard = read_shard(shards, loaded.study, case)
+        shard = read_shard(shards, study, case)
     except IntegrityError:
         return None
     if shard is None or shard.status is Status.failed:
@@ -74,13 +77,12 @@ def _stored(loaded: StudyFile, shards: Path, case: Case) -> Outcome | None:
     return Outcome(case.id, int(shard.status), shard.checksum, 0.0, "")
 
 
-def _computed(loaded: StudyFile, shards: Path, case: Case) -> Outcome:
-    study = loaded.study
+def _computed(study: Study, shards: Path, case: Case) -> Outcome:
     start = time.perf_counter()
     try:
-        arrays = study.arrays(study.case(case.parameters, **case.values), case.parameters)
+        arrays = study.computed(case.parameters, case.values)
         status = Status(int(arrays.pop("status")))
     except (Exception, SystemExit):  # one bad case, whatever it raises, must not take the others down
-        return record_failure(loaded, shards, case, traceback.format_exc(), time.perf_counter() - start)
+        return record_failure(study, shards, case, traceback.format_exc(), time.perf_counter() - start)
     seconds = time.perf_counter() - start
     return Outcome(case.id, int(status), write_shard(shards, study, case, status, arrays), seconds, "")

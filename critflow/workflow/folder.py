@@ -86,7 +86,12 @@ class Folder:
         axes = {name: tuple(values) for name, values in note["axes"].items()}
         if set(parameters) != set(loaded.study.parameters) or tuple(axes) != loaded.study.axis_names:
             raise StudyError(f"study {loaded.study.name!r} has other settings now than {self.path}: run it again there")
-        return loaded, Selection(loaded.study, parameters, axes)
+        known = [variable.name for variable in loaded.study.variables]
+        if not set(note["variables"]) <= set(known):
+            raise StudyError(
+                f"study {loaded.study.name!r} has other variables now than {self.path}: run it again there"
+            )
+        return loaded, Selection(loaded.study.storing(note["variables"]), parameters, axes)
 
     def _write_note(self, loaded: StudyFile, selection: Selection) -> None:
         note = {
@@ -94,12 +99,14 @@ class Folder:
             "file": None if loaded.by_name else os.path.relpath(loaded.path, self.path.absolute()),
             "axes": selection.axes,
             "parameters": selection.parameters,
+            "variables": selection.study.selected,
         }
         write_text(self.note, json.dumps(note, indent=1) + "\n")
 
     def _read_note(self) -> dict:
         try:
             note = json.loads(self.note.read_text(encoding="utf-8"))
-            return {key: note[key] for key in ("study", "file", "axes", "parameters")}
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            note.setdefault("variables", [])  # all
+            return {key: note[key] for key in ("study", "file", "axes", "parameters", "variables")}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise IntegrityError(f"{self.note} is not readable: delete it and run the study again") from error

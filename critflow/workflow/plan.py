@@ -5,6 +5,9 @@ One spelling serves every setting, read by the type of its default:
     whole numbers   7    0,3,5    0:100         half-open, as in Python
     decimals        0.1  0.1,0.2  0.001:0.01:0.001   start:stop:step, the stop included
     words           bulk_modulus,random_stress
+
+Every study has the setting `variables`: what is computed and stored, by names of its table, or `scalars` for all that
+have no dimensions of their own, or `all`.
 """
 
 from __future__ import annotations
@@ -32,11 +35,14 @@ class Case:
     version: int
     parameters: Mapping[str, Any]
     values: Mapping[str, int | str]
+    variables: tuple[str, ...] = ()  # what is stored of it; all where none is named
 
     @property
     def id(self) -> str:
         """Readable name and hash of the identity, so that other axis values never change it."""
         identity = [self.study, self.version, dict(self.parameters), dict(self.values)]
+        if self.variables:  # shards with fewer variables stand beside the whole ones and never replace them
+            identity.append(self.variables)
         digest = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
         readable = "-".join(f"{k}{v}" if isinstance(v, int) else v for k, v in self.values.items())
         return f"{re.sub(r'[^A-Za-z0-9_.-]', '_', readable)[:80]}-{digest[:16]}"
@@ -44,14 +50,14 @@ class Case:
 
 @dataclass(frozen=True)
 class Selection:
-    """What one run covers: a study, its parameters, and the values along every axis."""
+    """What one run covers: a study with the variables asked for, its parameters, the values along every axis."""
 
     study: Study
     parameters: Mapping[str, Any]
     axes: Mapping[str, tuple]
 
     def case(self, **values: int | str) -> Case:
-        return Case(self.study.name, self.study.version, self.parameters, values)
+        return Case(self.study.name, self.study.version, self.parameters, values, self.study.selected)
 
     def batches(self) -> Iterator[list[Case]]:
         """The cases, those of one value of the first axis together."""
@@ -68,7 +74,7 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
     """The study's defaults with the `key=value` words in their place; every bad word is a `StudyError`."""
     given: dict[str, str] = {}
     axes = {axis.key: axis for axis in study.axes}
-    keys = [*axes, *study.parameters]
+    keys = [*axes, *study.parameters, "variables"]
     for word in words:
         key, equals, text = word.partition("=")
         if not equals:
@@ -89,7 +95,7 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
         count *= len(chosen)
     if count > LONGEST:
         raise StudyError(f"that makes {count:,} cases: choose at most {LONGEST:,}")
-    selection = Selection(study, parameters, values)
+    selection = Selection(study.storing(_variables(study, given.get("variables", "all"))), parameters, values)
     if study.check is not None:
         study.check(parameters, values)
     return selection
@@ -123,6 +129,21 @@ def _axis_values(axis: Axis, text: str) -> tuple:
         _refuse_negative(axis.key, values)
     _refuse_duplicates(axis.key, values)
     return values
+
+
+def _variables(study: Study, text: str) -> tuple[str, ...]:
+    """Names of the variables that the text asks for."""
+    table = [variable.name for variable in study.variables]
+    words = {"all": table, "scalars": [name for name in table if not study.inner_dims[name]]}
+    words |= {name: [name] for name in table}
+    pieces = _pieces("variables", text)
+    for piece in pieces:
+        if piece not in words:
+            raise StudyError(
+                f"study {study.name!r} has no variable {piece!r}: {nearest(piece, list(words), 'choices')}"
+            )
+    _refuse_duplicates("variables", pieces)
+    return tuple(name for piece in pieces for name in words[piece])
 
 
 def _parameter(key: str, text: str, default: Any) -> Any:

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,24 @@ from critflow.workflow.study import Claim, Study
 FORMATS = ("png", "pdf", "svg")
 
 
+@dataclass(frozen=True)
+class Report:
+    """What was read off a dataset, and what could not be because the run left its variables out."""
+
+    written: list[str] = field(default_factory=list)  # figures and animations by name
+    claims: list[Claim] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+
+def left_out_by(study: Study, error: Exception) -> bool:
+    """Whether an error of xarray is about a variable that this run was asked to leave out, or a dimension of one."""
+    here = {*study.axis_names, *(name for variable in study.variables for name in (variable.name, *variable.dims))}
+    missing = {name for variable in study.left_out for name in (variable.name, *variable.dims)} - here
+    return isinstance(error, (KeyError, AttributeError, ValueError)) and any(
+        f"'{name}'" in str(error) for name in missing
+    )
+
+
 @contextmanager
 def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
     """A dataset that a study wrote, or a sentence about why it cannot be read."""
@@ -39,50 +57,65 @@ def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
         yield dataset
 
 
-def write_report(study: Study, folder: Folder, format: str = "png") -> list[Claim]:
-    """Write all that the study reads off its dataset and return the claims; one bad part does not keep others back."""
+def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
+    """Write all that the study reads off its dataset; one bad part does not keep others back.
+
+    What needs variables that the run left out is left out too, and files of it from a fuller run are deleted.
+    """
     if format not in FORMATS:
         raise StudyError(f"figures can be {', '.join(FORMATS)}, not {format!r}")
-    claims: list[Claim] = []
+    report = Report()
     troubles: dict[str, Exception] = {}
 
     @contextmanager
-    def part(name: str) -> Iterator[None]:
+    def part(what: str, *files: Path) -> Iterator[None]:
         try:
             yield
         except CritflowError:
             raise
         except Exception as error:
-            troubles[name] = error
+            if left_out_by(study, error):
+                report.left_out.append(what)
+                for file in files:
+                    file.unlink(missing_ok=True)
+            else:
+                troubles[what] = error
 
     with opened_dataset(folder.dataset(study.name)) as dataset:
         for name, draw in study.figures.items():
             # Where nothing is to be drawn stands NaN, which the layout of three-dimensional axes computes with.
-            with part(f"figure {name!r}"), np.errstate(over="ignore", invalid="ignore"):
+            path = folder.figures / f"{name}.{format}"
+            with part(f"figure {name!r}", path), np.errstate(over="ignore", invalid="ignore"):
                 figure = draw(dataset)
-                _write_picture(folder, f"{name}.{format}", picture(figure, format))
+                _write_picture(path, picture(figure, format))
                 plt.close(figure)
+                report.written.append(name)
         for name, frames in study.animations.items():
-            with part(f"animation {name!r}"):
-                _write_picture(folder, f"{name}.gif", gif(frames(dataset)))
+            path = folder.figures / f"{name}.gif"
+            with part(f"animation {name!r}", path):
+                _write_picture(path, gif(frames(dataset)))
+                report.written.append(name)
         if study.claims is not None:
-            with part("the claims"):
+            words, table = folder.path / "claims.json", folder.path / "claims.md"
+            with part("the claims", words, table):
                 claims = list(study.claims(dataset))
-                write_text(folder.path / "claims.json", _json([asdict(claim) for claim in claims]))
-                write_text(folder.path / "claims.md", claims_table(study, claims))
+                write_text(words, _json([asdict(claim) for claim in claims]))
+                write_text(table, claims_table(study, claims))
+                report.claims.extend(claims)
         if study.summary is not None:
-            with part("the summary"):
-                write_text(folder.path / "summary.json", _json(study.summary(dataset)))
+            path = folder.path / "summary.json"
+            with part("the summary", path):
+                write_text(path, _json(study.summary(dataset)))
     if troubles:
         what, error = next(iter(troubles.items()))
         others = f" (and {len(troubles) - 1} more)" if len(troubles) > 1 else ""
         raise ReportError(f"{what} could not be made{others}: {type(error).__name__}: {error}") from error
-    return claims
+    return report
 
 
-def _write_picture(folder: Folder, name: str, content: bytes) -> None:
-    folder.figures.mkdir(exist_ok=True)
-    with written_beside(folder.figures / name) as partial:
+def _write_picture(path: Path, content: bytes) -> None:
+    path.parent.mkdir(exist_ok=True)
+    with written_beside(path) as partial:
         partial.write_bytes(content)
 
 

@@ -19,10 +19,9 @@ from critflow.workflow.folder import Folder
 from critflow.workflow.load import StudyFile
 from critflow.workflow.plan import Case, Selection
 from critflow.workflow.progress import RunProgress
-from critflow.workflow.report import write_report
+from critflow.workflow.report import Report, write_report
 from critflow.workflow.schema import merge, write_dataset
 from critflow.workflow.store import read_status
-from critflow.workflow.study import Claim
 
 _RESUME = "run the same command again to resume"
 
@@ -34,7 +33,7 @@ class RunResult:
     dataset: Path
     kept: int  # cases that were there before
     failed: list[Outcome]
-    claims: list[Claim]
+    report: Report
 
 
 def run_study(
@@ -61,13 +60,13 @@ def run_study(
         path = folder.dataset(loaded.study.name)
         write_dataset(merge(selection, folder.shards), path, command)
         try:
-            claims = write_report(loaded.study, folder)
+            report = write_report(selection.study, folder)
         except ReportError as error:
             if not failed:
                 raise
-            claims = []
+            report = Report()
             progress.say(f"critflow: {error}")
-    return RunResult(path, len(cases) - len(todo), failed, claims)
+    return RunResult(path, len(cases) - len(todo), failed, report)
 
 
 def missing_cases(selection: Selection, folder: Folder) -> tuple[set[str], list[str]]:
@@ -94,9 +93,8 @@ def _compute(
     progress: RunProgress,
 ) -> list[Outcome]:
     """Compute the batches and return the failed cases; `Interrupted` when some were not begun or not finished."""
-    job = Job(
-        uuid4().hex[:12], str(loaded.path), loaded.digest, str(folder.shards.absolute()), dict(selection.parameters)
-    )
+    shards, parameters = str(folder.shards.absolute()), dict(selection.parameters)
+    job = Job(uuid4().hex[:12], str(loaded.path), loaded.digest, shards, parameters, selection.study.selected)
     total = sum(len(batch) for batch in batches)
     stored: list[Outcome] = []
     with open(folder.log, "a", encoding="utf-8") as log, Interruption(job.run) as interruption:
@@ -126,7 +124,7 @@ def _compute(
                 for batch in suspects:
                     for values in batch:
                         for _, outcomes in compute([[values]]):
-                            note(outcomes if outcomes is not None else [_died(loaded, selection, folder, values)])
+                            note(outcomes if outcomes is not None else [_died(selection, folder, values)])
                     progress.advance()
         except KeyboardInterrupt:
             raise Interrupted(f"stopped at once; complete cases are stored: {_RESUME}") from None
@@ -135,9 +133,9 @@ def _compute(
     return [outcome for outcome in stored if outcome.status == Status.failed]
 
 
-def _died(loaded: StudyFile, selection: Selection, folder: Folder, values: Mapping[str, int | str]) -> Outcome:
+def _died(selection: Selection, folder: Folder, values: Mapping[str, int | str]) -> Outcome:
     reason = "the worker process died, again and again: out of memory, or a crash in compiled code"
-    return record_failure(loaded, folder.shards, selection.case(**values), reason)
+    return record_failure(selection.study, folder.shards, selection.case(**values), reason)
 
 
 def _host_facts() -> str:

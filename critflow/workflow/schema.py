@@ -134,4 +134,6 @@ def _attributes(variable: Variable) -> dict[str, Any]:
         attributes["flag_meanings"] = " ".join(flag.name for flag in variable.flags)
     elif variable.fill is not None:
         attributes["value_if_missing"] = np.array(variable.fill, variable.dtype)[()]
+    if variable.volatile:
+        attributes["comment"] = "differs from run to run"
     return attributes

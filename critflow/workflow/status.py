@@ -25,13 +25,13 @@ class FolderStatus:
 
 def folder_status(folder: Folder) -> FolderStatus:
     """Look at every case without reading its data, so a flipped byte inside is left for the next run to find."""
-    loaded, selection = folder.selection()
+    _, selection = folder.selection()
     total: Counter[str] = Counter()
     along = {name: {value: Counter[str]() for value in values} for name, values in selection.axes.items()}
     damage = []
     for case in selection.cases():
         try:
-            status = read_status(folder.shards, loaded.study, case, verify=False)
+            status = read_status(folder.shards, selection.study, case, verify=False)
             state = status.name if status in (Status.failed, Status.missing) else "done"
         except IntegrityError as error:
             damage.append(str(error))

@@ -4,15 +4,19 @@ The case function gets the parameters and one value of every axis and returns pl
 
     case(parameters, *, seed, population) -> {"status": Status.ok, "sigma": array, ...}
 
+A case function with one more keyword, `wanted`, gets the names of the variables that the run stores, and may leave out
+whatever work only the others need; what it returns beyond them is dropped.
+
 Everything said about those arrays (dimensions, type, units, meaning) stands in the `variables` of the study.
 """
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from enum import IntEnum
 from functools import cached_property
@@ -94,6 +98,7 @@ class Variable:
     units: str = field(default="1", kw_only=True)
     flags: type[IntEnum] | None = field(default=None, kw_only=True)  # the meaning of integer codes
     fill: int | None = field(default=None, kw_only=True)  # where no integer was given; an end of the dtype by default
+    volatile: bool = field(default=False, kw_only=True)  # differs from run to run, as a time does
 
     def __post_init__(self) -> None:
         _identifier(self.name, "variable")
@@ -180,18 +185,20 @@ class Study:
     summary: Callable[[xr.Dataset], Mapping[str, Any]] | None = None
     verify: Callable[[xr.Dataset], Sequence[str]] | None = None  # recomputes what it can; a line for each contradiction
     references: str = ""  # what it reproduces, for the dataset attribute of the same name
+    workers: int | None = None  # at most so many cases at a time: 1 where cases measure time
+    left_out: Sequence[Variable] = ()  # rows of the table that this run does not store; `storing` sets it
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name):
             raise StudyError(f"study name {self.name!r} must be letters, digits, - and _")
-        for name in ("axes", "variables", "coordinates"):
+        for name in ("axes", "variables", "coordinates", "left_out"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         parameters = {key: _plain_parameter(key, value) for key, value in self.parameters.items()}
         object.__setattr__(self, "parameters", parameters)
         if not self.axes:
             raise StudyError(f"study {self.name!r} needs at least one axis")
         labels = [*self.axis_names, *(c.name for c in self.coordinates), *(v.name for v in self.variables)]
-        for names in (labels, [*(axis.key for axis in self.axes), *parameters]):
+        for names in (labels, ["variables", *(axis.key for axis in self.axes), *parameters]):
             if twice := sorted({name for name in names if names.count(name) > 1}):
                 raise StudyError(f"study {self.name!r} uses the name {twice[0]!r} twice")
         for coordinate in self.coordinates:
@@ -199,9 +206,23 @@ class Study:
                 raise StudyError(
                     f"coordinate {coordinate.name!r} needs a parameter {coordinate.parameter!r} with a list"
                 )
+        for variable in self.variables:
+            if variable.volatile and not set(self.axis_names) <= set(variable.dims):
+                raise StudyError(f"variable {variable.name!r} is volatile, so cases cannot share it: add every axis")
+        if self.workers is not None and self.workers < 1:
+            raise StudyError(f"study {self.name!r} allows {self.workers} workers: allow one, or leave it out")
         status = next((variable for variable in self.variables if variable.name == "status"), None)
         if status is None or status.flags is not Status or set(status.dims) != set(self.axis_names):
             raise StudyError(f"study {self.name!r} needs a variable 'status' over exactly its axes with flags=Status")
+
+    def worker_count(self, asked: int | None, available: int) -> int:
+        """How many workers to start: as many as asked for, else one for each CPU, and never more than it allows."""
+        allowed = available if self.workers is None else self.workers
+        if asked is None:
+            return min(available, allowed)
+        if self.workers is not None and asked > allowed:
+            raise StudyError(f"--workers {asked} would disturb what {self.name!r} measures: give at most {allowed}")
+        return asked
 
     @cached_property
     def axis_names(self) -> tuple[str, ...]:
@@ -218,15 +239,37 @@ class Study:
         table = [[v.name, self.inner_dims[v.name], v.dtype] for v in self.variables]
         return sha256(json.dumps(table).encode()).hexdigest()[:16]
 
+    @cached_property
+    def selected(self) -> tuple[str, ...]:
+        """Names of the variables that are stored where a run asked for some of them; nothing where it stores all."""
+        return tuple(variable.name for variable in self.variables) if self.left_out else ()
+
+    def storing(self, names: Sequence[str]) -> Study:
+        """The study with these variables and the status alone, in the order of its table; all where none is named."""
+        kept = [variable for variable in self.variables if variable.name in (*names, "status")]
+        if not names or len(kept) == len(self.variables):
+            return self
+        left_out = [variable for variable in self.variables if variable not in kept]
+        dims = {dim for variable in kept for dim in variable.dims}
+        labels = [coordinate for coordinate in self.coordinates if coordinate.name in dims]
+        return replace(self, variables=kept, coordinates=labels, left_out=left_out)
+
+    def computed(self, parameters: Mapping[str, Any], values: Mapping[str, int | str]) -> dict[str, np.ndarray]:
+        """The arrays of one case, computed and checked."""
+        asks = "wanted" in inspect.signature(self.case).parameters
+        wanted = {"wanted": frozenset(variable.name for variable in self.variables)} if asks else {}
+        return self.arrays(self.case(parameters, **values, **wanted), parameters)
+
     def arrays(self, returned: Any, parameters: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """What a case returned, checked against the table and in its dtypes; a bad case may leave variables out."""
         if not isinstance(returned, Mapping) or "status" not in returned:
             raise StudyError("the case function must return a dict with at least 'status'")
         status = Status(int(returned["status"]))
         names = [variable.name for variable in self.variables]
+        declared = [*names, *(variable.name for variable in self.left_out)]
         for name in returned:
-            if name not in names:
-                hint = nearest(name, names, "variables")
+            if name not in declared:
+                hint = nearest(name, declared, "variables")
                 raise StudyError(f"the case function returned {name!r}, which no variable declares: {hint}")
         if missing := [name for name in names if name not in returned]:
             if status is Status.ok:

@@ -9,6 +9,7 @@ import resource
 import shutil
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -331,6 +332,14 @@ def test_the_dataset_opens_plainly_with_types_units_and_meanings(tmp_path, run, 
         assert meanings == {status.name: status.value for status in Status}
         assert ds.status.attrs["flag_values"].dtype == ds.status.dtype
         assert ds.steps.attrs["value_if_missing"] == -1
+
+
+def test_what_differs_from_run_to_run_says_so(tmp_path, tiny, run):
+    assert run(tmp_path, "seeds=0") == 0
+    timed = [replace(v, volatile=v.name == "residual") for v in tiny.study.variables]
+    ds = merge(select(replace(tiny.study, variables=timed), ["seeds=0"]), tmp_path / "shards")
+    assert [name for name in ds if "comment" in ds[name].attrs] == ["residual"]
+    assert ds.residual.attrs["comment"] == "differs from run to run"
 
 
 def test_history_honours_the_source_date(tmp_path, run, monkeypatch):

@@ -50,11 +50,29 @@ def small_study(**changes):
         (lambda: small_study(parameters={"n": []}), "must default to"),
         (lambda: small_study(coordinates=[Coordinate("strain", "strain", "s")]), "needs a parameter 'strain'"),
         (lambda: small_study(coordinates=[Coordinate("strain", "n", "s")]), "needs a parameter 'n'"),
+        (lambda: small_study(workers=0), "allow one"),
+        (
+            lambda: small_study(variables=[STATUS, Variable("s", (), "f8", long_name="s", volatile=True)]),
+            "add every axis",
+        ),
     ],
 )
 def test_bad_declarations_are_refused(declare, sentence):
     with pytest.raises(StudyError, match=sentence):
         declare()
+
+
+@pytest.mark.parametrize(
+    ("allowed", "asked", "count"),
+    [(None, None, 8), (None, 20, 20), (None, 0, 0), (1, None, 1), (1, 0, 0), (1, 1, 1), (20, None, 8), (20, 12, 12)],
+)
+def test_a_study_has_no_more_workers_than_it_allows(allowed, asked, count):
+    assert small_study(workers=allowed).worker_count(asked, available=8) == count
+
+
+def test_more_workers_than_a_study_allows_are_refused():
+    with pytest.raises(StudyError, match="--workers 2 would disturb what 'small' measures: give at most 1"):
+        small_study(workers=1).worker_count(2, available=8)
 
 
 def test_inner_labels_that_are_words_keep_their_order():
