@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import depth_first_order
 from scipy.sparse.linalg import SuperLU, splu
 
-from critflow import pardiso
+from critflow.pardiso import MKL, Pardiso
 from critflow.result import InputError
 
 try:
@@ -31,9 +31,12 @@ except ImportError:
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 
-# Entries of the upper triangle up to which qdldl is faster than the other, measured by "factorise anew and solve four
-# times".  Of what is installed, the first serves the matrices beyond its crossover.
-CROSSOVERS = {"pardiso": 10_000, "metis": 100_000, "superlu": 300_000}
+# Entries of the upper triangle up to which qdldl is the fastest; of what is installed, the first here serves larger
+# matrices.  Measured on Voronoi networks of 300 to 10⁵ vertices, for "factorise anew and solve four times", where the
+# Laplacian, the elastic Hessian and the saddle matrix cross qdldl at
+#   pardiso 24,000, 9,000 and 40,000;  metis 120,000, 90,000 and 170,000;  superlu 180,000, 100,000 and 170,000
+# entries.  A Laplacian has 2.5 of them a vertex, the others in two dimensions 9 and 12.5.
+CROSSOVERS = {"pardiso": 20_000, "metis": 120_000, "superlu": 150_000}
 
 
 class Backend(Protocol):
@@ -135,14 +138,16 @@ class MinimumDegree:
 
 
 class NestedDissection(MinimumDegree):
-    """SuperLU on the ordering of METIS."""
+    """SuperLU on the ordering of METIS, whose columns stand almost in postorder already."""
 
     def _ordering(self, full: sp.csc_matrix) -> IntArray:
-        graph = (sp.triu(full, 1) + sp.tril(full, -1)).tocsc()
-        if not graph.nnz:
-            return np.arange(full.shape[0], dtype=np.int32)
-        adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
-        return np.array(pymetis.nested_dissection(adjacency)[0], dtype=np.int32)
+        return _nested_dissection(full)
+
+
+def _nested_dissection(full: sp.csc_matrix) -> IntArray:
+    graph = (sp.triu(full, 1) + sp.tril(full, -1)).tocsc()
+    adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
+    return np.array(pymetis.nested_dissection(adjacency)[0], dtype=np.int32)
 
 
 def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
@@ -157,6 +162,9 @@ class Single(MinimumDegree):
     """
 
     precision = np.float32
+
+    def _ordering(self, full: sp.csc_matrix) -> IntArray:
+        return super()._ordering(full) if pymetis is None else _nested_dissection(full)
 
     def update(self, matrix: sp.csc_matrix) -> None:
         super().update(matrix)
@@ -199,8 +207,8 @@ def _installed() -> dict[str, type[Backend]]:
     backends = dict(_ALWAYS)
     if pymetis is not None:
         backends["metis"] = NestedDissection
-    if pardiso.MKL is not None:
-        backends["pardiso"] = pardiso.Pardiso
+    if MKL is not None:
+        backends["pardiso"] = Pardiso
     return backends
 
 

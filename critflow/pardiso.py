@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+import sysconfig
 import weakref
 from pathlib import Path
 from typing import Any
@@ -23,13 +24,15 @@ Array = NDArray[np.float64]
 
 
 def _load() -> Any:
-    """MKL's one library where pip and conda put it, or None."""
-    for folder in ("lib", "Library/bin"):
-        for path in sorted(Path(sys.prefix, folder).glob("*mkl_rt.*")):
-            try:
-                return ctypes.CDLL(str(path))
-            except OSError:
-                continue
+    """MKL's one library where pip, for all or for one user, and conda put it, or None."""
+    user = sysconfig.get_path("data", sysconfig.get_preferred_scheme("user"))
+    for prefix in (sys.prefix, sysconfig.get_path("data"), user):
+        for folder in ("lib", "Library/bin"):
+            for path in sorted(Path(prefix, folder).glob("*mkl_rt.*")):
+                try:
+                    return ctypes.CDLL(str(path))
+                except OSError:
+                    continue
     return None
 
 
@@ -48,7 +51,7 @@ _SETTINGS = {
     35: 1,  # indices start at zero
     56: 1,  # keep the diagonal for `pardiso_getdiag`
 }
-_N_PERTURBED = 14
+_N_REPLACED = 14
 
 
 class Pardiso:
@@ -66,7 +69,7 @@ class Pardiso:
         self._settings = np.zeros(64, np.int32)
         for position, value in _SETTINGS.items():
             self._settings[position - 1] = value
-        self._sound = False
+        self._factorised = False
         weakref.finalize(self, _call, _RELEASE, self._memory, self._settings, self.size)
         self._run(_ANALYSE)
 
@@ -81,11 +84,16 @@ class Pardiso:
 
     def update(self, matrix: sp.csc_matrix) -> None:
         np.take(matrix.data, self._place, out=self._values)
-        self._sound = bool(np.isfinite(self._values).all()) and self._run(_FACTORISE) == 0
+        self._factorised = bool(np.isfinite(self._values).all()) and self._run(_FACTORISE) == 0
+
+    @property
+    def _n_replaced(self) -> int:
+        """Number of pivots that vanished."""
+        return int(self._settings[_N_REPLACED - 1])
 
     def solve(self, right: Array) -> Array:
         x = np.full(self.size, np.nan)
-        if self._sound:
+        if self._factorised and not self._n_replaced:
             self._run(_SOLVE, np.ascontiguousarray(right, dtype=float), x)
         return x
 
@@ -94,13 +102,12 @@ class Pardiso:
 
     def pivots(self) -> Array:
         pivots, before = np.zeros(self.size), np.empty(self.size)
-        if self._sound:
+        if self._factorised:
             error = ctypes.c_int32(0)
             arguments = (_address(self._memory), _address(pivots), _address(before), ctypes.byref(_ONE))
             MKL.pardiso_getdiag(*arguments, ctypes.byref(error))
-            vanished = int(self._settings[_N_PERTURBED - 1])
-            if vanished:
-                pivots[np.argpartition(np.abs(pivots), vanished - 1)[:vanished]] = 0.0
+            if self._n_replaced:
+                pivots[np.argpartition(np.abs(pivots), self._n_replaced - 1)[: self._n_replaced]] = 0.0
         return pivots
 
 

@@ -58,7 +58,7 @@ def main():
 
     def bare(_seed):
         solver = pattern._solver
-        solver.update(pattern._matrix, upper=True)
+        solver.update(pattern._matrix)
         for _ in range(4):
             solver.solve(right)
 

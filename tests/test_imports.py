@@ -18,7 +18,7 @@ ALLOWED = {"__future__", "abc", "collections", "copy", "dataclasses", "enum", "f
 SOLVERS = {
     "critflow.backends": {"pymetis", "qdldl"},
     "critflow.cone": {"clarabel"},
-    "critflow.pardiso": {"ctypes", "os", "pathlib", "sys", "weakref"},
+    "critflow.pardiso": {"ctypes", "os", "pathlib", "sys", "sysconfig", "weakref"},
     "critflow.semidefinite": {"clarabel"},
 }
 
