@@ -129,10 +129,14 @@ def voronoi_of(points: Array, side: float | None = None) -> Network:
     n_vertices = len(corners)
     # A facet seen from its two simplices differs by a lattice shift, which is the image offset of the edge.
     keep = np.array([[k for k in range(dimension + 1) if k != left_out] for left_out in range(dimension + 1)])
-    facets = corners[:, keep].reshape(-1, dimension, 1 + dimension)
-    shift = facets[:, 0, 1:].copy()
-    facets[:, :, 1:] -= shift[:, None]
-    keys = _packed([*facets[:, :, 0].T, *facets[:, :, 1:].reshape(len(facets), -1).T])
+    ids, images = corners[:, :, 0], corners[:, :, 1:]
+    shift = images[:, keep[:, 0]]
+    later = [images[:, keep[:, k]] - shift for k in range(1, dimension)]
+    keys = _packed([
+        *(ids[:, keep[:, k]].ravel() for k in range(dimension)),
+        *(seen[:, :, axis].ravel() for seen in later for axis in range(dimension)),
+    ])  # fmt: skip
+    shift = shift.reshape(-1, dimension)
     order = np.lexsort(keys[::-1])
     first, second = order[0::2], order[1::2]
     matched = len(order) % 2 == 0 and all(np.array_equal(key[first], key[second]) for key in keys)
