@@ -7,6 +7,7 @@ In three dimensions the distance is ρ/n_cells^(1/3), every vertex has four edge
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import product
 
 import numpy as np
@@ -127,28 +128,32 @@ def voronoi_of(points: Array, side: float | None = None) -> Network:
     corners, centres = _periodic_delaunay(points)
     n_vertices = len(corners)
     # A facet seen from its two simplices differs by a lattice shift, which is the image offset of the edge.
-    ids, images = corners[:, :, 0], corners[:, :, 1:]
     keep = np.array([[k for k in range(dimension + 1) if k != left_out] for left_out in range(dimension + 1)])
-    facet_ids = ids[:, keep].reshape(-1, dimension)
-    facet_images = images[:, keep].reshape(-1, dimension, dimension)
-    shift = facet_images[:, 0]
-    key = np.concatenate([facet_ids, (facet_images - shift[:, None]).reshape(len(shift), -1)], axis=1)
-    order = np.lexsort(key.T[::-1])
+    ids, images = corners[:, :, 0], corners[:, :, 1:]
+    shift = images[:, keep[:, 0]]
+    later = [images[:, keep[:, k]] - shift for k in range(1, dimension)]
+    keys = _packed([
+        *(ids[:, keep[:, k]].ravel() for k in range(dimension)),
+        *(seen[:, :, axis].ravel() for seen in later for axis in range(dimension)),
+    ])  # fmt: skip
+    shift = shift.reshape(-1, dimension)
+    order = np.lexsort(keys[::-1])
     first, second = order[0::2], order[1::2]
-    matched = len(order) % 2 == 0 and np.array_equal(key[first], key[second])
+    matched = len(order) % 2 == 0 and all(np.array_equal(key[first], key[second]) for key in keys)
     if not matched or (dimension == 2 and n_vertices != 2 * len(points)):
         raise InputError(
             f"{len(points)} points have no periodic Voronoi tessellation with simple vertices: "
             "they are too few or lie on a regular lattice; use more cells, or another seed"
         )
-    owner = np.repeat(np.arange(n_vertices), dimension + 1)
+    tail, head = first // (dimension + 1), second // (dimension + 1)
+    step = shift[first] - shift[second]
     # Circumcentres that coincide belong to more than d + 1 points on one sphere, which can be joined in several ways.
-    gap = np.linalg.norm(centres[owner[second]] + shift[first] - shift[second] - centres[owner[first]], axis=1)
+    gap = np.linalg.norm(centres[head] + step - centres[tail], axis=1)
     if gap.min() < 1e-9 * gap.max():
         raise InputError(f"some of the {len(points)} points lie on a regular lattice, so vertices coincide: move them")
     wrap = np.floor(centres).astype(int)
-    edges = np.stack([owner[first], owner[second]], axis=1)
-    offsets = shift[first] - shift[second] + wrap[owner[second]] - wrap[owner[first]]
+    edges = np.stack([tail, head], axis=1)
+    offsets = step + wrap[head] - wrap[tail]
     scale = n_vertices ** (1 / dimension) if side is None else side
     return periodic_network(edges, offsets, scale * np.eye(dimension), scale * (centres - wrap))
 
@@ -157,36 +162,27 @@ def _add_until_saturated(n_points: int, distance: float, rng: np.random.Generato
     # Grid cells of diagonal <= distance hold one point at most, so the neighbours of a trial are found by index.
     per_side = int(np.ceil(np.sqrt(dimension) / distance))
     grid = np.full((per_side,) * dimension + (dimension,), _NOWHERE)
-    padded_shape = (per_side + 4,) * dimension
-    reach = np.array([np.ravel_multi_index(step, padded_shape) for step in product(range(5), repeat=dimension)])
     points = np.empty((n_points, dimension))
     n_placed = 0
 
-    def closest(places: Array, half_width: float, padded: list[Array]) -> Array:
-        """Least squared distance (n,) from points to cubes of that half width, counted to the farthest corner."""
-        corner = np.floor(places * per_side).astype(int)
-        near = np.ravel_multi_index(tuple(corner.T), padded_shape)[:, None] + reach
-        squared = np.zeros(near.shape)
-        for axis in range(dimension):
-            squared += (np.abs(places[:, axis, None] - padded[axis][near]) + half_width) ** 2
-        return squared.min(axis=1)
-
-    voxels = np.array(list(np.ndindex(grid.shape[:-1]))) / per_side
+    voxels = np.indices(grid.shape[:-1]).reshape(dimension, -1).T / per_side
     side = 1.0 / per_side
-    padded = _periodic_padding(grid)
+    uncovered = _Uncovered(grid, distance)
     while n_placed < n_points and len(voxels):
         # As many trials as uncovered voxels is cheap and rarely places two in reach of each other.
-        trials = (
-            voxels[rng.integers(len(voxels), size=len(voxels))] + side * rng.random((len(voxels), dimension))
-        ) % 1.0
-        trials = trials[closest(trials, 0.0, padded) >= distance**2]
+        trials = voxels[rng.integers(len(voxels), size=len(voxels))] + side * rng.random((len(voxels), dimension))
+        trials -= trials >= 1.0
+        if n_placed:
+            trials = trials[uncovered(trials, 0.0)]
         placed = trials[_first_come(trials, distance)][: n_points - n_placed]
         points[n_placed : n_placed + len(placed)] = placed
         n_placed += len(placed)
+        if n_placed == n_points:
+            break
         grid[tuple(np.floor(placed * per_side).astype(int).T)] = placed
-        padded = _periodic_padding(grid)
+        uncovered = _Uncovered(grid, distance)
 
-        voxels = voxels[closest(voxels + side / 2, side / 2, padded) >= distance**2]
+        voxels = voxels[uncovered(voxels + side / 2, side / 2)]
         # Halving the voxels follows the shrinking holes; while holes are large it would only cost.
         if len(placed) < 0.2 * max(len(voxels), 1):
             side /= 2
@@ -194,6 +190,53 @@ def _add_until_saturated(n_points: int, distance: float, rng: np.random.Generato
                 -1, dimension
             )
     return points[:n_placed]
+
+
+class _Uncovered:
+    """Which places keep their distance to all points of a grid (…, d) of cells with one point each at most."""
+
+    def __init__(self, grid: Array, distance: float):
+        dimension, self._per_side, self._distance = grid.shape[-1], len(grid), distance
+        self._padded = _periodic_padding(grid)
+        self._strides = (len(grid) + 4) ** np.arange(dimension - 1, -1, -1)
+        # The nearest cells first, which settles most places at once; but the cell of a place itself is mostly empty.
+        steps = np.array(list(product(range(-2, 3), repeat=dimension)))
+        order = np.argsort(np.sum(steps**2, axis=1), kind="stable")
+        self._steps = steps[np.roll(order, -1)]
+
+    def _reach(self, half_width: float) -> NDArray[np.int64]:
+        """Steps in the padded grid to the cells from which a point can cover a cube that lies in one cell."""
+        away = np.abs(self._steps)
+        gap = np.maximum(away - 1, 0) / self._per_side + np.where(away, 2, 1) * half_width
+        able = np.sum(gap**2, axis=1) < (1 + 1e-9) * self._distance**2
+        return np.asarray((self._steps[able] + 2) @ self._strides)
+
+    def __call__(self, places: Array, half_width: float) -> NDArray[np.bool_]:
+        """For points or cubes of that half width around places (n, d): whether even the farthest corner is clear."""
+        clear, reach = np.zeros(len(places), bool), self._reach(half_width)
+        # Blocks stay in the cache of the processor, and shrink as their places are found to be covered.
+        for start in range(0, len(places), _BLOCK):
+            at = np.ascontiguousarray(places[start : start + _BLOCK].T)
+            cell = self._strides @ np.floor(at * self._per_side).astype(int)
+            left = np.arange(start, start + at.shape[1])
+            for step in reach:
+                near, squared = cell + step, np.zeros(len(cell))
+                for x, padded in zip(at, self._padded, strict=True):
+                    away = padded[near]
+                    np.subtract(x, away, out=away)
+                    np.abs(away, out=away)
+                    away += half_width
+                    away *= away
+                    squared += away
+                far = squared >= self._distance**2
+                if not far.all():
+                    left, cell, at = left[far], cell[far], at[:, far]
+            clear[left] = True
+        return clear
+
+
+# Places looked at together.
+_BLOCK = 1 << 15
 
 
 # Coordinate of the point of an empty grid cell: farther away than any distance asked for.
@@ -216,7 +259,8 @@ def _first_come(trials: Array, distance: float) -> NDArray[np.bool_]:
     taken = np.zeros(len(trials), bool)
     if len(trials) == 0:
         return taken
-    earlier, later = np.sort(cKDTree(trials, boxsize=1.0).query_pairs(distance, output_type="ndarray"), axis=1).T
+    tree = cKDTree(trials, boxsize=1.0, balanced_tree=False)
+    earlier, later = np.ascontiguousarray(tree.query_pairs(distance, output_type="ndarray").T)
     refused = np.zeros(len(trials), bool)
     while len(earlier):
         # A trial that waits for no earlier one is taken, and refuses the later ones in its reach.
@@ -258,12 +302,30 @@ def _periodic_delaunay(points: Array) -> tuple[NDArray[np.int64], Array]:
     corners = np.take_along_axis(corners, np.argsort(code, axis=1)[:, :, None], axis=1)
     base = corners[:, 0, 1:].copy()
     corners[:, :, 1:] -= base[:, None]
-    flat = corners.reshape(len(corners), -1)
-    order = np.lexsort(flat.T[::-1])
-    new = np.ones(len(order), bool)
-    new[1:] = (flat[order[1:]] != flat[order[:-1]]).any(axis=1)
+    keys = _packed(corners.reshape(len(corners), -1).T)
+    order = np.lexsort(keys[::-1])
+    new = np.zeros(len(order), bool)
+    new[:1] = True
+    for key in keys:
+        new[1:] |= key[order[1:]] != key[order[:-1]]
     chosen = order[new]
     return corners[chosen], (centres - base)[chosen]
+
+
+def _packed(columns: Iterable[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
+    """Columns of whole numbers as few keys in the same lexicographic order: as many to a key as its bits hold."""
+    keys: list[NDArray[np.int64]] = []
+    room = 0
+    for column in columns:
+        least, most = (int(column.min()), int(column.max())) if len(column) else (0, 0)
+        bits = (most - least).bit_length()
+        if not keys or bits > room:
+            keys.append(column - least)
+            room = 63 - bits
+        else:
+            keys[-1] = (keys[-1] << bits) | (column - least)
+            room -= bits
+    return keys
 
 
 def _with_images(points: Array, margin: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

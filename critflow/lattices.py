@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.network import Array, IntArray, Network, planar_faces
+from critflow.network import Array, IntArray, Network, PlanarFaces
 from critflow.result import InputError
 
 # The side 2 and height √3 of the rhombus that triangular lattices of every kind repeat.
@@ -103,4 +103,4 @@ def periodic_network(edges: IntArray, offsets: IntArray, cell: Array, positions:
     if len(cell) != 2:
         return Network(edges, offsets, cell, positions=positions)
     bond_vectors = positions[edges[:, 1]] - positions[edges[:, 0]] + offsets @ cell
-    return Network(edges, offsets, cell, positions=positions, faces=planar_faces(edges, bond_vectors, len(positions)))
+    return Network(edges, offsets, cell, positions=positions, faces=PlanarFaces(edges, bond_vectors, len(positions)))

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -42,6 +43,19 @@ class Faces:
     def sizes(self) -> IntArray:
         """Number of sides of each face, (n_faces,)."""
         return np.diff(self.starts)
+
+
+class PlanarFaces(Faces):
+    """The faces of a planar network from its embedding, found when they are first asked for: `planar_faces`."""
+
+    def __init__(self, edges: IntArray, bond_vectors: Array, n_vertices: int):
+        self.__dict__["_embedding"] = edges, bond_vectors, n_vertices
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("edges", "signs", "starts"):
+            self.__dict__.update(vars(planar_faces(*self._embedding)))
+            return self.__dict__[name]
+        raise AttributeError(name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +151,9 @@ class Network:
     @cached_property
     def free(self) -> IntArray:
         """Vertices that are unknown: all but the pins, or all but vertex 0, which a periodic network is grounded at."""
-        fixed = list(self.pins) if self.pins else [0]
-        return np.setdiff1d(np.arange(self.n_vertices), fixed)
+        free = np.ones(self.n_vertices, bool)
+        free[list(self.pins) if self.pins else 0] = False
+        return np.flatnonzero(free)
 
     @cached_property
     def fixed_positions(self) -> Array:
@@ -242,8 +257,8 @@ def planar_faces(edges: IntArray, bond_vectors: Array, n_vertices: int) -> Faces
     origin = edges.ravel()
     direction = np.repeat(bond_vectors, 2, axis=0) * np.tile([1.0, -1.0], n_edges)[:, None]
     order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), origin))
-    first = np.searchsorted(origin[order], np.arange(n_vertices))
     degree = np.bincount(origin, minlength=n_vertices)
+    first = np.cumsum(degree) - degree
     place = np.empty(2 * n_edges, int)
     place[order] = np.arange(2 * n_edges)
     twin = np.arange(2 * n_edges) ^ 1
@@ -254,8 +269,10 @@ def planar_faces(edges: IntArray, bond_vectors: Array, n_vertices: int) -> Faces
     cycle = connected_components(
         sp.coo_array((np.ones(2 * n_edges), (np.arange(2 * n_edges), following))), directed=False
     )[1]
-    walker = np.unique(cycle, return_index=True)[1]
     size = np.bincount(cycle)
+    # The least half-edge of each face, since the last of several assignments stands.
+    walker = np.empty(len(size), int)
+    walker[cycle[::-1]] = np.arange(2 * n_edges)[::-1]
     starts = np.concatenate([[0], np.cumsum(size)])
     walk = np.empty(2 * n_edges, int)
     for k in range(int(size.max())):

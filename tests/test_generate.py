@@ -142,6 +142,44 @@ def test_seed_one_is_frozen():
     )
 
 
+def digest(*arrays: np.ndarray) -> str:
+    """Of every bit of the arrays."""
+    bits = [array.astype("<i8" if array.dtype.kind == "i" else "<f8").tobytes() for array in arrays]
+    return hashlib.sha256(b"".join(bits)).hexdigest()[:16]
+
+
+@pytest.mark.parametrize(
+    "n_points, hard_core, dimension, bits",
+    [
+        (1, 0.5, 2, "f47cf9d290788d07"),
+        (30, 0.5, 1, "aaf320150c55756e"),
+        (50, 0.82, 2, "661f5a69e3c54fff"),
+        (2000, 0.82, 2, "c51a118a9809e9af"),
+        (2000, 0.6, 2, "0fe2484b2aabd201"),
+        (100, 0.85, 3, "6acfe489e6980cce"),
+    ],
+)
+def test_points_and_what_they_draw_are_frozen(n_points, hard_core, dimension, bits):
+    # From sums, products and comparisons alone, so every bit is the same anywhere; the numbers drawn next as well.
+    rng = np.random.default_rng(7)
+    points = random_sequential_addition(n_points, hard_core / n_points ** (1 / dimension), rng, dimension)
+    assert digest(points, rng.random(3)) == bits
+
+
+@pytest.mark.parametrize(
+    "n_vertices, seed, graph, faces, total",
+    [
+        (100, 8, "8e9e6f7fc0567d70", "226a9f23c93d50a5", 1011.4394327245155),
+        (3162, 1, "4f797870627a0bb7", "dc29408ea6b673c0", 177326.29975171637),
+    ],
+)
+def test_graphs_and_faces_are_frozen(n_vertices, seed, graph, faces, total):
+    network = voronoi_network(n_vertices, seed)
+    assert digest(network.edges, network.offsets) == graph
+    assert digest(network.faces.edges, network.faces.signs, network.faces.starts) == faces
+    assert network.positions.sum() == pytest.approx(total, rel=1e-12)
+
+
 def test_the_global_generator_is_left_alone():
     before = np.random.get_state()[1].copy()  # noqa: NPY002 the point is that nobody touches it
     voronoi_network(40, seed=1)

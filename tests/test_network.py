@@ -1,5 +1,7 @@
 """The network: boundary vectors, copies, parts and faces."""
 
+import pickle
+
 import numpy as np
 import pytest
 from problems import (
@@ -159,3 +161,17 @@ def test_edge_values_name_the_first_bad_edge():
     with pytest.raises(NetworkError, match=r"sigma\[2\] = -1"):
         edge_values([1, 1, -1, np.nan], 4, "sigma")
     np.testing.assert_array_equal(edge_values([1, -1, 2], 3, "sigma", positive=False), [1.0, -1.0, 2.0])
+
+
+def test_faces_are_looked_for_when_they_are_asked_for():
+    faces = voronoi_network(60, seed=3).faces
+    assert "edges" not in vars(faces)
+    again = pickle.loads(pickle.dumps(faces))
+    network = voronoi_network(60, seed=3)
+    expected = planar_faces(network.edges, network.bond_vectors(network.positions), 60)
+    for found in (faces, again):
+        for name in ("edges", "signs", "starts"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert "edges" in vars(faces)
+    with pytest.raises(AttributeError, match="corners"):
+        _ = faces.corners
