@@ -137,3 +137,13 @@ def lengths(vectors: Extended) -> Extended:
     for axis in range(1, vectors.high.shape[1]):
         total = add(total, Extended(square.high[:, axis], square.low[:, axis]))
     return square_root(total)
+
+
+def total(a: Extended) -> tuple[float, float]:
+    """Σ a, of numbers (n,), as high and low, to 31 digits of the sum of their sizes."""
+    while len(a.high) > 1:
+        half = len(a.high) // 2
+        rest = Extended(a.high[2 * half :], a.low[2 * half :])
+        paired = add(Extended(a.high[:half], a.low[:half]), Extended(a.high[half : 2 * half], a.low[half : 2 * half]))
+        a = Extended(np.concatenate([paired.high, rest.high]), np.concatenate([paired.low, rest.low]))
+    return float(a.high.sum()), float(a.low.sum())
