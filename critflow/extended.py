@@ -95,7 +95,8 @@ class ExtendedGeometry:
         index[free] = np.arange(len(free))
         # A fixed vertex adds what stands in the boundary vectors already; it reads the zero after the last one.
         self._tail, self._head = index[network.edges].T
-        ends = index[network.edges].T.ravel()
+        # An edge to its own image pulls at nothing; its two forces would cancel only to rounding.
+        ends = np.where(self._tail == self._head, -1, [self._tail, self._head]).ravel()
         order = np.argsort(ends, kind="stable")
         order = order[ends[order] >= 0]
         degree = np.bincount(ends[order], minlength=len(free))
