@@ -3,6 +3,7 @@
 True errors come from rational arithmetic on the same floating-point input.
 """
 
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 
@@ -226,6 +227,23 @@ def test_moduli_at_the_transition_have_bounds():
 def test_a_modulus_that_vanishes_has_a_bound_of_second_order():
     critical = CriticalManifold(honeycomb_network(3, 3)).configuration(np.ones(27))
     assert 0 <= transition_moduli(critical).shear <= transition_bounds(critical).shear < 1e-30
+
+
+@pytest.mark.parametrize("name, floor", [("voronoi", 0.0), ("honeycomb", 1e-20)])
+def test_errors_of_bond_vectors_reach_the_moduli(name, floor):
+    # Bond vectors that are off by 10⁻⁶ move the moduli to first order, and the shear modulus of a honeycomb, which
+    # is zero, to second.
+    network = NETWORKS[name]()
+    exactly = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    before = transition_moduli(exactly)
+    for seed in range(5):
+        off = 1e-6 * np.random.default_rng(seed).standard_normal(exactly.bond_vectors.shape)
+        moved = replace(
+            exactly, bond_vectors=exactly.bond_vectors + off, bond_errors=(1 + 1e-9) * np.linalg.norm(off, axis=1)
+        )
+        after, bounds = transition_moduli(moved), transition_bounds(moved)
+        assert abs(after.bulk - before.bulk) <= bounds.bulk < 1e-5
+        assert floor < abs(after.shear - before.shear) <= bounds.shear < 1e-5
 
 
 def test_configurations_without_bounds_claim_none():
