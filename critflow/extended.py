@@ -95,7 +95,8 @@ class ExtendedGeometry:
         index[free] = np.arange(len(free))
         # A fixed vertex adds what stands in the boundary vectors already; it reads the zero after the last one.
         self._tail, self._head = index[network.edges].T
-        ends = index[network.edges].T.ravel()
+        # An edge to its own image pulls at nothing; its two forces would cancel only to rounding.
+        ends = np.where(self._tail == self._head, -1, [self._tail, self._head]).ravel()
         order = np.argsort(ends, kind="stable")
         order = order[ends[order] >= 0]
         degree = np.bincount(ends[order], minlength=len(free))
@@ -106,22 +107,28 @@ class ExtendedGeometry:
         self._around[place, ends[order]] = order
 
     def bond_vectors(self, x: Extended, b: Array) -> Extended:
-        """L (N_b, d) from free coordinates x (n_free, d) and boundary vectors b (N_b, d)."""
+        """L (N_b, d) from free coordinates x (n_free, d) and boundary vectors b (N_b, d), to 32 digits of those."""
         zero = np.zeros((1, x.high.shape[1]))
-        high, low = np.concatenate([x.high, zero]), np.concatenate([x.low, zero])
-        head = Extended(high[self._head], low[self._head])
-        tail = Extended(high[self._tail], low[self._tail])
-        return add(subtract(head, tail), extended(b))
+        high = np.concatenate([x.high, zero])
+        ends, rest = two_sum(high[self._head], -high[self._tail])
+        total, low = two_sum(ends, b)
+        low += rest
+        if x.low.any():
+            shift = np.concatenate([x.low, zero])
+            low += shift[self._head] - shift[self._tail]
+        return two_sum(total, low)
 
     def divergence(self, edge_vectors: Extended) -> Extended:
-        """gᵀ v over the free vertices, (n_free, d), of edge vectors v (N_b, d)."""
+        """gᵀ v over the free vertices, (n_free, d), of edge vectors v (N_b, d), to 32 digits of those."""
         zero = np.zeros((1, edge_vectors.high.shape[1]))
         high = np.concatenate([-edge_vectors.high, edge_vectors.high, zero])
         low = np.concatenate([-edge_vectors.low, edge_vectors.low, zero])
-        total = Extended(high[self._around[0]], low[self._around[0]])
+        total, rest = high[self._around[0]], low[self._around[0]]
         for around in self._around[1:]:
-            total = add(total, Extended(high[around], low[around]))
-        return total
+            total, lost = two_sum(total, high[around])
+            rest += low[around]
+            rest += lost
+        return two_sum(total, rest)
 
 
 def lengths(vectors: Extended) -> Extended:
@@ -131,3 +138,13 @@ def lengths(vectors: Extended) -> Extended:
     for axis in range(1, vectors.high.shape[1]):
         total = add(total, Extended(square.high[:, axis], square.low[:, axis]))
     return square_root(total)
+
+
+def total(a: Extended) -> tuple[float, float]:
+    """Σ a, of numbers (n,), as high and low, to 31 digits of the sum of their sizes."""
+    while len(a.high) > 1:
+        half = len(a.high) // 2
+        rest = Extended(a.high[2 * half :], a.low[2 * half :])
+        paired = add(Extended(a.high[:half], a.low[:half]), Extended(a.high[half : 2 * half], a.low[half : 2 * half]))
+        a = Extended(np.concatenate([paired.high, rest.high]), np.concatenate([paired.low, rest.low]))
+    return float(a.high.sum()), float(a.low.sum())
