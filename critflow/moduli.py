@@ -107,7 +107,7 @@ def linear_response(
             bounds = bounds + 2 * np.abs(there.moduli - found.moduli)
             sure = there.settled
     condition = state.largest_stiffness * inverse_norm(factor, state.forces.size)
-    details = {"floppy": floppy}
+    details: dict[str, bool | str] = {"floppy": floppy}
     if not sure or bounds.max() > _TRUSTED * np.abs(found.moduli[:2]).max():
         details["note"] = "the response to strain is lost in rounding: measure it further from the transition"
         value, status = _NO_MODULI, Status.ill_conditioned

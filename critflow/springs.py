@@ -292,7 +292,7 @@ def _bounded(
     factor  of the Hessian near the state, if there is one
     """
     state = solution.value
-    way, factor = settled(state, pattern, factor)
+    way, factor = _way(state, pattern, factor)
     error = way.displacement
     if corrected and np.isfinite(way.missing):
         x, free = state.coordinates.copy(), state.network.free
@@ -304,26 +304,31 @@ def _bounded(
     bound = max(float(np.abs(error).max()), apart) + 2 * way.missing
     condition = state.largest_stiffness * inverse_norm(factor, state.forces.size)
     stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=condition)
-    return Solution(state, solution.status, stats)
+    status = solution.status
+    if not np.isfinite(bound):
+        status = Status.ill_conditioned
+        stats.details["note"] = "rounding hides how far the exact equilibrium is: go further from the transition"
+    return Solution(state, status, stats)
 
 
-def settled(state: ElasticState, pattern: FixedPattern, factor: Factor | None = None) -> tuple[Distance, Factor]:
-    """The distance to the exact equilibrium, to less than the rounding of coordinates, and the factor it took.
+def _way(state: ElasticState, pattern: FixedPattern, factor: Factor | None = None) -> tuple[Distance, Factor]:
+    """The distance to the exact equilibrium, and the factor that it took.
 
-    factor  of the Hessian near the state, if there is one; where corrections do not settle others are tried
+    factor  of the Hessian near the state, if there is one; where corrections by it do not settle others are tried
     """
     if factor is not None:
         way = state.distance(factor)
         if np.isfinite(way.missing):
             return way, factor
     factor = state.factorize(pattern)
-    # Pivots that are small beside the others may still be good: corrections tell.
-    way = state.distance(factor) if factor.sound and not factor.n_negative else None
-    if way is None or not np.isfinite(way.missing):
-        # Perhaps some part is floppy.
-        factor = state.factorize(pattern, FLOPPY_REST * state.stiffness_scale)
-        way = state.distance(factor, held=True)
-    return way, factor
+    if factor.sound and not factor.n_negative:
+        # Pivots that are small beside the others may still be good: corrections tell.
+        way = state.distance(factor)
+        if np.isfinite(way.missing):
+            return way, factor
+    # Perhaps some part is floppy.
+    factor = state.factorize(pattern, FLOPPY_REST * state.stiffness_scale)
+    return state.distance(factor, held=True), factor
 
 
 def _newton(
