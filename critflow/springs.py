@@ -260,8 +260,8 @@ def equilibrium(
     The exact equilibrium is that of the boundary vectors b, rest lengths and stiffnesses as the floats they are, with
     fixed vertices and the grounded one where they stand.  `stats.error_bound` bounds the distance to it of every
     coordinate and every component of a bond vector; Newton's method ends by stepping onto it, to the rounding of the
-    coordinates, while FIRE's answer stays as it is.  The bound is infinite where corrections do not settle.
-    `stats.condition` is ‖H‖‖H⁻¹‖.
+    coordinates, while FIRE's answer stays as it is.  Where rounding hides the exact one it is infinite, with
+    `Status.ill_conditioned`.  `stats.condition` is ‖H‖‖H⁻¹‖.
     """
     factor: Factor | None = None
     pattern = pattern or state.pattern()
