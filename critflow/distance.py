@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.extended import Extended, add, extended, two_product, two_sum
+from critflow.extended import Extended, add, multiply, two_product, two_sum
 from critflow.linalg import Factor
 from critflow.network import Array, Network
 
@@ -26,21 +26,28 @@ class Distance:
     """What leads to the exact equilibrium: displacement D = x* − x (n_free, d), bond vectors L* (N_b, d).
 
     missing  bound on what D still misses, largest component; infinite where the corrections do not shrink
+    last     the last of the corrections that D is the sum of
     """
 
     displacement: Array
     bond_vectors: Array
     missing: float
+    last: Array
 
 
 def distance(
-    network: Network, coordinates: Array, stress: Callable[[Extended], Array], factor: Factor, held: bool = False
+    network: Network,
+    coordinates: Array,
+    stress: Callable[[Extended], Array],
+    solve: Callable[[Array], Array],
+    held: bool = False,
 ) -> Distance:
-    """Correct by a factor of H at or near the configuration until less than the rounding of coordinates is missing.
+    """Correct by solves with H at or near the configuration until less than the rounding of coordinates is missing.
 
     stress  σ (N_b,) from extended bond vectors
-    held    the factor is not of H alone but holds floppy modes in place: then corrections must shrink to the end,
-            since soft modes that it holds as well would make small ones
+    solve   displacements H⁻¹ f (n_free, d) of forces f (n_free, d)
+    held    the solves are not with H alone but hold floppy modes in place: then corrections must shrink to the end,
+            since soft modes that they hold as well would make small ones
     """
     rounding = float(np.finfo(float).eps * np.abs(coordinates).max())
     enough, noise = 0.05 * rounding, 0.0 if held else rounding
@@ -48,7 +55,7 @@ def distance(
     before, missing = np.inf, np.inf
     for _ in range(_MOST_CORRECTIONS):
         L = exact_bond_vectors(network, coordinates, D)
-        correction = factor.solve(exact_forces(network, stress(L), L).ravel()).reshape(D.shape)
+        correction = solve(exact_forces(network, stress(L), L))
         size = float(np.abs(correction).max())
         if size == 0.0:
             missing = 0.0
@@ -66,18 +73,29 @@ def distance(
         before = size
     else:
         missing = np.inf
-    return Distance(D, L.high + (L.low + network.free_incidence @ correction), missing)
+    return Distance(D, L.high + (L.low + network.free_incidence @ correction), missing, correction)
 
 
 def exact_bond_vectors(network: Network, coordinates: Array, displacement: Array) -> Extended:
     """L = g (x + D) + b, (N_b, d), with displacements D (n_free, d) too small for the coordinates to hold."""
-    x, change = coordinates.copy(), np.zeros_like(coordinates)
-    # What a pin adds is in b; of a periodic network only differences count.
-    x[list(network.pins)] = 0.0
-    change[network.free] = displacement
+    x = coordinates
+    if network.pins:
+        # What a pin adds is in b; of a periodic network only differences count.
+        x = coordinates.copy()
+        x[list(network.pins)] = 0.0
     tail, head = network.edges.T
-    difference = add(two_sum(x[head], -x[tail]), extended(network.boundary_vectors))
-    return add(difference, two_sum(change[head], -change[tail]))
+    difference, rest = two_sum(x[head], -x[tail])
+    high, low = two_sum(difference, network.boundary_vectors)
+    return Extended(*two_sum(high, low + rest + network.free_incidence @ displacement))
+
+
+def square_lengths(vectors: Extended) -> Extended:
+    """|v|², (n,), of vectors (n, d)."""
+    squares = multiply(vectors, vectors)
+    total = Extended(squares.high[:, 0], squares.low[:, 0])
+    for axis in range(1, squares.high.shape[1]):
+        total = add(total, Extended(squares.high[:, axis], squares.low[:, axis]))
+    return total
 
 
 def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Array:
@@ -93,12 +111,13 @@ def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.
     The leading halves of A and v lie on grids on which their products and sums are exact; what is left of them is
     smaller by 2⁻²⁵, and so is its rounding.
     """
-    leading_matrix = matrix.copy()
-    leading_matrix.data = _leading(matrix.data)
-    rest = sp.csr_array((matrix.data - leading_matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)
     leading = _leading(vectors.high)
-    small = matrix @ ((vectors.high - leading) + vectors.low) + rest @ leading
-    return np.asarray((leading_matrix @ leading - less) + small)
+    small = matrix @ ((vectors.high - leading) + vectors.low)
+    coarse = _leading(matrix.data)
+    if not np.array_equal(coarse, matrix.data):
+        small = small + sp.csr_array((matrix.data - coarse, matrix.indices, matrix.indptr), matrix.shape) @ leading
+        matrix = sp.csr_array((coarse, matrix.indices, matrix.indptr), matrix.shape)
+    return np.asarray((matrix @ leading - less) + small)
 
 
 def _leading(values: Array) -> Array:
@@ -110,11 +129,11 @@ def _leading(values: Array) -> Array:
     return np.asarray((values + grid) - grid)
 
 
-def inverse_norm(factor: Factor, size: int, solves: int = 3) -> float:
-    """‖H⁻¹‖ from below, by inverse iteration from a vector without any symmetry: within a small factor of it."""
-    vector = np.mod(0.6180339887498949 * np.arange(1, size + 1), 1.0) - 0.5
-    norm = 0.0
-    for _ in range(solves):
-        vector = factor.solve(vector / np.linalg.norm(vector))
-        norm = float(np.linalg.norm(vector))
-    return norm
+def inverse_norm(factor: Factor, vector: Array) -> float:
+    """‖H⁻¹‖ from below, within a small factor where the vector is one that H⁻¹ has been applied to already."""
+    vector = vector.ravel()
+    size = float(np.linalg.norm(vector))
+    if not size:
+        vector = np.mod(0.6180339887498949 * np.arange(1, len(vector) + 1), 1.0) - 0.5
+        size = float(np.linalg.norm(vector))
+    return float(np.linalg.norm(factor.solve(vector / size)))

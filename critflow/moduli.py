@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.distance import inverse_norm
-from critflow.laws import HOOKEAN, SpringLaw, checked_law
-from critflow.linalg import Factor, FixedPattern, Saddle
+from critflow.laws import HOOKEAN, SpringLaw
+from critflow.linalg import Factor, FixedPattern
 from critflow.manifold import CriticalConfiguration, require_one_self_stress
 from critflow.network import Array, Network
 from critflow.objectives import dilation, pure_shear, transition_modulus
@@ -34,17 +34,6 @@ class Moduli:
     bulk: float
     shear: float
     shear_stress_corrected: float
-
-
-@dataclass(frozen=True)
-class Stiffening:
-    """Moduli at the transition and their first derivatives with strain: C_B, C_G, C_G stress-corrected."""
-
-    bulk_0: float
-    shear_0: float
-    C_B: float
-    C_G: float
-    C_G_stress_corrected: float
 
 
 @dataclass(frozen=True)
@@ -65,11 +54,13 @@ _TRUSTED = 0.1
 
 _NO_MODULI = Moduli(np.nan, np.nan, np.nan)
 FLOPPY = Moduli(0.0, 0.0, 0.0)
-_NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
 
 
 def linear_response(
-    state: ElasticState, pattern: FixedPattern | None = None, exact: bool = False
+    state: ElasticState,
+    pattern: FixedPattern | None = None,
+    exact: bool = False,
+    factor: Factor | None = None,
 ) -> tuple[Solution[Moduli], Array]:
     """Moduli of springs under stress in equilibrium, and the relaxation dx/dγ (n_free, d) that dilation causes.
 
@@ -87,8 +78,11 @@ def linear_response(
     Parts that are floppy, as slack ones are, do not resist and take no share; `stats.details["floppy"]` says so.
     """
     pattern = pattern or state.pattern()
-    factor = state.factorize(pattern)
-    found = _responses(state, factor) if factor.sound and not factor.n_negative else None
+    # Where no eigenvalue can be negative any factor will do; whether it is near enough shows.
+    found = _responses(state, factor) if factor is not None and _taut(state) else None
+    if factor is None or found is None or not found.settled:
+        factor = state.factorize(pattern)
+        found = _responses(state, factor) if factor.sound and not factor.n_negative else None
     floppy = found is None or not found.settled
     if floppy:
         factor = state.factorize(pattern, FLOPPY_REST * state.stiffness_scale)
@@ -106,7 +100,7 @@ def linear_response(
             there = _responses(replace(state, bond_vectors=way.bond_vectors), factor)  # type: ignore[type-var]
             bounds = bounds + 2 * np.abs(there.moduli - found.moduli)
             sure = there.settled
-    condition = state.largest_stiffness * inverse_norm(factor, state.forces.size)
+    condition = state.largest_stiffness * inverse_norm(factor, found.last)
     details: dict[str, bool | str] = {"floppy": floppy}
     if not sure or bounds.max() > _TRUSTED * np.abs(found.moduli[:2]).max():
         details["note"] = "the response to strain is lost in rounding: measure it further from the transition"
@@ -120,11 +114,12 @@ def linear_response(
 
 @dataclass(frozen=True)
 class _Responses:
-    """Moduli (3,), what rounding may have done to them, the relaxation by dilation, the largest relative residual."""
+    """Moduli (3,), what rounding may have done to them, the relaxation by dilation and its last correction."""
 
     moduli: Array
     rounding: Array
     relaxation: Array
+    last: Array
     residual: float
     settled: bool
 
@@ -136,10 +131,10 @@ def _responses(state: ElasticState, factor: Factor) -> _Responses:
     square = length**2
     # dilation has a second derivative of its own, (1 + γ)^{1/d} being curved: b̈ = (1/d)(1/d − 1) b.
     curvatures = ((1 / d) * (1 / d - 1), 0.0)
-    moduli, rounding, relaxations, residual, settled = np.empty(3), np.empty(3), [], 0.0, True
+    moduli, rounding, residual, settled = np.empty(3), np.empty(3), 0.0, True
     for n, (A, curvature) in enumerate(zip((dilation(d), pure_shear(d)), curvatures, strict=True)):
         affine = L @ A
-        u, correction, scale, gained = np.zeros_like(state.forces), None, 0.0, 0.0
+        u, scale = np.zeros_like(state.forces), 0.0
         for refinement in range(_REFINEMENTS + 1):
             rate = affine + network.free_incidence @ u
             hdot = np.einsum("ad,ad->a", L, rate)
@@ -152,7 +147,8 @@ def _responses(state: ElasticState, factor: Factor) -> _Responses:
             scale = max(scale, size)
             # Where all follows affinely there is next to no relaxation to compare with.
             small = moved <= _SETTLED * max(float(np.abs(u).max()), 1e-5 * state.length_scale)
-            if refinement and small:
+            # What is gained must not be more than rounding, for it is all that is known of what is missing.
+            if refinement and small and abs(gained) <= 4 * _EPS * energy:
                 break
         settled = settled and small
         residual = max(residual, size / max(scale, 1e-300))
@@ -165,15 +161,21 @@ def _responses(state: ElasticState, factor: Factor) -> _Responses:
         noise = state.stress_rounding * (speed**2 + abs(curvature) * square)
         noise += 2 * (np.abs(stress) * length + np.abs(sigma) * speed) * slip
         noise += 4 * _EPS * np.abs(sigma) * abs(curvature) * square
-        rounding[n] = (_together(noise) + abs(gained)) / V + 4 * _EPS * abs(moduli[n])
-        relaxations.append(u)
+        rounding[n] = (together(noise) + abs(gained)) / V + 4 * _EPS * abs(moduli[n])
+        if n == 0:
+            relaxation, last = u, correction
     pressure = float(sigma @ square) / (d * V)
     moduli[2] = moduli[1] - 0.5 * pressure
-    rounding[2] = rounding[1] + 0.5 * _together(2 * state.stress_rounding * square) / (d * V) + 4 * _EPS * abs(pressure)
-    return _Responses(moduli, rounding, relaxations[0], residual, settled)
+    rounding[2] = rounding[1] + 0.5 * together(2 * state.stress_rounding * square) / (d * V) + 4 * _EPS * abs(pressure)
+    return _Responses(moduli, rounding, relaxation, last, residual, settled)
 
 
-def _together(errors: Array) -> float:
+def _taut(state: ElasticState) -> bool:
+    """Whether nothing pushes, and nothing yields as it is stretched: then no eigenvalue of the Hessian is negative."""
+    return bool((state.sigma >= 0).all() and (state.edge_stiffness >= 0).all())
+
+
+def together(errors: Array) -> float:
     """A bound on the sum of as many roundings: they add up like random numbers, or on lattices some of them alike."""
     return 3 * float(np.linalg.norm(errors)) + 0.25 * float(errors.sum())
 
@@ -190,79 +192,6 @@ def transition_moduli(critical: CriticalConfiguration) -> Moduli:
         for A in (dilation(d), pure_shear(d))
     )
     return Moduli(bulk, shear, shear)
-
-
-def stiffening(
-    network: Network,
-    critical: CriticalConfiguration,
-    saddle: Saddle | None = None,
-    throw: bool = True,
-    *,
-    law: SpringLaw = HOOKEAN,
-) -> Solution[Stiffening]:
-    """C_B and C_G of a network exactly, from its critical configuration alone: no strain path.
-
-    With σ̂ the unit self-stress, K⁻¹ = |L|²/k, D = σ̂ᵀK⁻¹σ̂ and, for each strain a, affine change A_a L and c_a = σ̂·ḣ_a/D:
-    the network answers with ḣ_a = c_a K⁻¹ σ̂, and the zero modes settle where P(σ̂) is least,
-        P̂ u + Rᵀ λ = −gᵀ(σ̂ ∘ A_a L),   R u = c_a K⁻¹ σ̂ − ḣ_a(affine),   L̇_a = A_a L + g u.
-    Third derivatives of the energy need no more than these first-order answers,
-        E_abc = Σ φ''' ḣ_a ḣ_b ḣ_c + Σ_cyc c_a Σ σ̂ (L̇_b·L̇_c + L·b̈_bc),   φ''' = E'''/|L|³ − 3k/|L|⁴,
-    and B_0 = E_γγ/V, C_B = (E_γγ + E_γγγ)/V, G_0 = E_εε/V, C_G = (E_γεε − E_εε)/V.
-    So a law adds Σ E''' e_γ³/V to the C_B of Hookean springs and Σ E''' e_γ e_ε²/V to C_G, with the elongations
-    e_a = ḣ_a/|L| = c_a σ̂|L|/k; B_0 and G_0 are the same for all laws.
-
-    `Status.unstable` and NaN where P(σ̂) is not positive on the zero modes, so that no such answer exists.
-    """
-    network, L = critical.springs_of(network), critical.bond_vectors
-    require_one_self_stress(network, "follow strain_path() and use fit_stiffening()")
-    V, d, k = network.volume, network.dimension, network.stiffness
-    # Lengths are of order one, so the stress is scaled to balance the system's two kinds of rows.
-    norm = float(np.linalg.norm(critical.sigma))
-    sigma = critical.sigma / norm
-    flexibility = np.sum(L**2, axis=1) / k
-    D = float(sigma**2 @ flexibility)
-    system = saddle or Saddle(network)
-    if not system.stable(critical.sigma, L):
-        stats = Stats("exact", 1, 1, details={"note": "the stress does not stabilise all zero modes"})
-        solution = Solution(_NO_STIFFENING, Status.unstable, stats)
-        return solution.or_raise("no stiffening coefficients") if throw else solution
-
-    system.factorize(critical.sigma, L)
-    amplitudes, changes, responses, errors = [], [], [], []
-    for A in (dilation(d), pure_shear(d)):
-        affine = L @ A
-        hdot = np.einsum("ad,ad->a", L, affine)
-        c = float(sigma @ hdot) / D
-        force = -(network.divergence @ (critical.sigma[:, None] * affine))
-        u, _, error = system.solve(force, c * sigma * flexibility - hdot)
-        amplitudes.append(c)
-        changes.append(c * sigma * flexibility)
-        responses.append(affine + network.free_incidence @ u)
-        errors.append(error)
-
-    lengths = critical.lengths
-    steepening = checked_law(law, lengths, k).stiffening(np.zeros_like(lengths), lengths, k)
-    third = steepening / lengths**3 - 3 * k / np.sum(L**2, axis=1) ** 2
-    identity = np.eye(d)
-    # b̈ of γγ, γε and εε, mapped on L.
-    curvature = {(0, 0): (1 / d) * (1 / d - 1) * identity, (0, 1): pure_shear(d) / d, (1, 1): 0 * identity}
-
-    def energy(a: int, b: int, c: int) -> float:
-        total = float(third @ (changes[a] * changes[b] * changes[c]))
-        for first, (second, last) in ((a, (b, c)), (b, (a, c)), (c, (a, b))):
-            bending = np.sum(
-                responses[second] * responses[last] + L * (L @ curvature[min(second, last), max(second, last)]), axis=1
-            )
-            total += amplitudes[first] * float(sigma @ bending)
-        return total
-
-    E_gg, E_ee = amplitudes[0] ** 2 * D, amplitudes[1] ** 2 * D
-    bulk_0, shear_0 = E_gg / V, E_ee / V
-    C_B, C_G = (E_gg + energy(0, 0, 0)) / V, (energy(0, 1, 1) - E_ee) / V
-    value = Stiffening(bulk_0, shear_0, C_B, C_G, C_G - 0.5 * bulk_0)
-    status = Status.ok if max(errors) < 1e-9 else Status.singular
-    solution = Solution(value if status is Status.ok else _NO_STIFFENING, status, Stats("exact", 1, 1, max(errors)))
-    return solution.or_raise("no stiffening coefficients") if throw else solution
 
 
 def fit_stiffening(strains: ArrayLike, moduli: ArrayLike, window: float = np.inf, degree: int = 1) -> Fit:

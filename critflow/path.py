@@ -16,7 +16,7 @@ from critflow.manifold import CriticalConfiguration
 from critflow.moduli import Moduli, linear_response
 from critflow.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.springs import SpringState, equilibrium
+from critflow.springs import SpringState, relaxed
 
 # The part of a step below which it is not divided any more.
 _SMALLEST_PART = 1 / 1024
@@ -163,7 +163,7 @@ class _Walk:
         growth = (1 + strain) / (1 + self.strain)
         start = self.state.moved(self._size(self.strain) * self._trace.step_to(strain))
         start = start.deformed(growth ** (1 / start.network.dimension) * np.eye(start.network.dimension))
-        solution = equilibrium(start, self._method, self._tolerance, pattern=self._pattern, throw=False)
+        solution, factor = relaxed(start, self._pattern, self._method, self._tolerance)
         state, stats, status = solution.value, solution.stats, solution.status
         if not solution.ok:
             # FIRE takes many small steps as it is, and what rounding hides it hides from any start.
@@ -175,7 +175,7 @@ class _Walk:
             return _Attempt(strain, state, stats.iterations, Status.unstable, why)
         measured, bounds, slope = _NOTHING, _NOTHING, None
         if self._moduli:
-            response, relaxation = linear_response(state, self._pattern, exact=self._method == "newton")
+            response, relaxation = linear_response(state, self._pattern, self._method == "newton", factor)
             if not response.ok:
                 why = response.stats.details.get("note", response.status.message)
                 curable = response.status is not Status.ill_conditioned

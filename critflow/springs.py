@@ -15,8 +15,8 @@ from typing import ClassVar, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.distance import Distance, distance, inverse_norm
-from critflow.extended import Extended, extended, lengths, subtract, two_sum
+from critflow.distance import Distance, distance, inverse_norm, square_lengths
+from critflow.extended import Extended, subtract, two_product, two_sum
 from critflow.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.linalg import Factor, FixedPattern, block_laplacian, edge_blocks
 from critflow.minimize import Point, fire
@@ -113,7 +113,11 @@ class ElasticState(ABC):
 
         held  whether the factor holds floppy modes
         """
-        return distance(self.network, self.coordinates, self.exact_stress, factor, held)
+
+        def solve(forces: Array) -> Array:
+            return factor.solve(forces.ravel()).reshape(forces.shape)
+
+        return distance(self.network, self.coordinates, self.exact_stress, solve, held)
 
     def moved(self: State, displacement: Array) -> State:
         """The state after displacing the free vertices by u (n_free, d)."""
@@ -185,9 +189,11 @@ class SpringState(ElasticState):
         return _EPS * self.edge_stiffness
 
     def exact_stress(self, bond_vectors: Extended) -> Array:
-        length = lengths(bond_vectors)
-        extension = subtract(length, extended(self.rest_lengths)).high
-        return self.law.tension(extension, self.rest_lengths, self.network.stiffness) / length.high
+        rest = self.rest_lengths
+        square = square_lengths(bond_vectors)
+        length = np.sqrt(square.high)
+        extension = subtract(square, two_product(rest, rest)).high / (length + rest)
+        return self.law.tension(extension, rest, self.network.stiffness) / length
 
     def resistance(self, hdot: Array) -> tuple[Array, float]:
         K = self.modified_stiffness
@@ -263,8 +269,15 @@ def equilibrium(
     coordinates, while FIRE's answer stays as it is.  Where rounding hides the exact one it is infinite, with
     `Status.ill_conditioned`.  `stats.condition` is ‖H‖‖H⁻¹‖.
     """
+    solution, _ = relaxed(state, pattern or state.pattern(), method, tolerance, max_steps)
+    return solution.or_raise("the springs found no equilibrium") if throw else solution
+
+
+def relaxed(
+    state: State, pattern: FixedPattern, method: str, tolerance: float, max_steps: int | None = None
+) -> tuple[Solution[State], Factor | None]:
+    """As `equilibrium`, and a factor of the Hessian near its answer, if there is one."""
     factor: Factor | None = None
-    pattern = pattern or state.pattern()
     if not np.isfinite(state.energy):
         stats = Stats(method, details={"note": "an edge is longer than its law lets it be: take smaller strain steps"})
         solution = Solution(state, Status.stalled, stats)
@@ -275,19 +288,19 @@ def equilibrium(
     else:
         raise InputError(f"no relaxation method is called {method!r}: choose 'newton' or 'fire'")
     if solution.ok:
-        solution = _bounded(solution, pattern, factor, corrected=method == "newton")
+        return _bounded(solution, pattern, factor, corrected=method == "newton")
     length = solution.value.lengths
-    if not solution.ok and state.edges_may_collapse and length.min() < _COLLAPSING * length.mean():
+    if state.edges_may_collapse and length.min() < _COLLAPSING * length.mean():
         note = f"edge {int(length.argmin())} shrinks to zero length, where its pull has no direction"
         stats = replace(solution.stats, details={**solution.stats.details, "note": note})
         solution = Solution(solution.value, Status.edge_collapse, stats)
-    return solution.or_raise("the springs found no equilibrium") if throw else solution
+    return solution, None
 
 
 def _bounded(
     solution: Solution[State], pattern: FixedPattern, factor: Factor | None, corrected: bool
-) -> Solution[State]:
-    """An equilibrium with its distance to the exact one, and moved onto it if it is to be corrected.
+) -> tuple[Solution[State], Factor]:
+    """An equilibrium with its distance to the exact one, and moved onto it if it is to be corrected; the factor used.
 
     factor  of the Hessian near the state, if there is one
     """
@@ -302,13 +315,13 @@ def _bounded(
     else:
         apart = float(np.abs(state.bond_vectors - way.bond_vectors).max())
     bound = max(float(np.abs(error).max()), apart) + 2 * way.missing
-    condition = state.largest_stiffness * inverse_norm(factor, state.forces.size)
+    condition = state.largest_stiffness * inverse_norm(factor, way.last)
     stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=condition)
     status = solution.status
     if not np.isfinite(bound):
         status = Status.ill_conditioned
         stats.details["note"] = "rounding hides how far the exact equilibrium is: go further from the transition"
-    return Solution(state, status, stats)
+    return Solution(state, status, stats), factor
 
 
 def _way(state: ElasticState, pattern: FixedPattern, factor: Factor | None = None) -> tuple[Distance, Factor]:
