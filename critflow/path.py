@@ -19,10 +19,12 @@ from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs import SpringState, relaxed
 
 # The part of a step below which it is not divided any more.
-_SMALLEST_PART = 1 / 1024
+_SMALLEST_PART = 2.0**-16
 # A step that may have left its branch is believed if it took no more than so many iterations and ended no further from
 # where the branch was expected, in units of the mean length.
 _FEW_STEPS, _EXPECTED = 10, 0.05
+# Ends further away than this are believed if a step back leads to where the step came from, to the second of the two.
+_DOUBTED, _RETURNED = 1e-3, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,7 @@ def strain_path(
 
     Each step starts from the last state, carried on affinely and along the curve that the last two states and their
     linear responses trace.  A step that fails, or may have left the branch of equilibria that it started on, is
-    halved, down to 1/1024 of itself, and steps grow again after that; where even the smallest leaves the branch the
+    halved, down to 2⁻¹⁶ of itself, and steps grow again after that; where even the smallest leaves the branch the
     path ends with `Status.unstable`.  An equilibrium without compressed springs needs no such doubt: it is the only
     one of its kind, and the global minimum.  `method` and `tolerance` are those of `equilibrium`; without `moduli`
     only the equilibria are found.
@@ -130,6 +132,7 @@ def strain_path(
     return result.or_raise("the strain path stopped") if throw else result
 
 
+_JUMPED = "the equilibrium jumps to another branch: the one followed ends before this strain"
 _NOTHING = Moduli(np.nan, np.nan, np.nan)
 
 
@@ -166,22 +169,22 @@ class _Walk:
         solution, factor = relaxed(start, self._pattern, self._method, self._tolerance)
         state, stats, status = solution.value, solution.stats, solution.status
         if not solution.ok:
-            # FIRE takes many small steps as it is, and what rounding hides it hides from any start.
-            hopeless = status is Status.ill_conditioned or (self._method == "fire" and status is Status.step_limit)
+            # FIRE takes many small steps as it is.
+            curable = self._method != "fire" or status is not Status.step_limit
             why = stats.details.get("note", status.message)
-            return _Attempt(strain, state, stats.iterations, status, why, not hopeless)
+            return _Attempt(strain, state, stats.iterations, status, why, curable)
         if not (self._only_one(state) or self._expected(start, state, stats)):
-            why = "the equilibrium jumps to another branch: the one followed ends before this strain"
-            return _Attempt(strain, state, stats.iterations, Status.unstable, why)
+            return _Attempt(strain, state, stats.iterations, Status.unstable, _JUMPED)
         measured, bounds, slope = _NOTHING, _NOTHING, None
         if self._moduli:
             response, relaxation = linear_response(state, self._pattern, self._method == "newton", factor)
             if not response.ok:
                 why = response.stats.details.get("note", response.status.message)
-                curable = response.status is not Status.ill_conditioned
-                return _Attempt(strain, state, stats.iterations, response.status, why, curable)
+                return _Attempt(strain, state, stats.iterations, response.status, why)
             measured, bounds = response.value, response.stats.error_bound
             slope = relaxation / ((1 + strain) * self._size(strain))
+        if not (self._only_one(state) or self._returns(start, state, strain, slope)):
+            return _Attempt(strain, state, stats.iterations, Status.unstable, _JUMPED)
         values = (measured.bulk, measured.shear, measured.shear_stress_corrected, state.energy, state.max_force)
         errors = (stats.error_bound, bounds.bulk, max(bounds.shear, bounds.shear_stress_corrected))
         return _Attempt(strain, state, stats.iterations, Status.ok, "", True, slope, (*values, *errors))
@@ -202,9 +205,24 @@ class _Walk:
 
     def _expected(self, start: SpringState, state: SpringState, stats: Stats) -> bool:
         """Whether the relaxation led nowhere unexpected."""
-        moved = float(np.abs(state.bond_vectors - start.bond_vectors).max())
         few = self._method != "newton" or stats.iterations <= _FEW_STEPS
-        return few and not stats.details.get("indefinite", False) and moved <= _EXPECTED * float(state.lengths.mean())
+        return few and not stats.details.get("indefinite", False) and _apart(start, state) <= _EXPECTED
+
+    def _returns(self, start: SpringState, state: SpringState, strain: float, slope: Array | None) -> bool:
+        """Whether the way back leads to the last state, as it does not from beyond a fold."""
+        if self.strain == 0.0 or _apart(start, state) <= _DOUBTED:
+            return True
+        d = state.network.dimension
+        growth = ((1 + self.strain) / (1 + strain)) ** (1 / d)
+        if slope is not None:
+            state = state.moved(self._size(strain) * (self.strain - strain) * slope)
+        back, _ = relaxed(state.deformed(growth * np.eye(d)), self._pattern, self._method, self._tolerance)
+        return back.ok and _apart(back.value, self.state) <= _RETURNED
+
+
+def _apart(one: SpringState, other: SpringState) -> float:
+    """The largest difference of their bond vectors, in units of the mean length."""
+    return float(np.abs(one.bond_vectors - other.bond_vectors).max() / one.lengths.mean())
 
 
 class _Trace:
