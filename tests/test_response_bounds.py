@@ -55,16 +55,14 @@ def test_moduli_of_an_unfinished_relaxation(gamma, tolerance):
     assert max(found) < 100
 
 
-def test_moduli_far_from_equilibrium_are_none():
-    # At this strain soft modes have a stiffness of 1e-7, so a force of 1e-5 leaves them anywhere.
-    state = strained(NETWORKS["voronoi"](), 1e-5)
-    rng = np.random.default_rng(1)
-    state = state.moved(1e-4 * rng.standard_normal((len(state.network.free), 2)))
+@pytest.mark.parametrize("gamma, off", [(1e-3, 1e-4), (1e-4, 1e-4), (1e-5, 1e-6)])
+def test_moduli_far_from_equilibrium_are_none(gamma, off):
+    # Extensions are about γ/2, so displacements like these change every stress.
+    state = strained(NETWORKS["voronoi"](), gamma)
+    state = state.moved(off * np.random.default_rng(1).standard_normal((len(state.network.free), 2)))
     solution, _ = linear_response(state)
-    if solution.ok:
-        ratios(astuple(solution.value), astuple(solution.stats.error_bound), exact.moduli(state))
-    else:
-        assert np.isnan(solution.value.bulk)
+    assert solution.status is Status.ill_conditioned
+    assert np.isnan(astuple(solution.value)).all()
 
 
 def test_paths_keep_the_bounds():
