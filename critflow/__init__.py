@@ -3,6 +3,7 @@
 from importlib.metadata import version
 
 from critflow.bounds import transition_bounds
+from critflow.coefficients import stiffening
 from critflow.critical import critical_from_lengths
 from critflow.flatness import flat_directions, stress_hessian
 from critflow.generate import (
@@ -25,7 +26,7 @@ from critflow.lattices import (
 )
 from critflow.laws import Hookean, PowerLaw, SpringLaw, WormLike
 from critflow.manifold import CriticalConfiguration, CriticalManifold
-from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, stiffening, transition_moduli
+from critflow.moduli import elastic_moduli, fit_stiffening, linear_response, transition_moduli
 from critflow.network import Network
 from critflow.optimize import optimize
 from critflow.path import strain_path

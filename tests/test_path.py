@@ -149,3 +149,60 @@ def test_a_path_ends_where_its_law_does():
     assert np.isnan(path.bulk_modulus[20:]).all()
     with pytest.raises(SolveError, match=r"at strain 0\.042, an edge is longer than its law lets it be"):
         strain_path(network, critical, strains, law=law)
+
+
+# Steps that are too large
+
+
+@pytest.mark.parametrize("moduli", [True, False])
+@pytest.mark.parametrize("end", [0.1, 0.5])
+def test_one_step_ends_where_many_do(end, moduli):
+    critical = critical_of(voronoi(40, seed=1))
+    one = strain_path(critical.network, critical, [end], moduli=moduli).value
+    many = strain_path(critical.network, critical, np.linspace(0, end, 51)[1:]).value
+    np.testing.assert_allclose(one.states[-1].bond_vectors, many.states[-1].bond_vectors, rtol=0, atol=1e-13)
+    # Nothing is compressed, so there is one equilibrium alone and no step is inserted.
+    assert (one.states[-1].extension > 0).all()
+    assert not one.inserted.any() and not many.inserted.any()
+
+
+def partly_compressed(n_vertices, seed):
+    """A critical configuration of which an edge in twenty is compressed."""
+    network, rng = voronoi(n_vertices, seed=seed), np.random.default_rng(seed)
+    sigma = np.abs(rng.standard_normal(network.n_edges)) + 0.05
+    sigma[rng.choice(network.n_edges, max(1, network.n_edges // 20), replace=False)] *= -0.15
+    return CriticalManifold(network).configuration(sigma)
+
+
+@pytest.mark.parametrize("end", [0.1, 0.5])
+def test_one_step_stays_on_the_branch_of_many(end):
+    critical = partly_compressed(20, 12)
+    one = strain_path(critical.network, critical, [end]).value
+    many = strain_path(critical.network, critical, np.linspace(0, end, 101)[1:]).value
+    np.testing.assert_allclose(one.states[-1].bond_vectors, many.states[-1].bond_vectors, rtol=0, atol=1e-12)
+    assert one.bulk_modulus[-1] == pytest.approx(many.bulk_modulus[-1], rel=1e-11)
+    assert one.inserted[0] > 0 and (one.states[-1].extension < 0).any()
+    # Relaxed at once, Newton's method ends in another equilibrium.
+    direct = relaxed_directly(critical, end)
+    assert np.abs(direct.bond_vectors - one.states[-1].bond_vectors).max() > 0.1
+
+
+@pytest.mark.parametrize("n_vertices, seed", [(12, 5), (40, 11)])
+def test_a_branch_that_ends_is_told(n_vertices, seed):
+    critical = partly_compressed(n_vertices, seed)
+    # There are equilibria beyond, but no way leads to them that is continuous.
+    assert relaxed_directly(critical, 0.5).max_force < 1e-12
+    for strains in ([0.5], np.linspace(0, 0.5, 51)[1:]):
+        solution = strain_path(critical.network, critical, strains, throw=False)
+        assert solution.status in (Status.unstable, Status.step_limit, Status.stalled, Status.ill_conditioned)
+        assert np.isnan(solution.value.energy[-1]) and np.isnan(solution.value.coordinate_error[-1])
+
+
+def test_steps_grow_again_and_inserted_strains_are_not_kept():
+    critical = partly_compressed(20, 12)
+    strains = [0.3, 0.301, 0.4]
+    path = strain_path(critical.network, critical, strains).value
+    assert len(path.states) == 3
+    assert path.inserted[0] > 0 and path.inserted[1] == 0
+    for gamma, state in zip(strains, path.states, strict=True):
+        assert state.network.volume == pytest.approx(critical.network.volume * (1 + gamma), rel=1e-13)

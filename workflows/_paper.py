@@ -193,7 +193,7 @@ EQUATIONS = (
         "RestLengthVolumetric", "V(γ) = V(0)(1 + γ)", "path.strain_path", "test_path.test_energy_is_the_work_done",
     ),
     Equation(
-        "ModulusStrainScaling", "B = B_0 + C_B γ, G = G_0 + C_G γ", "moduli.stiffening",
+        "ModulusStrainScaling", "B = B_0 + C_B γ, G = G_0 + C_G γ", "coefficients.stiffening",
         "test_moduli.test_exact_stiffening_is_the_limit_of_fits",
     ),
     Equation(

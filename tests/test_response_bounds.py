@@ -1,0 +1,119 @@
+"""Moduli and stiffening coefficients: every error bound holds, and in the median within 100 times the error."""
+
+from dataclasses import astuple
+from decimal import Decimal
+
+import fifty_digits
+import numpy as np
+import pytest
+from problems import random_stress
+from test_equilibrium_bounds import NETWORKS, STRAINS, strained
+
+from critflow import (
+    CriticalManifold,
+    Status,
+    equilibrium,
+    honeycomb_network,
+    linear_response,
+    stiffening,
+    strain_path,
+    voronoi_network,
+)
+
+
+def ratios(values, bounds, reference):
+    """Bounds over errors, where the bounds are not exceeded."""
+    found = []
+    for value, bound, expected in zip(values, bounds, reference, strict=True):
+        error = float(abs(Decimal(float(value)) - expected))
+        assert error <= bound
+        found.append(bound / max(error, 1e-60))
+    return found
+
+
+def test_moduli_from_afar_to_the_transition():
+    found = []
+    for name, make in NETWORKS.items():
+        for gamma in STRAINS[:: 1 if name == "voronoi" else 4]:
+            state = equilibrium(strained(make(), gamma)).value
+            solution, _ = linear_response(state)
+            assert solution.status is Status.ok
+            assert solution.stats.condition > 0.1 / gamma
+            bounds = astuple(solution.stats.error_bound)
+            # Nothing is lost on the way to the transition.
+            assert max(bounds) < 1e-13
+            found += ratios(astuple(solution.value), bounds, fifty_digits.moduli(state))
+    assert np.median(found) < 100
+
+
+@pytest.mark.parametrize("gamma, tolerance", [(0.1, 1e-6), (0.1, 1e-10), (1e-3, 1e-8), (1e-3, 1e-12)])
+def test_moduli_of_an_unfinished_relaxation(gamma, tolerance):
+    state = equilibrium(strained(NETWORKS["voronoi"](), gamma), "fire", tolerance).value
+    solution, _ = linear_response(state)
+    found = ratios(astuple(solution.value), astuple(solution.stats.error_bound), fifty_digits.moduli(state))
+    assert solution.status is Status.ok
+    assert max(found) < 100
+
+
+@pytest.mark.parametrize("gamma, off", [(1e-3, 1e-4), (1e-4, 1e-4), (1e-5, 1e-6)])
+def test_moduli_far_from_equilibrium_are_none(gamma, off):
+    # Extensions are about γ/2, so displacements like these change every stress.
+    state = strained(NETWORKS["voronoi"](), gamma)
+    state = state.moved(off * np.random.default_rng(1).standard_normal((len(state.network.free), 2)))
+    solution, _ = linear_response(state)
+    assert solution.status is Status.ill_conditioned
+    assert np.isnan(astuple(solution.value)).all()
+
+
+def test_paths_keep_the_bounds():
+    network = NETWORKS["stiffness"]()
+    critical = CriticalManifold(network).configuration(random_stress(18, 4))
+    strains = np.concatenate([STRAINS[:3:-1], [0.001, 0.002, 0.003, 0.05, 0.3]])
+    path = strain_path(network, critical, strains).value
+    found = []
+    for n, state in enumerate(path.states):
+        x, _ = fifty_digits.equilibrium(state)
+        error = float(np.abs(fifty_digits.decimals(state.coordinates[network.free]) - x).max())
+        assert error <= path.coordinate_error[n] <= 10 * error
+        values = (path.bulk_modulus[n], path.shear_modulus[n], path.shear_modulus_stress_corrected[n])
+        shear = path.shear_modulus_error[n]
+        found += ratios(values, (path.bulk_modulus_error[n], shear, shear), fifty_digits.moduli(state))
+    assert np.median(found) < 100
+
+
+@pytest.mark.parametrize("decades", [0, 2, 4])
+def test_stiffening_coefficients(decades):
+    found = []
+    for network in (*(make() for make in NETWORKS.values()), voronoi_network(12, seed=8)):
+        stress = 10 ** (decades * (np.random.default_rng(5).random(network.n_edges) - 0.5))
+        critical = CriticalManifold(network).configuration(stress)
+        solution = stiffening(network, critical)
+        assert solution.status is Status.ok
+        bounds = astuple(solution.stats.error_bound)
+        assert max(bounds) < 1e-10
+        found += ratios(astuple(solution.value), bounds, fifty_digits.stiffening(network, critical.sigma))
+    assert np.median(found) < 100
+
+
+def test_stiffening_mends_coordinates_that_are_off():
+    # The answer is that of the stress; coordinates are a start for finding its balance.
+    network = NETWORKS["voronoi"]()
+    critical = CriticalManifold(network).configuration(random_stress(18, 1))
+    x = critical.coordinates + 1e-9 * np.random.default_rng(2).standard_normal((12, 2))
+    x[0] = 0.0
+    moved = type(critical)(network, critical.sigma, x, network.bond_vectors(x))
+    solution = stiffening(network, moved)
+    ratios(
+        astuple(solution.value), astuple(solution.stats.error_bound), fifty_digits.stiffening(network, critical.sigma)
+    )
+
+
+def test_bounds_hold_where_all_edges_round_alike():
+    # Lattices repeat one rounding on every edge, so that errors add up instead of averaging out.
+    for columns, rows in ((2, 2), (3, 2)):
+        network = honeycomb_network(columns, rows)
+        critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+        for gamma in (1e-3, 1e-8):
+            state = strain_path(network, critical, [gamma]).value.states[0]
+            solution, _ = linear_response(state)
+            ratios(astuple(solution.value), astuple(solution.stats.error_bound), fifty_digits.moduli(state))
