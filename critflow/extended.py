@@ -106,22 +106,28 @@ class ExtendedGeometry:
         self._around[place, ends[order]] = order
 
     def bond_vectors(self, x: Extended, b: Array) -> Extended:
-        """L (N_b, d) from free coordinates x (n_free, d) and boundary vectors b (N_b, d)."""
+        """L (N_b, d) from free coordinates x (n_free, d) and boundary vectors b (N_b, d), to 32 digits of those."""
         zero = np.zeros((1, x.high.shape[1]))
-        high, low = np.concatenate([x.high, zero]), np.concatenate([x.low, zero])
-        head = Extended(high[self._head], low[self._head])
-        tail = Extended(high[self._tail], low[self._tail])
-        return add(subtract(head, tail), extended(b))
+        high = np.concatenate([x.high, zero])
+        ends, rest = two_sum(high[self._head], -high[self._tail])
+        total, low = two_sum(ends, b)
+        low += rest
+        if x.low.any():
+            shift = np.concatenate([x.low, zero])
+            low += shift[self._head] - shift[self._tail]
+        return two_sum(total, low)
 
     def divergence(self, edge_vectors: Extended) -> Extended:
-        """gᵀ v over the free vertices, (n_free, d), of edge vectors v (N_b, d)."""
+        """gᵀ v over the free vertices, (n_free, d), of edge vectors v (N_b, d), to 32 digits of those."""
         zero = np.zeros((1, edge_vectors.high.shape[1]))
         high = np.concatenate([-edge_vectors.high, edge_vectors.high, zero])
         low = np.concatenate([-edge_vectors.low, edge_vectors.low, zero])
-        total = Extended(high[self._around[0]], low[self._around[0]])
+        total, rest = high[self._around[0]], low[self._around[0]]
         for around in self._around[1:]:
-            total = add(total, Extended(high[around], low[around]))
-        return total
+            total, lost = two_sum(total, high[around])
+            rest += low[around]
+            rest += lost
+        return two_sum(total, rest)
 
 
 def lengths(vectors: Extended) -> Extended:

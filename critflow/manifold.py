@@ -3,24 +3,37 @@
 Force balance gᵀ(σ ∘ L) = 0 is linear in the coordinates, P x = −gᵀ(σ ∘ b) with the σ-weighted Laplacian P
 (`FDM1`, `PrestressMatrix`), one N_v × N_v matrix for all directions.  σ > 0 makes P positive definite; with mixed
 signs its inertia separates the sheets of the manifold, and a singular P has no configuration.
+
+`balance` is the plain solve inside every optimisation.  `solve` refines it and bounds its error; where rounding may
+have taken all digits it says so instead of giving numbers.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
+from critflow.extended import Extended, two_product
 from critflow.linalg import Factor, FixedPattern, Saddle, block_laplacian, laplacian
 from critflow.network import Array, Network, edge_values
+from critflow.refinement import Refined, Refinement
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
 # An edge shorter than this part of the mean length counts as collapsed.
 COLLAPSED = 1e-8
+
+# Part of the mean stress that P is shifted by where pivots vanish though no eigenvalue may, and where two such shifts
+# have different inertias, the distance of an eigenvalue from zero.
+_BESIDE = 1e-9
+
+# A stress with Σσ² = N_b to so much counts as scaled.
+_SCALED = 4e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +41,22 @@ class CriticalConfiguration:
     """A network in balance under a stress: σ (N_b,), coordinates x (N_v, d) and bond vectors L (N_b, d).
 
     σ is the force density (tension per length) with Σσ² = N_b; it is defined up to that scale.
+
+    error_bound  bound on the error of every coordinate, against the exact configuration of the stress that was given,
+                 before it was scaled; NaN where none is known
+    bond_errors  (N_b,) bounds on |δL_α| likewise: L is known relative to its own length, not to that of the cell
     """
 
     network: Network
     sigma: Array
     coordinates: Array
     bond_vectors: Array
+    error_bound: float = np.nan
+    bond_errors: Array = field(default=None, repr=False)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.bond_errors is None:
+            object.__setattr__(self, "bond_errors", np.full(self.network.n_edges, np.nan))
 
     @cached_property
     def lengths(self) -> Array:
@@ -67,6 +90,15 @@ def critical_configuration(network: Network, sigma: Array, coordinates: Array) -
     """Join a stress and coordinates that balance, with the scale set to Σσ² = N_b."""
     sigma = sigma * np.sqrt(network.n_edges / np.sum(sigma**2))
     return CriticalConfiguration(network, sigma, coordinates, network.bond_vectors(coordinates))
+
+
+def _scaled(stress: Array) -> Extended:
+    """A stress (N_b,), of any size, to Σσ² = N_b, and what rounding that takes away; a scaled one stays as it is."""
+    power = int(np.frexp(np.abs(stress).max())[1])
+    whole = np.ldexp(stress, -power)
+    scale = np.sqrt(len(stress) / np.sum(whole**2))
+    half = np.ldexp(0.5, power)
+    return two_product(whole, 2 * half if abs(0.5 * scale - half) < _SCALED * half else scale)
 
 
 def require_one_self_stress(network: Network, instead: str) -> None:
@@ -110,34 +142,81 @@ class CriticalManifold:
         """The pattern of the elastic Hessian, of the network and all its strained copies."""
         return block_laplacian(self.network)
 
+    @cached_property
+    def refinement(self) -> Refinement:
+        """Corrects configurations to the last digit and bounds what is left."""
+        return Refinement(self.network)
+
     def configuration(self, sigma: ArrayLike, throw: bool = True) -> CriticalConfiguration:
         """The configuration x(σ) in balance under σ (`SelfStressParamaterization_coords`); σ of any sign.
 
-        Raises `NetworkError` for a σ that is not finite or wrongly sized, `SolveError` where P(σ) is singular.
+        Raises `NetworkError` for a σ that is not finite or wrongly sized, `SolveError` where P(σ) is singular or too
+        near it for any digit to be certain.
         """
         return self.solve(sigma, throw).value
 
     def solve(self, stress: ArrayLike, throw: bool = False) -> Solution[CriticalConfiguration]:
-        """As `configuration`, with status and the number of negative pivots; NaN coordinates where P is singular."""
-        sigma = edge_values(stress, self.network.n_edges, "sigma", positive=False)
-        if not sigma.any():
+        """As `configuration`, with status, number of negative pivots, Skeel's condition and bounds on all errors.
+
+        Coordinates are NaN where P is singular (`Status.singular`), or so near it, or its entries so far apart, that
+        rounding may have taken every digit (`Status.ill_conditioned`).
+        """
+        given = edge_values(stress, self.network.n_edges, "sigma", positive=False)
+        if not given.any():
             raise NetworkError("sigma is zero on every edge: give each edge a force density, positive for tension")
-        sigma = sigma * np.sqrt(self.network.n_edges / np.sum(sigma**2))
-        free, L, factor = self.balance(sigma)
-        if factor.singular:
-            factor = self._laplacian.factorize_signed(sigma)
-            free, L = self._placed(sigma, factor)
-        if factor.n_negative and not factor.singular:
-            # Without pivoting an indefinite factorisation may lose digits; one refinement brings them back.
-            free = free - factor.solve(self.network.divergence @ (sigma[:, None] * L))
-            L = self._g @ free + self._b
-        status, x = Status.ok, self.network.all_coordinates(free)
-        if factor.singular:
-            status, x, L = Status.singular, np.full_like(x, np.nan), np.full_like(L, np.nan)
-        value = CriticalConfiguration(self.network, sigma, x, L)
-        stats = Stats("force density", 1, 1, value.residual, {"negative_pivots": factor.n_negative})
+        # The balance is that of the stress as given: scaling rounds it, and a nearly singular P would show that.
+        exact = _scaled(given)
+        sigma = exact.high
+        free, _, factor = self.balance(sigma)
+        n_negative, status = factor.n_negative, Status.ok
+        refined = self.refinement(exact, factor, free)
+        if not refined.certain:
+            refined, n_negative, status = self._beside(exact, refined)
+        x = self.network.all_coordinates(refined.x)
+        if status is not Status.ok:
+            x[:] = np.nan
+        value = CriticalConfiguration(self.network, sigma, x, refined.L, refined.error, refined.L_errors)
+        stats = Stats(
+            "force density",
+            refined.steps,
+            1 + refined.steps,
+            value.residual,
+            {"negative_pivots": n_negative},
+            refined.condition,
+            refined.error,
+        )
         solution = Solution(value, status, stats)
         return solution.or_raise("no configuration for this stress") if throw else solution
+
+    def _beside(self, sigma: Extended, failed: Refined) -> tuple[Refined, int, Status]:
+        """What P + δ as a factor of P makes of a stress, the negative pivots and the status, where P itself fails.
+
+        A pivot may vanish though no eigenvalue does, if the signs are mixed.
+        """
+        stress, refined = sigma.high, failed
+        status = Status.ill_conditioned if self._tied(stress) else Status.singular
+        n_negative = 0 if (stress >= 0).all() else len(self.network.free)
+        if (stress > 0).any() and (stress < 0).any():
+            shift = _BESIDE * float(np.mean(np.abs(stress)))
+            below = self._laplacian.factorize(stress, -shift)
+            sound, n_negative = below.sound, below.n_negative
+            above = self._laplacian.factorize(stress, shift)
+            if sound and above.sound and above.n_negative == n_negative:
+                refined = self.refinement(sigma, above, self._placed(stress, above)[0])
+            else:
+                status = Status.singular
+        if refined.certain:
+            return refined, n_negative, Status.ok
+        nothing, lost = np.full_like(self._b, np.nan), np.full_like(refined.x, np.nan)
+        return replace(refined, x=lost, L=nothing, error=np.nan, L_errors=nothing[:, 0]), n_negative, status
+
+    def _tied(self, sigma: Array) -> bool:
+        """Whether edges with a stress join every vertex to a fixed one."""
+        fixed = np.setdiff1d(np.arange(self.network.n_vertices), self.network.free)
+        joined = [*self.network.edges[sigma != 0].T, fixed[:-1], fixed[1:]]
+        ends = np.concatenate(joined[::2]), np.concatenate(joined[1::2])
+        graph = sp.coo_array((np.ones(len(ends[0])), ends), shape=(self.network.n_vertices,) * 2)
+        return bool(connected_components(graph, directed=False)[0] == 1)
 
     def balance(self, sigma: Array) -> tuple[Array, Array, Factor]:
         """Free coordinates, bond vectors L(σ) and the factor of P, unchecked: the inner step of every optimisation."""
