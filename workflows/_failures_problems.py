@@ -6,7 +6,7 @@ Whatever happens at construction belongs to the answer, so everything here is ma
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,7 @@ from critflow import (
     honeycomb_network,
     voronoi_network,
 )
-from critflow.springs import SpringState
+from critflow.springs import SpringState, spring_state
 from critflow.workflow import stable_rng
 
 from . import _failures_reference as reference
@@ -48,7 +48,6 @@ class Problem:
     dtype: type = float
     n_stresses: Callable[[Network], int] = lambda network: 1
     moduli: tuple[float, float] | None = None
-    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
     @cached_property
     def network(self):
@@ -78,6 +77,12 @@ class Problem:
         return self.solution.value
 
     @cached_property
+    def generic(self):
+        """Coordinates without any stress of their own, which those of a Voronoi tessellation have."""
+        rng = stable_rng(self.network.n_vertices, "failures", "generic coordinates")
+        return self.network.positions + 0.1 * rng.standard_normal(self.network.positions.shape)
+
+    @cached_property
     def digits(self):
         return reference.digits_for(self.sigma)
 
@@ -89,9 +94,12 @@ class Problem:
     @cached_property
     def strained(self):
         """Springs at rest in the configuration, with everything expanded: where an equilibrium is looked for."""
-        x = np.asarray(self.critical.coordinates, dtype=self.dtype)
-        L = self.critical.bond_vectors if self.dtype is float else self.network.bond_vectors(x)
-        state = SpringState(self.network, self.critical.lengths, np.asarray(x, dtype=float), L)
+        critical = self.critical
+        if self.dtype is float:
+            state = SpringState(self.network, critical.lengths, critical.coordinates, critical.bond_vectors)
+        else:
+            rest, x = critical.lengths.astype(self.dtype), critical.coordinates.astype(self.dtype)
+            state = spring_state(self.network, rest, x)
         return state.deformed(np.sqrt(1 + self.strain) * np.eye(2))
 
 
