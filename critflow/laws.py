@@ -120,6 +120,9 @@ class WormLike(SpringLaw):
 
 HOOKEAN = Hookean()
 
+# Laws whose energy is convex in the extension of stretched springs.
+CONVEX_LAWS = (Hookean, PowerLaw, WormLike)
+
 # Relative error that fourth-order differences stay below, their steps being a fiftieth of what a law can reach.
 _CONSISTENT = 1e-4
 
@@ -132,7 +135,7 @@ def checked_law(law: SpringLaw, rest: Array, k: Array) -> SpringLaw:
     """
     if not isinstance(law, SpringLaw):
         raise InputError(f"law must be a SpringLaw such as Hookean() or PowerLaw(4), not {law!r:.60}")
-    if type(law) in (Hookean, PowerLaw, WormLike):
+    if type(law) in CONVEX_LAWS:
         return law
     name = type(law).__name__
     at_rest = np.zeros_like(rest)

@@ -11,13 +11,14 @@ B = B_0 + C_B γ and G = G_0 + C_G γ to first order (`ModulusStrainScaling`).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.distance import inverse_norm
 from critflow.laws import HOOKEAN, SpringLaw, checked_law
-from critflow.linalg import FixedPattern, Saddle
+from critflow.linalg import Factor, FixedPattern, Saddle
 from critflow.manifold import CriticalConfiguration, require_one_self_stress
 from critflow.network import Array, Network
 from critflow.objectives import dilation, pure_shear, transition_modulus
@@ -56,47 +57,125 @@ class Fit:
     slope_error: float
 
 
+_EPS = float(np.finfo(float).eps)
+# Corrections of relaxations below this part of them have settled; so many are tried.
+_SETTLED, _REFINEMENTS = 0.05, 4
+# Largest error bound, in units of the larger modulus, of a modulus that is given.
+_TRUSTED = 0.1
+
 _NO_MODULI = Moduli(np.nan, np.nan, np.nan)
 FLOPPY = Moduli(0.0, 0.0, 0.0)
 _NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
 
 
-def linear_response(state: ElasticState, pattern: FixedPattern | None = None) -> tuple[Solution[Moduli], Array]:
+def linear_response(
+    state: ElasticState, pattern: FixedPattern | None = None, exact: bool = False
+) -> tuple[Solution[Moduli], Array]:
     """Moduli of springs under stress in equilibrium, and the relaxation dx/dγ (n_free, d) that dilation causes.
 
+    With the total rates L̇ = A L + g u of bond vectors and ḣ = L·L̇,
+        V μ = ḣᵀ K ḣ + Σ σ (|L̇|² + L·b̈)
+    is least at the relaxation u, so that its errors count by their square alone.
+
+    exact  the state is that of equilibrium to the rounding of its numbers, as Newton's method leaves it; if this is
+    not known, the exact equilibrium is found to tell how much the moduli change on the way
+
+    `stats.error_bound` bounds the errors of the moduli against those of the exact equilibrium (see `equilibrium`);
+    `stats.condition` is ‖H‖‖H⁻¹‖.
     `Status.unstable` and NaN where the Hessian has negative eigenvalues: the springs then buckle under any strain.
+    `Status.ill_conditioned` and NaN where a bound exceeds a tenth of the larger modulus.
     Parts that are floppy, as slack ones are, do not resist and take no share; `stats.details["floppy"]` says so.
     """
-    network, L, sigma = state.network, state.bond_vectors, state.sigma
-    V, d = network.volume, network.dimension
     pattern = pattern or state.pattern()
     factor = state.factorize(pattern)
-    floppy = factor.indefinite
+    found = _responses(state, factor) if factor.sound and not factor.n_negative else None
+    floppy = found is None or not found.settled
     if floppy:
         factor = state.factorize(pattern, FLOPPY_REST * state.stiffness_scale)
         if factor.indefinite:
             stats = Stats("linear response", 2, 2, details={"negative_pivots": factor.n_negative})
             return Solution(_NO_MODULI, Status.unstable, stats), np.zeros_like(state.forces)
+        found = _responses(state, factor)
+    assert found is not None
+    bounds, sure = found.rounding, found.settled
+    if not exact:
+        way = state.distance(factor, held=floppy)
+        apart = np.abs(way.bond_vectors - state.bond_vectors)
+        sure = sure and np.isfinite(way.missing)
+        if sure and (apart > _EPS * state.lengths[:, None]).any():
+            there = _responses(replace(state, bond_vectors=way.bond_vectors), factor)  # type: ignore[type-var]
+            bounds = bounds + 2 * np.abs(there.moduli - found.moduli)
+            sure = there.settled
+    condition = state.largest_stiffness * inverse_norm(factor, state.forces.size)
+    details: dict[str, bool | str] = {"floppy": floppy}
+    if not sure or bounds.max() > _TRUSTED * np.abs(found.moduli[:2]).max():
+        details["note"] = "the response to strain is lost in rounding: measure it further from the transition"
+        value, status = _NO_MODULI, Status.ill_conditioned
+    else:
+        value, status = Moduli(*map(float, found.moduli)), Status.ok
+    bound = Moduli(*map(float, bounds)) if sure else Moduli(np.inf, np.inf, np.inf)
+    stats = Stats("linear response", 1, 1, found.residual, details, condition, bound)
+    return Solution(value, status, stats), found.relaxation
 
-    affine = [L @ dilation(d), L @ pure_shear(d)]
+
+@dataclass(frozen=True)
+class _Responses:
+    """Moduli (3,), what rounding may have done to them, the relaxation by dilation, the largest relative residual."""
+
+    moduli: Array
+    rounding: Array
+    relaxation: Array
+    residual: float
+    settled: bool
+
+
+def _responses(state: ElasticState, factor: Factor) -> _Responses:
+    """The answers to dilation and shear by a factor of the Hessian, refined until corrections are small."""
+    network, L, sigma, length = state.network, state.bond_vectors, state.sigma, state.lengths
+    V, d = network.volume, network.dimension
+    square = length**2
     # dilation has a second derivative of its own, (1 + γ)^{1/d} being curved: b̈ = (1/d)(1/d − 1) b.
-    stress_work = [
-        float(sigma @ np.sum(affine[0] ** 2 + (1 / d) * (1 / d - 1) * L**2, axis=1)),
-        float(sigma @ np.sum(affine[1] ** 2, axis=1)),
-    ]
-    moduli, relaxations, errors = [], [], []
-    for dL, work in zip(affine, stress_work, strict=True):
-        hdot = np.einsum("ad,ad->a", L, dL)
-        stress, energy = state.resistance(hdot)
-        force = -(network.divergence @ (stress[:, None] * L + sigma[:, None] * dL))
-        u = factor.solve(force.ravel())
-        errors.append(float(np.abs(factor.multiply(u) - force.ravel()).max() / max(np.abs(force).max(), 1e-300)))
-        moduli.append(float((energy + work - force.ravel() @ u) / V))
-        relaxations.append(u.reshape(force.shape))
-    dE_dV = float(sigma @ state.lengths**2) / (d * V)
-    value = Moduli(moduli[0], moduli[1], moduli[1] - 0.5 * dE_dV)
-    stats = Stats("linear response", 1, 1, max(errors), {"floppy": floppy})
-    return Solution(value, Status.ok, stats), relaxations[0]
+    curvatures = ((1 / d) * (1 / d - 1), 0.0)
+    moduli, rounding, relaxations, residual, settled = np.empty(3), np.empty(3), [], 0.0, True
+    for n, (A, curvature) in enumerate(zip((dilation(d), pure_shear(d)), curvatures, strict=True)):
+        affine = L @ A
+        u, correction, scale, gained = np.zeros_like(state.forces), None, 0.0, 0.0
+        for refinement in range(_REFINEMENTS + 1):
+            rate = affine + network.free_incidence @ u
+            hdot = np.einsum("ad,ad->a", L, rate)
+            stress, energy = state.resistance(hdot)
+            force = -(network.divergence @ (stress[:, None] * L + sigma[:, None] * rate))
+            correction = factor.solve(force.ravel()).reshape(u.shape)
+            gained = float(np.vdot(force, correction))
+            u, moved = u + correction, float(np.abs(correction).max())
+            size = float(np.abs(force).max())
+            scale = max(scale, size)
+            # Where all follows affinely there is next to no relaxation to compare with.
+            small = moved <= _SETTLED * max(float(np.abs(u).max()), 1e-5 * state.length_scale)
+            if refinement and small:
+                break
+        settled = settled and small
+        residual = max(residual, size / max(scale, 1e-300))
+        speed = np.sqrt(np.einsum("ad,ad->a", rate, rate))
+        moduli[n] = (energy + float(sigma @ (speed**2 + curvature * square)) - gained) / V
+        # Of each edge: the roundings of σ, of the rates from vertices that move further than edges do, of products.
+        vertex_speed = np.zeros(network.n_vertices)
+        vertex_speed[network.free] = np.sqrt(np.einsum("id,id->i", u, u))
+        slip = _EPS * (speed + vertex_speed[network.edges].sum(axis=1) + length)
+        noise = state.stress_rounding * (speed**2 + abs(curvature) * square)
+        noise += 2 * (np.abs(stress) * length + np.abs(sigma) * speed) * slip
+        noise += 4 * _EPS * np.abs(sigma) * abs(curvature) * square
+        rounding[n] = (_together(noise) + abs(gained)) / V + 4 * _EPS * abs(moduli[n])
+        relaxations.append(u)
+    pressure = float(sigma @ square) / (d * V)
+    moduli[2] = moduli[1] - 0.5 * pressure
+    rounding[2] = rounding[1] + 0.5 * _together(2 * state.stress_rounding * square) / (d * V) + 4 * _EPS * abs(pressure)
+    return _Responses(moduli, rounding, relaxations[0], residual, settled)
+
+
+def _together(errors: Array) -> float:
+    """A bound on the sum of as many roundings: they add up like random numbers, or on lattices some of them alike."""
+    return 3 * float(np.linalg.norm(errors)) + 0.25 * float(errors.sum())
 
 
 def transition_moduli(critical: CriticalConfiguration) -> Moduli:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.laws import HOOKEAN, SpringLaw, checked_law
+from critflow.laws import CONVEX_LAWS, HOOKEAN, SpringLaw, checked_law
 from critflow.linalg import FixedPattern
 from critflow.manifold import CriticalConfiguration
 from critflow.moduli import Moduli, linear_response
@@ -18,12 +18,22 @@ from critflow.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs import SpringState, equilibrium
 
+# The part of a step below which it is not divided any more.
+_SMALLEST_PART = 1 / 1024
+# A step that may have left its branch is believed if it took no more than so many iterations and ended no further from
+# where the branch was expected, in units of the mean length.
+_FEW_STEPS, _EXPECTED = 10, 0.05
+
 
 @dataclass(frozen=True, eq=False)
 class StrainPath:
     """Equilibria at strains γ (n,): moduli, energy and forces (n,), work and status of each step, the last state.
 
     A step that failed and all after it hold NaN and say so in `status`.
+
+    inserted  steps (n,) to strains in between, which are not kept, on the way to each strain
+    coordinate_error, bulk_modulus_error, shear_modulus_error  bounds (n,) on the errors against the exact equilibrium;
+    that of the shear modulus holds for both conventions
     """
 
     strains: Array
@@ -35,6 +45,10 @@ class StrainPath:
     steps: NDArray[np.int64]
     status: NDArray[np.int64]
     states: tuple[SpringState, ...]
+    inserted: NDArray[np.int64]
+    coordinate_error: Array
+    bulk_modulus_error: Array
+    shear_modulus_error: Array
 
 
 def check_strains(strains: ArrayLike) -> Array:
@@ -62,53 +76,135 @@ def strain_path(
     """Expand a critical configuration of a network through increasing strains γ > 0, relaxing and measuring at each.
 
     Each step starts from the last state, carried on affinely and along the curve that the last two states and their
-    linear responses trace.  `method` and `tolerance` are those of `equilibrium`; without `moduli` only the equilibria
-    are found.
+    linear responses trace.  A step that fails, or may have left the branch of equilibria that it started on, is
+    halved, down to 1/1024 of itself, and steps grow again after that; where even the smallest leaves the branch the
+    path ends with `Status.unstable`.  An equilibrium without compressed springs needs no such doubt: it is the only
+    one of its kind, and the global minimum.  `method` and `tolerance` are those of `equilibrium`; without `moduli`
+    only the equilibria are found.
     """
     gamma = check_strains(strains)
     network = critical.springs_of(network)
-    d = network.dimension
     law = checked_law(law, critical.lengths, network.stiffness)
     state = SpringState(network, critical.lengths, critical.coordinates, critical.bond_vectors, law)
-    pattern = pattern or state.pattern()
-    records = np.full((5, len(gamma)), np.nan)
-    steps, statuses = np.zeros(len(gamma), int), np.full(len(gamma), int(Status.missing))
+    walk = _Walk(state, method, tolerance, moduli, pattern or state.pattern())
+    records = np.full((8, len(gamma)), np.nan)
+    steps, inserted = np.zeros(len(gamma), int), np.zeros(len(gamma), int)
+    statuses = np.full(len(gamma), int(Status.missing))
     states: list[SpringState] = []
-    why = ""
-    before, trace = 0.0, _Trace(state.coordinates[network.free])
+    why, stride = "", np.inf
     for n, strain in enumerate(gamma):
-        size = (1 + before) ** (1 / d)
-        growth = ((1 + strain) / (1 + before)) ** (1 / d)
-        start = state.moved(size * trace.step_to(strain)).deformed(growth * np.eye(d))
-        solution = equilibrium(start, method, tolerance, pattern=pattern, throw=False)
-        state, steps[n], statuses[n] = solution.value, solution.stats.iterations, solution.status
-        if not solution.ok:
-            why = solution.stats.details.get("note", solution.status.message)
-            break
-        measured, slope = _NOTHING, None
-        size = (1 + strain) ** (1 / d)
-        if moduli:
-            response, relaxation = linear_response(state, pattern)
-            measured, statuses[n] = response.value, response.status
-            if not response.ok:
-                why = response.status.message
+        whole = strain - walk.strain
+        stride = max(stride, _SMALLEST_PART * whole)
+        while True:
+            ahead = min(stride, strain - walk.strain)
+            # The last of several steps ends at the strain itself, and not a rounding beside it.
+            target = strain if ahead >= 0.999 * (strain - walk.strain) else walk.strain + ahead
+            attempt = walk.attempt(target)
+            steps[n] += attempt.iterations
+            if attempt.status is Status.ok:
+                walk.accept(attempt)
+                if target == strain:
+                    stride = 2 * stride if ahead == stride else stride
+                    break
+                inserted[n] += 1
+                stride = 2 * ahead
+            elif attempt.curable and 0.5 * ahead >= _SMALLEST_PART * whole:
+                stride = 0.5 * ahead
+            else:
                 break
-            slope = relaxation / ((1 + strain) * size)
-        trace.add(strain, state.coordinates[network.free] / size, slope)
-        records[:, n] = (measured.bulk, measured.shear, measured.shear_stress_corrected, state.energy, state.max_force)
-        states.append(state)
-        before = strain
+        statuses[n] = attempt.status
+        if attempt.status is not Status.ok:
+            why = attempt.why
+            break
+        records[:, n] = attempt.record
+        states.append(walk.state)
     bad = np.flatnonzero(statuses != Status.ok)
     status = Status(int(statuses[bad[0]])) if len(bad) else Status.ok
-    bulk, shear, corrected, energy, force = records
-    path = StrainPath(gamma, bulk, shear, corrected, energy, force, steps, statuses, tuple(states))
+    bulk, shear, corrected, energy, force, *errors = records
+    walked = (steps, statuses, tuple(states), inserted)
+    path = StrainPath(gamma, bulk, shear, corrected, energy, force, *walked, *errors)
     details = {"note": f"at strain {gamma[bad[0]]:g}, {why}"} if len(bad) else {}
     worst = float(np.max(path.max_force[: len(states)], initial=0.0))
-    result = Solution(path, status, Stats(method, int(steps.sum()), residual=worst, details=details))
+    bound = float(np.max(path.coordinate_error[: len(states)], initial=0.0))
+    result = Solution(path, status, Stats(method, int(steps.sum()), residual=worst, details=details, error_bound=bound))
     return result.or_raise("the strain path stopped") if throw else result
 
 
 _NOTHING = Moduli(np.nan, np.nan, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """Where a step ended.  curable: a smaller step may do better."""
+
+    strain: float
+    state: SpringState
+    iterations: int
+    status: Status
+    why: str = ""
+    curable: bool = True
+    slope: Array | None = None
+    record: tuple[float, ...] = ()
+
+
+class _Walk:
+    """The last state of a path and the way that led to it."""
+
+    def __init__(self, state: SpringState, method: str, tolerance: float, moduli: bool, pattern: FixedPattern):
+        self.strain, self.state = 0.0, state
+        self._method, self._tolerance, self._moduli, self._pattern = method, tolerance, moduli, pattern
+        self._trace = _Trace(state.coordinates[state.network.free])
+
+    def _size(self, strain: float) -> float:
+        return float((1 + strain) ** (1 / self.state.network.dimension))
+
+    def attempt(self, strain: float) -> _Attempt:
+        """One step to a strain; the walk stays where it is."""
+        growth = (1 + strain) / (1 + self.strain)
+        start = self.state.moved(self._size(self.strain) * self._trace.step_to(strain))
+        start = start.deformed(growth ** (1 / start.network.dimension) * np.eye(start.network.dimension))
+        solution = equilibrium(start, self._method, self._tolerance, pattern=self._pattern, throw=False)
+        state, stats, status = solution.value, solution.stats, solution.status
+        if not solution.ok:
+            # FIRE takes many small steps as it is, and what rounding hides it hides from any start.
+            hopeless = status is Status.ill_conditioned or (self._method == "fire" and status is Status.step_limit)
+            why = stats.details.get("note", status.message)
+            return _Attempt(strain, state, stats.iterations, status, why, not hopeless)
+        if not (self._only_one(state) or self._expected(start, state, stats)):
+            why = "the equilibrium jumps to another branch: the one followed ends before this strain"
+            return _Attempt(strain, state, stats.iterations, Status.unstable, why)
+        measured, bounds, slope = _NOTHING, _NOTHING, None
+        if self._moduli:
+            response, relaxation = linear_response(state, self._pattern, exact=self._method == "newton")
+            if not response.ok:
+                why = response.stats.details.get("note", response.status.message)
+                curable = response.status is not Status.ill_conditioned
+                return _Attempt(strain, state, stats.iterations, response.status, why, curable)
+            measured, bounds = response.value, response.stats.error_bound
+            slope = relaxation / ((1 + strain) * self._size(strain))
+        values = (measured.bulk, measured.shear, measured.shear_stress_corrected, state.energy, state.max_force)
+        errors = (stats.error_bound, bounds.bulk, max(bounds.shear, bounds.shear_stress_corrected))
+        return _Attempt(strain, state, stats.iterations, Status.ok, "", True, slope, (*values, *errors))
+
+    def accept(self, attempt: _Attempt) -> None:
+        """Go on from there."""
+        self.strain, self.state = attempt.strain, attempt.state
+        y = attempt.state.coordinates[attempt.state.network.free] / self._size(attempt.strain)
+        self._trace.add(attempt.strain, y, attempt.slope)
+
+    def _only_one(self, state: SpringState) -> bool:
+        """Whether the state is certainly the global minimum, and so on the branch that all taut states form.
+
+        Replace each spring by a cable of the same law, which does nothing below ℓ: a convex energy that is nowhere
+        above that of springs.  A taut equilibrium is its minimum, where both energies are equal.
+        """
+        return type(state.law) in CONVEX_LAWS and bool((state.extension >= 0).all())
+
+    def _expected(self, start: SpringState, state: SpringState, stats: Stats) -> bool:
+        """Whether the relaxation led nowhere unexpected."""
+        moved = float(np.abs(state.bond_vectors - start.bond_vectors).max())
+        few = self._method != "newton" or stats.iterations <= _FEW_STEPS
+        return few and not stats.details.get("indefinite", False) and moved <= _EXPECTED * float(state.lengths.mean())
 
 
 class _Trace:

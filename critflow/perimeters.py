@@ -17,6 +17,8 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from critflow.cone import fit_perimeters
+from critflow.distance import exact_sums
+from critflow.extended import Extended, lengths
 from critflow.linalg import Factor, FixedPattern, pair_laplacian
 from critflow.manifold import CriticalConfiguration, critical_configuration
 from critflow.moduli import FLOPPY, Moduli, linear_response, self_stress_moduli
@@ -30,6 +32,7 @@ from critflow.springs import ElasticState, embedded, equilibrium
 _COLLAPSED = 1e-5
 # Stiffness of perimeters, in units of the mean tension over the mean perimeter, that polishing holds them with.
 _HELD = 100.0
+_EPS = float(np.finfo(float).eps)
 # Relative error of perimeters and forces that polishing must reach.
 _FITTED = 1e-11
 
@@ -127,6 +130,15 @@ class PerimeterState(ElasticState):
     @property
     def length_scale(self) -> float:
         return float(self.targets.mean())
+
+    @property
+    def stress_rounding(self) -> Array:
+        A = self.cells.sides
+        return _EPS * (A.T @ (self.cells.stiffness * self.perimeters)) / self.lengths
+
+    def exact_stress(self, bond_vectors: Extended) -> Array:
+        A, length = self.cells.sides, lengths(bond_vectors)
+        return (A.T @ (self.cells.stiffness * exact_sums(A, length, self.targets))) / length.high
 
     @property
     def modified_stiffness(self) -> sp.coo_array:

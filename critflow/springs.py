@@ -15,6 +15,8 @@ from typing import ClassVar, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.distance import Distance, distance, inverse_norm
+from critflow.extended import Extended, extended, lengths, subtract, two_sum
 from critflow.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.linalg import Factor, FixedPattern, block_laplacian, edge_blocks
 from critflow.minimize import Point, fire
@@ -60,6 +62,15 @@ class ElasticState(ABC):
     def length_scale(self) -> float:
         """Mean length at rest."""
 
+    @property
+    @abstractmethod
+    def stress_rounding(self) -> Array:
+        """What σ, (N_b,), misses because lengths and bond vectors are rounded, a difference of lengths that it is."""
+
+    @abstractmethod
+    def exact_stress(self, bond_vectors: Extended) -> Array:
+        """σ (N_b,) of other bond vectors (N_b, d), to all its digits."""
+
     @abstractmethod
     def resistance(self, hdot: Array) -> tuple[Array, float]:
         """K ḣ, (N_b,), and ḣᵀ K ḣ for a change ḣ of h, (N_b,)."""
@@ -90,6 +101,19 @@ class ElasticState(ABC):
     def max_force(self) -> float:
         """Largest component of the unbalanced forces, in units of k times length."""
         return float(np.abs(self.forces).max(initial=0.0))
+
+    @property
+    def largest_stiffness(self) -> float:
+        """A bound on the largest eigenvalue of the Hessian where edges are not much compressed."""
+        at_vertex = np.bincount(self.network.edges.ravel(), np.repeat(self.edge_stiffness, 2))
+        return 2 * float(at_vertex.max())
+
+    def distance(self, factor: Factor, held: bool = False) -> Distance:
+        """What leads from here to the exact equilibrium, by a factor of the Hessian at or near this state.
+
+        held  whether the factor holds floppy modes
+        """
+        return distance(self.network, self.coordinates, self.exact_stress, factor, held)
 
     def moved(self: State, displacement: Array) -> State:
         """The state after displacing the free vertices by u (n_free, d)."""
@@ -156,6 +180,15 @@ class SpringState(ElasticState):
     def length_scale(self) -> float:
         return float(self.rest_lengths.mean())
 
+    @property
+    def stress_rounding(self) -> Array:
+        return _EPS * self.edge_stiffness
+
+    def exact_stress(self, bond_vectors: Extended) -> Array:
+        length = lengths(bond_vectors)
+        extension = subtract(length, extended(self.rest_lengths)).high
+        return self.law.tension(extension, self.rest_lengths, self.network.stiffness) / length.high
+
     def resistance(self, hdot: Array) -> tuple[Array, float]:
         K = self.modified_stiffness
         return K * hdot, float(K @ hdot**2)
@@ -172,6 +205,8 @@ class SpringState(ElasticState):
         along = (np.maximum(self.edge_stiffness, 0.0) - tension) / self.lengths**2
         return pattern.factorize(edge_blocks(along, self.bond_vectors, tension), shift)
 
+
+_EPS = float(np.finfo(float).eps)
 
 # Compression, in units of k, that is rounding.
 NO_COMPRESSION = 1e-10
@@ -221,16 +256,26 @@ def equilibrium(
     rounding stops Newton's method within ten tolerances that is enough.
 
     method  "newton": sparse factorisation, shifted where the Hessian is indefinite or singular; "fire": the paper's
+
+    The exact equilibrium is that of the boundary vectors b, rest lengths and stiffnesses as the floats they are, with
+    fixed vertices and the grounded one where they stand.  `stats.error_bound` bounds the distance to it of every
+    coordinate and every component of a bond vector; Newton's method ends by stepping onto it, to the rounding of the
+    coordinates, while FIRE's answer stays as it is.  Where rounding hides the exact one it is infinite, with
+    `Status.ill_conditioned`.  `stats.condition` is ‖H‖‖H⁻¹‖.
     """
+    factor: Factor | None = None
+    pattern = pattern or state.pattern()
     if not np.isfinite(state.energy):
         stats = Stats(method, details={"note": "an edge is longer than its law lets it be: take smaller strain steps"})
         solution = Solution(state, Status.stalled, stats)
     elif method == "newton":
-        solution = _newton(state, tolerance, max_steps or 200, pattern or state.pattern())
+        solution, factor = _newton(state, tolerance, max_steps or 200, pattern)
     elif method == "fire":
         solution = _fire(state, tolerance * state.stiffness_scale * state.length_scale, max_steps or 200_000)
     else:
         raise InputError(f"no relaxation method is called {method!r}: choose 'newton' or 'fire'")
+    if solution.ok:
+        solution = _bounded(solution, pattern, factor, corrected=method == "newton")
     length = solution.value.lengths
     if not solution.ok and state.edges_may_collapse and length.min() < _COLLAPSING * length.mean():
         note = f"edge {int(length.argmin())} shrinks to zero length, where its pull has no direction"
@@ -239,14 +284,66 @@ def equilibrium(
     return solution.or_raise("the springs found no equilibrium") if throw else solution
 
 
-def _newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern) -> Solution[State]:
-    """Newton's method; where the Hessian is indefinite, on its convex part; a shift grows until a step helps."""
+def _bounded(
+    solution: Solution[State], pattern: FixedPattern, factor: Factor | None, corrected: bool
+) -> Solution[State]:
+    """An equilibrium with its distance to the exact one, and moved onto it if it is to be corrected.
+
+    factor  of the Hessian near the state, if there is one
+    """
+    state = solution.value
+    way, factor = _way(state, pattern, factor)
+    error = way.displacement
+    if corrected and np.isfinite(way.missing):
+        x, free = state.coordinates.copy(), state.network.free
+        x[free], error = two_sum(state.coordinates[free], way.displacement)
+        state = replace(state, coordinates=x, bond_vectors=way.bond_vectors)  # type: ignore[type-var]
+        apart = 0.5 * _EPS * float(np.abs(way.bond_vectors).max())
+    else:
+        apart = float(np.abs(state.bond_vectors - way.bond_vectors).max())
+    bound = max(float(np.abs(error).max()), apart) + 2 * way.missing
+    condition = state.largest_stiffness * inverse_norm(factor, state.forces.size)
+    stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=condition)
+    status = solution.status
+    if not np.isfinite(bound):
+        status = Status.ill_conditioned
+        stats.details["note"] = "rounding hides how far the exact equilibrium is: go further from the transition"
+    return Solution(state, status, stats)
+
+
+def _way(state: ElasticState, pattern: FixedPattern, factor: Factor | None = None) -> tuple[Distance, Factor]:
+    """The distance to the exact equilibrium, and the factor that it took.
+
+    factor  of the Hessian near the state, if there is one; where corrections by it do not settle others are tried
+    """
+    if factor is not None:
+        way = state.distance(factor)
+        if np.isfinite(way.missing):
+            return way, factor
+    factor = state.factorize(pattern)
+    if factor.sound and not factor.n_negative:
+        # Pivots that are small beside the others may still be good: corrections tell.
+        way = state.distance(factor)
+        if np.isfinite(way.missing):
+            return way, factor
+    # Perhaps some part is floppy.
+    factor = state.factorize(pattern, FLOPPY_REST * state.stiffness_scale)
+    return state.distance(factor, held=True), factor
+
+
+def _newton(
+    state: State, tolerance: float, max_steps: int, pattern: FixedPattern
+) -> tuple[Solution[State], Factor | None]:
+    """Newton's method; where the Hessian is indefinite, on its convex part; a shift grows until a step helps.
+
+    Also the last factor, if it is of the Hessian itself.
+    """
     stiffness, mean_length = state.stiffness_scale, state.length_scale
     shift, rest, step, factorisations = 0.0, 0.0, 0, 0
     # After the exact Hessian was found indefinite it is not tried again before the force has fallen, or for ten steps.
     try_below, try_from = np.inf, 0
     energy, force = state.energy, state.max_force
-    status, factor, reuse = Status.ok, None, False
+    status, factor, reuse, exact = Status.ok, None, False, False
     while force > tolerance * (stiffness * mean_length):
         smallest_shift = 1e-9 * stiffness
         if step == max_steps or shift > 1e6 * stiffness:
@@ -267,6 +364,8 @@ def _newton(state: State, tolerance: float, max_steps: int, pattern: FixedPatter
             shift = max(shift, smallest_shift)
             factor = state.factorize_convex(pattern, shift)
             factorisations += 1
+        if not reuse:
+            exact = not convex and shift == 0.0
         assert factor is not None
         displacement = factor.solve(state.forces.ravel()).reshape(state.forces.shape)
         # A step never carries an edge through zero length: it is cut to half the mean length.
@@ -297,9 +396,11 @@ def _newton(state: State, tolerance: float, max_steps: int, pattern: FixedPatter
         # It was indefinite on the way or holds compressed springs, so make sure that this is no saddle; floppy
         # directions are allowed.
         factorisations += 1
+        factor = None
         if state.factorize(pattern, 1e-8 * stiffness).n_negative:
             status = Status.unstable
-    return Solution(state, status, Stats("newton", step, factorisations, force, {"energy": energy}))
+    stats = Stats("newton", step, factorisations, force, {"energy": energy, "indefinite": try_from > 0})
+    return Solution(state, status, stats), factor if exact else None
 
 
 def _fire(state: State, tolerance: float, max_steps: int) -> Solution[State]:
