@@ -39,10 +39,9 @@ def _coordinates(solution):
 
 def _off(problem, answer, exact):
     """Largest coordinate error, relative to the largest coordinate."""
-    values = np.asarray(answer.values, dtype=float)
     # A network without pins may have been carried away as a whole.
-    moved = reference.decimals(values) - (0 if problem.network.pins else reference.decimals(values[0]))
-    return reference.distance(moved, exact.coordinates), reference.largest(exact.coordinates)
+    error = reference.distance(answer.values, exact.coordinates, moved=not problem.network.pins)
+    return error, reference.largest(exact.coordinates)
 
 
 def _each(answer, truth, scale=None):

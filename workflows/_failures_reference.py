@@ -42,12 +42,16 @@ def floats(values):
     return np.asarray(values, dtype=float)
 
 
-def distance(values, truth):
-    """Largest difference between floating-point numbers and decimal ones, as a float; infinite where one is none."""
+def distance(values, truth, moved=False):
+    """Largest difference between floating-point numbers and decimal ones, as a float; infinite where one is none.
+
+    moved  whether the first row of the numbers (n, d) is the origin of the others
+    """
     if not np.isfinite(np.asarray(values, dtype=float)).all():
         return np.inf
     with localcontext(prec=DIGITS):
-        return float(max((abs(d) for d in (decimals(values) - truth).ravel()), default=Decimal(0)))
+        values = decimals(values)
+        return largest(values - values[0] - truth if moved else values - truth)
 
 
 def largest(values):

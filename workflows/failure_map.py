@@ -69,8 +69,6 @@ def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     if unknown := sorted(set(parameters["quantities"]) - set(QUANTITIES)):
         raise StudyError(f"there is no quantity {unknown[0]!r}: choose among {', '.join(QUANTITIES)}")
-    if unknown := sorted(set(axes["difficulty"]) - {*DIFFICULTIES, PERCOLATION}):
-        raise StudyError(f"there is no difficulty {unknown[0]!r}: choose among {', '.join(DIFFICULTIES)}")
     if len(parameters["sizes"]) != len(parameters["networks"]) or min(parameters["networks"]) < 1:
         raise StudyError("every one of `sizes` needs a number of `networks` of at least 1")
     if parameters["n_steps"] < 2:
