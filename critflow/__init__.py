@@ -2,6 +2,7 @@
 
 from importlib.metadata import version
 
+from critflow.bounds import transition_bounds
 from critflow.critical import critical_from_lengths
 from critflow.flatness import flat_directions, stress_hessian
 from critflow.generate import (
@@ -112,6 +113,7 @@ __all__ = [
     "stresses_of",
     "surface_geometry",
     "three_bar_linkage",
+    "transition_bounds",
     "transition_moduli",
     "triangular_network",
     "voronoi_network",

@@ -7,10 +7,12 @@ walks there in steps and stops a little past it, where springs that stayed slack
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.cone import fit_lengths, polish
+from critflow.cone import distance, fit_lengths, polish
 from critflow.linalg import FixedPattern, edge_blocks
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.network import Array, Network, edge_values
@@ -24,8 +26,6 @@ NO_STRESS = 1e-9
 _TELLS_SLACK = (1e-12, 1e-13)
 # Relative error of the lengths that Newton must reach on the stressed edges; short edges limit it by rounding.
 _FITTED = 1e-9
-# Force balance, relative to the mean tension, above which rounding is taken out of the stresses.
-_ROUNDED = 2e-13
 
 
 def critical_from_lengths(
@@ -42,6 +42,9 @@ def critical_from_lengths(
 
     method "conic" (or "auto"): lengths proportional to ℓ on every stressed edge, exactly at the transition.  Edges
     without tension are listed in `stats.details["slack_edges"]`, have σ = 0 and set `Status.slack_edges`.
+    `stats.error_bound` bounds the error of every coordinate against the exact configuration with these ratios; where
+    edges are slack, coordinates are not determined and it is NaN.  The bounds of the configuration itself are, as
+    always, against the exact one of its stress.
     method "strain": ℓ/(1 + γ) with γ in steps of `strain_step` from 0 until the energy reaches `energy_threshold`,
     relaxed by `relaxation` ("newton" or "fire"); the recorded state is then slightly past the transition.  Where the
     cone program shows that every edge will be stressed, the end does not depend on the way, and the steps of the
@@ -71,12 +74,11 @@ def _by_cone(manifold: CriticalManifold, lengths: Array) -> Solution[CriticalCon
         cone = fit_lengths(network, lengths, tolerance)
         if not cone.solved:
             return Solution(_unknown(network), Status.stalled, Stats("conic", cone.iterations))
-        stressed, x, sigma, error, steps = _polish_stressed(
+        stressed, polished, value, error, steps = _polish_stressed(
             manifold, lengths, cone.stressed, cone.coordinates, cone.sigma
         )
         if error < _FITTED:
             break
-    value = critical_configuration(network, sigma, x)
     slack = np.flatnonzero(~stressed)
     status = Status.slack_edges if len(slack) else Status.ok
     details = {"ratio": cone.ratio, "slack_edges": slack, "polish_steps": steps}
@@ -84,9 +86,13 @@ def _by_cone(manifold: CriticalManifold, lengths: Array) -> Solution[CriticalCon
         details["note"] = (
             f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
         )
+    bound, condition = np.nan, polished.condition
     if not error < _FITTED:
         value, status = _unknown(network), Status.stalled
-    return Solution(value, status, Stats("conic", cone.iterations, cone.iterations + steps, error, details))
+    elif status is Status.ok:
+        bound = 2 * distance(manifold.saddle, network, lengths, value.coordinates, value.sigma)
+    stats = Stats("conic", cone.iterations, cone.iterations + steps, error, details, condition, bound)
+    return Solution(value, status, stats)
 
 
 def _unknown(network: Network) -> CriticalConfiguration:
@@ -98,8 +104,8 @@ def _unknown(network: Network) -> CriticalConfiguration:
 
 def _polish_stressed(
     manifold: CriticalManifold, lengths: Array, stressed: NDArray[np.bool_], coordinates: Array, sigma: Array
-) -> tuple[NDArray[np.bool_], Array, Array, float, int]:
-    """Stressed edges, coordinates, σ, relative error of the lengths and steps, after Newton on the stressed part.
+) -> tuple[NDArray[np.bool_], Stats, CriticalConfiguration, float, int]:
+    """Stressed edges, how their balance was found, the configuration, relative error of the lengths and Newton steps.
 
     Edges whose stress turns out to be none are given up, and where Newton fails, the weakest of those that remain.
     """
@@ -115,19 +121,16 @@ def _polish_stressed(
             # A part without pins is grounded at its own first vertex; carry it back to where that vertex was.
             origin = 0.0 if network.pins else coordinates[vertices[0]]
             start = coordinates[vertices] - origin
-            x, s, error, steps = polish(part.saddle, part.network, lengths[candidate], start, sigma[candidate])
+            _, s, error, steps = polish(part.saddle, part.network, lengths[candidate], start, sigma[candidate])
             taken += steps
             weak = s <= NO_STRESS * s.mean()
             if error < _FITTED and not weak.any():
                 # Of lengths and forces, which Newton has brought down together, let the forces be exact.
-                x = part.configuration(s).coordinates
-                all_x, all_s = coordinates.copy(), np.zeros(network.n_edges)
-                all_x[vertices], all_s[candidate] = x + origin, s
-                all_x = all_x if network.pins else all_x - all_x[0]
-                if critical_configuration(network, all_s, all_x).residual > _ROUNDED:
-                    L = network.bond_vectors(all_x)[candidate]
-                    all_s[candidate] = balanced_part(part.network, L, s, part.hessian)
-                return candidate, all_x, all_s, error, taken
+                balanced = part.solve(s)
+                if balanced.ok:
+                    value = _with_slack(network, balanced.value, candidate, vertices, coordinates, origin)
+                    return candidate, balanced.stats, value, error, taken
+                error = np.inf
         except NetworkError:
             error, weak = np.inf, np.zeros(0, bool)
         if not (error < _FITTED and weak.any()):
@@ -136,7 +139,27 @@ def _polish_stressed(
         candidate[np.flatnonzero(candidate)[weak]] = False
         if not candidate.any():
             break
-    return stressed, coordinates, np.where(stressed, sigma, 0.0), np.inf, taken
+    return stressed, Stats("force density"), _unknown(network), np.inf, taken
+
+
+def _with_slack(
+    network: Network,
+    part: CriticalConfiguration,
+    stressed: NDArray[np.bool_],
+    vertices: NDArray[np.int64],
+    coordinates: Array,
+    origin: Array | float,
+) -> CriticalConfiguration:
+    """The configuration of a network from that of its stressed part; the other vertices are where they are."""
+    if stressed.all():
+        return part
+    x, sigma, errors = coordinates.copy(), np.zeros(network.n_edges), np.full(network.n_edges, np.nan)
+    x[vertices], sigma[stressed] = part.coordinates + origin, part.sigma
+    x = x if network.pins else x - x[0]
+    whole = critical_configuration(network, sigma, x)
+    # Short edges would lose digits in the rounding of the coordinates.
+    whole.bond_vectors[stressed], errors[stressed] = part.bond_vectors, part.bond_errors
+    return replace(whole, bond_errors=errors)
 
 
 def _without_hanging(network: Network, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -95,7 +95,8 @@ class ExtendedGeometry:
         index[free] = np.arange(len(free))
         # A fixed vertex adds what stands in the boundary vectors already; it reads the zero after the last one.
         self._tail, self._head = index[network.edges].T
-        ends = index[network.edges].T.ravel()
+        # An edge to its own image pulls at nothing; its two forces would cancel only to rounding.
+        ends = np.where(self._tail == self._head, -1, [self._tail, self._head]).ravel()
         order = np.argsort(ends, kind="stable")
         order = order[ends[order] >= 0]
         degree = np.bincount(ends[order], minlength=len(free))
@@ -137,3 +138,13 @@ def lengths(vectors: Extended) -> Extended:
     for axis in range(1, vectors.high.shape[1]):
         total = add(total, Extended(square.high[:, axis], square.low[:, axis]))
     return square_root(total)
+
+
+def total(a: Extended) -> tuple[float, float]:
+    """Σ a, of numbers (n,), as high and low, to 31 digits of the sum of their sizes."""
+    while len(a.high) > 1:
+        half = len(a.high) // 2
+        rest = Extended(a.high[2 * half :], a.low[2 * half :])
+        paired = add(Extended(a.high[:half], a.low[:half]), Extended(a.high[half : 2 * half], a.low[half : 2 * half]))
+        a = Extended(np.concatenate([paired.high, rest.high]), np.concatenate([paired.low, rest.low]))
+    return float(a.high.sum()), float(a.low.sum())

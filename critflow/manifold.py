@@ -52,7 +52,7 @@ class CriticalConfiguration:
     coordinates: Array
     bond_vectors: Array
     error_bound: float = np.nan
-    bond_errors: Array = field(default=None, repr=False)  # type: ignore[assignment]
+    bond_errors: Array = field(default=None, repr=False)  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
         if self.bond_errors is None:

@@ -8,11 +8,13 @@ stresses of that scale.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.bounds import transition_modulus_bound
 from critflow.critical import critical_from_lengths
 from critflow.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.minimize import Minimum, Point, fire, lbfgs, newton
@@ -79,6 +81,9 @@ def optimize(
                and `stats.details["starts"]` lists the values of all
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
                value the descent ends there, with `Status.step_limit`
+
+    The statistics hold condition and error bound of the configuration for its stress.  Where the optimum is known, by
+    a closed form or as V_L = 0, `stats.details["value_error"]` bounds the distance of the value from it.
 
     With signs of both kinds a way may cross stresses whose prestress matrix is singular, where no configuration is:
     `stats.details["crossings"]` lists the steps that did, `stats.details["nearest_singular"]` how near a step came
@@ -162,23 +167,27 @@ def _largest(manifold: CriticalManifold, goal: Objective, signs: str) -> Solutio
             f"the largest modulus for this strain compresses {compressed} edges: allow it with signs='any', or choose "
             "another method"
         )
-    stats = solution.stats
+    stats, details = solution.stats, solution.stats.details
     residual = _residual(manifold, goal, solution.value)[1] if solution.ok else np.nan
-    return Solution(solution.value, solution.status, Stats("closed_form", 0, 1, residual, stats.details))
+    if solution.ok and _is_bulk(manifold, goal):
+        details["value_error"] = transition_modulus_bound(goal, solution.value)
+    elif solution.ok:
+        # Value and bound are both rounded, and the value is at most the exact bound.
+        rounding = np.finfo(float).eps * manifold.network.n_edges * details["bound"]
+        details["value_error"] = abs(details["bound"] - details["objective"]) + rounding
+    return Solution(solution.value, solution.status, replace(stats, residual=residual))
 
 
 def _equal_lengths(manifold: CriticalManifold) -> Solution[CriticalConfiguration]:
     network = manifold.network
     solution = critical_from_lengths(manifold, np.ones(network.n_edges), "conic", throw=False)
     stats = solution.stats
+    value, residual, details = solution.value, np.nan, {**stats.details, "objective": np.nan}
     if solution.ok:
-        # The configuration of the stress itself balances to rounding.
-        value = manifold.configuration(solution.value.sigma)
         variance, residual = _residual(manifold, LengthVariance(), value)
-    else:
-        value, residual, variance = solution.value, np.nan, np.nan
-    details = {**stats.details, "objective": variance}
-    return Solution(value, solution.status, Stats("conic", stats.iterations, stats.evaluations, residual, details))
+        # The least variance is zero.
+        details |= {"objective": variance, "value_error": variance}
+    return Solution(value, solution.status, replace(stats, residual=residual, details=details))
 
 
 def _residual(manifold: CriticalManifold, goal: Objective, value: CriticalConfiguration) -> tuple[float, float]:
@@ -212,8 +221,9 @@ def _descend(
         value = manifold.configuration(landscape.sigma(landscape.last_sound))
     elif not reached.ok:
         # A method that ran away ends where no configuration is.
-        status, details = Status.singular, {**details, "objective": np.nan}
-    return Solution(value, status, Stats(method, end.iterations, end.evaluations, end.point.residual, details))
+        status, details = reached.status, {**details, "objective": np.nan}
+    stats = Stats(method, end.iterations, end.evaluations, end.point.residual, details)
+    return Solution(value, status, replace(stats, condition=reached.stats.condition, error_bound=value.error_bound))
 
 
 def _limit(end: Minimum, value: CriticalConfiguration, sign: float) -> dict[str, object]:

@@ -134,20 +134,23 @@ class _Bound:
             self.condition = float(np.abs(y).max())
             self.founded = bool((y > 0).all() and (self._Py > 0).all())
         else:
-            # Two rounds of Hager's ascent to the signs that are magnified most (Higham, 2002, section 15.2).
-            signs = np.where(np.mod(0.6180339887498949 * np.arange(len(weight)), 1.0) < 0.5, 1.0, -1.0)[:, None]
-            self.condition = 0.0
+            # Hager's ascent to the signs that are magnified most (Higham, 2002, section 15.2), from a start that no
+            # symmetry makes orthogonal to the vectors sought.
+            start = weight * (2 * np.mod(0.6180339887498949 * np.arange(1, len(weight) + 1), 1.0) - 1)[:, None]
+            right, self.condition = start, 0.0
             for _ in range(2):
-                y = factor.solve(signs * weight)
-                row = factor.solve(np.eye(1, len(y), int(np.abs(y).argmax())).T)
-                if not (np.isfinite(y).all() and np.isfinite(row).all()):
+                y = factor.solve(right)
+                if not np.isfinite(y).all():
                     self.condition = np.inf
                     return
-                self.condition = max(self.condition, float(np.abs(y).max()), float((weight * np.abs(row)).sum()))
-                signs = np.where(row < 0, -1.0, 1.0)
-            y = factor.solve(signs * weight)
-            wrong = factor.solve(signs * weight - refinement.product(stress, y))
-            doubt = float(np.abs(wrong).max() / np.abs(y).max())
+                row = factor.solve(np.eye(1, len(y), int(np.abs(y).argmax())).T)
+                self.condition = max(self.condition, float((weight * np.abs(row)).sum()))
+                right = np.where(row < 0, -weight, weight)
+            right = np.hstack([start, right])
+            y = factor.solve(right)
+            wrong = factor.solve(right - refinement.product(stress, y))
+            doubt = float((np.abs(wrong).max(axis=0) / np.abs(y).max(axis=0)).max())
+            self.condition = max(self.condition, float(np.abs(y).max()))
             self.founded = doubt < _DOUBTFUL and self.condition * _EPS < _HOPELESS
 
     def __call__(self, forces: Array) -> Array:

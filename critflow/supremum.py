@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
-from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
+from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.network import Array, Network
 from critflow.objectives import dilation, transition_modulus
 from critflow.result import InputError, Solution, SolveError, Stats, Status
@@ -57,21 +57,24 @@ def largest_modulus(network: Network | CriticalManifold, strain: ArrayLike) -> S
     F, moment = _force_map(manifold, A)
     bound = float(np.trace(F @ moment @ F.T)) / network.volume
     if np.allclose(F, F[0, 0] * np.eye(len(F)), rtol=0, atol=1e-14 * np.abs(F).max()):
-        value, shortest = manifold.configuration(k), 1.0
+        found, shortest = manifold.solve(k), 1.0
     elif network.dimension == 2:
-        value, shortest = _closed(manifold, F)
+        sigma, shortest = _closed(manifold, F)
+        found = manifold.solve(sigma)
     else:
         raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
+    value = found.value
     reached = transition_modulus(network, A).evaluate(value.sigma, value.bond_vectors)[0]
     details = {"objective": reached, "bound": bound, "gap": 1 - reached / bound}
     status = Status.ok
     if not (value.residual < _BALANCED and abs(details["gap"]) < _BALANCED and shortest > _NO_LENGTH):
         # Forces that are all nearly parallel, or an edge that must vanish: the bound is approached, not attained.
-        status = Status.edge_collapse if shortest <= _NO_LENGTH else Status.singular
+        status = Status.edge_collapse if shortest <= _NO_LENGTH else Status.singular if found.ok else found.status
         nowhere = np.full_like(value.bond_vectors, np.nan)
         value = CriticalConfiguration(network, nowhere[:, 0], np.full_like(value.coordinates, np.nan), nowhere)
         details = {"objective": bound, "bound": bound, "gap": np.nan}
-    return Solution(value, status, Stats("closed_form", 0, 1, value.residual, details))
+    error = value.error_bound
+    return Solution(value, status, Stats("closed_form", 0, 1, value.residual, details, found.stats.condition, error))
 
 
 def least_compressed_length(network: Network | CriticalManifold, strain: ArrayLike) -> float:
@@ -102,8 +105,8 @@ def least_compressed_length(network: Network | CriticalManifold, strain: ArrayLi
     return float(program.fun)
 
 
-def _closed(manifold: CriticalManifold, F: Array) -> tuple[CriticalConfiguration, float]:
-    """Bond vectors L = L* + g u along the forces T = kFL*, and the shortest length over the mean.
+def _closed(manifold: CriticalManifold, F: Array) -> tuple[Array, float]:
+    """The stress of bond vectors L = L* + g u along the forces T = kFL*, and the shortest length over the mean.
 
     They have no component along n = JFL*, n·(L* + g u) = 0, and least Σk|g u|².  Since gᵀ(k n) = 0, the constraints
     have the self-stress k, and this is a system of stresses and displacements like any other.
@@ -117,7 +120,7 @@ def _closed(manifold: CriticalManifold, F: Array) -> tuple[CriticalConfiguration
     square = np.einsum("ad,ad->a", L, L)
     sigma = k * np.einsum("ad,ad->a", along, L) / np.maximum(square, np.finfo(float).tiny)
     shortest = float(np.sqrt(square.min()) / np.sqrt(square).mean())
-    return critical_configuration(network, sigma, network.all_coordinates(x + u)), shortest
+    return sigma, shortest
 
 
 def _force_map(manifold: CriticalManifold, A: Array) -> tuple[Array, Array]:
