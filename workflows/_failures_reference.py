@@ -182,6 +182,13 @@ def transition_moduli(network, exact):
 
 
 @precise
+def largest_bulk_modulus(network):
+    """The largest B_0 over all stresses, Σk|L|²/4V at σ = k."""
+    L, k = configuration(network, network.stiffness).bond_vectors, decimals(network.stiffness)
+    return (k * _dot(L, L)).sum() / (4 * volume(network))
+
+
+@precise
 def moduli_at_rest(network, coordinates):
     """B and G of springs at rest whose edges span every motion, μ = (ḣᵀKḣ − ΞᵀH⁻¹Ξ)/V: any number of self-stresses."""
     L, k = network.bond_vectors(np.asarray(coordinates, dtype=float)), decimals(network.stiffness)
