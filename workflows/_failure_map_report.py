@@ -74,7 +74,9 @@ def map_figure(ds):
     wrong, points = int((ds.outcome == Outcome.violation).sum()), int((ds.outcome != Outcome.absent).sum())
     said = "no silent wrong answer" if not wrong else f"{wrong} SILENT WRONG ANSWERS"
     figure.text(0.01, 0.975, f"Where methods fail: {said} in {points:,} points", fontsize=15, fontweight="bold")
-    kinds = [o for o in Outcome if o is not Outcome.absent and (bool((ds.outcome == o).any()) or o is Outcome.violation)]
+    kinds = [
+        o for o in Outcome if o is not Outcome.absent and (bool((ds.outcome == o).any()) or o is Outcome.violation)
+    ]
     handles = [Patch(facecolor=CELLS[o][0], edgecolor="0.5") for o in kinds]
     labels = [f"{CELLS[o][1]}  {CELLS[o][2]}".strip() for o in kinds]
     figure.legend(
@@ -127,10 +129,10 @@ def _draw_table(axes, ds, name, rows, cells, colours):
             axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, fill=False, edgecolor="black", linewidth=1.0))
         if sign := CELLS[outcome][1]:
             bold = outcome is Outcome.violation
-            axes.text(
-                column, row, sign, ha="center", va="center", fontsize=9 if bold else 6.5, color="white" if bold else "0.5",
-                fontweight="bold" if bold else "normal",
-            )  # fmt: skip
+            look = (
+                {"fontsize": 9, "color": "white", "fontweight": "bold"} if bold else {"fontsize": 6.5, "color": "0.5"}
+            )
+            axes.text(column, row, sign, ha="center", va="center", **look)
     axes.set_xticks(np.arange(n), [_number(s) for s in strengths[:n]], fontsize=6, rotation=0 if n < 11 else 45)
     axes.set_yticks(np.arange(len(rows)), rows, fontsize=8)
     axes.set_xticks(np.arange(-0.5, n), minor=True)
@@ -138,7 +140,9 @@ def _draw_table(axes, ds, name, rows, cells, colours):
     axes.grid(which="minor", color="white", linewidth=0.8)
     axes.tick_params(which="both", length=0, pad=2)
     axes.spines[:].set_visible(False)
-    axes.set_title(f"{name.replace('_', ' ')}: {DIFFICULTIES[name].label} →", loc="left", fontsize=9, fontweight="bold", pad=3)
+    axes.set_title(
+        f"{name.replace('_', ' ')}: {DIFFICULTIES[name].label} →", loc="left", fontsize=9, fontweight="bold", pad=3
+    )
 
 
 def _number(value):
@@ -164,7 +168,9 @@ def bound_figure(ds):
     grid[0, 0].legend(fontsize=8, frameon=False, loc="upper left")
     wrong = (ds.violation == Violation.above_bound).any()
     kept = "is not always" if wrong else "stays"
-    figure.suptitle(f"The claimed bound {kept} above the true error; where there is none, a status says why", fontsize=12)
+    figure.suptitle(
+        f"The claimed bound {kept} above the true error; where there is none, a status says why", fontsize=12
+    )
     return figure
 
 
@@ -179,7 +185,9 @@ def _draw_bounds(axes, ds, difficulty, quantity):
         bound = np.where(answered[seed], one.bound.values[seed, :n], np.nan)
         wrong = one.outcome.values[seed, :n] == Outcome.violation
         axes.plot(steps, bound, "-", color=COLOURS[4], linewidth=2, label="claimed bound" if not seed else None)
-        axes.plot(steps, error, "o-", color=COLOURS[0], markersize=3.5, linewidth=1, label="true error" if not seed else None)
+        axes.plot(
+            steps, error, "o-", color=COLOURS[0], markersize=3.5, linewidth=1, label="true error" if not seed else None
+        )
         if wrong.any():
             label = "silently wrong" if not seed else None
             axes.plot(steps[wrong], error[wrong], "X", color=COLOURS[2], markersize=9, label=label)
@@ -191,7 +199,9 @@ def _draw_bounds(axes, ds, difficulty, quantity):
         said = np.unique([Status(int(c)).name.replace("_", " ") for c in codes[:, silent].ravel()])
         text = " / ".join(word for word in said if word != "missing") or "refused"
         middle = np.flatnonzero(silent).mean()
-        axes.text(middle, 0.5, text, rotation=90, ha="center", va="center", fontsize=9, transform=axes.get_xaxis_transform())
+        axes.text(
+            middle, 0.5, text, rotation=90, ha="center", va="center", fontsize=9, transform=axes.get_xaxis_transform()
+        )
     shown = steps[:: max(1, n // 6)]
     axes.set_xticks(shown, [_number(strengths[s]) for s in shown], fontsize=8)
     axes.set(yscale="log", xlim=(-0.5, n - 0.5), ylim=(floor / 3, 1e2), xlabel=DIFFICULTIES[difficulty].label)
@@ -226,7 +236,9 @@ def percolation_figure(ds):
     decay = slack_decay(full, mean_slack, sizes)
     x = np.logspace(-2, 3, 200)
     collapse.plot(x, np.exp(-x / decay), "-", color="0.4", linewidth=1, label=rf"$\exp(-n/{decay:.1f})$")
-    collapse.set(xscale="log", xlabel="expected number of slack edges $n = N_b\\,p(s)$", ylim=(-0.03, 1.05), xlim=(1e-2, 1e3))
+    collapse.set(
+        xscale="log", xlabel="expected number of slack edges $n = N_b\\,p(s)$", ylim=(-0.03, 1.05), xlim=(1e-2, 1e3)
+    )
     collapse.set_ylabel("networks with every edge stressed")
     collapse.legend(fontsize=9, frameon=False)
     for axes, letter in zip((whole, edges, collapse), "ABC", strict=True):
@@ -248,7 +260,9 @@ def _curve(ds):
     counts = weights.sum(axis=0)
     if not counts.all():
         return None
-    full, stressed = ((one[name].values * weights).sum(axis=0) / counts for name in ("percolating", "stressed_fraction"))
+    full, stressed = (
+        (one[name].values * weights).sum(axis=0) / counts for name in ("percolating", "stressed_fraction")
+    )
     return full, 1 - stressed, ds["size"].values, ds.spread.values, counts
 
 
@@ -338,15 +352,15 @@ def _percolation_claims(full, slack, sizes, spreads, counts):
     largest = float(halves[-1])
     agrees = bool(largest >= PRINTED_SPREAD)
     yield Claim(
-        "percolation-threshold", "every edge is stressed up to a spread of rest lengths of 0.3", f"s = {PRINTED_SPREAD}",
-        f"half of the networks lose it at {text}", "holds" if agrees else "differs",
+        "percolation-threshold", "every edge is stressed up to a spread of rest lengths of 0.3",
+        f"s = {PRINTED_SPREAD}", f"half of the networks lose it at {text}", "holds" if agrees else "differs",
         "" if agrees else "the text describes full percolation, which ends far below the spread it prints",
     )  # fmt: skip
     decay = slack_decay(full, _pooled(slack, sizes, counts), sizes)
     yield Claim(
         "percolation-size", "how full percolation depends on size", "not stated",
-        f"as exp(−n/{decay:.2g}) with the expected number n = N_b p(s) of slack edges, p the same for all sizes: there is "
-        "no threshold that large networks keep", "measured",
+        f"as exp(−n/{decay:.2g}) with the expected number n = N_b p(s) of slack edges, p the same for all sizes: there "
+        "is no threshold that large networks keep", "measured",
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from ._members import random_lengths
 
 
 def percolation(sizes, spreads, networks, seed):
-    """Arrays (size, spread): networks solved, the part of them with every edge stressed, the mean part of stressed edges.
+    """Arrays (size, spread): networks solved, the part of them with every edge stressed, the mean part of such edges.
 
     Rest lengths of one network are the same numbers for every spread, scaled.
     """

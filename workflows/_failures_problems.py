@@ -287,7 +287,8 @@ DIFFICULTIES = {
             _one_edge(-1), (*CONFIGURATION, "equilibrium_newton", "linear_response"),
         ),
         Difficulty(
-            "faint_cut", "two vertices held at σ = 10^−x", (2, 4, 6, 8, 10, 12, 13, 14, 15, 16, 18, 20, 50, 100, 200, 300),
+            "faint_cut", "two vertices held at σ = 10^−x",
+            (2, 4, 6, 8, 10, 12, 13, 14, 15, 16, 18, 20, 50, 100, 200, 300),
             _faint_cut, (*CONFIGURATION, "equilibrium_newton", "linear_response"),
         ),
         Difficulty(

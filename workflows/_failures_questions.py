@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from critflow import (
@@ -45,10 +47,12 @@ def _off(problem, answer, exact):
     return error, reference.largest(exact.coordinates)
 
 
-def _each(answer, truth, scale=None):
-    """Error of each number, relative to the largest of them or to a scale."""
-    errors = [reference.distance([value], np.array([t], dtype=object)) for value, t in zip(answer.values, truth, strict=True)]
-    return errors, scale or reference.largest(truth)
+def _each(answer, truth):
+    """Error of each number, relative to the largest of them."""
+    errors = [
+        reference.distance([value], np.array([t], dtype=object)) for value, t in zip(answer.values, truth, strict=True)
+    ]
+    return errors, reference.largest(truth)
 
 
 # At the transition
@@ -139,7 +143,7 @@ def _equilibrium_near(problem, state, coordinates):
         return exact
     x, n = problem.critical.coordinates, int(np.ceil(problem.strain / 5e-3))
     sizes = np.sqrt(1 + problem.strain * np.arange(n + 1) / n)
-    for before, size in zip(sizes[:-1], sizes[1:], strict=True):
+    for before, size in pairwise(sizes):
         network = problem.network.deformed(size * np.eye(2))
         exact = reference.equilibrium(network, state.rest_lengths, size / before * x)
         x = reference.floats(exact.coordinates)
