@@ -83,11 +83,17 @@ class Refinement:
             # So small a correction needs no extended precision to say what it leaves.
             left = force.high + self._divergence @ (stress * change) + force.low
             size = float(np.abs(at.high).max()) + self._reach
-            rounding = self._roundings * self.sum_of_sizes(stress, change) + _EXTENDED * size * weight
-            errors = bound(_largest(left) + rounding)
+            goal = _UNSEEN * _EPS * float(_largest(L.high).min())
+            rounding, lost = self._roundings * self.sum_of_sizes(stress, change), _EXTENDED * size
+            if bound.proof:
+                # P⁻¹ gᵀ(σ ∘ η) is then a mean, over spanning trees, of sums of η along a path to a fixed vertex.
+                rounding += _EPS * self._roundings * self.sum_of_sizes(stress, L.high)
+                errors = bound(_largest(left) + rounding, goal) + len(weight) * lost
+            else:
+                errors = bound(_largest(left) + rounding + lost * weight, goal)
             at = add(at, extended(correction))
-            error, shortest = float(errors.max()), float(_largest(L.high).min())
-            if error <= _UNSEEN * _EPS * shortest or not error < 0.5 * last or step == _MOST_STEPS:
+            error = float(errors.max())
+            if error <= goal or not error < 0.5 * last or step == _MOST_STEPS:
                 break
             last = error
         rounded = two_sum(L.high, L.low + change)
@@ -121,18 +127,16 @@ class _Bound:
     """Bounds |P⁻¹ r| for forces r, and says whether that is founded and how P magnifies errors."""
 
     def __init__(self, refinement: Refinement, factor: Factor, stress: Array, weight: Array):
-        self._factor, self._weight = factor, weight
+        self._refinement, self._factor, self._stress, self._weight = refinement, factor, stress, weight
         sign = 1.0 if (stress >= 0).all() else -1.0 if (stress <= 0).all() else 0.0
-        self.condition, self.founded, self._proof = np.inf, False, bool(sign)
+        self.condition, self.founded, self.proof = np.inf, False, bool(sign)
+        self._sign = sign
         if not factor.sound:
             return
         if sign:
-            y = factor.solve(sign * weight)
-            if not np.isfinite(y).all():
-                return
-            self._y, self._Py = y, sign * refinement.product(stress, y) - refinement.rounding(stress, y)
-            self.condition = float(np.abs(y).max())
-            self.founded = bool((y > 0).all() and (self._Py > 0).all())
+            self._y, self._Py = self._comparison(weight)
+            self.condition = float(np.abs(self._y).max())
+            self.founded = bool((self._Py > 0).all())
         else:
             # Hager's ascent to the signs that are magnified most (Higham, 2002, section 15.2), from a start that no
             # symmetry makes orthogonal to the vectors sought.
@@ -153,8 +157,22 @@ class _Bound:
             self.condition = max(self.condition, float(np.abs(y).max()))
             self.founded = doubt < _DOUBTFUL and self.condition * _EPS < _HOPELESS
 
-    def __call__(self, forces: Array) -> Array:
-        """Bounds (n_free, 1) for forces of at most these sizes (n_free, 1)."""
-        if self._proof:
-            return self._y * float((forces / self._Py).max())
-        return np.full_like(self._weight, _SAFETY * self.condition * float((forces / self._weight).max()))
+    def _comparison(self, forces: Array) -> tuple[Array, Array]:
+        """y near P⁻¹ times the forces, all positive, and a lower bound of P y; not positive where it proves nothing."""
+        y = self._sign * self._factor.solve(forces)
+        if not (np.isfinite(y).all() and (y > 0).all()):
+            return y, np.zeros_like(forces)
+        return y, self._sign * self._refinement.product(self._stress, y) - self._refinement.rounding(self._stress, y)
+
+    def __call__(self, forces: Array, goal: float) -> Array:
+        """Bounds (n_free, 1) for forces of at most these sizes (n_free, 1); sharper ones where they exceed the goal."""
+        relative = float((forces / self._weight).max())
+        if not self.proof:
+            return np.full_like(self._weight, _SAFETY * self.condition * relative)
+        errors = self._y * float((forces / self._Py).max())
+        if errors.max() > goal:
+            forces = forces + 1e-6 * relative * self._weight
+            y, Py = self._comparison(forces)
+            if (Py > 0).all():
+                errors = np.minimum(errors, y * float((forces / Py).max()))
+        return errors
