@@ -98,7 +98,7 @@ def test_the_distance_between_doubles_and_decimals_is_exact():
     assert reference.distance([1.0, 2.0], truth) == 1e-30
     assert reference.distance([np.nan, 2.0], truth) == np.inf
     with localcontext(prec=100):
-        apart = reference.decimals([[0.0], [2.1]]) - np.array([[Decimal(0)], [Decimal(0.1)]])
+        apart = reference.decimals([[0.0], [2.1]]) - np.array([[Decimal(0)], reference.decimals([0.1])])
     assert reference.distance([[0.1], [2.1]], apart, moved=True) < 1e-50
 
 
@@ -253,7 +253,7 @@ def test_an_optimum_that_is_none_is_found_out(monkeypatch):
     real = questions.optimize
 
     def careless(*arguments, **more):
-        solution = real(*arguments, **{**more, "max_steps": 6})
+        solution = real(*arguments, **{**more, "tolerance": 1e-3})
         return type(solution)(solution.value, Status.ok, solution.stats)
 
     monkeypatch.setattr(questions, "optimize", careless)
@@ -322,15 +322,15 @@ def test_a_fabricated_violation_is_counted(small):
     assert "1 SILENT WRONG ANSWERS" in report.map_figure(clean).texts[0].get_text()
 
 
-def test_the_half_point_and_the_decay_are_recovered():
+def test_the_half_point_and_its_power_are_recovered():
     spreads, sizes = np.linspace(0.05, 0.5, 46), np.array([50, 500])
-    slack = 1e-2 * (spreads / 0.2) ** 4
-    full = np.exp(-1.5 * sizes[:, None] * slack / 2.5)
-    assert report.slack_decay(full, slack, sizes) == pytest.approx(2.5, rel=1e-12)
-    half = (2.5 * np.log(2) / (1.5 * sizes * 1e-2)) ** 0.25 * 0.2
-    for size in range(2):
-        assert report.half_point(spreads, full[size]) == pytest.approx(half[size], abs=1e-3)
+    half = 0.8 * sizes**-0.25
+    full = np.exp(-np.log(2) * (spreads / half[:, None]) ** 4)
+    found = np.array([report.half_point(spreads, row) for row in full])
+    np.testing.assert_allclose(found, half, atol=1e-3)
+    assert report.threshold_power(sizes, half) == pytest.approx(-0.25, rel=1e-12)
     assert np.isnan(report.half_point(spreads, np.ones(46)))
+    assert np.isnan(report.threshold_power(sizes, np.array([0.2, np.nan])))
 
 
 @pytest.mark.parametrize(

@@ -296,7 +296,7 @@ DIFFICULTIES = {
             _one_edge(1), (*CONFIGURATION, *SPRINGS, *LENGTHS),
         ),
         Difficulty(
-            "near_singular", "distance to a singular prestress matrix",
+            "near_singular", "distance to a singular P",
             (1e-1, 1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13, 1e-15, 0, -1e-15, -1e-13, -1e-11, -1e-9, -1e-7, -1e-4, -1e-1),
             _near_singular, CONFIGURATION,
         ),
@@ -324,7 +324,7 @@ DIFFICULTIES = {
         ),
         Difficulty("straight_lines", "straight lines either way", (1, 2, 3, 4), _straight_lines, CONFIGURATION),
         Difficulty(
-            "single_precision", "decades of float32 σ either side of 1", (0, 1, 2, 4, 6, 8, 10, 12, 14, 16),
+            "single_precision", "± decades of float32 σ", (0, 1, 2, 4, 6, 8, 10, 12, 14, 16),
             _single_precision, (*CONFIGURATION, *SPRINGS, "lengths_conic"),
         ),
     )
