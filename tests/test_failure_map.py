@@ -249,7 +249,7 @@ def test_a_floppy_network_must_say_so(monkeypatch):
 
 
 def test_an_optimum_that_is_none_is_found_out(monkeypatch):
-    problem = problems.DIFFICULTIES["threshold"].problem(0.3, 0, 12)
+    problem = problems.DIFFICULTIES["threshold"].problem(0.5, 1, 16)
     real = questions.optimize
 
     def careless(*arguments, **more):

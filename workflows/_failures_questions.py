@@ -245,11 +245,13 @@ def _uphill(problem, name):
     sigma = problem.manifold.solve(value.sigma).value.sigma
     _, L, factor = problem.manifold.balance(sigma)
     slope, _ = problem.manifold.pull_back(L, factor, *goal.evaluate(sigma, L)[1])
-    hessian = stress_hessian(value, goal) @ np.eye(len(sigma))
+    # Along σ nothing changes, but the Hessian has −dO/dσ there.
+    across = np.eye(len(sigma)) - np.outer(sigma, sigma) / (sigma @ sigma)
+    hessian = across @ (stress_hessian(value, goal) @ across)
     curvatures, modes = np.linalg.eigh(hessian + hessian.T)
     curvatures = (-0.5 if goal.maximise else 0.5) * curvatures
     steep = np.abs(curvatures) > 1e-9 * np.abs(curvatures).max()
-    if (curvatures[steep] < 0).any():
+    if (curvatures < -1e-7 * np.abs(curvatures).max()).any():
         return np.inf
     return float(np.sum((slope @ modes[:, steep]) ** 2 / curvatures[steep]) / 2)
 
