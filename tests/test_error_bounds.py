@@ -238,12 +238,13 @@ def test_errors_of_bond_vectors_reach_the_moduli(name, floor):
     before = transition_moduli(exactly)
     for seed in range(5):
         off = 1e-6 * np.random.default_rng(seed).standard_normal(exactly.bond_vectors.shape)
-        moved = replace(
-            exactly, bond_vectors=exactly.bond_vectors + off, bond_errors=(1 + 1e-9) * np.linalg.norm(off, axis=1)
-        )
-        after, bounds = transition_moduli(moved), transition_bounds(moved)
-        assert abs(after.bulk - before.bulk) <= bounds.bulk < 1e-5
-        assert floor < abs(after.shear - before.shear) <= bounds.shear < 1e-5
+        errors = (1 + 1e-9) * np.linalg.norm(off, axis=1)
+        moved = replace(exactly, bond_vectors=exactly.bond_vectors + off, bond_errors=errors)
+        after = transition_moduli(moved)
+        # Either of the two may be the one that is wrong.
+        for bounds in (transition_bounds(moved), transition_bounds(replace(exactly, bond_errors=errors))):
+            assert abs(after.bulk - before.bulk) <= bounds.bulk < 1e-5
+            assert floor < abs(after.shear - before.shear) <= bounds.shear < 1e-5
 
 
 def test_configurations_without_bounds_claim_none():
