@@ -213,7 +213,7 @@ def test_errors_fall_with_the_levels(contestants, word, name):
     assert errors[-1] < reached
     # A step of Newton's method may serve several tolerances, and one to the exact equilibrium all of them.
     assert (errors[1:] <= np.maximum(1.01 * errors[:-1], 1e-15)).all()
-    assert n_levels == 1 or errors[-1] < max(1e-2 * errors[0], 1e-15)
+    assert n_levels == 1 or errors[-1] < max(3e-2 * errors[0], 1e-15)
     # Whoever claims a bound keeps it.
     assert not any(v.bound < v.error for v in verdicts)
 
