@@ -21,7 +21,7 @@ def test_the_example_runs(tmp_path):
 
 def test_the_tables_are_those_of_the_results():
     module = runpy.run_path(str(ROOT / "workflows" / "_readme.py"))
-    assert module["rendered"](README, ROOT / "results" / "ensemble") == README
+    assert module["rendered"](README, ROOT / "results") == README
 
 
 def test_the_pictures_are_there():

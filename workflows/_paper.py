@@ -266,5 +266,8 @@ FIGURES = (
 # Studies beyond the paper's figures.
 MORE = (
     Figure("", "which of these claims carry over to three dimensions", "three_dimensions", ("response",)),
+    Figure("", "error against time of every method, its own and its peers'", "speed_accuracy", ("speed_accuracy",)),
+    Figure("", "where methods fail: errors, claimed bounds and statuses", "failure_map", ("failure_map",)),
+    Figure("", "times, memory and exponents up to 10⁶ vertices", "scale", ("scale",)),
     Figure("", "what it spares to compute no more than is asked for", "economy", ("economy",)),
 )

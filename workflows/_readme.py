@@ -1,10 +1,15 @@
-"""Write the result tables of README.md from the committed summary and claims: `python workflows/_readme.py`."""
+"""Write the result tables of README.md from the committed summaries and claims: `python workflows/_readme.py`."""
 
 from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from _choices import choices, failures, sizes
 
 ROOT = Path(__file__).parents[1]
 COLUMNS = {
@@ -19,12 +24,22 @@ COLUMNS = {
 }
 
 
-def rendered(readme: str, folder: Path) -> str:
-    """The text of the README with its tables made anew from a results folder."""
-    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    claims = json.loads((folder / "claims.json").read_text(encoding="utf-8"))
-    text = f"{_populations(summary)}\n\n{_claims(claims)}\n"
-    return re.sub(r"(<!-- tables:[^>]*-->\n).*(<!-- /tables -->)", lambda m: m[1] + text + m[2], readme, flags=re.S)
+def rendered(readme: str, results: Path) -> str:
+    """The text of the README with its tables made anew from the results of the studies."""
+
+    def read(study: str, name: str) -> dict:
+        return json.loads((results / study / f"{name}.json").read_text(encoding="utf-8"))
+
+    tables = {
+        "tables": f"{_populations(read('ensemble', 'summary'))}\n\n{_claims(read('ensemble', 'claims'))}",
+        "choices": choices(read("speed_accuracy", "summary")),
+        "failures": failures(read("failure_map", "summary"), read("failure_map", "claims")),
+        "sizes": sizes(read("scale", "summary")),
+    }
+    for name, text in tables.items():
+        place = re.compile(rf"(<!-- {name}:[^>]*-->\n).*(<!-- /{name} -->)", flags=re.S)
+        readme = place.sub(lambda m, text=text: f"{m[1]}{text}\n{m[2]}", readme)
+    return readme
 
 
 def _populations(summary: dict) -> str:
@@ -60,4 +75,4 @@ def _claims(claims: list[dict]) -> str:
 
 if __name__ == "__main__":
     path = ROOT / "README.md"
-    path.write_text(rendered(path.read_text(encoding="utf-8"), ROOT / "results" / "ensemble"), encoding="utf-8")
+    path.write_text(rendered(path.read_text(encoding="utf-8"), ROOT / "results"), encoding="utf-8")

@@ -351,7 +351,10 @@ def summary(ds):
     return {
         "parameters": json.loads(ds.attrs["parameters"]),
         "outcomes": {Status(int(code)).name: int(number) for code, number in zip(codes, numbers, strict=True)},
-        "tasks": tables,
+        "tasks": {
+            word: {"title": TASKS[word].title, "error": TASKS[word].error, "auto": TASKS[word].default, "sizes": its}
+            for word, its in tables.items()
+        },
     }
 
 
