@@ -79,8 +79,8 @@ def failures(summary: dict, claims: list[dict]) -> str:
     points = sum(sum(kinds.values()) for kinds in counts)
     right = sum(kinds.get(kind, 0) for kinds in counts for kind in ("exact", "bounded", "tolerated"))
     lines = [
-        f"Of {points:,} questions asked at all strengths of all difficulties {right:,} are answered rightly, within the",
-        "claimed bound or tolerance; the others end in a status or a refusal that says why. Silent wrong answers: "
+        f"Of {points:,} questions asked at all strengths of all difficulties {right:,} are answered rightly, within",
+        "the claimed bound or tolerance; the others end in a status or a refusal that says why. Silent wrong answers: "
         f"{summary['violations']}.",
         "",
         "| claim | measured | |",
