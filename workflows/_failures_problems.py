@@ -115,7 +115,7 @@ class Difficulty:
 
 
 CONFIGURATION = ("configuration", "transition_moduli", "stiffening", "rigidity")
-SPRINGS = ("equilibrium_newton", "equilibrium_fire", "linear_response")
+SPRINGS = ("equilibrium_newton", "equilibrium_fire", "strain_path", "linear_response")
 LENGTHS = ("lengths_conic", "lengths_strain")
 OBJECTIVES = ("length_variance", "tension_variance", "bulk_modulus", "shear_modulus")
 METHODS = ("auto", "newton", "lbfgs", "fire")
@@ -325,7 +325,7 @@ DIFFICULTIES = {
         Difficulty("straight_lines", "straight lines either way", (1, 2, 3, 4), _straight_lines, CONFIGURATION),
         Difficulty(
             "single_precision", "± decades of float32 σ", (0, 1, 2, 4, 6, 8, 10, 12, 14, 16),
-            _single_precision, (*CONFIGURATION, *SPRINGS, "lengths_conic"),
+            _single_precision, (*CONFIGURATION, "equilibrium_newton", "equilibrium_fire", "linear_response", "lengths_conic"),
         ),
     )
 }  # fmt: skip

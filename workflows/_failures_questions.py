@@ -15,6 +15,7 @@ from critflow import (
     optimize,
     rigidity,
     stiffening,
+    strain_path,
     stress_hessian,
     transition_moduli,
 )
@@ -150,6 +151,13 @@ def _equilibrium_near(problem, state, coordinates):
     return exact
 
 
+def _strain_path(problem):
+    path = strain_path(problem.network, problem.critical, [problem.strain], throw=False)
+    if not path.ok:
+        return Answer(path.status, np.nan)
+    return Answer(path.status, path.value.states[-1].coordinates, path.value.coordinate_error[-1])
+
+
 def _linear_response(problem):
     reached = equilibrium(problem.strained, throw=False)
     if not reached.ok:
@@ -264,6 +272,7 @@ QUESTIONS = {
     "elastic_moduli": (_elastic_moduli, _elastic_error),
     "equilibrium_newton": (_equilibrium("newton", None), _equilibrium_error),
     "equilibrium_fire": (_equilibrium("fire", _FIRE_STEPS), _equilibrium_error),
+    "strain_path": (_strain_path, _equilibrium_error),
     "linear_response": (_linear_response, _linear_error),
     "lengths_conic": (_lengths("conic"), _conic_error),
     "lengths_strain": (_lengths("strain"), _strain_error),
