@@ -132,6 +132,11 @@ class Saddle:
 
         self._pattern = FixedPattern(n_coordinates + n_edges, n_edges * (1 + d), entries(), backend)
 
+    @property
+    def backend(self) -> str:
+        """The sparse solver that was chosen."""
+        return self._pattern.backend
+
     def factorize(self, sigma: Array, bond_vectors: Array) -> Saddle:
         """Factorise at stresses σ (N_b,) and bond vectors L (N_b, d); the last factorisation is the one that solves."""
         shift = self._shifts(sigma)
