@@ -15,7 +15,8 @@ from critflow.linalg import block_laplacian, edge_blocks
 from critflow.network import Array, Network
 from critflow.pattern import Factor
 
-# w |L|² in units of ⟨|σ|⟩: directions count, or rounding would hide what short edges ask for.  The gap of R closes as 1/N_v: 1e8 takes 3 steps at 1,000 vertices and at 1,000,000.
+# w |L|² in units of ⟨|σ|⟩: directions count, or rounding would hide what short edges ask for.  The gap of R closes as
+# 1/N_v: 1e8 takes 3 steps at 1,000 vertices and at 1,000,000.
 _WEIGHT = 1e8
 
 

@@ -277,7 +277,7 @@ class _Spectrum:
 
 
 def _edges(network: Network, coordinates: ArrayLike) -> tuple[Array, Array, Array | None]:
-    """Coordinates as an array, bond vectors, and lengths or None where an edge has none.  Raises `InputError` for other shapes."""
+    """Coordinates, bond vectors, and lengths or None where an edge has none.  Raises `InputError` for other shapes."""
     x = np.asarray(coordinates, dtype=float)
     if x.shape != (network.n_vertices, network.dimension) or not np.isfinite(x).all():
         shape = (network.n_vertices, network.dimension)
