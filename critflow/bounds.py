@@ -21,7 +21,7 @@ _EPS = float(np.finfo(float).eps)
 def transition_bounds(critical: CriticalConfiguration) -> Moduli:
     """Bounds on the errors of `transition_moduli`, against the exact moduli of the stress that was solved for.
 
-    NaN where the configuration has no bounds of its own.
+    NaN where the configuration has no bounds of its own, and infinite where those are too wide to tell anything.
     """
     d = critical.network.dimension
     bulk, shear = (
@@ -48,6 +48,8 @@ def transition_modulus_bound(goal: TransitionModulus, critical: CriticalConfigur
     bent_cost = float((sigma**2 / goal.stiffness) @ dL**2)
     dwork = 2 * (size * stretch) @ dL + 0.5 * _EPS * (size @ hdot) + bent_work
     dcost = 2 * (sigma**2 * length / goal.stiffness) @ dL + _EPS * cost + bent_cost
+    if dcost >= cost:
+        return np.inf
     second = 2 * abs(ratio) * bent_work + ratio**2 * bent_cost + (dwork + abs(ratio) * dcost) ** 2 / (cost - dcost)
     return float(first + second / goal.volume + _lost_in_sums(goal, value, sigma, L) + _given(critical, value))
 

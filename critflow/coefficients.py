@@ -9,20 +9,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from critflow.condensed import CondensedSaddle
 from critflow.distance import distance
 from critflow.laws import HOOKEAN, SpringLaw, checked_law
-from critflow.linalg import Saddle, laplacian
-from critflow.manifold import CriticalConfiguration, require_one_self_stress
+from critflow.linalg import Saddle
+from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.moduli import together
 from critflow.network import Array, Network
 from critflow.objectives import dilation, pure_shear
 from critflow.result import Solution, Stats, Status
+from critflow.uniqueness import require_only_self_stress
 
 _EPS = float(np.finfo(float).eps)
 # Largest error bound, in units of the largest coefficient, of coefficients that are given.
 _TRUSTED = 0.1
 # Step, in units of a length, of differences that need two digits.
 _STEP = 1e-5
+# Relative residual of a first answer that a second one corrects.
+_FIRST = 1e-12
 
 
 @dataclass(frozen=True)
@@ -40,9 +44,8 @@ _NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
 
 
 def stiffening(
-    network: Network,
+    network: Network | CriticalManifold,
     critical: CriticalConfiguration,
-    saddle: Saddle | None = None,
     throw: bool = True,
     *,
     law: SpringLaw = HOOKEAN,
@@ -63,16 +66,18 @@ def stiffening(
     by which relative errors of bond vectors come back in C_B and C_G.
     `Status.unstable` and NaN where P(σ̂) is not positive on the zero modes, so that no such answer exists;
     `Status.ill_conditioned` and NaN where the bound exceeds a tenth of the largest coefficient.
+    Raises `InputError` for configurations with several self-stresses.
     """
-    network = critical.springs_of(network)
-    require_one_self_stress(network, "follow strain_path() and use fit_stiffening()")
-    system = saddle or Saddle(network)
+    manifold = CriticalManifold.of(network)
+    network = critical.springs_of(manifold.network)
+    require_only_self_stress(critical, "follow strain_path() and use fit_stiffening()")
+    system = manifold.system(critical.sigma)
     if not system.stable(critical.sigma, critical.bond_vectors):
         stats = Stats("exact", 1, 1, details={"note": "the stress does not stabilise all zero modes"})
         solution = Solution(_NO_STIFFENING, Status.unstable, stats)
         return solution.or_raise("no stiffening coefficients") if throw else solution
 
-    factor = laplacian(network).factorize_signed(critical.sigma)
+    factor = manifold.prestress.factorize_signed(critical.sigma)
     balance = distance(network, critical.coordinates, lambda _: critical.sigma, factor.solve)
     if not np.isfinite(balance.missing):
         note = "rounding hides which configuration balances this stress exactly"
@@ -101,7 +106,7 @@ class _Response:
     bond vectors do.
     """
 
-    def __init__(self, network: Network, sigma: Array, L: Array, system: Saddle, law: SpringLaw):
+    def __init__(self, network: Network, sigma: Array, L: Array, system: Saddle | CondensedSaddle, law: SpringLaw):
         self._network, self._L, self._k, self._V = network, L, network.stiffness, network.volume
         d = network.dimension
         self._strains = (dilation(d), pure_shear(d))
@@ -120,7 +125,8 @@ class _Response:
             hdot = np.einsum("ad,ad->a", L, affine)
             c = float(s @ hdot) / self._D
             goal = c * s * flexibility
-            u, multiplier, error = system.solve(-(network.divergence @ (sigma[:, None] * affine)), goal - hdot)
+            pull = -(network.divergence @ (sigma[:, None] * affine))
+            u, multiplier, error = system.solve(pull, goal - hdot, _FIRST)
             rate = affine + network.free_incidence @ u
             force = -(network.divergence @ (sigma[:, None] * rate + multiplier[:, None] * L))
             rest = goal - np.einsum("ad,ad->a", L, rate)
@@ -134,6 +140,7 @@ class _Response:
             self._c.append(c)
             errors.append(error)
         self.residual = max(errors)
+        self._parts = self._edges(L, (self._c[0], self._c[1]))
         self._noise, self._sensitivity = self._errors()
 
     def _edges(self, L: Array, c: tuple[float, float]) -> tuple[Array, Array]:
@@ -157,7 +164,7 @@ class _Response:
     def value(self) -> Stiffening:
         """The coefficients."""
         c, V = self._c, self._V
-        bulk, shear = (float(np.sum(edges)) for edges in self._edges(self._L, (c[0], c[1])))
+        bulk, shear = (float(np.sum(edges)) for edges in self._parts)
         E_gg, E_ee = c[0] ** 2 * self._D, c[1] ** 2 * self._D
         bulk_0, shear_0 = E_gg / V, E_ee / V
         C_B, C_G = (E_gg + bulk) / V, (shear - E_ee) / V
@@ -169,22 +176,17 @@ class _Response:
         steps = _STEP * np.linalg.norm(L, axis=1)
         gradients = [np.zeros_like(L), np.zeros_like(L)]
         for axis in range(L.shape[1]):
-            ahead, behind = L.copy(), L.copy()
+            ahead = L.copy()
             ahead[:, axis] += steps
-            behind[:, axis] -= steps
-            for gradient, high, low in zip(
-                gradients, self._edges(ahead, (c, e)), self._edges(behind, (c, e)), strict=True
-            ):
-                gradient[:, axis] = (high - low) / (2 * steps)
+            for gradient, there, here in zip(gradients, self._edges(ahead, (c, e)), self._parts, strict=True):
+                gradient[:, axis] = (there - here) / steps
         for a, A in enumerate(self._strains):
             step = _STEP * (abs(c) + abs(e))
-            up, down = [c, e], [c, e]
+            up = [c, e]
             up[a] += step
-            down[a] -= step
             dc = 2 * self._s[:, None] * (L @ A - self._c[a] * (self._s / self._k)[:, None] * L) / self._D
-            sides = zip(gradients, self._edges(L, (up[0], up[1])), self._edges(L, (down[0], down[1])), strict=True)
-            for gradient, high, low in sides:
-                gradient += float(np.sum(high - low)) / (2 * step) * dc
+            for gradient, there, here in zip(gradients, self._edges(L, (up[0], up[1])), self._parts, strict=True):
+                gradient += float(np.sum(there - here)) / step * dc
         return gradients
 
     def _errors(self) -> tuple[list[Array], list[Array]]:

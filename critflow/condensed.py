@@ -1,7 +1,7 @@
 """Stresses and displacements together, with the multipliers eliminated: a matrix of the size of the elastic Hessian.
 
 The systems are those of `Saddle`,  P u + Rᵀ λ = f,  R u = e.  With a small compliance 1/w of the multipliers,
-R u − λ/w = e, they go:  (P ⊗ 1 + w RᵀR) u = f + w Rᵀ e,  λ = w (R u − e).  That matrix has the pattern of the elastic
+R u − λ/w = e, they go:  (P ⊗ 1 + Rᵀ w R) u = f + Rᵀ w e,  λ = w (R u − e).  That matrix has the pattern of the elastic
 Hessian, d·n_free unknowns in place of d·n_free + N_b, and is positive definite where P is.  Iterating on the residuals
 of the system itself takes the compliance out again (the method of multipliers: Hestenes, Powell, 1969), by a factor
 that is 1/w times the least stiffness which the constraints add, so a large w leaves few steps.
@@ -15,12 +15,18 @@ from critflow.linalg import block_laplacian, edge_blocks
 from critflow.network import Array, Network
 from critflow.pattern import Factor
 
-# w in units of ⟨|σ|⟩/⟨|L|²⟩.  The gap of R closes as 1/N_v: 1e8 takes 3 steps at 1,000 vertices and at 1,000,000.
+# w |L|² in units of ⟨|σ|⟩: directions count, or rounding would hide what short edges ask for.  The gap of R closes as
+# 1/N_v: 1e8 takes 3 steps at 1,000 vertices and at 1,000,000.
 _WEIGHT = 1e8
 
 
+def positive(sigma: Array, margin: float = 1e-7) -> bool:
+    """Whether every stress is positive, by `margin` times the mean."""
+    return bool((sigma > margin * np.mean(np.abs(sigma))).all())
+
+
 class CondensedSaddle:
-    """[[P ⊗ 1, Rᵀ], [R, 0]] as `Saddle` solves it, for σ > 0, through the matrix P ⊗ 1 + w RᵀR."""
+    """[[P ⊗ 1, Rᵀ], [R, 0]] as `Saddle` solves it, for σ > 0, through the matrix P ⊗ 1 + Rᵀ w R."""
 
     def __init__(self, network: Network, backend: str = "auto"):
         self._network = network
@@ -33,17 +39,17 @@ class CondensedSaddle:
 
     def stable(self, sigma: Array, bond_vectors: Array, margin: float = 1e-7) -> bool:
         """Whether every stress is positive, by `margin` times the mean: the only case that is served here."""
-        return bool((sigma > margin * np.mean(np.abs(sigma))).all())
+        return positive(sigma, margin)
 
     def factorize(self, sigma: Array, bond_vectors: Array) -> CondensedSaddle:
         """Factorise at stresses σ (N_b,) and bond vectors L (N_b, d); the last factorisation is the one that solves."""
         square = np.einsum("ad,ad->a", bond_vectors, bond_vectors)
         self._sigma, self._L, self._null = sigma, bond_vectors, sigma / np.linalg.norm(sigma)
-        self._weight = _WEIGHT * float(np.mean(np.abs(sigma)) / np.mean(square))
+        self._length = np.sqrt(square)
+        self._weight = _WEIGHT * float(np.mean(np.abs(sigma))) / square
         # Residuals are judged by the size of the terms that cancel in them.
-        self._scales = float(np.mean(np.abs(sigma) * np.sqrt(square))), float(np.mean(square))
-        weights = np.full(len(sigma), self._weight)
-        self._factor: Factor = self._pattern.factorize(edge_blocks(weights, bond_vectors, sigma))
+        self._scales = float(np.mean(np.abs(sigma) * self._length)), float(np.mean(self._length))
+        self._factor: Factor = self._pattern.factorize(edge_blocks(self._weight, bond_vectors, sigma))
         return self
 
     def solve(
@@ -66,7 +72,8 @@ class CondensedSaddle:
             rates = g @ new_u
             elongation = elongations - np.einsum("ad,ad->a", L, rates)
             force = forces - divergence @ (self._sigma[:, None] * rates + new_multipliers[:, None] * L)
-            error = max(float(np.abs(force).max()) / self._scales[0], float(np.abs(elongation).max()) / self._scales[1])
+            missing = float(np.abs(elongation / self._length).max())
+            error = max(float(np.abs(force).max()) / self._scales[0], missing / self._scales[1])
             if not error < 0.9 * best:
                 break
             u, multipliers, best = new_u, new_multipliers, error

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.cone import distance, fit_lengths, polish
 from critflow.linalg import FixedPattern, edge_blocks
-from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
+from critflow.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.network import Array, Network, edge_values
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
 from critflow.springs import equilibrium, spring_state
@@ -70,6 +70,9 @@ def stressed_fraction(sigma: Array) -> float:
 
 def _by_cone(manifold: CriticalManifold, lengths: Array) -> Solution[CriticalConfiguration]:
     network = manifold.network
+    if lengths.min() <= COLLAPSED * lengths.mean():
+        note = f"edge {lengths.argmin()} is to be so short that rounding of coordinates hides it: lengthen it"
+        return Solution(_unknown(network), Status.stalled, Stats("conic", details={"note": note}))
     for tolerance in _TELLS_SLACK:
         cone = fit_lengths(network, lengths, tolerance)
         if not cone.solved:

@@ -107,7 +107,8 @@ class Saddle:
 
     The unknowns are displacements u (n_free, d) and edge multipliers λ (N_b,).  Where R has a left null vector (the
     self-stress) the second equation must be consistent; λ is then free by a multiple of it.  The tiny −δ that makes
-    the matrix factorisable for any ordering is removed by iterative refinement.
+    the matrix factorisable for any ordering is removed by iterative refinement.  Each row of R is divided by the length
+    of its edge, or rounding would hide what the shortest edges ask for.
     """
 
     def __init__(self, network: Network, backend: str = "auto"):
@@ -131,25 +132,31 @@ class Saddle:
 
         self._pattern = FixedPattern(n_coordinates + n_edges, n_edges * (1 + d), entries(), backend)
 
+    @property
+    def backend(self) -> str:
+        """The sparse solver that was chosen."""
+        return self._pattern.backend
+
     def factorize(self, sigma: Array, bond_vectors: Array) -> Saddle:
         """Factorise at stresses σ (N_b,) and bond vectors L (N_b, d); the last factorisation is the one that solves."""
-        shift = self._shifts(sigma, bond_vectors)
+        shift = self._shifts(sigma)
         self._shift, self._null = shift, sigma / np.linalg.norm(sigma)
         # Residuals are judged by the size of the terms that cancel in them; the right side itself may vanish.
         length = np.linalg.norm(bond_vectors, axis=1)
-        self._scale = np.full(self._pattern.size, float(np.mean(length**2)))
+        self._scale = np.full(self._pattern.size, float(np.mean(length)))
         self._scale[: self._shape[0] * self._shape[1]] = float(np.mean(np.abs(sigma) * length))
+        self._divisor = _divisors(length)
         self._factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift)
         return self
 
-    def _shifts(self, sigma: Array, bond_vectors: Array, regularisation: float = 1e-7) -> Array:
+    def _shifts(self, sigma: Array, regularisation: float = 1e-7) -> Array:
         shift = np.zeros(self._pattern.size)
-        size = float(np.mean(bond_vectors**2) / np.mean(np.abs(sigma)))
-        shift[self._shape[0] * self._shape[1] :] = -regularisation * size
+        shift[self._shape[0] * self._shape[1] :] = -regularisation / (self._shape[1] * float(np.mean(np.abs(sigma))))
         return shift
 
     def _values(self, sigma: Array, bond_vectors: Array) -> Array:
-        return np.concatenate([sigma, bond_vectors.T.ravel()])
+        directions = bond_vectors / _divisors(np.linalg.norm(bond_vectors, axis=1))[:, None]
+        return np.concatenate([sigma, directions.T.ravel()])
 
     def stable(self, sigma: Array, bond_vectors: Array, margin: float = 1e-7) -> bool:
         """Whether P is positive on the null space of R, by `margin` times the mean stress.
@@ -159,7 +166,7 @@ class Saddle:
         if (sigma > margin * np.mean(np.abs(sigma))).all():
             return True
         n_coordinates = self._shape[0] * self._shape[1]
-        shift = self._shifts(sigma, bond_vectors)
+        shift = self._shifts(sigma)
         shift[:n_coordinates] = -margin * float(np.mean(np.abs(sigma)))
         factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift)
         return factor.sound and factor.n_negative == self._pattern.size - n_coordinates
@@ -172,7 +179,7 @@ class Saddle:
         What the elongations have along σ, which no displacement can give, is left out.
         """
         consistent = elongations - (self._null @ elongations) * self._null
-        right = np.concatenate([forces.ravel(), consistent])
+        right = np.concatenate([forces.ravel(), consistent / self._divisor])
         solution = np.zeros_like(right)
         residual, best = right, np.inf
         for _ in range(max_refinements):
@@ -185,7 +192,12 @@ class Saddle:
             if error < tolerance:
                 break
         n_coordinates = forces.size
-        return solution[:n_coordinates].reshape(self._shape), solution[n_coordinates:], best
+        return solution[:n_coordinates].reshape(self._shape), solution[n_coordinates:] / self._divisor, best
+
+
+def _divisors(length: Array) -> Array:
+    """What the rows of R are divided by; that of an edge without length is zero anyway."""
+    return np.where(length > 0, length, 1.0)
 
 
 def _unknowns(network: Network) -> NDArray[np.int64]:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
+from critflow.condensed import CondensedSaddle, positive
 from critflow.extended import Extended, two_product
 from critflow.linalg import Factor, FixedPattern, Saddle, block_laplacian, laplacian
 from critflow.network import Array, Network, edge_values
@@ -31,6 +32,9 @@ COLLAPSED = 1e-8
 # Part of the mean stress that P is shifted by where pivots vanish though no eigenvalue may, and where two such shifts
 # have different inertias, the distance of an eigenvalue from zero.
 _BESIDE = 1e-9
+
+# From so many edges on systems of stresses and displacements are cheaper condensed.
+_CONDENSED = 100_000
 
 # A stress with Σσ² = N_b to so much counts as scaled.
 _SCALED = 4e-15
@@ -114,12 +118,13 @@ class CriticalManifold:
     It also keeps the symbolic analysis of the network's other matrices, made when first asked for; functions that
     take a network and a manifold alike are faster with the manifold when they are called more than once.
 
-    backend  sparse solver of all of them (`critflow.backends`)
+    prestress  the pattern of P; every factorisation makes earlier factors stale
+    backend     sparse solver of all of them (`critflow.backends`)
     """
 
     def __init__(self, network: Network, backend: str = "auto"):
         self.network, self.backend = network, backend
-        self._laplacian = laplacian(network, backend)
+        self.prestress = laplacian(network, backend)
         self._g, self._b = network.free_incidence, network.boundary_vectors
         # gᵀ(σ ∘ b) is linear in σ and only few edges carry b, so it is one thin product per direction.
         self._load = [
@@ -138,6 +143,17 @@ class CriticalManifold:
     def saddle(self) -> Saddle:
         """Systems of stresses and displacements together."""
         return Saddle(self.network, self.backend)
+
+    @cached_property
+    def condensed(self) -> CondensedSaddle:
+        """The same systems for stresses that are all positive."""
+        return CondensedSaddle(self.network, self.backend)
+
+    def system(self, sigma: Array) -> Saddle | CondensedSaddle:
+        """Systems of stresses and displacements in the form that is cheaper for σ (N_b,)."""
+        if self.network.n_edges >= _CONDENSED and positive(sigma):
+            return self.condensed
+        return self.saddle
 
     @cached_property
     def hessian(self) -> FixedPattern:
@@ -200,9 +216,9 @@ class CriticalManifold:
         n_negative = 0 if (stress >= 0).all() else len(self.network.free)
         if (stress > 0).any() and (stress < 0).any():
             shift = _BESIDE * float(np.mean(np.abs(stress)))
-            below = self._laplacian.factorize(stress, -shift)
+            below = self.prestress.factorize(stress, -shift)
             sound, n_negative = below.sound, below.n_negative
-            above = self._laplacian.factorize(stress, shift)
+            above = self.prestress.factorize(stress, shift)
             if sound and above.sound and above.n_negative == n_negative:
                 refined = self.refinement(sigma, above, self._placed(stress, above)[0])
             else:
@@ -222,7 +238,7 @@ class CriticalManifold:
 
     def balance(self, sigma: Array) -> tuple[Array, Array, Factor]:
         """Free coordinates, bond vectors L(σ) and the factor of P, unchecked: the inner step of every optimisation."""
-        factor = self._laplacian.factorize(sigma)
+        factor = self.prestress.factorize(sigma)
         return *self._placed(sigma, factor), factor
 
     def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:

@@ -19,12 +19,13 @@ from numpy.typing import ArrayLike
 from critflow.distance import inverse_norm
 from critflow.laws import HOOKEAN, SpringLaw
 from critflow.linalg import Factor, FixedPattern
-from critflow.manifold import CriticalConfiguration, require_one_self_stress
+from critflow.manifold import CriticalConfiguration
 from critflow.network import Array, Network
 from critflow.objectives import dilation, pure_shear, transition_modulus
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity import rigidity
 from critflow.springs import FLOPPY_REST, ElasticState, spring_state
+from critflow.uniqueness import require_only_self_stress
 
 
 @dataclass(frozen=True)
@@ -183,9 +184,10 @@ def together(errors: Array) -> float:
 def transition_moduli(critical: CriticalConfiguration) -> Moduli:
     """B_0 and G_0 of a critical configuration, where the stress is about to appear (`BulkModulus`, `ShearModulus`).
 
-    Raises `InputError` for overconstrained networks, where one stress does not tell how the others answer.
+    Raises `InputError` for configurations with several self-stresses, where one does not tell how the others answer,
+    and where rounding hides how many there are.
     """
-    require_one_self_stress(critical.network, "use elastic_moduli(network, coordinates), which takes all of them")
+    require_only_self_stress(critical, "use elastic_moduli(network, coordinates), which takes all of them")
     network, d = critical.network, critical.network.dimension
     bulk, shear = (
         transition_modulus(network, A).evaluate(critical.sigma, critical.bond_vectors)[0]

@@ -35,8 +35,15 @@ _FINEST = 1e-7
 # Squared singular values near this one are resolved best where the smallest that is not zero is looked for.
 _MODERATE = 1e-3
 
+# Singular values below this one count as zero where the caller does not say otherwise.
+_TOLERANCE = 1e-6
+
 # A count is trusted when no singular value lies within this factor of the tolerance.
 _CLEAR = 10.0
+
+# Singular values are zero to rounding below so many times what the rounding of coordinates does to R, or below what
+# inverse iteration leaves.
+_ROUNDED, _LEFT = 10.0, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,25 +106,26 @@ def spread_columns(network: Network, vectors: Array) -> sp.csr_array:
 
 
 def rigidity(
-    network: Network, coordinates: ArrayLike, tolerance: float = 1e-6, vectors: bool = True
+    network: Network, coordinates: ArrayLike, tolerance: float | None = None, vectors: bool = True
 ) -> Solution[Rigidity]:
     """Count the self-stresses and zero modes of a configuration (N_v, d).
 
-    Singular values of R below `tolerance` (R has rows of norm √2) count as zero.  `Status.floppy` where there is no
-    self-stress; `Status.singular` where an edge has no length, or where singular values lie so close to the tolerance
-    that the count cannot be trusted.
+    Singular values of R below `tolerance` (R has rows of norm √2) count as zero: None takes 1e-6 and asks that they be
+    zero to rounding, a number those of configurations that are only so near.  `Status.floppy` where there is no
+    self-stress; `Status.singular` where an edge has no length, or where singular values lie so close to the tolerance,
+    or by default so far from zero, that the count cannot be trusted.
 
     vectors  False: counts only, for networks with very many self-stresses; of large ones the gap is then known by
-             bounds, no singular value between `tolerance` and ten times that
+             bounds, no singular value between `tolerance` and ten times that, and those below stay unknown
 
     Raises `InputError` for self-stresses that would not fit in memory.
     """
-    L, length = _edges(network, coordinates)
+    x, L, length = _edges(network, coordinates)
     n_trivial = 0 if network.pins else network.dimension
     if length is None:
         nothing = Rigidity(0, 0, np.zeros((0, network.n_edges)), np.nan, np.nan, n_trivial, None)
         return Solution(nothing, Status.singular, Stats("counts", details={"note": _no_length(network, L)}))
-    spectrum = _Spectrum(network, L, length, tolerance)
+    spectrum = _Spectrum(network, x, L, length, tolerance)
     n_stresses = spectrum.n_motions + network.n_edges - spectrum.n_coordinates
     stresses, bounds = np.zeros((0, network.n_edges)), spectrum.bounds
     if vectors:
@@ -125,7 +133,7 @@ def rigidity(
         tensions, bounds = spectrum.null_space(n_stresses, of_stresses=True)
         # Unit tensions become geometric stresses, orthonormal again.
         stresses = np.linalg.qr((tensions / length).T)[0].T
-    doubt = _doubt(*bounds, tolerance)
+    doubt = spectrum.doubt(*bounds)
     stable = None
     if len(stresses) == 1 and not doubt:
         stable, stresses = _stabilises(network, stresses[0], L)
@@ -134,12 +142,12 @@ def rigidity(
     return Solution(value, status, Stats("counts", 1, 1, value.largest_zero, {"note": doubt} if doubt else {}))
 
 
-def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float = 1e-6) -> Solution[ZeroModes]:
+def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None = None) -> Solution[ZeroModes]:
     """All zero modes of a configuration (N_v, d), with the translations of a periodic network told apart.
 
     `Status.singular` as for `rigidity`.  Raises `InputError` for modes that would not fit in memory.
     """
-    L, length = _edges(network, coordinates)
+    x, L, length = _edges(network, coordinates)
     d, n_vertices = network.dimension, network.n_vertices
     n_trivial = 0 if network.pins else d
     trivial = np.zeros((n_trivial, n_vertices, d))
@@ -147,7 +155,7 @@ def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float = 1e-6
     if length is None:
         nothing = ZeroModes(np.zeros((0, n_vertices, d)), trivial, np.nan, np.nan)
         return Solution(nothing, Status.singular, Stats("zero modes", details={"note": _no_length(network, L)}))
-    spectrum = _Spectrum(network, L, length, tolerance)
+    spectrum = _Spectrum(network, x, L, length, tolerance)
     _check_size(spectrum.n_motions, spectrum.n_coordinates, "zero modes", "rigidity() counts them")
     motions, bounds = spectrum.null_space(spectrum.n_motions, of_stresses=False)
     modes = np.zeros((len(motions), n_vertices, d))
@@ -156,17 +164,27 @@ def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float = 1e-6
         # The ground is a choice: without their mean the modes are orthogonal to the translations.
         modes -= modes.mean(axis=1, keepdims=True)
         modes = np.linalg.qr(modes.reshape(len(modes), n_vertices * d).T)[0].T.reshape(modes.shape)
-    doubt = _doubt(*bounds, tolerance)
+    doubt = spectrum.doubt(*bounds)
     stats = Stats("zero modes", 1, 1, bounds[0], {"note": doubt} if doubt else {})
     return Solution(ZeroModes(modes, trivial, *bounds), Status.singular if doubt else Status.ok, stats)
 
 
 class _Spectrum:
-    """What R does next to zero: how many motions it annihilates, and its null vectors on either side."""
+    """What R does next to zero: how many motions it annihilates, and its null vectors on either side.
 
-    def __init__(self, network: Network, L: Array, length: Array, tolerance: float):
+    coordinates  (N_v, d), whose rounding R has
+    """
+
+    def __init__(self, network: Network, coordinates: Array, L: Array, length: Array, given: float | None):
+        tolerance = _TOLERANCE if given is None else given
         if not tolerance > 0:
             raise InputError(f"the tolerance must be positive, not {tolerance}: 1e-6 separates most networks")
+        self._zero = np.inf
+        if given is None:
+            # The norm of what happens to the rows, each √2 times a direction.
+            reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
+            rounding = float(np.finfo(float).eps) * reach * float(np.linalg.norm(np.sqrt(2) / length))
+            self._zero = max(_ROUNDED * rounding, _LEFT)
         self.n_coordinates = network.dimension * len(network.free)
         self._tolerance = tolerance
         unit = L / length[:, None]
@@ -197,6 +215,25 @@ class _Spectrum:
     def _below(self, threshold: float) -> int:
         """Number of singular values below a threshold: negative eigenvalues of RᵀR − threshold² (Sylvester)."""
         return self._pattern.factorize(self._values, -(threshold**2)).n_negative
+
+    def doubt(self, largest_zero: float, smallest_nonzero: float) -> str:
+        """Why a count cannot be trusted, or nothing."""
+        tolerance = self._tolerance
+        if largest_zero > tolerance / _CLEAR:
+            near = largest_zero
+        elif smallest_nonzero < _CLEAR * tolerance:
+            near = smallest_nonzero
+        elif largest_zero > self._zero:
+            return (
+                f"a singular value of {largest_zero:.1e} is neither zero to rounding nor far from it: give a tolerance "
+                "to say whether it counts as zero, or move the configuration"
+            )
+        else:
+            return ""
+        return (
+            f"a singular value of {near:.1e} lies so close to the tolerance {tolerance:.1e} that the counts are not "
+            "certain: choose a tolerance inside a gap, or move the configuration"
+        )
 
     def null_space(self, count: int, of_stresses: bool) -> tuple[Array, tuple[float, float]]:
         """An orthonormal basis of unit tensions (count, N_b) or motions (count, d·n_free), and the gap."""
@@ -239,15 +276,15 @@ class _Spectrum:
         return on_stresses if of_stresses else on_motions
 
 
-def _edges(network: Network, coordinates: ArrayLike) -> tuple[Array, Array | None]:
-    """Bond vectors, and lengths or None where an edge has none.  Raises `InputError` for other shapes."""
+def _edges(network: Network, coordinates: ArrayLike) -> tuple[Array, Array, Array | None]:
+    """Coordinates, bond vectors, and lengths or None where an edge has none.  Raises `InputError` for other shapes."""
     x = np.asarray(coordinates, dtype=float)
     if x.shape != (network.n_vertices, network.dimension) or not np.isfinite(x).all():
         shape = (network.n_vertices, network.dimension)
         raise InputError(f"coordinates must be finite and of shape {shape}, not {x.shape}: one row a vertex")
     L = network.bond_vectors(x)
     length = np.linalg.norm(L, axis=1)
-    return L, length if length.min() > COLLAPSED * length.mean() else None
+    return x, L, length if length.min() > COLLAPSED * length.mean() else None
 
 
 def _no_length(network: Network, L: Array) -> str:
@@ -260,20 +297,6 @@ def _check_size(count: int, size: int, what: str, instead: str) -> None:
             f"{count} {what} of {size} components each are {8e-9 * count * size:.1f} GB, more than is made here: "
             f"{instead}, or take a part of the network"
         )
-
-
-def _doubt(largest_zero: float, smallest_nonzero: float, tolerance: float) -> str:
-    """Why a count cannot be trusted, or nothing."""
-    if largest_zero > tolerance / _CLEAR:
-        near = largest_zero
-    elif smallest_nonzero < _CLEAR * tolerance:
-        near = smallest_nonzero
-    else:
-        return ""
-    return (
-        f"a singular value of {near:.1e} lies so close to the tolerance {tolerance:.1e} that the counts are not "
-        "certain: choose a tolerance inside a gap, or move the configuration"
-    )
 
 
 def _stabilises(network: Network, sigma: Array, L: Array) -> tuple[bool, Array]:

@@ -57,7 +57,7 @@ class StressSpace:
         return critical_configuration(self.critical.network, a @ self.basis, self.critical.coordinates)
 
 
-def stresses_of(critical: CriticalConfiguration, tolerance: float = 1e-6) -> Solution[StressSpace]:
+def stresses_of(critical: CriticalConfiguration, tolerance: float | None = None) -> Solution[StressSpace]:
     """The space of all stresses that give the same configuration as a critical one.
 
     `stats.residual` is the distance of its own σ from the space that was found.  `Status.singular` where an edge has

@@ -200,3 +200,18 @@ def test_straining_through_slack_edges():
     assert (solution.value.sigma[slack] <= 1e-8).all()
     L = NETWORK.bond_vectors(solution.value.coordinates)
     np.testing.assert_allclose(L, solution.value.bond_vectors, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("shortest", [1e-9, 1e-12, 1e-20, 1e-100])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_lengths_that_coordinates_cannot_hold(shortest, seed):
+    """No warning escapes, and the cone program is not asked."""
+    network = voronoi_network(16, seed=seed)
+    for edge in (0, 7):
+        lengths = np.minimum(1, 1 / (0.5 + np.random.default_rng(seed).random(24)))
+        lengths[edge] = shortest
+        solution = critical_from_lengths(network, lengths, throw=False)
+        assert solution.status is Status.stalled
+        assert f"edge {edge} is to be so short" in solution.stats.details["note"]
+        assert np.isnan(solution.value.coordinates).all()
+        assert critical_from_lengths(network, lengths, "strain", throw=False).ok

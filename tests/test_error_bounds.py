@@ -224,6 +224,13 @@ def test_moduli_at_the_transition_have_bounds():
     assert np.median(ratios) < 30
 
 
+def test_errors_as_large_as_lengths_leave_no_bound():
+    exactly = CriticalManifold(voronoi_network(20, seed=1)).configuration(np.ones(30))
+    for share, known in ((0.1, True), (0.5, False), (3.0, False)):
+        bounds = transition_bounds(replace(exactly, bond_errors=share * exactly.lengths))
+        assert bounds.bulk > 0 and np.isfinite(bounds.bulk) == known
+
+
 def test_a_modulus_that_vanishes_has_a_bound_of_second_order():
     critical = CriticalManifold(honeycomb_network(3, 3)).configuration(np.ones(27))
     assert 0 <= transition_moduli(critical).shear <= transition_bounds(critical).shear < 1e-30

@@ -1,5 +1,6 @@
 """Moduli and stiffening coefficients: every error bound holds, and in the median within 100 times the error."""
 
+import sys
 from dataclasses import astuple
 from decimal import Decimal
 
@@ -19,6 +20,10 @@ from critflow import (
     strain_path,
     voronoi_network,
 )
+from critflow.condensed import CondensedSaddle
+from critflow.linalg import Saddle
+
+MANIFOLD = sys.modules["critflow.manifold"]
 
 
 def ratios(values, bounds, reference):
@@ -93,6 +98,46 @@ def test_stiffening_coefficients(decades):
         assert max(bounds) < 1e-10
         found += ratios(astuple(solution.value), bounds, fifty_digits.stiffening(network, critical.sigma))
     assert np.median(found) < 100
+
+
+@pytest.mark.parametrize("system", ["whole", "condensed"])
+@pytest.mark.parametrize("decades", [4, 8, 10, 12])
+def test_stiffening_where_an_edge_is_nearly_gone(monkeypatch, decades, system):
+    # Two neighbours that faint edges hold: the edge between them has a length of 10^−decades.
+    network = voronoi_network(16, seed=1)
+    stress = 0.5 + np.random.default_rng(3).random(network.n_edges)
+    faint = np.isin(network.edges, network.edges[7]).sum(axis=1) == 1
+    stress[faint] *= 10.0**-decades
+    if system == "condensed":
+        # It serves no stress below a part of the mean, but the system itself has no trouble with one.
+        monkeypatch.setattr(MANIFOLD, "_CONDENSED", 1)
+        monkeypatch.setattr(MANIFOLD, "positive", lambda sigma: True)
+        monkeypatch.setattr(CondensedSaddle, "stable", lambda *arguments: True)
+    manifold = CriticalManifold(network)
+    critical = manifold.configuration(stress)
+    assert critical.lengths.min() < 10.0 ** (1 - decades)
+    solution = stiffening(manifold, critical)
+    ratios(
+        astuple(solution.value), astuple(solution.stats.error_bound), fifty_digits.stiffening(network, critical.sigma)
+    )
+
+
+def test_large_positive_stresses_take_the_condensed_system(monkeypatch):
+    network = voronoi_network(40, seed=1)
+    manifold = CriticalManifold(network)
+    positive = np.ones(network.n_edges)
+    signed = np.where(np.arange(network.n_edges) == 7, -0.01, positive)
+    assert type(manifold.system(positive)) is Saddle
+    whole = stiffening(manifold, manifold.configuration(positive)).value
+    monkeypatch.setattr(MANIFOLD, "_CONDENSED", 60)
+    assert manifold.system(positive) is manifold.condensed
+    assert manifold.system(signed) is manifold.saddle
+    condensed = stiffening(manifold, manifold.configuration(positive)).value
+    assert astuple(condensed) != astuple(whole)
+    np.testing.assert_allclose(astuple(condensed), astuple(whole), rtol=0, atol=1e-13)
+    # Stiffnesses are those of the network that is given.
+    soft = network.with_stiffness(0.5 * network.stiffness)
+    assert stiffening(soft, manifold.configuration(positive)).value.bulk_0 == pytest.approx(whole.bulk_0 / 2, rel=1e-12)
 
 
 def test_stiffening_mends_coordinates_that_are_off():

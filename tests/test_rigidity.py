@@ -286,7 +286,9 @@ def test_a_singular_value_near_the_tolerance_is_no_count(n_vertices):
     # The least singular value grows in proportion to the distance from the manifold.
     away = 1e-3 * np.random.default_rng(3).standard_normal(x.shape)
     slope = rigidity(network, x + away).value.smallest_nonzero
-    for aim, expected in ((1e-9, Status.ok), (5e-7, Status.singular), (2e-6, Status.singular), (1e-4, Status.floppy)):
+    for aim, expected in (
+        (1e-9, Status.singular), (5e-7, Status.singular), (2e-6, Status.singular), (1e-4, Status.floppy),
+    ):  # fmt: skip
         moved = x + aim / slope * away
         solution = rigidity(network, moved)
         assert solution.status is expected
@@ -295,10 +297,28 @@ def test_a_singular_value_near_the_tolerance_is_no_count(n_vertices):
         assert (zero_modes(network, moved).status is Status.singular) == (expected is Status.singular)
         if expected is Status.singular:
             assert solution.value.prestress_stable is None
-            assert "choose a tolerance inside a gap" in solution.stats.details["note"]
+            why = "neither zero to rounding" if aim < 1e-7 else "choose a tolerance inside a gap"
+            assert why in solution.stats.details["note"]
             assert rigidity(network, moved, tolerance=1e-4).status is Status.ok
+    # Whoever gives a tolerance means what lies below it.
+    near = x + 1e-9 / slope * away
+    assert rigidity(network, near, 1e-6).status is zero_modes(network, near, 1e-6).status is Status.ok
     # Counts alone look upwards of the tolerance only.
     assert rigidity(network, x + 2e-6 / slope * away, vectors=False).status is Status.singular
+
+
+@pytest.mark.parametrize("distance", [1e-9, -1e-9, 1e-11, -1e-11])
+def test_nearly_parallel_edges_are_not_counted_as_parallel(distance):
+    # Next to a singular P all edges are parallel but for this distance, and eight singular values are of its size.
+    network = voronoi_network(16, seed=0)
+    sigma, g = np.ones(network.n_edges), network.free_incidence.toarray()
+    resistance = g[5] @ np.linalg.solve(g.T @ g, g[5])
+    sigma[5] = (1 - 1 / resistance) * (1 - distance)
+    critical = CriticalManifold(network).configuration(sigma)
+    counts = rigidity(network, critical.coordinates)
+    assert counts.status is Status.singular
+    assert "neither zero to rounding" in counts.stats.details["note"]
+    assert not certify(critical).rigid
 
 
 def test_a_stress_that_mostly_pushes_may_stabilise():

@@ -82,7 +82,7 @@ class Slopes:
 
 def _exactly(slopes: Slopes, level: float) -> Answer:
     critical = replace(slopes.critical)
-    solution = stiffening(slopes.manifold.network, critical, slopes.manifold.saddle, throw=False)
+    solution = stiffening(slopes.manifold, critical, throw=False)
     value, claim = solution.value, solution.stats.error_bound
     bound = np.nan
     if isinstance(claim, type(value)):

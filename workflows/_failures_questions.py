@@ -80,7 +80,7 @@ def _transition_error(problem, answer):
 
 
 def _stiffening(problem):
-    solution = stiffening(problem.network, problem.critical, problem.manifold.saddle, throw=False)
+    solution = stiffening(problem.manifold, problem.critical, throw=False)
     return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound))
 
 

@@ -39,7 +39,7 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
         "iterations": found.stats.iterations,
     }
     if not wanted.isdisjoint(_EXACT):
-        exact = stiffening(manifold.network, critical, manifold.saddle, throw=False).value
+        exact = stiffening(manifold, critical, throw=False).value
         values = (exact.C_B, exact.C_G, exact.C_G_stress_corrected)
         result |= {name: value * undefined for name, value in zip(_EXACT, values, strict=True)}
     if not wanted.isdisjoint(_ALONG):

@@ -70,7 +70,7 @@ def ways(manifold, parameters, seed):
         return manifold.hessian.factorize(values).solve(force.ravel()).reshape(force.shape)
 
     return {
-        "growth": Ways(lambda: stiffening(network, critical, manifold.saddle).value.C_B, fitted),
+        "growth": Ways(lambda: stiffening(manifold, critical).value.C_B, fitted),
         "member": Ways(
             lambda: member(parameters, seed, FEW)["C_B_exact"],
             lambda: member(parameters, seed)["C_B_exact"],

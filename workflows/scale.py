@@ -21,7 +21,6 @@ from critflow import (
     transition_moduli,
     voronoi_of,
 )
-from critflow.condensed import CondensedSaddle
 from critflow.generate import STANDARD_HARD_CORE
 from critflow.manifold import CriticalManifold, critical_configuration
 from critflow.objectives import LengthVariance
@@ -115,7 +114,7 @@ def case(parameters, *, n_vertices, seed):
     del factor
     moduli = clock("moduli", transition_moduli, best.value)
     clock.note("moduli", abs(moduli.bulk / best.stats.details["bound"] - 1))
-    # The Laplacian and its factor are not needed any more.
+    # The configurations' part is not needed any more.
     del manifold
     found, backend = clock("coefficients", _coefficients, network, best.value)
     clock.note("coefficients", found.stats.residual, backend, found.status)
@@ -154,8 +153,8 @@ def _optimum(manifold):
 
 def _coefficients(network, critical):
     """C_B and C_G from the analysis of their matrix on, and the solver behind."""
-    system = CondensedSaddle(network)
-    return stiffening(network, critical, system, throw=False), system.backend
+    manifold = CriticalManifold(network)
+    return stiffening(manifold, critical, throw=False), manifold.system(critical.sigma).backend
 
 
 def check(parameters, axes):
