@@ -7,17 +7,16 @@ stresses of that scale.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.bounds import transition_modulus_bound
 from critflow.critical import critical_from_lengths
+from critflow.landscape import FADED, SOUND, Landscape, Observer, SignedLandscape
 from critflow.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.minimize import Minimum, Point, fire, lbfgs, newton
+from critflow.minimize import Minimum, fire, lbfgs, newton
 from critflow.network import Array, Network, edge_values
 from critflow.objectives import (
     ConstrainedModulus,
@@ -36,19 +35,6 @@ METHODS = ("auto", "fire", "lbfgs", "newton", "closed_form", "conic")
 
 # Step limits that are several times what standard networks of 1,000 vertices need.
 _MAX_STEPS = {"fire": 200_000, "lbfgs": 3_000, "newton": 200}
-
-# An edge below this part of the mean length that keeps its tension is on its way to zero length.
-_COLLAPSING = 1e-4
-# A stress this small, where Σσ² = N_b, is on its way to zero.
-_FADED = 1e-12
-# Where edges collapse or fall slack, the configuration returned is the last on the way with no edge below this part
-# of the mean and no stress below its square: shorter ones would lose the digits of their balance in the rounding of
-# the coordinates.
-_SOUND = 1e-2
-
-# A prestress matrix whose smallest pivot is below this part of the largest is nearly singular: lengths are then known
-# to about 1e-7.  An ascent that stays there for so many steps is on its way to a limit at the singular matrix itself.
-_NEARLY_SINGULAR, _TRAPPED = 1e-9, 20
 
 # A relative gain in the objective that is not rounding.
 _NOTICED = 1e-9
@@ -123,13 +109,13 @@ def optimize(
         solution = _equal_lengths(manifold)
         if not solution.ok:
             # Equal lengths leave edges slack, so the least variance is not zero and has to be looked for.
-            landscape = _Landscape(manifold, goal, observe)
+            landscape = Landscape(manifold, goal, observe)
             solution = _descend(landscape, method, np.ones(manifold.network.n_edges), tolerance, max_steps)
     else:
         n_edges = manifold.network.n_edges
         first = np.ones(n_edges) if start is None else edge_values(start, n_edges, "start", signs == "positive")
         others = [np.abs(rng.standard_normal(n_edges)) for _ in range(starts - 1)] if rng is not None else []
-        landscape = (_Landscape if signs == "positive" else _SignedLandscape)(manifold, goal, observe)
+        landscape = (Landscape if signs == "positive" else SignedLandscape)(manifold, goal, observe)
         solutions = [_descend(landscape, method, sigma, tolerance, max_steps) for sigma in [first, *others]]
         values = np.array([s.stats.details["objective"] for s in solutions])
         good = [n for n, s in enumerate(solutions) if s.ok] or range(len(solutions))
@@ -137,10 +123,6 @@ def optimize(
         solution = solutions[best]
         solution.stats.details.update(start=best, starts=values)
     return solution.or_raise("no optimum") if throw else solution
-
-
-Observer = Callable[[int, float, Array, Array], Any]
-"""What is told of a descent: step, value of the objective, σ (N_b,) and L (N_b, d)."""
 
 
 def _is_bulk(manifold: CriticalManifold, goal: Objective) -> bool:
@@ -198,7 +180,7 @@ def _residual(manifold: CriticalManifold, goal: Objective, value: CriticalConfig
 
 
 def _descend(
-    landscape: _Landscape, method: str, sigma: Array, tolerance: float, max_steps: int | None
+    landscape: Landscape, method: str, sigma: Array, tolerance: float, max_steps: int | None
 ) -> Solution[CriticalConfiguration]:
     manifold = landscape.manifold
     start = landscape.unknowns(sigma)
@@ -235,10 +217,10 @@ def _limit(end: Minimum, value: CriticalConfiguration, sign: float) -> dict[str,
     slope = end.point.gradient
     if end.status is Status.edge_collapse:
         # Short edges that gain by being shorter: others may be short by an isogonal mode, at no gain.
-        gain = np.where(value.lengths < 0.5 * _SOUND * value.lengths.mean(), -slope / value.lengths, 0.0)
+        gain = np.where(value.lengths < 0.5 * SOUND * value.lengths.mean(), -slope / value.lengths, 0.0)
         edges, fate = np.flatnonzero(gain > 0.1 * gain.max()), "shrink to zero length"
     else:
-        edges, fate = np.flatnonzero((value.sigma < 1e3 * _FADED) & (slope > 0)), "lose their tension"
+        edges, fate = np.flatnonzero((value.sigma < 1e3 * FADED) & (slope > 0)), "lose their tension"
     left = float(np.abs(slope[edges]).sum())
     limit = sign * (end.point.value - left)
     named = ", ".join(map(str, edges))
@@ -250,7 +232,7 @@ def _limit(end: Minimum, value: CriticalConfiguration, sign: float) -> dict[str,
     }
 
 
-def _minimise(landscape: _Landscape, method: str, x: Array, tolerance: float, max_steps: int | None) -> Minimum:
+def _minimise(landscape: Landscape, method: str, x: Array, tolerance: float, max_steps: int | None) -> Minimum:
     if method == "fire":
         return fire(landscape, x, tolerance, max_steps or _MAX_STEPS[method], landscape.time_step, max_move=0.5)
     if method == "newton":
@@ -261,136 +243,3 @@ def _minimise(landscape: _Landscape, method: str, x: Array, tolerance: float, ma
         fine = newton(landscape, end.point.x, tolerance, _MAX_STEPS["newton"])
         return Minimum(fine.point, fine.status, end.iterations + fine.iterations, end.evaluations + fine.evaluations)
     return end
-
-
-class _Landscape:
-    """An objective as a function of θ = log σ, to be minimised."""
-
-    def __init__(self, manifold: CriticalManifold, goal: Objective, observe: Observer | None = None):
-        self.manifold, self._goal, self._observe = manifold, goal, observe
-        self.sign = -1.0 if goal.maximise else 1.0
-        self.last_sound = np.zeros(manifold.network.n_edges)
-        self._step = 0
-
-    def unknowns(self, sigma: Array) -> Array:
-        """θ of a stress; a descent from it is about to begin."""
-        self._step = 0
-        return np.log(sigma)
-
-    def sigma(self, x: Array) -> Array:
-        """σ of log-stresses θ, scaled to Σσ² = N_b."""
-        sigma = np.exp(x - x.max())
-        return sigma * np.sqrt(len(x) / (sigma @ sigma))
-
-    def along(self, x: Array, sigma: Array, direction: Array) -> Array:
-        """A change of σ that a direction of θ brings; what it adds along σ does not matter."""
-        return sigma * direction
-
-    def slope(self, x: Array, sigma: Array, gradient: Array) -> Array:
-        """dO/dθ from dO/dσ."""
-        return sigma * gradient
-
-    def bend(self, x: Array, sigma: Array, gradient: Array, direction: Array) -> Array:
-        """What the curvature of σ(θ) adds to the Hessian times a direction."""
-        return sigma * direction * gradient
-
-    @property
-    def time_step(self) -> float:
-        # Curvatures per edge are of order 1/N_b.
-        return 0.3 * np.sqrt(self.manifold.network.n_edges)
-
-    def at(self, x: Array) -> Point:
-        # Trials far out may overflow; they are told by a value that is not finite.
-        with np.errstate(all="ignore"):
-            sigma = self.sigma(x)
-            _, L, factor = self.manifold.balance(sigma)
-            value, partials = self._goal.evaluate(sigma, L)
-            gradient, gy = self.manifold.pull_back(L, factor, *partials)
-        self._last = (x, sigma, L, factor, gradient, gy)
-        residual = float(np.abs(gradient).max())
-        slope = self.sign * self.slope(x, sigma, gradient)
-        return Point(x, self.sign * value, slope, residual if np.isfinite(residual) else np.inf)
-
-    def stiff_diagonal(self, point: Point) -> Array | float:
-        return self._goal.stiff_diagonal(self._last[1])
-
-    def verdict(self, point: Point) -> Status | None:
-        _, sigma, L, *_ = self._last
-        if not np.isfinite(point.value):
-            return Status.singular
-        end = self._end(point)
-        enough = self._observe is not None and self._observe(self._step, self.sign * point.value, sigma, L)
-        self._step += 1
-        return Status.step_limit if enough and end is None else end
-
-    def _end(self, point: Point) -> Status | None:
-        _, sigma, L, *_ = self._last
-        length = np.linalg.norm(L, axis=1)
-        tension = sigma * length
-        if length.min() > _SOUND * length.mean() and sigma.min() > _SOUND**2:
-            self.last_sound = point.x
-        if sigma.min() < _FADED:
-            return Status.slack_edges
-        vanishing = (length < _COLLAPSING * length.mean()) & (tension > 0.01 * tension.mean())
-        return Status.edge_collapse if vanishing.any() else None
-
-    def told(self) -> dict[str, object]:
-        """What the way itself has to say."""
-        return {}
-
-    def runs_away(self, end: Minimum) -> bool:
-        """Whether the descent ended because lengths grow without end."""
-        return False
-
-    def curvature(self, point: Point, direction: Array) -> Array:
-        x, sigma, L, factor, gradient, gy = self._last
-        assert x is point.x, "the curvature belongs to the point evaluated last"
-        dsigma = self.along(x, sigma, direction)
-        dL = self.manifold.tangent(L, factor, dsigma)
-        second = self._goal.differential(sigma, L, dsigma, dL)
-        dgradient = self.manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second)
-        return self.sign * (self.bend(x, sigma, gradient, direction) + self.slope(x, sigma, dgradient))
-
-
-class _SignedLandscape(_Landscape):
-    """An objective as a function of σ itself, which may change sign, and with it the inertia of P(σ)."""
-
-    def unknowns(self, sigma: Array) -> Array:
-        self._step, self._nearest, self._trapped = 0, np.inf, 0
-        self.last_sound = np.full_like(sigma, np.nan)
-        self._crossings: list[int] = []
-        self._negative: int | None = None
-        return sigma.copy()
-
-    def sigma(self, x: Array) -> Array:
-        return x * np.sqrt(len(x) / (x @ x))
-
-    def along(self, x: Array, sigma: Array, direction: Array) -> Array:
-        size = x @ x
-        return np.sqrt(len(x) / size) * (direction - (x @ direction / size) * x)
-
-    def slope(self, x: Array, sigma: Array, gradient: Array) -> Array:
-        # The gradient has no component along σ.
-        return np.sqrt(len(x) / (x @ x)) * gradient
-
-    def bend(self, x: Array, sigma: Array, gradient: Array, direction: Array) -> Array:
-        size = x @ x
-        return -np.sqrt(len(x) / size) * (x @ direction / size) * gradient
-
-    def _end(self, point: Point) -> Status | None:
-        factor = self._last[3]
-        pivots = np.abs(factor.pivots)
-        self._nearest = min(self._nearest, float(pivots.min() / pivots.max()))
-        if self._negative is not None and factor.n_negative != self._negative:
-            self._crossings.append(self._step)
-        self._negative = factor.n_negative
-        self._trapped = self._trapped + 1 if pivots.min() < _NEARLY_SINGULAR * pivots.max() else 0
-        if not self._trapped:
-            self.last_sound = point.x
-        return Status.singular if factor.singular or self._trapped > _TRAPPED else None
-
-    def runs_away(self, end: Minimum) -> bool:
-        return end.status in (Status.singular, Status.stalled) and self._trapped > 0
-
-    def told(self) -> dict[str, object]:
-        return {"crossings": self._crossings, "nearest_singular": self._nearest, "negative_pivots": self._negative}
