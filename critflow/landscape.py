@@ -29,6 +29,9 @@ SOUND = 1e-2
 # to about 1e-7.  An ascent that stays there for so many steps is on its way to a limit at the singular matrix itself.
 _NEARLY_SINGULAR, _TRAPPED = 1e-9, 20
 
+# Central differences of slopes over this are good to its square, and rounding leaves as many digits.
+_DIFFERENCE = 1e-5
+
 Observer = Callable[[int, float, Array, Array], Any]
 """What is told of a descent: step, value of the objective, σ (N_b,) and L (N_b, d)."""
 
@@ -117,9 +120,19 @@ class Landscape:
         assert x is point.x, "the curvature belongs to the point evaluated last"
         dsigma = self.along(x, sigma, direction)
         dL = self.manifold.tangent(L, factor, dsigma)
-        second = self._goal.differential(sigma, L, dsigma, dL)
+        try:
+            second = self._goal.differential(sigma, L, dsigma, dL)
+        except NotImplementedError:
+            return self._by_differences(point, direction)
         dgradient = self.manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second)
         return self.sign * (self.bend(x, sigma, gradient, direction) + self.slope(x, sigma, dgradient))
+
+    def _by_differences(self, point: Point, direction: Array) -> Array:
+        """The curvature of objectives without a differential, to about nine digits."""
+        last, step = self._last, _DIFFERENCE / float(np.abs(direction).max())
+        there, back = self.at(point.x + step * direction), self.at(point.x - step * direction)
+        self._last = last
+        return (there.gradient - back.gradient) / (2 * step)
 
 
 class SignedLandscape(Landscape):

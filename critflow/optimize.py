@@ -29,6 +29,7 @@ from critflow.objectives import (
     transition_modulus,
 )
 from critflow.result import InputError, Solution, Stats, Status
+from critflow.saddles import aside, downhill
 from critflow.supremum import largest_modulus
 
 METHODS = ("auto", "fire", "lbfgs", "newton", "closed_form", "conic")
@@ -36,8 +37,10 @@ METHODS = ("auto", "fire", "lbfgs", "newton", "closed_form", "conic")
 # Step limits that are several times what standard networks of 1,000 vertices need.
 _MAX_STEPS = {"fire": 200_000, "lbfgs": 3_000, "newton": 200}
 
-# A relative gain in the objective that is not rounding.
-_NOTICED = 1e-9
+# An end with a looser tolerance than this is not told from a saddle: that would cost more than the way there.
+_ROUGH = 1e-8
+# More saddles than any way down has met.
+_MAX_SADDLES = 20
 
 
 def optimize(
@@ -183,17 +186,10 @@ def _descend(
     landscape: Landscape, method: str, sigma: Array, tolerance: float, max_steps: int | None
 ) -> Solution[CriticalConfiguration]:
     manifold = landscape.manifold
-    start = landscape.unknowns(sigma)
-    end = _minimise(landscape, method, start, tolerance, max_steps)
-    if end.status is Status.ok and end.iterations == 0:
-        # A start without slope may be a saddle by symmetry; a step to the side, to no one's liking, tells.
-        aside = start + 0.1 * np.sin(1.0 + np.arange(len(sigma)))
-        other = _minimise(landscape, method, aside, tolerance, max_steps)
-        if other.status is Status.ok and other.point.value < end.point.value - _NOTICED * abs(other.point.value):
-            end = other
+    end, saddles = _settle(landscape, method, landscape.unknowns(sigma), tolerance, max_steps)
     reached = manifold.solve(landscape.sigma(end.point.x))
     status, value = end.status, reached.value
-    details: dict[str, object] = {"objective": landscape.sign * end.point.value, **landscape.told()}
+    details: dict[str, object] = {"objective": landscape.sign * end.point.value, **saddles, **landscape.told()}
     if status in (Status.edge_collapse, Status.slack_edges):
         details = _limit(end, value, landscape.sign)
         value = manifold.configuration(landscape.sigma(landscape.last_sound))
@@ -230,6 +226,30 @@ def _limit(end: Minimum, value: CriticalConfiguration, sign: float) -> dict[str,
         "collapsed_edges" if end.status is Status.edge_collapse else "slack_edges": edges,
         "note": f"edges {named} {fate} on the way to the infimum {limit:.8g}, which is not attained",
     }
+
+
+def _settle(
+    landscape: Landscape, method: str, x: Array, tolerance: float, max_steps: int | None
+) -> tuple[Minimum, dict[str, int]]:
+    """The end of a descent, and of others from beside it as long as it is a saddle; and how many saddles there were."""
+    end = _minimise(landscape, method, x, tolerance, max_steps)
+    steps, evaluations, saddles = end.iterations, end.evaluations, 0
+    # A rough slope is asked of a place on the way, unless there was none: then it may be a saddle by symmetry.
+    while end.status is Status.ok and (tolerance <= _ROUGH or steps == 0):
+        direction, products = downhill(landscape, end.point)
+        evaluations += products
+        if direction is None:
+            return Minimum(end.point, end.status, steps, evaluations), {"saddles": saddles}
+        saddles += 1
+        lower, tried = aside(landscape, end.point, direction)
+        evaluations += tried
+        left = None if max_steps is None else max_steps - steps
+        if lower is None or left == 0 or saddles > _MAX_SADDLES:
+            end = replace(end, status=Status.stalled if lower is None else Status.step_limit)
+            break
+        end = _minimise(landscape, method, lower.x, tolerance, left)
+        steps, evaluations = steps + end.iterations, evaluations + end.evaluations
+    return Minimum(end.point, end.status, steps, evaluations), {"saddles": saddles} if saddles else {}
 
 
 def _minimise(landscape: Landscape, method: str, x: Array, tolerance: float, max_steps: int | None) -> Minimum:
