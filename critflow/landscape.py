@@ -98,7 +98,7 @@ class Landscape:
 
     def _end(self, point: Point) -> Status | None:
         _, sigma, L, *_ = self._last
-        length = np.linalg.norm(L, axis=1)
+        length = np.sqrt(np.einsum("ad,ad->a", L, L))
         tension = sigma * length
         if length.min() > SOUND * length.mean() and sigma.min() > SOUND**2:
             self.last_sound = point.x
