@@ -134,8 +134,9 @@ def lbfgs(
             fresh = True
             continue
         moved, turned = trial.x - point.x, trial.gradient - point.gradient
-        if moved @ turned > 1e-12 * np.linalg.norm(moved) * np.linalg.norm(turned):
-            pairs.append((moved, turned, float(moved @ turned)))
+        product = float(moved @ turned)
+        if product > 1e-12 * np.sqrt((moved @ moved) * (turned @ turned)):
+            pairs.append((moved, turned, product))
         point, fresh = trial, False
     return Minimum(point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps, evaluations)
 

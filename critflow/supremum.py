@@ -34,7 +34,7 @@ def modulus_bound(network: Network | CriticalManifold, strain: ArrayLike) -> flo
     """The largest modulus μ_A for the affine strain A (d, d) over all stresses of any sign; nothing exceeds it."""
     manifold = CriticalManifold.of(network)
     A = transition_modulus(manifold.network, strain).symmetric
-    F, moment = _force_map(manifold, A)
+    F, moment = _force_map(manifold.network, manifold.balance(manifold.network.stiffness)[1], A)
     return float(np.trace(F @ moment @ F.T)) / manifold.network.volume
 
 
@@ -54,15 +54,19 @@ def largest_modulus(network: Network | CriticalManifold, strain: ArrayLike) -> S
     manifold = CriticalManifold.of(network)
     network = manifold.network
     A, k = transition_modulus(network, strain).symmetric, network.stiffness
-    F, moment = _force_map(manifold, A)
-    bound = float(np.trace(F @ moment @ F.T)) / network.volume
-    if np.allclose(F, F[0, 0] * np.eye(len(F)), rtol=0, atol=1e-14 * np.abs(F).max()):
-        found, shortest = manifold.solve(k), 1.0
+    shortest = 1.0
+    if np.allclose(A, A[0, 0] * np.eye(len(A)), rtol=0, atol=1e-14 * np.abs(A).max()):
+        # F = A only stretches L*, which is the answer then.
+        found = manifold.solve(k)
+        F, moment = _force_map(network, found.value.bond_vectors if found.ok else manifold.balance(k)[1], A)
     elif network.dimension == 2:
-        sigma, shortest = _closed(manifold, F)
+        L_star = manifold.balance(k)[1]
+        F, moment = _force_map(network, L_star, A)
+        sigma, shortest = _closed(manifold, L_star, F)
         found = manifold.solve(sigma)
     else:
         raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
+    bound = float(np.trace(F @ moment @ F.T)) / network.volume
     value = found.value
     reached = transition_modulus(network, A).evaluate(value.sigma, value.bond_vectors)[0]
     details = {"objective": reached, "bound": bound, "gap": 1 - reached / bound}
@@ -87,8 +91,9 @@ def least_compressed_length(network: Network | CriticalManifold, strain: ArrayLi
     network = manifold.network
     if network.dimension != 2:
         raise InputError("configurations of one force network are found in two dimensions only")
-    F, _ = _force_map(manifold, transition_modulus(network, strain).symmetric)
-    T = network.stiffness[:, None] * (manifold.balance(network.stiffness)[1] @ F.T)
+    L_star = manifold.balance(network.stiffness)[1]
+    F, _ = _force_map(network, L_star, transition_modulus(network, strain).symmetric)
+    T = network.stiffness[:, None] * (L_star @ F.T)
     along = T / np.linalg.norm(T, axis=1)[:, None]
     across = along @ _QUARTER_TURN.T
     n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors
@@ -105,17 +110,17 @@ def least_compressed_length(network: Network | CriticalManifold, strain: ArrayLi
     return float(program.fun)
 
 
-def _closed(manifold: CriticalManifold, F: Array) -> tuple[Array, float]:
+def _closed(manifold: CriticalManifold, L_star: Array, F: Array) -> tuple[Array, float]:
     """The stress of bond vectors L = L* + g u along the forces T = kFL*, and the shortest length over the mean.
 
     They have no component along n = JFL*, n·(L* + g u) = 0, and least Σk|g u|².  Since gᵀ(k n) = 0, the constraints
     have the self-stress k, and this is a system of stresses and displacements like any other.
     """
     network, k = manifold.network, manifold.network.stiffness
-    x, L_star, _ = manifold.balance(k)
     along = L_star @ F.T
     across = along @ _QUARTER_TURN.T
-    u, _, _ = manifold.saddle.factorize(k, across).solve(np.zeros_like(x), -np.einsum("ad,ad->a", across, L_star))
+    still = np.zeros((len(network.free), 2))
+    u, _, _ = manifold.saddle.factorize(k, across).solve(still, -np.einsum("ad,ad->a", across, L_star))
     L = L_star + network.free_incidence @ u
     square = np.einsum("ad,ad->a", L, L)
     sigma = k * np.einsum("ad,ad->a", along, L) / np.maximum(square, np.finfo(float).tiny)
@@ -123,9 +128,8 @@ def _closed(manifold: CriticalManifold, F: Array) -> tuple[Array, float]:
     return sigma, shortest
 
 
-def _force_map(manifold: CriticalManifold, A: Array) -> tuple[Array, Array]:
+def _force_map(network: Network, L_star: Array, A: Array) -> tuple[Array, Array]:
     """F = A + W of the best force network T = kFL*, and the moments M = Σ k L*L*ᵀ: F M is symmetric."""
-    L = manifold.balance(manifold.network.stiffness)[1]
-    M = (manifold.network.stiffness[:, None] * L).T @ L
+    M = (network.stiffness[:, None] * L_star).T @ L_star
     W = scipy.linalg.solve_sylvester(M, M, M @ A - A @ M)
     return A + 0.5 * (W - W.T), M

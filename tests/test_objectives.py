@@ -14,6 +14,7 @@ from problems import (
 )
 
 from critflow import CriticalManifold, InputError, honeycomb_network, transition_moduli, voronoi_network
+from critflow.landscape import Landscape
 from critflow.objectives import (
     OBJECTIVES,
     ConstrainedModulus,
@@ -23,7 +24,6 @@ from critflow.objectives import (
     pure_shear,
     transition_modulus,
 )
-from critflow.optimize import _Landscape
 
 PERIODIC = {
     "random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=1), 2),
@@ -113,7 +113,7 @@ def test_what_is_minimised_by_taylor_remainders(name, objective):
     # The same in θ = log σ, with the sign of a maximisation, as the minimisers see it.
     network = PERIODIC[name]()
     goal = named_objective(network, objective)
-    landscape = _Landscape(CriticalManifold(network), goal)
+    landscape = Landscape(CriticalManifold(network), goal)
     x = np.log(stress(network, 1.0))
     # So long that the smallest cubic remainder still stands a hundred times above the rounding of the value.
     size = 0.1 if objective == "shear_modulus" else 0.4  # its barrier is steep
@@ -222,7 +222,7 @@ def test_the_known_diagonal_is_the_steep_part_of_the_barrier():
     goal = named_objective(network, "shear_modulus")
     sigma = np.ones(network.n_edges)
     sigma[9] = 0.05
-    landscape = _Landscape(CriticalManifold(network), goal)
+    landscape = Landscape(CriticalManifold(network), goal)
     point = landscape.at(np.log(sigma))
     unit = np.zeros(network.n_edges)
     unit[9] = 1.0

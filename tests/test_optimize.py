@@ -27,8 +27,8 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
+from critflow.landscape import Landscape
 from critflow.objectives import LengthVariance, dilation, named_objective, pure_shear, transition_modulus
-from critflow.optimize import _Landscape
 
 NETWORK = voronoi_network(100, seed=1)
 
@@ -345,7 +345,7 @@ def test_least_length_variance_of_slack_networks_has_a_value():
 
 
 def test_the_log_stress_landscape_keeps_the_scale():
-    landscape = _Landscape(CriticalManifold(NETWORK), LengthVariance())
+    landscape = Landscape(CriticalManifold(NETWORK), LengthVariance())
     x = np.log(random_start(1))
     np.testing.assert_allclose(landscape.sigma(x + 500), landscape.sigma(x), rtol=1e-12)
     assert abs(landscape.at(x).gradient.sum()) < 1e-14

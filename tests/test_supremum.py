@@ -25,8 +25,8 @@ from critflow import (
     optimize,
     voronoi_network,
 )
+from critflow.landscape import SignedLandscape
 from critflow.objectives import Objective, dilation, pure_shear, transition_modulus
-from critflow.optimize import _SignedLandscape
 from critflow.supremum import largest_modulus, least_compressed_length
 
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -351,7 +351,7 @@ def test_an_ascent_from_a_singular_start_says_so():
 def test_what_is_minimised_over_both_signs_by_taylor_remainders():
     network = voronoi_network(40, seed=1)
     goal = transition_modulus(network, pure_shear(2))
-    landscape = _SignedLandscape(CriticalManifold(network), goal)
+    landscape = SignedLandscape(CriticalManifold(network), goal)
     rng = np.random.default_rng(8)
     # Of another scale than the landscape's own, and with compressed edges; P stays far from singular.
     x = 3.0 * (0.5 + rng.random(network.n_edges))
