@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.cone import LengthSaddle, distance, fit_lengths, polish
+from critflow.equilibrium import equilibrium, relaxation_method
 from critflow.linalg import FixedPattern, edge_blocks
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.network import Array, Network, edge_values
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
-from critflow.springs import equilibrium, spring_state
+from critflow.springs import spring_state
 
 # A stress below this part of the mean counts as none.
 NO_STRESS = 1e-9
@@ -38,7 +39,7 @@ def critical_from_lengths(
     rest_lengths: ArrayLike,
     method: str = "auto",
     *,
-    relaxation: str = "newton",
+    relaxation: str = "auto",
     strain_step: float = 0.01,
     energy_threshold: float = 1e-4,
     throw: bool = True,
@@ -51,9 +52,9 @@ def critical_from_lengths(
     edges are slack, coordinates are not determined and it is NaN.  The bounds of the configuration itself are, as
     always, against the exact one of its stress.
     method "strain": ℓ/(1 + γ) with γ in steps of `strain_step` from 0 until the energy reaches `energy_threshold`,
-    relaxed by `relaxation` ("newton" or "fire"); the recorded state is then slightly past the transition.  Where the
-    cone program shows that every edge will be stressed, the end does not depend on the way, and the steps of the
-    floppy network are skipped (not by "fire").
+    relaxed by the method `relaxation` of `equilibrium`; the recorded state is then slightly past the transition.
+    Where the cone program shows that every edge will be stressed, the end does not depend on the way, and the steps
+    of the floppy network are skipped (not by "fire").
     """
     manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
@@ -62,7 +63,7 @@ def critical_from_lengths(
     elif method == "strain":
         if not (strain_step > 0 and energy_threshold > 0):
             raise InputError("the strain step and the energy threshold must be positive")
-        solution = _by_strain(manifold, lengths, relaxation, strain_step, energy_threshold)
+        solution = _by_strain(manifold, lengths, relaxation_method(relaxation), strain_step, energy_threshold)
     else:
         raise InputError(f"no method is called {method!r}: choose 'auto', 'conic' or 'strain'")
     return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution

@@ -19,11 +19,12 @@ from typing import Any
 import numpy as np
 
 from critflow import CriticalManifold, Solution, Stats, Status, equilibrium, spring_state, voronoi_network
+from critflow.equilibrium import _Relaxation
 from critflow.extended import Extended, extended
 from critflow.linalg import FixedPattern
 from critflow.minimize import lbfgs
 from critflow.network import Array
-from critflow.springs import SpringState, _Relaxation
+from critflow.springs import SpringState
 from critflow.workflow import stable_rng
 
 from ._contest import Contestant, Task, Verdict, installed, peer
