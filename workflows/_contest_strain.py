@@ -46,7 +46,7 @@ _ASE_STEPS = (5_000_000, 20_000)
 _DENSE_STEPS = (5_000_000, 200)
 _LAMMPS = {
     "LAMMPS cg": ("cg", "line quadratic"),
-    "LAMMPS cg, forcezero": ("cg", "line forcezero"),
+    "LAMMPS cg forcezero": ("cg", "line forcezero"),
     "LAMMPS hftn": ("hftn", "line quadratic"),
     "LAMMPS fire": ("fire", "line quadratic"),
 }
