@@ -5,6 +5,7 @@ from importlib.metadata import version
 from critflow.bounds import transition_bounds
 from critflow.coefficients import stiffening
 from critflow.critical import critical_from_lengths
+from critflow.equilibrium import equilibrium
 from critflow.flatness import flat_directions, stress_hessian
 from critflow.generate import (
     foam_network,
@@ -45,7 +46,7 @@ from critflow.result import (
 )
 from critflow.rigidity import certify, rigidity, zero_modes
 from critflow.second_order import second_order_rigidity
-from critflow.springs import equilibrium, spring_state
+from critflow.springs import spring_state
 from critflow.stresses import StressSpace, stresses_of
 from critflow.supremum import bulk_modulus_bound, modulus_bound
 from critflow.tensegrity import SignedStress, Stability, signed_stress, stability

@@ -12,18 +12,24 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.cone import distance, fit_lengths, polish
+from critflow.cone import LengthSaddle, distance, fit_lengths, polish
+from critflow.equilibrium import equilibrium, relaxation_method
 from critflow.linalg import FixedPattern, edge_blocks
 from critflow.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.network import Array, Network, edge_values
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
-from critflow.springs import equilibrium, spring_state
+from critflow.springs import spring_state
 
 # A stress below this part of the mean counts as none.
 NO_STRESS = 1e-9
 
 # Tolerances of the cone program that tell slack edges from weakly stressed ones: nearly always, and as good as always.
 _TELLS_SLACK = (1e-12, 1e-13)
+# With about this tolerance Newton's method, which is far cheaper, does the rest where every edge is stressed.  Tensions
+# that balance at the right lengths prove that they are.
+_STARTS_NEWTON = 1e-6
+# Rest lengths with logarithms that spread by more leave edges slack in most networks: no cheap try.
+_EVEN = 0.12
 # Relative error of the lengths that Newton must reach on the stressed edges; short edges limit it by rounding.
 _FITTED = 1e-9
 
@@ -33,7 +39,7 @@ def critical_from_lengths(
     rest_lengths: ArrayLike,
     method: str = "auto",
     *,
-    relaxation: str = "newton",
+    relaxation: str = "auto",
     strain_step: float = 0.01,
     energy_threshold: float = 1e-4,
     throw: bool = True,
@@ -46,9 +52,9 @@ def critical_from_lengths(
     edges are slack, coordinates are not determined and it is NaN.  The bounds of the configuration itself are, as
     always, against the exact one of its stress.
     method "strain": ℓ/(1 + γ) with γ in steps of `strain_step` from 0 until the energy reaches `energy_threshold`,
-    relaxed by `relaxation` ("newton" or "fire"); the recorded state is then slightly past the transition.  Where the
-    cone program shows that every edge will be stressed, the end does not depend on the way, and the steps of the
-    floppy network are skipped (not by "fire").
+    relaxed by the method `relaxation` of `equilibrium`; the recorded state is then slightly past the transition.
+    Where the cone program shows that every edge will be stressed, the end does not depend on the way, and the steps
+    of the floppy network are skipped (not by "fire").
     """
     manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
@@ -57,7 +63,7 @@ def critical_from_lengths(
     elif method == "strain":
         if not (strain_step > 0 and energy_threshold > 0):
             raise InputError("the strain step and the energy threshold must be positive")
-        solution = _by_strain(manifold, lengths, relaxation, strain_step, energy_threshold)
+        solution = _by_strain(manifold, lengths, relaxation_method(relaxation), strain_step, energy_threshold)
     else:
         raise InputError(f"no method is called {method!r}: choose 'auto', 'conic' or 'strain'")
     return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution
@@ -69,22 +75,28 @@ def stressed_fraction(sigma: Array) -> float:
 
 
 def _by_cone(manifold: CriticalManifold, lengths: Array) -> Solution[CriticalConfiguration]:
-    network = manifold.network
+    network, saddle, iterations = manifold.network, LengthSaddle(manifold.network), 0
     if lengths.min() <= COLLAPSED * lengths.mean():
         note = f"edge {lengths.argmin()} is to be so short that rounding of coordinates hides it: lengthen it"
         return Solution(_unknown(network), Status.stalled, Stats("conic", details={"note": note}))
-    for tolerance in _TELLS_SLACK:
+    even = float(np.std(np.log(lengths))) < _EVEN
+    for tolerance in (_STARTS_NEWTON, *_TELLS_SLACK) if even else _TELLS_SLACK:
         cone = fit_lengths(network, lengths, tolerance)
-        if not cone.solved:
-            return Solution(_unknown(network), Status.stalled, Stats("conic", cone.iterations))
+        iterations += cone.iterations
+        rounds, guess = 8, cone.stressed
+        if tolerance == _STARTS_NEWTON:
+            rounds, guess = 1, np.ones(network.n_edges, bool)
+        elif not cone.solved:
+            return Solution(_unknown(network), Status.stalled, Stats("conic", iterations))
         stressed, polished, value, error, steps = _polish_stressed(
-            manifold, lengths, cone.stressed, cone.coordinates, cone.sigma
+            manifold, saddle, lengths, guess, cone.coordinates, cone.sigma, rounds
         )
-        if error < _FITTED:
+        if error < _FITTED and (stressed.all() or tolerance < _STARTS_NEWTON):
             break
     slack = np.flatnonzero(~stressed)
     status = Status.slack_edges if len(slack) else Status.ok
-    details = {"ratio": cone.ratio, "slack_edges": slack, "polish_steps": steps}
+    ratio = float((value.lengths / lengths)[stressed].mean()) if error < _FITTED else cone.ratio
+    details = {"ratio": ratio, "slack_edges": slack, "polish_steps": steps}
     if len(slack):
         details["note"] = (
             f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
@@ -93,8 +105,8 @@ def _by_cone(manifold: CriticalManifold, lengths: Array) -> Solution[CriticalCon
     if not error < _FITTED:
         value, status = _unknown(network), Status.stalled
     elif status is Status.ok:
-        bound = 2 * distance(manifold.saddle, network, lengths, value.coordinates, value.sigma)
-    stats = Stats("conic", cone.iterations, cone.iterations + steps, error, details, condition, bound)
+        bound = 2 * distance(saddle, network, lengths, value.coordinates, value.sigma)
+    stats = Stats("conic", iterations, iterations + steps, error, details, condition, bound)
     return Solution(value, status, stats)
 
 
@@ -106,25 +118,31 @@ def _unknown(network: Network) -> CriticalConfiguration:
 
 
 def _polish_stressed(
-    manifold: CriticalManifold, lengths: Array, stressed: NDArray[np.bool_], coordinates: Array, sigma: Array
+    manifold: CriticalManifold,
+    saddle: LengthSaddle,
+    lengths: Array,
+    stressed: NDArray[np.bool_],
+    coordinates: Array,
+    sigma: Array,
+    rounds: int,
 ) -> tuple[NDArray[np.bool_], Stats, CriticalConfiguration, float, int]:
     """Stressed edges, how their balance was found, the configuration, relative error of the lengths and Newton steps.
 
     Edges whose stress turns out to be none are given up, and where Newton fails, the weakest of those that remain.
     """
     network, candidate, doubtful, taken = manifold.network, stressed, 1e-5, 0
-    for _ in range(8):
+    for _ in range(rounds):
         candidate = _without_hanging(network, candidate)
         try:
             if candidate.all():
-                part, vertices = manifold, np.arange(network.n_vertices)
+                part, steps_of, vertices = manifold, saddle, np.arange(network.n_vertices)
             else:
                 cut, vertices = network.part(candidate)
-                part = CriticalManifold(cut)
+                part, steps_of = CriticalManifold(cut), LengthSaddle(cut)
             # A part without pins is grounded at its own first vertex; carry it back to where that vertex was.
             origin = 0.0 if network.pins else coordinates[vertices[0]]
             start = coordinates[vertices] - origin
-            _, s, error, steps = polish(part.saddle, part.network, lengths[candidate], start, sigma[candidate])
+            _, s, error, steps = polish(steps_of, part.network, lengths[candidate], start, sigma[candidate])
             taken += steps
             weak = s <= NO_STRESS * s.mean()
             if error < _FITTED and not weak.any():

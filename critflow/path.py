@@ -10,13 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.equilibrium import relaxation_method, relaxed
 from critflow.laws import CONVEX_LAWS, HOOKEAN, SpringLaw, checked_law
 from critflow.linalg import FixedPattern
 from critflow.manifold import CriticalConfiguration
 from critflow.moduli import Moduli, linear_response
 from critflow.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.springs import SpringState, relaxed
+from critflow.springs import SpringState
 
 # The part of a step below which it is not divided any more.
 _SMALLEST_PART = 2.0**-16
@@ -67,7 +68,7 @@ def strain_path(
     network: Network,
     critical: CriticalConfiguration,
     strains: ArrayLike,
-    method: str = "newton",
+    method: str = "auto",
     *,
     law: SpringLaw = HOOKEAN,
     tolerance: float = 1e-14,
@@ -84,7 +85,7 @@ def strain_path(
     one of its kind, and the global minimum.  `method` and `tolerance` are those of `equilibrium`; without `moduli`
     only the equilibria are found.
     """
-    gamma = check_strains(strains)
+    gamma, method = check_strains(strains), relaxation_method(method)
     network = critical.springs_of(network)
     law = checked_law(law, critical.lengths, network.stiffness)
     state = SpringState(network, critical.lengths, critical.coordinates, critical.bond_vectors, law)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from critflow.cone import fit_perimeters
 from critflow.distance import exact_sums
+from critflow.equilibrium import equilibrium
 from critflow.extended import Extended, lengths
 from critflow.linalg import Factor, FixedPattern, pair_laplacian
 from critflow.manifold import CriticalConfiguration, critical_configuration
@@ -26,7 +27,7 @@ from critflow.network import Array, Network
 from critflow.objectives import dilation, pure_shear
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity import rigidity_matrix
-from critflow.springs import ElasticState, embedded, equilibrium
+from critflow.springs import ElasticState, embedded
 
 # Edges shorter than this part of the mean length have collapsed, as far as the cone program can tell.
 _COLLAPSED = 1e-5

@@ -41,6 +41,17 @@ def errors(state):
     return float(np.abs(free - x).max()), float(np.abs(fifty_digits.decimals(state.bond_vectors) - L).max())
 
 
+def exact_correction(state):
+    """What leads from a state to the exact equilibrium, by factors made anew."""
+    error = np.zeros((len(state.network.free), state.network.dimension))
+    factor = state.factorize(state.pattern())
+    for _ in range(8):
+        L = exact_bond_vectors(state.network, state.coordinates, error)
+        force = exact_forces(state.network, state.exact_stress(L), L)
+        error = error + factor.solve(force.ravel()).reshape(error.shape)
+    return error
+
+
 def test_newton_ends_on_the_exact_equilibrium():
     ratios = []
     for name, make in NETWORKS.items():
@@ -81,13 +92,49 @@ def test_bounds_of_larger_networks(gamma):
     # The reference is Newton's method in extended precision with factors made anew, which the decimals above check.
     for network in (voronoi_network(300, seed=1), voronoi_3d(20)):
         solution = equilibrium(strained(network, gamma))
-        state, error = solution.value, np.zeros((len(network.free), network.dimension))
-        factor = state.factorize(state.pattern())
-        for _ in range(8):
-            L = exact_bond_vectors(state.network, state.coordinates, error)
-            force = exact_forces(state.network, state.exact_stress(L), L)
-            error = error + factor.solve(force.ravel()).reshape(error.shape)
-        assert np.abs(error).max() <= solution.stats.error_bound <= 4 * np.abs(error).max()
+        error = np.abs(exact_correction(solution.value)).max()
+        assert error <= solution.stats.error_bound <= 4 * error
+
+
+@pytest.mark.parametrize("method", ["auto", "newton"])
+@pytest.mark.parametrize("n_vertices", [40, 300])
+def test_rough_tolerances_are_not_ill_conditioned(n_vertices, method):
+    network = voronoi_network(n_vertices, seed=1)
+    for tolerance in 10.0 ** -np.arange(2, 15):
+        solution = equilibrium(strained(network, 1e-3), method, tolerance)
+        assert solution.status is Status.ok, tolerance
+        assert solution.stats.method == "newton"
+        error = np.abs(exact_correction(solution.value)).max()
+        # Newton's method ends on the equilibrium anyway.
+        assert error <= solution.stats.error_bound < 4 * np.finfo(float).eps * np.abs(solution.value.coordinates).max()
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])
+def test_rough_answers_of_fire_know_how_rough_they_are(tolerance):
+    start = strained(voronoi_network(40, seed=1), 1e-3)
+    solution = equilibrium(start, "fire", tolerance)
+    assert solution.status is Status.ok
+    assert "note" not in solution.stats.details
+    exact = equilibrium(start)
+    state = solution.value
+    assert state.max_force < tolerance * state.length_scale
+    error = max(
+        np.abs(state.coordinates - exact.value.coordinates).max(),
+        np.abs(state.bond_vectors - exact.value.bond_vectors).max(),
+    )
+    assert error > 1e-4
+    assert error - exact.stats.error_bound <= solution.stats.error_bound <= 1.01 * error
+
+
+def test_no_more_steps_than_allowed():
+    # The first answer, after one step, is so rough that Newton's method has to go on for two more.
+    start = strained(voronoi_network(40, seed=1), 0.1)
+    needed = equilibrium(start, tolerance=1e-2).stats.iterations
+    assert needed == 3
+    for most in range(needed):
+        solution = equilibrium(start, tolerance=1e-2, max_steps=most, throw=False)
+        assert solution.status is Status.step_limit
+        assert solution.stats.iterations == most
 
 
 def test_the_condition_is_that_of_the_hessian():

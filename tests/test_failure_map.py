@@ -22,7 +22,8 @@ from critflow import (
     voronoi_network,
 )
 from critflow.cli import main
-from critflow.springs import SpringState, equilibrium
+from critflow.equilibrium import equilibrium
+from critflow.springs import SpringState
 from critflow.workflow.load import load_study
 
 STUDY = load_study("failure_map").study

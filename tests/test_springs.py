@@ -130,7 +130,7 @@ def test_steps_and_failures_are_told():
         assert solution.status is Status.step_limit
         with pytest.raises(SolveError, match="raise max_steps"):
             equilibrium(start, method, max_steps=1)
-    with pytest.raises(InputError, match="'newton' or 'fire'"):
+    with pytest.raises(InputError, match="'auto', 'newton' or 'fire'"):
         equilibrium(start, "bfgs")
 
 

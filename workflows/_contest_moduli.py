@@ -166,7 +166,7 @@ def _matscipy(springs: StressedSprings) -> list[Contestant]:
         start, calculator = atoms_of(springs.state), matscipy_springs(springs.state)
     return [
         Contestant("matscipy", partial(run, None), springs.judge, RESIDUALS, "matscipy"),
-        Contestant("matscipy, LU", partial(run, _NEARLY_EXACT), springs.judge, RESIDUALS, "matscipy", "SuperLU"),
+        Contestant("matscipy LU", partial(run, _NEARLY_EXACT), springs.judge, RESIDUALS, "matscipy", "SuperLU"),
     ]
 
 
@@ -211,8 +211,8 @@ def _at_transition(n_vertices: int, seed: int) -> list[Contestant]:
 
     contestants = [
         Contestant("closed form", closed, judge),
-        Contestant("linear response, γ → 0", partial(along, moduli=True), judge, strains, backend="qdldl"),
-        Contestant("energy, γ → 0", partial(along, moduli=False), judge, strains, backend="qdldl"),
+        Contestant("linear response at γ → 0", partial(along, moduli=True), judge, strains, backend="qdldl"),
+        Contestant("energy at γ → 0", partial(along, moduli=False), judge, strains, backend="qdldl"),
     ]
     if n_vertices <= AT_REST:
         contestants.append(Contestant("self-stress at rest", at_rest, judge))
@@ -225,7 +225,7 @@ TASKS = (
         "bulk and shear modulus at γ = 0.001",
         "larger of the relative errors of B and G",
         SIZES,
-        ("linear response", "differences of stress", "differences of energy", "matscipy", "matscipy, LU"),
+        ("linear response", "differences of stress", "differences of energy", "matscipy", "matscipy LU"),
         "linear response",
         _stressed,
     ),
@@ -234,7 +234,7 @@ TASKS = (
         "bulk modulus at the transition",
         "relative error of B₀",
         SIZES,
-        ("closed form", "linear response, γ → 0", "energy, γ → 0", "self-stress at rest"),
+        ("closed form", "linear response at γ → 0", "energy at γ → 0", "self-stress at rest"),
         "closed form",
         _at_transition,
     ),

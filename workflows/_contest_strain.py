@@ -19,11 +19,12 @@ from typing import Any
 import numpy as np
 
 from critflow import CriticalManifold, Solution, Stats, Status, equilibrium, spring_state, voronoi_network
+from critflow.equilibrium import _Relaxation
 from critflow.extended import Extended, extended
 from critflow.linalg import FixedPattern
 from critflow.minimize import lbfgs
 from critflow.network import Array
-from critflow.springs import SpringState, _Relaxation
+from critflow.springs import SpringState
 from critflow.workflow import stable_rng
 
 from ._contest import Contestant, Task, Verdict, installed, peer
@@ -45,7 +46,7 @@ _ASE_STEPS = (5_000_000, 20_000)
 _DENSE_STEPS = (5_000_000, 200)
 _LAMMPS = {
     "LAMMPS cg": ("cg", "line quadratic"),
-    "LAMMPS cg, forcezero": ("cg", "line forcezero"),
+    "LAMMPS cg forcezero": ("cg", "line forcezero"),
     "LAMMPS hftn": ("hftn", "line quadratic"),
     "LAMMPS fire": ("fire", "line quadratic"),
 }
