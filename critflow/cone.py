@@ -43,8 +43,8 @@ class LengthSaddle(Saddle):
 
     def step(self, forces: Array, elongations: Array, target: Array) -> tuple[Array, Array]:
         """Solve P u + Rᵀ s = forces (n_free, d), R u − λ t = elongations (N_b,), tᵀ s = 0 for u and s."""
-        border = np.concatenate([np.zeros(forces.size), -target])
-        right = np.concatenate([forces.ravel(), elongations])
+        border = np.concatenate([np.zeros(forces.size), -target / self._divisor])
+        right = np.concatenate([forces.ravel(), elongations / self._divisor])
         through = self._factor.solve(border)
         solution, ratio, best = np.zeros_like(right), 0.0, np.inf
         residual, rest = right, 0.0
@@ -60,7 +60,7 @@ class LengthSaddle(Saddle):
             solution, ratio, best = trial, trial_ratio, error
             if error < _REFINED:
                 break
-        return solution[: forces.size].reshape(forces.shape), solution[forces.size :]
+        return solution[: forces.size].reshape(forces.shape), solution[forces.size :] / self._divisor
 
 
 @dataclass(frozen=True, eq=False)
