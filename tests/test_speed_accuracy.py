@@ -298,9 +298,9 @@ def test_it_has_its_charts_claims_and_fronts(small):
     tasks = json.loads((folder / "summary.json").read_text())["tasks"]
     assert set(tasks) == set(dataset.task.values)
     for of_task in tasks.values():
-        front = of_task["40"]["front"]
+        front = of_task["sizes"]["40"]["front"]
         assert [point[1] for point in front] == sorted(point[1] for point in front)
-        assert of_task["40"]["auto_over_front"] >= 1
+        assert of_task["sizes"]["40"]["auto_over_front"] >= 1
 
 
 @pytest.mark.parametrize(

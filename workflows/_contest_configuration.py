@@ -26,12 +26,16 @@ from ._contest import Contestant, Task, Verdict, installed, peer
 from ._contest_reference import exact, refined
 
 SIZES = (100, 1_000, 10_000, 100_000)
+# From here on only backends and peers that take no more than some seconds.
+HUGE, _AT_HUGE = 1_000_000, ("superlu", "metis", "pardiso")
 # Dense matrices beyond are out of the question.
 DENSE = 2_000
 EXACT = 100
 # Backends that need a package beside critflow.
 FAST = {"metis": "pymetis", "pardiso": "pypardiso"}
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
+# Where every run of an iterative method takes seconds it has one level, at which its answer is worth something.
+LARGE, _GOOD = 100_000, (1e-10,)
 
 Solve = Callable[[np.ndarray], np.ndarray]
 
@@ -137,12 +141,13 @@ def _methods(network: Network) -> list[_Method]:
         _Method("dense Cholesky", "scipy", _dense_cholesky(laplacian)),
         _Method("pseudo-inverse", "numpy", _pseudo_inverse(network)),
     )
-    sparse = (
+    direct = (
         _Method("splu", "scipy", _superlu(laplacian)),
         _Method("splu float32", "scipy", _single_precision(laplacian), (0.0, 1.0, 2.0, 3.0, 4.0)),
-        _Method("pyamg CG", "pyamg", _multigrid(laplacian), TOLERANCES),
     )
-    return [*(dense if small else ()), *sparse]
+    levels = TOLERANCES if network.n_vertices < LARGE else _GOOD
+    multigrid = _Method("pyamg CG", "pyamg", _multigrid(laplacian), levels)
+    return [*(dense if small else ()), *(direct if network.n_vertices < HUGE else ()), multigrid]
 
 
 @dataclass(frozen=True)
@@ -207,7 +212,8 @@ def _contestants(n_vertices: int, seed: int, gradient: bool) -> list[Contestant]
     own = [Contestant("auto", own_run(problem.manifold), problem.judge)]
     if not gradient:
         own.append(Contestant("solve", solved, problem.judge))
-    for backend in available_backends():
+    huge = n_vertices >= HUGE
+    for backend in (name for name in available_backends() if name in _AT_HUGE or not huge):
         run = own_run(CriticalManifold(network, backend=backend))
         own.append(Contestant(backend, run, problem.judge, backend=backend))
     for backend, package in FAST.items():
@@ -225,7 +231,7 @@ TASKS = (
         "configuration",
         "σ → configuration",
         "largest relative error of a bond vector",
-        SIZES,
+        (*SIZES, HUGE),
         ("auto", "solve", *_BACKENDS, *_PEERS),
         "auto",
         partial(_contestants, gradient=False),
