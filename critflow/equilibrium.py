@@ -245,14 +245,14 @@ def _fire(state: State, tolerance: float, max_steps: int) -> Solution[State]:
     at_vertex = np.bincount(state.network.edges.ravel(), np.repeat(state.edge_stiffness, 2))
     time_step = 0.075 * 2 / np.sqrt(2 * at_vertex.max())
     max_move = 0.3 * float(state.lengths.mean())
-    end = fire(_Relaxation(state), np.zeros(state.forces.size), tolerance, max_steps, time_step, max_move)
+    end = fire(Relaxation(state), np.zeros(state.forces.size), tolerance, max_steps, time_step, max_move)
     final = state.moved(end.point.x.reshape(state.forces.shape))
     return Solution(
         final, end.status, Stats("fire", end.iterations, end.evaluations, end.point.residual, {"energy": final.energy})
     )
 
 
-class _Relaxation(Generic[State]):
+class Relaxation(Generic[State]):
     """The energy as a function of the displacements from a state."""
 
     def __init__(self, state: State):

@@ -119,7 +119,7 @@ class CriticalManifold:
     take a network and a manifold alike are faster with the manifold when they are called more than once.
 
     prestress  the pattern of P; every factorisation makes earlier factors stale
-    backend     sparse solver of all of them (`critflow.backends`)
+    backend    sparse solver of all of them (`critflow.backends`)
     """
 
     def __init__(self, network: Network, backend: str = "auto"):

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from critflow import CriticalManifold, Solution, Stats, Status, equilibrium, spring_state, voronoi_network
-from critflow.equilibrium import _Relaxation
+from critflow.equilibrium import Relaxation
 from critflow.extended import Extended, extended
 from critflow.linalg import FixedPattern
 from critflow.minimize import lbfgs
@@ -116,7 +116,7 @@ def _own(step: StrainStep) -> list[Contestant]:
     def by_lbfgs(tolerance: float) -> Solution[SpringState]:
         state = step.fresh()
         end = lbfgs(
-            _Relaxation(state), np.zeros(state.forces.size), tolerance * step.unit, step.most_steps(*_LBFGS_STEPS)
+            Relaxation(state), np.zeros(state.forces.size), tolerance * step.unit, step.most_steps(*_LBFGS_STEPS)
         )
         value = state.moved(end.point.x.reshape(state.forces.shape))
         return Solution(value, end.status, Stats("lbfgs", end.iterations, end.evaluations, end.point.residual))
