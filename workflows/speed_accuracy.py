@@ -122,8 +122,8 @@ study = Study(
     ),
     parameters={
         "contestants": CONTESTANTS,
-        "levels": tuple(range(7)),
-        "repeats": 5,
+        "levels": tuple(range(13)),
+        "repeats": 15,
         "patience": 1.5,
         "budget": 10.0,
         "seed": 0,
