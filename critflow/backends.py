@@ -168,7 +168,7 @@ class Single(MinimumDegree):
 
     def update(self, matrix: sp.csc_matrix) -> None:
         super().update(matrix)
-        self._upper, self._norm = matrix, float(np.abs(matrix.data).max())
+        self._upper, self._lower, self._norm = matrix, matrix.T, float(np.abs(matrix.data).max())
 
     def solve(self, right: Array) -> Array:
         scale = float(np.abs(right).max(initial=0.0))
@@ -177,7 +177,7 @@ class Single(MinimumDegree):
         x, rest, best = np.zeros_like(right), right / scale, np.inf
         for _ in range(_MOST_REFINEMENTS):
             trial = x + super().solve(rest)
-            rest = right / scale - multiply(self._upper, trial)
+            rest = right / scale - multiply(self._upper, self._lower, trial)
             # Backward error: the change of the matrix, against its largest entry, that would explain the residual.
             error = float(np.abs(rest).max() / (self._norm * np.abs(trial).max()))
             if not error < 0.5 * best:
@@ -194,10 +194,10 @@ _MOST_REFINEMENTS = 30
 _REFINED = 1e-14
 
 
-def multiply(upper: sp.csc_matrix, x: Array) -> Array:
-    """A x of the symmetric matrix with this upper triangle, x (n,) or (n, d)."""
+def multiply(upper: sp.csc_matrix, lower: sp.csr_matrix, x: Array) -> Array:
+    """A x of the symmetric matrix with this upper triangle and its transpose, x (n,) or (n, d)."""
     diagonal = upper.data[upper.indptr[1:] - 1]
-    return upper @ x + upper.T @ x - (diagonal * x.T).T
+    return upper @ x + lower @ x - (diagonal * x.T).T
 
 
 _ALWAYS: dict[str, type[Backend]] = {"qdldl": QDLDL, "superlu": MinimumDegree, "single": Single}

@@ -30,37 +30,6 @@ from critflow.network import Array, Network
 
 # Relative residual of a Newton step that is known well enough to measure a distance.
 _SOLVED = 1e-6
-# Refinements of a Newton step, which gains many digits with each, and the relative residual that is rounding.
-_MOST_REFINEMENTS, _REFINED = 30, 1e-15
-
-
-class LengthSaddle(Saddle):
-    """The Newton steps of lengths ∝ ℓ: the matrix of `Saddle` bordered by the targets t = ½ℓ² and their factor.
-
-    Off the solution R has no left null vector, only one that nearly is; the factor λ of the targets is then what
-    keeps the system well-conditioned.
-    """
-
-    def step(self, forces: Array, elongations: Array, target: Array) -> tuple[Array, Array]:
-        """Solve P u + Rᵀ s = forces (n_free, d), R u − λ t = elongations (N_b,), tᵀ s = 0 for u and s."""
-        border = np.concatenate([np.zeros(forces.size), -target / self._divisor])
-        right = np.concatenate([forces.ravel(), elongations / self._divisor])
-        through = self._factor.solve(border)
-        solution, ratio, best = np.zeros_like(right), 0.0, np.inf
-        residual, rest = right, 0.0
-        for _ in range(_MOST_REFINEMENTS):
-            change = self._factor.solve(residual)
-            change_of_ratio = float((border @ change - rest) / (border @ through))
-            trial, trial_ratio = solution + change - change_of_ratio * through, ratio + change_of_ratio
-            residual = right - self._factor.multiply(trial) + self._shift * trial - trial_ratio * border
-            rest = -float(border @ trial)
-            error = float(np.max(np.abs(residual) / self._scale))
-            if not error < 0.9 * best:
-                break
-            solution, ratio, best = trial, trial_ratio, error
-            if error < _REFINED:
-                break
-        return solution[: forces.size].reshape(forces.shape), solution[forces.size :] / self._divisor
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +122,7 @@ def _solve(
 
 
 def polish(
-    saddle: LengthSaddle, network: Network, lengths: Array, coordinates: Array, sigma: Array, max_steps: int = 12
+    saddle: Saddle, network: Network, lengths: Array, coordinates: Array, sigma: Array, max_steps: int = 12
 ) -> tuple[Array, Array, float, int]:
     """Newton on the optimality conditions gᵀ(σ ∘ L) = 0, |L|² = λ ℓ²: from solver accuracy to rounding.
 
@@ -179,7 +148,7 @@ def polish(
         if last:
             break
         saddle.factorize(sigma, L)
-        u, change = saddle.step(-force, scale * target - h, target)
+        u, change = saddle.solve_bordered(-force, scale * target - h, target)
         x, sigma = x.copy(), sigma + change
         x[network.free] += u
     return best

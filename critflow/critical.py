@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.cone import LengthSaddle, distance, fit_lengths, polish
+from critflow.cone import distance, fit_lengths, polish
 from critflow.equilibrium import equilibrium, relaxation_method
 from critflow.linalg import FixedPattern, edge_blocks
 from critflow.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold, critical_configuration
@@ -75,7 +75,7 @@ def stressed_fraction(sigma: Array) -> float:
 
 
 def _by_cone(manifold: CriticalManifold, lengths: Array) -> Solution[CriticalConfiguration]:
-    network, saddle, iterations = manifold.network, LengthSaddle(manifold.network), 0
+    network, iterations = manifold.network, 0
     if lengths.min() <= COLLAPSED * lengths.mean():
         note = f"edge {lengths.argmin()} is to be so short that rounding of coordinates hides it: lengthen it"
         return Solution(_unknown(network), Status.stalled, Stats("conic", details={"note": note}))
@@ -89,7 +89,7 @@ def _by_cone(manifold: CriticalManifold, lengths: Array) -> Solution[CriticalCon
         elif not cone.solved:
             return Solution(_unknown(network), Status.stalled, Stats("conic", iterations))
         stressed, polished, value, error, steps = _polish_stressed(
-            manifold, saddle, lengths, guess, cone.coordinates, cone.sigma, rounds
+            manifold, lengths, guess, cone.coordinates, cone.sigma, rounds
         )
         if error < _FITTED and (stressed.all() or tolerance < _STARTS_NEWTON):
             break
@@ -105,7 +105,7 @@ def _by_cone(manifold: CriticalManifold, lengths: Array) -> Solution[CriticalCon
     if not error < _FITTED:
         value, status = _unknown(network), Status.stalled
     elif status is Status.ok:
-        bound = 2 * distance(saddle, network, lengths, value.coordinates, value.sigma)
+        bound = 2 * distance(manifold.saddle, network, lengths, value.coordinates, value.sigma)
     stats = Stats("conic", iterations, iterations + steps, error, details, condition, bound)
     return Solution(value, status, stats)
 
@@ -119,7 +119,6 @@ def _unknown(network: Network) -> CriticalConfiguration:
 
 def _polish_stressed(
     manifold: CriticalManifold,
-    saddle: LengthSaddle,
     lengths: Array,
     stressed: NDArray[np.bool_],
     coordinates: Array,
@@ -135,14 +134,14 @@ def _polish_stressed(
         candidate = _without_hanging(network, candidate)
         try:
             if candidate.all():
-                part, steps_of, vertices = manifold, saddle, np.arange(network.n_vertices)
+                part, vertices = manifold, np.arange(network.n_vertices)
             else:
                 cut, vertices = network.part(candidate)
-                part, steps_of = CriticalManifold(cut), LengthSaddle(cut)
+                part = CriticalManifold(cut)
             # A part without pins is grounded at its own first vertex; carry it back to where that vertex was.
             origin = 0.0 if network.pins else coordinates[vertices[0]]
             start = coordinates[vertices] - origin
-            _, s, error, steps = polish(steps_of, part.network, lengths[candidate], start, sigma[candidate])
+            _, s, error, steps = polish(part.saddle, part.network, lengths[candidate], start, sigma[candidate])
             taken += steps
             weak = s <= NO_STRESS * s.mean()
             if error < _FITTED and not weak.any():

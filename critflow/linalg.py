@@ -194,6 +194,31 @@ class Saddle:
         n_coordinates = forces.size
         return solution[:n_coordinates].reshape(self._shape), solution[n_coordinates:] / self._divisor, best
 
+    def solve_bordered(self, forces: Array, elongations: Array, target: Array) -> tuple[Array, Array]:
+        """Solve P u + Rᵀ λ = forces (n_free, d), R u − μ t = elongations (N_b,), tᵀ λ = 0 for u and λ.
+
+        These are Newton's steps to lengths in the ratios of a target t (N_b,).  Off their end R has no left null
+        vector, only one that nearly is; the factor μ of the target is then what keeps the system well-conditioned.
+        """
+        border = np.concatenate([np.zeros(forces.size), -target / self._divisor])
+        right = np.concatenate([forces.ravel(), elongations / self._divisor])
+        through = self._factor.solve(border)
+        solution, ratio, best = np.zeros_like(right), 0.0, np.inf
+        residual, rest = right, 0.0
+        for _ in range(30):
+            change = self._factor.solve(residual)
+            change_of_ratio = float((border @ change - rest) / (border @ through))
+            trial, trial_ratio = solution + change - change_of_ratio * through, ratio + change_of_ratio
+            residual = right - self._factor.multiply(trial) + self._shift * trial - trial_ratio * border
+            rest = -float(border @ trial)
+            error = float(np.max(np.abs(residual) / self._scale))
+            if not error < 0.9 * best:
+                break
+            solution, ratio, best = trial, trial_ratio, error
+            if error < 1e-15:
+                break
+        return solution[: forces.size].reshape(forces.shape), solution[forces.size :] / self._divisor
+
 
 def _divisors(length: Array) -> Array:
     """What the rows of R are divided by; that of an edge without length is zero anyway."""

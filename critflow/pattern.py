@@ -54,6 +54,8 @@ class FixedPattern:
         )
         self._gather.sum_duplicates()
         self._matrix = sp.csc_matrix((np.zeros(len(rows)), rows, _starts(cols, size)), shape=(size, size))
+        # A view of the same numbers; making one takes longer than a product of small matrices.
+        self._transposed = self._matrix.T
         # The diagonal ends each column of an upper triangle.
         self._diagonal = self._matrix.indptr[1:] - 1
         self.backend = choose_backend(backend, len(rows))
@@ -136,7 +138,8 @@ class Factor:
 
     def multiply(self, x: Array) -> Array:
         """A x, with the matrix that was factorised."""
-        return multiply(self._current()._matrix, x)
+        owner = self._current()
+        return multiply(owner._matrix, owner._transposed, x)
 
     @property
     def pivots(self) -> Array:

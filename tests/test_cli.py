@@ -274,3 +274,10 @@ def _read(driver):
         return os.read(driver, 4096)
     except OSError:  # what Linux answers when the other end of a terminal is closed
         return b""
+
+
+def test_the_module_is_the_command(tmp_path):
+    words = [sys.executable, "-m", "critflow", "run", TINY, "--out", str(tmp_path / "out"), "--workers", "1"]
+    told = subprocess.run(words, capture_output=True, text=True, timeout=100)
+    assert told.returncode == 0, told.stderr
+    assert (tmp_path / "out" / "tiny.nc").exists()

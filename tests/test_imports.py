@@ -11,7 +11,12 @@ ROOT = Path(critflow.__file__).parent
 SOURCES = {
     ".".join(["critflow", *path.relative_to(ROOT).with_suffix("").parts]): path for path in sorted(ROOT.rglob("*.py"))
 }
-PHYSICS = {name for name in SOURCES if name.count(".") == 1} - {"critflow.cli", "critflow.plot", "critflow.__init__"}
+PHYSICS = {name for name in SOURCES if name.count(".") == 1} - {
+    "critflow.cli",
+    "critflow.plot",
+    "critflow.__init__",
+    "critflow.__main__",
+}
 HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer", "rich"}
 ALLOWED = {"__future__", "abc", "collections", "copy", "dataclasses", "enum", "functools", "itertools", "typing"}
 # What the modules that talk to solvers may import besides; MKL is a library of C, found on the disk.

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state, voronoi_network
-from critflow.cone import LengthSaddle, fit_lengths, polish
+from critflow.cone import fit_lengths, polish
 from critflow.extended import Extended, ExtendedGeometry, add, divide, extended, multiply, subtract
 from critflow.workflow import stable_rng
 
@@ -88,7 +88,7 @@ def _problem(n_vertices: int, seed: int):
 
 def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
     manifold, lengths, best = _problem(n_vertices, seed)
-    network, judge, saddle = manifold.network, _judge(best), LengthSaddle(manifold.network)
+    network, judge, saddle = manifold.network, _judge(best), manifold.saddle
 
     def auto(level):
         solution = critical_from_lengths(manifold, lengths, throw=False)
