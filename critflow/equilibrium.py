@@ -26,6 +26,8 @@ _COLLAPSING = 1e-3
 # Most steps of the methods.
 _NEWTON_STEPS, _FIRE_STEPS = 200, 200_000
 
+# Newton's steps go at least so far: a correction then leads to the exact equilibrium, and one from further away fails.
+_NEAR = 1e-8
 # Where an answer is too rough for its error to be known, it is refined by such a factor, down to rounding.
 _FINER, _FINEST = 1e-3, 1e-14
 
@@ -73,6 +75,7 @@ def relaxed(
         stats = Stats(method, details={"note": "an edge is longer than its law lets it be: take smaller strain steps"})
         solution = Solution(state, Status.stalled, stats)
     elif method == "newton":
+        tolerance = min(tolerance, _NEAR)
         solution, factor = _newton(state, tolerance, _NEWTON_STEPS if max_steps is None else max_steps, pattern)
     else:
         most = _FIRE_STEPS if max_steps is None else max_steps

@@ -130,22 +130,24 @@ def test_the_front_is_what_no_point_beats():
     ],
 )
 def test_how_far_one_is_behind_another(own, rival, ratios):
-    found, _ = report.behind([curve("own", own)], [curve("rival", rival, own=False)])
+    found, _ = report.behind([curve("own", own)], [curve("rival", rival, own=False)], 1e-2)
     np.testing.assert_allclose(found, ratios, rtol=1e-12)
 
 
 def test_who_was_not_asked_for_more_is_not_behind():
     rival = curve("rival", [(3, 1e-5), (4, 1e-15)], own=False)
     for cut, ratios in ((False, [1 / 3, np.inf]), (True, [1 / 3])):
-        found, points = report.behind([curve("own", [(1, 1e-9)], cut=cut)], [rival])
+        found, points = report.behind([curve("own", [(1, 1e-9)], cut=cut)], [rival], 1e-2)
         np.testing.assert_allclose(found, ratios, rtol=1e-12)
         assert [n for _, n in points] == [0, 1][: len(ratios)]
 
 
 def test_a_choice_is_measured_at_every_accuracy_that_it_reaches():
     chosen, other = curve("auto", [(4, 1e-12)]), curve("lbfgs", [(1, 1e-4), (3, 1e-7), (9, 1e-15)])
-    assert report.detour(chosen, [chosen, other]) == 4.0
-    assert report.detour(other, [chosen, other]) == pytest.approx(9 / 4)
+    assert report.detour(chosen, [chosen, other], 1e-2) == 4.0
+    assert report.detour(other, [chosen, other], 1e-2) == pytest.approx(9 / 4)
+    # What is of no use is not waited for.
+    assert report.detour(chosen, [chosen, other], 1e-6) == pytest.approx(4 / 3)
     assert report.gain(chosen, other) == 0.0
     assert report.gain(other, chosen) == pytest.approx(4 / 9)
 

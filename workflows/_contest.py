@@ -61,6 +61,7 @@ class Task:
     default      the contestant that is critflow called without choosing anything, the one to lie on the front
     contestants  (n_vertices, seed) -> those that take part at a size, with problem and reference in their closures;
                  the reference is at least 1,000 times better than the best of them
+    useful       with a larger error an answer is none
     """
 
     word: str
@@ -70,6 +71,7 @@ class Task:
     names: tuple[str, ...]
     default: str
     contestants: Callable[[int, int], Sequence[Contestant]]
+    useful: float = 1e-2
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,6 @@ from critflow.workflow import Claim
 from ._contests import TASKS
 
 DIGIT = 10.0
-# With a larger error an answer is none.
-USEFUL = 1e-2
 # Times closer than this are the same.
 SAME = 1.1
 MAIN_SIZE = 1_000
@@ -80,13 +78,13 @@ def as_accurate(curve_list, error):
     return max(error, DIGIT * best) if best <= DIGIT * error else error
 
 
-def behind(some, others):
+def behind(some, others, useful):
     """How many times longer some methods take than others for what is on the front of these: (ratios, its places).
 
-    The places are (method, point).  Errors that are no use do not count, nor those that nobody may have asked of these
+    The places are (method, point).  Errors above `useful` do not count, nor those that nobody may have asked of these
     methods, because some were cut.
     """
-    points = [(c, n) for c in others for n in range(len(c.errors)) if c.errors[n] < USEFUL]
+    points = [(c, n) for c in others for n in range(len(c.errors)) if c.errors[n] < useful]
     if not points:
         return np.empty(0), []
     seconds, errors = (np.array([getattr(c, part)[n] for c, n in points]) for part in ("seconds", "errors"))
@@ -102,9 +100,9 @@ def gain(default, rival):
     return float(rival.seconds[best] / time_to([default], as_accurate([default], rival.errors[best])))
 
 
-def detour(default, everyone):
+def detour(default, everyone, useful):
     """Largest of how many times longer the default takes than the fastest of all, for any accuracy that it reaches."""
-    ratios, _ = behind([default], everyone)
+    ratios, _ = behind([default], everyone, useful)
     return float(ratios[np.isfinite(ratios)].max(initial=1.0))
 
 
@@ -168,7 +166,7 @@ def all_sizes_figure(ds):
             _chart(axes, all_curves, default, labels=column == 0)
             if column == 0:
                 axes.set_ylabel(word.replace("_", " "), fontsize=9)
-            factor = detour(default, all_curves) if default else np.nan
+            factor = detour(default, all_curves, TASKS[word].useful) if default else np.nan
             chosen = f"{default.name}: {factor:.2g} × the front" if default else ""
             axes.set_title(f"$N_v$ = {size:,}    {chosen}", fontsize=8.5, loc="left")
     _explain(figure)
@@ -274,7 +272,11 @@ def claims(ds):
         of_task = [(size, all_curves, default) for w, size, all_curves, default in everything if w == word]
         if of_task:
             yield _against_peers(ds, word, of_task)
-    worst = [(detour(default, all_curves), word, size) for word, size, all_curves, default in everything if default]
+    worst = [
+        (detour(default, all_curves, TASKS[word].useful), word, size)
+        for word, size, all_curves, default in everything
+        if default
+    ]
     if worst:
         off = sorted((entry for entry in worst if entry[0] > SAME), reverse=True)
         value = f"{len(worst) - len(off)} of {len(worst)} charts; at worst {_place(max(worst))}"
@@ -295,7 +297,7 @@ def _against_peers(ds, word, of_task):
     for size, all_curves, _ in of_task:
         own = [curve for curve in all_curves if curve.own]
         for rival in (curve for curve in all_curves if not curve.own):
-            ratios, points = behind(own, [rival])
+            ratios, points = behind(own, [rival], TASKS[word].useful)
             nearest = max(nearest, (float(ratios.max(initial=0.0)), f"{rival.name} at N_v = {size:,}"))
             if ratios.max(initial=0.0) > SAME:
                 n = points[int(ratios.argmax())][1]
@@ -344,7 +346,7 @@ def summary(ds):
         table = {"front": [[str(names[n]), _short(seconds[n]), _short(errors[n])] for n in front]}
         if default:
             table["auto"] = [[_short(t), _short(e)] for t, e in zip(default.seconds, default.errors, strict=True)]
-            table["auto_over_front"] = _short(detour(default, all_curves))
+            table["auto_over_front"] = _short(detour(default, all_curves, TASKS[word].useful))
             table["gain"] = {c.name: _short(gain(default, c)) for c in all_curves if c is not default}
         tables.setdefault(word, {})[str(size)] = table
     codes, numbers = np.unique(ds.outcome.values, return_counts=True)
