@@ -53,6 +53,7 @@ def check(parameters, axes):
 
 study = Study(
     name="ensemble",
+    version=2,
     title="Populations of critical configurations, strained past the rigidity transition",
     references="Hain, Santangelo and Manning, Optimizing properties on the critical rigidity manifold of "
     "underconstrained central-force networks (arXiv:2407.13939)",

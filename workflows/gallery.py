@@ -213,6 +213,7 @@ def table():
 
 study = Study(
     name="gallery",
+    version=2,
     title="One network in thirteen critical configurations",
     references="Hain, Santangelo and Manning, Optimizing properties on the critical rigidity manifold of "
     "underconstrained central-force networks (arXiv:2407.13939), figure `Networks`",

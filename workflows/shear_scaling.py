@@ -69,6 +69,7 @@ EACH = ("n_vertices", "seed")
 
 study = Study(
     name="shear_scaling",
+    version=2,
     title="The shear modulus at the transition against size, threshold and number of starts",
     references="Hain, Santangelo and Manning, arXiv:2407.13939, figure ShearModulusScaling",
     axes=(

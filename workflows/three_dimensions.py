@@ -67,6 +67,7 @@ def check(parameters, axes):
 
 study = Study(
     name="three_dimensions",
+    version=2,
     title="Populations of critical configurations in three dimensions, strained past the rigidity transition",
     references="Hain, Santangelo and Manning, Optimizing properties on the critical rigidity manifold of "
     "underconstrained central-force networks (arXiv:2407.13939), whose networks are planar",
