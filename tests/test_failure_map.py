@@ -270,7 +270,8 @@ def test_an_optimum_that_is_none_is_found_out(monkeypatch):
 def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("failures")
     settings = (
-        "difficulties=percolation,near_singular,small_strain,extra_edges", "seeds=0:1", "n_vertices=12", "n_steps=4",
+        "difficulties=percolation,near_singular,small_strain,extra_edges,stress_spread", "seeds=0:1", "n_vertices=12",
+        "n_steps=4", "timed_vertices=40",
         "quantities=configuration,transition_moduli,rigidity,equilibrium_newton,shear_modulus_auto", "sizes=20,40",
         "networks=3,2", "spreads=0.02,0.1,0.5",
     )  # fmt: skip
@@ -282,13 +283,13 @@ def small(tmp_path_factory):
 
 def test_the_study_writes_its_figures_and_claims(small):
     dataset, folder = small
-    for name in ("failure_map", "error_bounds", "percolation"):
-        assert (folder / "figures" / f"{name}.png").stat().st_size > 20_000
+    for name in ("failure_map", "error_bounds", "assembly", "percolation"):
+        assert (folder / "figures" / f"{name}.png").stat().st_size > 10_000
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
     wrong = int((dataset.outcome == Outcome.violation).sum())
     assert claims["violations"]["value"].startswith(f"{wrong} of ")
     assert claims["violations"]["verdict"] == ("differs" if wrong else "holds")
-    assert {"bounds", "answered", "percolation-threshold", "percolation-size"} <= set(claims)
+    assert {"bounds", "answered", "assembly", "percolation-threshold", "percolation-size"} <= set(claims)
     assert json.loads((folder / "summary.json").read_text())["violations"] == wrong
 
 
@@ -305,6 +306,21 @@ def test_every_point_that_was_asked_has_an_outcome(small):
     assert (curve.networks_solved.values == [[3], [2]]).all()
     assert (curve.percolating.sel(spread=0.02) == 1).all()
     assert (curve.stressed_fraction.sel(spread=0.5) < 1).all()
+
+
+def test_assemblies_are_compared_where_stresses_are_far_apart(small):
+    dataset, _ = small
+    error = dataset.assembly_error.sel(seed=0, difficulty="stress_spread")
+    assert (error.sel(assembly="without subtraction") < 1e-14).all()
+    refined, plain = error.sel(assembly="refined factor").values, error.sel(assembly="plain factor").values
+    assert (refined[~np.isnan(refined)] < 1e-15).all()
+    assert np.isnan(refined).tolist() == [False, False, False, True]
+    assert plain[0] < 1e-14 and plain[2] > 1e-6
+    assert dataset.assembly_error.sel(difficulty="small_strain").isnull().all()
+    (claim,) = (claim for claim in report.claims(dataset) if claim.key == "assembly")
+    strengths = dataset.strength.sel(difficulty="stress_spread").values
+    assert f"right to p = {strengths[3]:g}, a refined factor to p = {strengths[2]:g}" in claim.value
+    assert f"silently wrong from p = {strengths[2]:g};" in claim.value
 
 
 def test_a_fabricated_violation_is_counted(small):
@@ -338,6 +354,7 @@ def test_the_half_point_and_its_power_are_recovered():
     "setting, sentence",
     [
         ("quantities=colour", "no quantity"),
+        ("assemblies=none", "no assembly"),
         ("difficulties=smalest", "did you mean 'smallest'"),
         ("networks=3", "every one of `sizes`"),
         ("n_steps=1", "at least 2"),

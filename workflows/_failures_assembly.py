@@ -8,11 +8,52 @@ others, and no condition number magnifies the rounding.  It is dense, n³ operat
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow import Network
+from critflow import CriticalManifold, Network
 from critflow.network import Array
+
+from . import _failures_reference as reference
+
+# Difficulties of positive stresses, and the ways to solve for their configurations.
+DIFFICULT = ("stress_spread", "faint_edge", "faint_cut", "short_edge")
+ASSEMBLIES = ("plain factor", "refined factor", "without subtraction")
+_REPEATS = 5
+
+
+def errors(problem, assemblies):
+    """Largest coordinate error of each assembly, relative to the largest coordinate; NaN where no answer is given."""
+    exact, found = problem.exact.coordinates, []
+    for name in assemblies:
+        with np.errstate(all="ignore"):
+            x = _SOLVERS[name](problem.manifold, problem.sigma)
+        known = np.isfinite(x).all()
+        found.append(reference.distance(x, exact, moved=True) / reference.largest(exact) if known else np.nan)
+    return found
+
+
+def seconds(network, assemblies):
+    """Median time of each assembly for a network."""
+    manifold, sigma = CriticalManifold(network), np.ones(network.n_edges)
+    times = np.empty((_REPEATS, len(assemblies)))
+    for row in times:
+        for place, name in enumerate(assemblies):
+            start = time.perf_counter()
+            _SOLVERS[name](manifold, sigma)
+            row[place] = time.perf_counter() - start
+    return np.median(times, axis=0)
+
+
+def _plain(manifold, sigma):
+    return manifold.network.all_coordinates(manifold.balance(sigma)[0])
+
+
+def _refined(manifold, sigma):
+    """What the library does; NaN where its status says why not."""
+    return manifold.solve(sigma).value.coordinates
 
 
 def subtraction_free_solve(network: Network, sigma: ArrayLike) -> Array:
@@ -47,3 +88,12 @@ def subtraction_free_solve(network: Network, sigma: ArrayLike) -> Array:
         rest = slice(k + 1, n + 1)
         x[k] = (stress[k, rest] / total[k]) @ (x[rest] + offset[k, rest])
     return network.all_coordinates(x[:n])
+
+
+_SOLVERS = dict(
+    zip(
+        ASSEMBLIES,
+        (_plain, _refined, lambda manifold, sigma: subtraction_free_solve(manifold.network, sigma)),
+        strict=True,
+    )
+)

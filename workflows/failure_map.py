@@ -12,7 +12,8 @@ from critflow import Status, StudyError, voronoi_network
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ._checks import check_network
-from ._failure_map_report import bound_figure, claims, map_figure, percolation_figure, summary
+from ._failure_map_report import assembly_figure, bound_figure, claims, map_figure, percolation_figure, summary
+from ._failures_assembly import ASSEMBLIES, DIFFICULT, errors, seconds
 from ._failures_judge import Outcome, Violation
 from ._failures_percolation import percolation
 from ._failures_problems import DIFFICULTIES, QUANTITIES
@@ -29,6 +30,8 @@ def case(parameters, *, difficulty, seed):
     strength, error, bound = np.full(n_steps, np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
     outcome, violation = np.zeros(shape, int), np.zeros(shape, int)
     status = np.full(shape, int(Status.missing))
+    assemblies = parameters["assemblies"]
+    assembly_error, assembly_seconds = np.full((len(assemblies), n_steps), np.nan), np.full(len(assemblies), np.nan)
     curve = np.zeros((len(sizes), len(spreads)), int), *np.full((2, len(sizes), len(spreads)), np.nan)
     if difficulty == PERCOLATION:
         curve = percolation(sizes, spreads, parameters["networks"], seed)
@@ -44,6 +47,11 @@ def case(parameters, *, difficulty, seed):
                 error[row, step], bound[row, step] = judgement.error, judgement.bound
                 outcome[row, step], violation[row, step] = judgement.outcome, judgement.violation
                 status[row, step] = judgement.status
+        if difficulty in DIFFICULT:
+            for step, value in enumerate(strengths):
+                problem = DIFFICULTIES[difficulty].problem(value, seed, parameters["n_vertices"])
+                assembly_error[:, step] = errors(problem, assemblies)
+            assembly_seconds[:] = seconds(voronoi_network(parameters["timed_vertices"], seed), assemblies)
     return {
         "status": Status.ok,
         "strength": strength,
@@ -52,6 +60,8 @@ def case(parameters, *, difficulty, seed):
         "outcome": outcome,
         "violation": violation,
         "answer_status": status,
+        "assembly_error": assembly_error,
+        "assembly_seconds": assembly_seconds,
         "networks_solved": curve[0],
         "percolating": curve[1],
         "stressed_fraction": curve[2],
@@ -73,7 +83,9 @@ def check(parameters, axes):
         raise StudyError("every one of `sizes` needs a number of `networks` of at least 1")
     if parameters["n_steps"] < 2:
         raise StudyError(f"n_steps={parameters['n_steps']} must be at least 2")
-    for n_vertices in (parameters["n_vertices"], *parameters["sizes"]):
+    if unknown := sorted(set(parameters["assemblies"]) - set(ASSEMBLIES)):
+        raise StudyError(f"there is no assembly {unknown[0]!r}: choose among {', '.join(ASSEMBLIES)}")
+    for n_vertices in (parameters["n_vertices"], parameters["timed_vertices"], *parameters["sizes"]):
         check_network(voronoi_network, n_vertices, axes["seed"][0], 0.82)
 
 
@@ -89,6 +101,8 @@ study = Study(
     ),
     parameters={
         "quantities": QUANTITIES,
+        "assemblies": ASSEMBLIES,
+        "timed_vertices": 256,
         "n_vertices": 16,
         "n_steps": 16,
         "sizes": (50, 100, 200, 400, 1000),
@@ -97,6 +111,7 @@ study = Study(
     },
     coordinates=(
         Coordinate("quantity", "quantities", "what is asked, and of which method"),
+        Coordinate("assembly", "assemblies", "way to solve for a configuration of positive stress"),
         Coordinate("size", "sizes", "number of vertices of the percolation curve"),
         Coordinate("spread", "spreads", "spread s of the rest lengths of the percolation curve"),
     ),
@@ -109,12 +124,31 @@ study = Study(
         Variable("outcome", POINT, "i1", long_name="what became of the point", flags=Outcome),
         Variable("violation", POINT, "i1", long_name="what is wrong about a silent wrong answer", flags=Violation),
         Variable("answer_status", POINT, "i1", long_name="status of the answer", flags=Status),
+        Variable(
+            "assembly_error",
+            ("difficulty", "seed", "assembly", "step"),
+            "f8",
+            long_name="largest coordinate error of a configuration, relative to the largest coordinate",
+        ),
+        Variable(
+            "assembly_seconds",
+            ("difficulty", "seed", "assembly"),
+            "f8",
+            units="s",
+            volatile=True,
+            long_name="median time of a configuration of `timed_vertices` vertices",
+        ),
         Variable("networks_solved", CURVE, "i4", long_name="networks of the percolation curve"),
         Variable("percolating", CURVE, "f8", long_name="part of the networks with every edge stressed"),
         Variable("stressed_fraction", CURVE, "f8", long_name="mean part of the edges that are stressed"),
         Variable("status", ("difficulty", "seed"), "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={"failure_map": map_figure, "error_bounds": bound_figure, "percolation": percolation_figure},
+    figures={
+        "failure_map": map_figure,
+        "error_bounds": bound_figure,
+        "assembly": assembly_figure,
+        "percolation": percolation_figure,
+    },
     claims=claims,
     summary=summary,
 )
