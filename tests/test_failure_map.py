@@ -36,8 +36,8 @@ def beside(ending):
 
 
 reference, judge = beside("_failures_reference"), beside("_failures_judge")
-problems, questions, report = (
-    beside(name) for name in ("_failures_problems", "_failures_questions", "_failure_map_report")
+problems, questions, report, percolation = (
+    beside(name) for name in ("_failures_problems", "_failures_questions", "_failure_map_report", "_percolation_report")
 )
 Outcome, Violation = judge.Outcome, judge.Violation
 
@@ -343,11 +343,11 @@ def test_the_half_point_and_its_power_are_recovered():
     spreads, sizes = np.linspace(0.05, 0.5, 46), np.array([50, 500])
     half = 0.8 * sizes**-0.25
     full = np.exp(-np.log(2) * (spreads / half[:, None]) ** 4)
-    found = np.array([report.half_point(spreads, row) for row in full])
+    found = np.array([percolation.half_point(spreads, row) for row in full])
     np.testing.assert_allclose(found, half, atol=1e-3)
-    assert report.threshold_power(sizes, half) == pytest.approx(-0.25, rel=1e-12)
-    assert np.isnan(report.half_point(spreads, np.ones(46)))
-    assert np.isnan(report.threshold_power(sizes, np.array([0.2, np.nan])))
+    assert percolation.threshold_power(sizes, half) == pytest.approx(-0.25, rel=1e-12)
+    assert np.isnan(percolation.half_point(spreads, np.ones(46)))
+    assert np.isnan(percolation.threshold_power(sizes, np.array([0.2, np.nan])))
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,13 @@ from critflow import Status, StudyError, voronoi_network
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ._checks import check_network
-from ._failure_map_report import assembly_figure, bound_figure, claims, map_figure, percolation_figure, summary
+from ._failure_map_report import assembly_figure, bound_figure, claims, map_figure, summary
 from ._failures_assembly import ASSEMBLIES, DIFFICULT, errors, seconds
 from ._failures_judge import Outcome, Violation
 from ._failures_percolation import percolation
 from ._failures_problems import DIFFICULTIES, QUANTITIES
 from ._failures_questions import asked
+from ._percolation_report import percolation_figure
 
 PERCOLATION = "percolation"
 
