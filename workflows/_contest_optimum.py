@@ -36,7 +36,7 @@ from ._contest import Contestant, Task, Verdict, installed, peer
 
 SIZES = (100, 1_000, 10_000)
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
-# Where runs are short, so many tolerances that what lies between two of them does not matter.
+# Where runs are short, and for gradients alone, so many tolerances that what lies between two of them does not matter.
 FINE = (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, *(10.0**-n for n in range(7, 15)))
 SHORT = 1_000
 CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
@@ -164,13 +164,13 @@ def _contestants(n_vertices: int, seed: int, word: str, pinned: bool = False) ->
     if word == "bulk_modulus":
         start = np.exp(0.5 * stable_rng(seed, "contest", "start").standard_normal(len(start)))
     judge, landscape = _judge(manifold, word), _Landscape(manifold, word)
-    descents = FINE if n_vertices <= SHORT else TOLERANCES
+    curved = FINE if n_vertices <= SHORT else TOLERANCES
     # A closed form has one accuracy.
-    chosen = (1e-12,) if word == "bulk_modulus" else descents
+    chosen = (1e-12,) if word == "bulk_modulus" else FINE
     own = [
         Contestant("auto", _by_critflow(manifold, word, "auto", None), judge, chosen),
-        Contestant("newton", _by_critflow(manifold, word, "newton", start), judge, descents),
-        Contestant("lbfgs", _by_critflow(manifold, word, "lbfgs", start), judge, descents),
+        Contestant("newton", _by_critflow(manifold, word, "newton", start), judge, curved),
+        Contestant("lbfgs", _by_critflow(manifold, word, "lbfgs", start), judge, FINE),
         Contestant("fire", _by_fire(manifold, word, start), judge, STEPS),
     ]
     if word == "length_variance":
@@ -178,12 +178,12 @@ def _contestants(n_vertices: int, seed: int, word: str, pinned: bool = False) ->
     lbfgs = _by_scipy(landscape.at, start, "L-BFGS-B")
     krylov = _by_scipy(landscape.at, start, "trust-krylov", landscape.curvature)
     peers = [
-        Contestant("SciPy L-BFGS-B", lbfgs, judge, descents, "scipy"),
-        Contestant("SciPy trust-krylov", krylov, judge, descents, "scipy"),
+        Contestant("SciPy L-BFGS-B", lbfgs, judge, FINE, "scipy"),
+        Contestant("SciPy trust-krylov", krylov, judge, curved, "scipy"),
     ]
     if pinned:
         run = _by_jax(manifold.network, word, start) if installed("jax-fdm") else _absent
-        peers.append(Contestant("jax_fdm", run, judge, descents, "jax-fdm"))
+        peers.append(Contestant("jax_fdm", run, judge, FINE, "jax-fdm"))
     return [*own, *peers]
 
 

@@ -1,8 +1,7 @@
 """Charts, claims and summary of speed against accuracy, read off the dataset; titles come from the tasks.
 
 A method is as accurate as another whose error is not larger.  At the last digit errors are luck: those within a factor
-`DIGIT` of the least that a method or a library reaches are its last digit, and as good as whatever is no better by more
-than a digit.
+`DIGIT` of the least that a method reaches are its last digit, as good as whatever is no better by more than a digit.
 """
 
 from __future__ import annotations
@@ -66,16 +65,16 @@ def pareto_front(seconds, errors):
     return order[errors[order] < least]
 
 
+def reaches(curve, error):
+    """Which points of a method are as accurate as this, its last digit forgiven."""
+    last = (curve.errors <= DIGIT * curve.errors.min()) & (curve.errors <= DIGIT * error)
+    return (curve.errors <= error) | last
+
+
 def time_to(curve_list, error):
     """Least time of any of these methods for an error not above this, or infinity."""
-    times = [curve.seconds[curve.errors <= error] for curve in curve_list]
+    times = [curve.seconds[reaches(curve, error)] for curve in curve_list]
     return min((float(t.min()) for t in times if len(t)), default=np.inf)
-
-
-def as_accurate(curve_list, error):
-    """The largest error of these methods that counts as this one: larger than it only where it is their last digit."""
-    best = min((float(curve.errors.min()) for curve in curve_list), default=np.inf)
-    return max(error, DIGIT * best) if best <= DIGIT * error else error
 
 
 def behind(some, others, useful):
@@ -89,7 +88,7 @@ def behind(some, others, useful):
         return np.empty(0), []
     seconds, errors = (np.array([getattr(c, part)[n] for c, n in points]) for part in ("seconds", "errors"))
     front = pareto_front(seconds, errors)
-    ratios = np.array([time_to(some, as_accurate(some, errors[n])) / seconds[n] for n in front])
+    ratios = np.array([time_to(some, errors[n]) / seconds[n] for n in front])
     asked = np.isfinite(ratios) | (not any(curve.cut for curve in some))
     return ratios[asked], [points[n] for n in front[asked]]
 
@@ -97,7 +96,7 @@ def behind(some, others, useful):
 def gain(default, rival):
     """How many times longer a rival takes for its best accuracy than the default for the same or a better one."""
     best = int(np.argmin(rival.errors))
-    return float(rival.seconds[best] / time_to([default], as_accurate([default], rival.errors[best])))
+    return float(rival.seconds[best] / time_to([default], rival.errors[best]))
 
 
 def detour(default, everyone, useful):
