@@ -238,7 +238,7 @@ def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("speed")
     words = [
         "tasks=configuration,gradient,length_variance,tension_variance,bulk_modulus,rest_lengths,length_variance_pinned",
-        "n_vertices=40,2000000", f"contestants={','.join(ASKED)}", "levels=0,3,6,9",
+        "n_vertices=40,2000000", f"contestants={','.join(ASKED)}", "levels=0,3,7,10",
         "repeats=1", "budget=0.01",
     ]  # fmt: skip
     settings = [part for word in words for part in ("--set", word)]

@@ -37,7 +37,7 @@ from ._contest import Contestant, Task, Verdict, installed, peer
 SIZES = (100, 1_000, 10_000)
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 # Where runs are short, and for gradients alone, so many tolerances that what lies between two of them does not matter.
-FINE = (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, *(10.0**-n for n in range(7, 15)))
+FINE = (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, *(10.0**-n for n in range(7, 15)))
 SHORT = 1_000
 CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 STEPS = (30.0, 100.0, 300.0, 1_000.0, 3_000.0, 10_000.0)

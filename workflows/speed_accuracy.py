@@ -122,7 +122,7 @@ study = Study(
     ),
     parameters={
         "contestants": CONTESTANTS,
-        "levels": tuple(range(13)),
+        "levels": tuple(range(14)),
         "repeats": 15,
         "patience": 1.5,
         "budget": 10.0,
