@@ -140,7 +140,8 @@ def run(
         f"{len(values)} {axis.key}" for axis, values in zip(loaded.study.axes, selection.axes.values(), strict=True)
     )
     if dry_run:
-        todo, damage, _ = engine.missing_cases(selection, folder, retry_failed=retry_failed)
+        todo, damage, failed = engine.missing_cases(selection, folder)
+        todo |= failed if retry_failed else set()
         for line in damage:
             print("critflow:", line, file=sys.stderr)
         cases = f"{len(todo)} of {len(selection.cases())} cases to compute"

@@ -80,7 +80,7 @@ def deaths(run: str, shards: Path, case_ids: Iterable[str]) -> dict[str, list[De
     for path in sorted((shards / _FOLDER).glob(f"{run}-*")):
         first, _, stack = path.read_text(encoding="utf-8", errors="replace").partition("\n")
         for case_id in wanted.intersection(names := tuple(first.split())):
-            found.setdefault(case_id, []).append(Death(names, _reason(stack), stack))
+            found.setdefault(case_id, []).append(Death(names, _reason(stack), _of_cases(stack)))
     return found
 
 
@@ -118,3 +118,13 @@ def _reason(stack: str) -> str:
     if stack:
         return "was ended from outside, as for taking more memory than its worker may"
     return "ended its worker process without a word: out of memory, or an exit in compiled code"
+
+
+def _of_cases(stack: str) -> str:
+    """The threads that compute cases, without those that wait for messages; all where none is known."""
+    head, *threads = stack.partition("\n\nExtension modules")[0].split("\n\n")
+    if head.startswith("Timeout"):
+        head, _, first = head.partition("\n")
+        threads = [first, *threads]
+    told = [thread for thread in threads if "in _attempted" in thread]
+    return "\n\n".join([head, *told]) if told else stack

@@ -20,7 +20,7 @@ from critflow.workflow.plan import Case
 from critflow.workflow.store import read_shard, write_shard
 from critflow.workflow.study import Study
 
-_LONGEST_ERROR = 20_000  # letters; the end says most
+_LONGEST_ERROR, _LONGEST_LINE = 20_000, 300  # letters
 _stopped: set[str] = set()  # runs that were asked to stop; a set, because workers may serve several runs
 
 
@@ -70,20 +70,27 @@ def stop(run: str) -> None:
 
 def record_failure(study: Study, shards: Path, case: Case, error: str, seconds: float = 0.0) -> Outcome:
     """Store that the case failed, and why."""
-    error = error.strip().replace("\0", "\\0").encode(errors="backslashreplace").decode()[-_LONGEST_ERROR:]
+    error = error.strip().replace("\0", "\\0").encode(errors="backslashreplace").decode()
+    if len(error) > _LONGEST_ERROR:
+        error = f"{error[: _LONGEST_ERROR // 2]}\n...\n{error[-_LONGEST_ERROR // 2 :]}"
     checksum = write_shard(shards, study, case, Status.failed, {}, error)
-    return Outcome(case.id, int(Status.failed), checksum, seconds, error.splitlines()[-1])
+    return Outcome(case.id, int(Status.failed), checksum, seconds, last_words(error))
+
+
+def last_words(error: str) -> str:
+    """What the end of a traceback says, in a line."""
+    return (error.splitlines() or [""])[-1][:_LONGEST_LINE]
 
 
 def _stored(study: Study, shards: Path, case: Case) -> Outcome | None:
-    """The case when it is done already, as after the death of the worker that had this batch before."""
+    """The case when this run did it already, as before the death of the worker that had this batch."""
     try:
         shard = read_shard(shards, study, case)
     except IntegrityError:
         return None
-    if shard is None or shard.status is Status.failed:
+    if shard is None:
         return None
-    return Outcome(case.id, int(shard.status), shard.checksum, 0.0, "")
+    return Outcome(case.id, int(shard.status), shard.checksum, 0.0, last_words(shard.error))
 
 
 def _attempted(job: Job, study: Study, shards: Path, case: Case) -> Outcome:

@@ -31,6 +31,8 @@ class Limits:
             "distributed.scheduler.allowed-failures": 0,
             # A worker that does not answer at all, as one that was stopped, is restarted.
             "distributed.scheduler.worker-ttl": f"{self.case_seconds + GRACE:.3f}s",
+            # A nanny restarts its worker as often as it dies; this would dismiss one that is not back in time.
+            "distributed.deploy.lost-worker-timeout": "365 days",
             # No array waits in a worker, so there is nothing to write to disk, and a paused worker would never go on.
             "distributed.worker.memory.target": False,
             "distributed.worker.memory.spill": False,

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from critflow.workflow.batch import last_words
 from critflow.workflow.folder import Folder
 from critflow.workflow.limits import Limits
 from critflow.workflow.load import StudyFile
@@ -30,7 +31,7 @@ def write_quarantine(
     for case in failed:
         shard = read_shard(folder.shards, selection.study, case)
         error = shard.error if shard else ""
-        reasons[case.id] = (error.splitlines() or [""])[-1]
+        reasons[case.id] = last_words(error)
         lines = [f"# {case.id}", shlex.join(command_alone(loaded, case, folder, limits)), ""]
         lines += [f"{key} = {_spelled(value)}" for key, value in {**case.values, **case.parameters}.items()]
         told.append("\n".join([*lines, "", error, ""]))

@@ -46,7 +46,7 @@ class Missing(NamedTuple):
 
     todo: set[str]  # ids of cases to compute
     damage: list[str]  # a line for each damaged one of them
-    set_aside: set[str]  # ids of cases that failed before and are not tried again
+    failed: set[str]  # ids of cases that failed before
 
 
 def run_study(
@@ -65,7 +65,11 @@ def run_study(
     with folder.held(loaded, selection):
         faults.passing("run.begun")
         attempts.forget(folder.shards)
-        todo, damage, failed = missing_cases(selection, folder, retry_failed=retry_failed)
+        todo, damage, failed = missing_cases(selection, folder)
+        if retry_failed:  # a failure that is found later is of this run, and is not tried again by it
+            for case_id in failed:
+                (folder.shards / f"{case_id}.nc").unlink()
+            todo, failed = todo | failed, set()
         faults.passing("run.planned")
         batches = [[case for case in batch if case.id in todo] for batch in selection.batches()]
         batches = [batch for batch in batches if batch]
@@ -93,8 +97,8 @@ def run_study(
     return RunResult(path, len(cases) - len(todo), reasons, report)
 
 
-def missing_cases(selection: Selection, folder: Folder, *, retry_failed: bool) -> Missing:
-    """What is not stored or damaged, and what failed, which is computed again only when that is asked for."""
+def missing_cases(selection: Selection, folder: Folder) -> Missing:
+    """What is not stored or damaged, and what failed, which is not computed again unless that is asked for."""
     todo, damage, failed = set[str](), list[str](), set[str]()
     for case in selection.cases():
         try:
@@ -106,7 +110,7 @@ def missing_cases(selection: Selection, folder: Folder, *, retry_failed: bool) -
             failed.add(case.id)
         elif status is Status.missing:
             todo.add(case.id)
-    return Missing(todo | failed, damage, set()) if retry_failed else Missing(todo, damage, failed)
+    return Missing(todo, damage, failed)
 
 
 def _compute(
