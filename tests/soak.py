@@ -6,7 +6,7 @@ Every round runs the tiny study in a new folder, in one process or with two work
 workers with SIGKILL, SIGTERM or SIGINT at a random time, resumes, kills the resumed run too in one round of four, and
 runs it to its end.  The dataset must equal that of an undisturbed run in all but its `history`, no shard that was whole
 may be computed again, and nothing partial may stay behind.  A line tells of each round; the exit code is 1 when one
-went wrong, and its folder is kept.  Not part of the test suite: 200 kills take about ten minutes on one core.
+went wrong, and its folder is kept.  Not part of the test suite: a round with workers takes some seconds.
 """
 
 import argparse
