@@ -17,6 +17,7 @@ import typer
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError, Status
 from critflow.workflow.errors import Interrupted, LockedError
 from critflow.workflow.folder import Folder
+from critflow.workflow.limits import HOUR, Limits
 from critflow.workflow.load import each_named_study, load_study
 from critflow.workflow.plan import select
 from critflow.workflow.status import folder_status, status_lines
@@ -106,6 +107,17 @@ def run(
         typer.Option(help="Worker processes; one per CPU, or what the study allows, when left out; 0 for none."),
     ] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Use the dask scheduler there.")] = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", help="Longest time of a case, in worker processes; an hour when left out."),
+    ] = None,
+    memory_limit: Annotated[
+        float | None,
+        typer.Option(metavar="GB", help="Memory of a worker process; a share of the machine's when left out."),
+    ] = None,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Compute cases again that failed before, once the cause is mended.")
+    ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be computed, and write nothing.")] = False,
 ) -> int:
     """Compute what is missing of a study, then write its dataset, figures and claims."""
@@ -115,6 +127,11 @@ def run(
     processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
     if scheduler is not None and loaded.study.workers is not None:
         raise InputError(f"--scheduler may compute many cases at a time, which disturbs {study!r}: leave it out")
+    limits = Limits(HOUR if time_limit is None else time_limit, memory_limit)
+    if processes == 0 and scheduler is None and limits != Limits():
+        raise InputError("limits hold in worker processes, and --workers 0 has none: give --workers 1")
+    if scheduler is not None and memory_limit is not None:
+        raise InputError("--memory-limit is for workers that the run starts: give it to those of the scheduler instead")
     selection = select(loaded.study, settings)
     folder = Folder(out or Path("results") / loaded.study.name)
     folder.refuse_other(loaded)
@@ -123,7 +140,8 @@ def run(
         f"{len(values)} {axis.key}" for axis, values in zip(loaded.study.axes, selection.axes.values(), strict=True)
     )
     if dry_run:
-        todo, damage = engine.missing_cases(selection, folder)
+        todo, damage, failed = engine.missing_cases(selection, folder)
+        todo |= failed if retry_failed else set()
         for line in damage:
             print("critflow:", line, file=sys.stderr)
         cases = f"{len(todo)} of {len(selection.cases())} cases to compute"
@@ -138,16 +156,19 @@ def run(
         folder,
         workers=processes,
         scheduler=scheduler,
+        limits=limits,
+        retry_failed=retry_failed,
         command=shlex.join(["critflow", "run", study, *(f"--set={word}" for word in settings)]),
     )
     print(f"{result.dataset}: {sizes}, {result.kept} of {len(selection.cases())} cases were there before")
     _print_report(folder, result.report)
     if not result.failed:
         return 0
-    for failure in result.failed[:10]:
-        print(f"  {failure.case_id}: {failure.error}", file=sys.stderr)
+    for case_id, reason in list(result.failed.items())[:10]:
+        print(f"  {case_id}: {reason}", file=sys.stderr)
     count = f"{len(result.failed)} case{'s' if len(result.failed) > 1 else ''}"
-    return _complain(f"{count} failed, all named in {folder.log}: the next run tries them again", FAILED_CASES)
+    sentence = f"{count} failed, told one by one in {folder.path / 'failed.txt'}: mend the cause and add --retry-failed"
+    return _complain(sentence, FAILED_CASES)
 
 
 @app.command("list")

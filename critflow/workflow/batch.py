@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import threading
 import time
 import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from critflow.result import IntegrityError, Status, StudyError
+from critflow.result import EnvironmentFailure, IntegrityError, Status, StudyError
+from critflow.workflow import faults
+from critflow.workflow.attempts import attempt
+from critflow.workflow.limits import Limits
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import Case
 from critflow.workflow.store import read_shard, write_shard
 from critflow.workflow.study import Study
 
+_LONGEST_ERROR, _LONGEST_LINE = 20_000, 300  # letters
 _stopped: set[str] = set()  # runs that were asked to stop; a set, because workers may serve several runs
 
 
@@ -38,6 +44,7 @@ class Job:
     shards: str
     parameters: Mapping[str, Any]
     variables: tuple[str, ...] = ()  # what is stored of each case; all where none is named
+    limits: Limits | None = None  # of a worker process; none in the process of the command
 
 
 def run_batch(job: Job, batch: Sequence[Mapping[str, int | str]]) -> list[tuple]:
@@ -51,7 +58,8 @@ def run_batch(job: Job, batch: Sequence[Mapping[str, int | str]]) -> list[tuple]
         if job.run in _stopped:
             break
         case = Case(study.name, study.version, job.parameters, values, study.selected)
-        outcomes.append(tuple(_stored(study, shards, case) or _computed(study, shards, case)))
+        outcomes.append(tuple(_stored(study, shards, case) or _attempted(job, study, shards, case)))
+    faults.passing("batch.ended")
     return outcomes
 
 
@@ -62,19 +70,36 @@ def stop(run: str) -> None:
 
 def record_failure(study: Study, shards: Path, case: Case, error: str, seconds: float = 0.0) -> Outcome:
     """Store that the case failed, and why."""
+    error = error.strip().replace("\0", "\\0").encode(errors="backslashreplace").decode()
+    if len(error) > _LONGEST_ERROR:
+        error = f"{error[: _LONGEST_ERROR // 2]}\n...\n{error[-_LONGEST_ERROR // 2 :]}"
     checksum = write_shard(shards, study, case, Status.failed, {}, error)
-    return Outcome(case.id, int(Status.failed), checksum, seconds, error.strip().splitlines()[-1])
+    return Outcome(case.id, int(Status.failed), checksum, seconds, last_words(error))
+
+
+def last_words(error: str) -> str:
+    """What the end of a traceback says, in a line."""
+    return (error.splitlines() or [""])[-1][:_LONGEST_LINE]
 
 
 def _stored(study: Study, shards: Path, case: Case) -> Outcome | None:
-    """The case when it is done already, as after the death of the worker that had this batch before."""
+    """The case when this run did it already, as before the death of the worker that had this batch."""
     try:
         shard = read_shard(shards, study, case)
     except IntegrityError:
         return None
-    if shard is None or shard.status is Status.failed:
+    if shard is None:
         return None
-    return Outcome(case.id, int(shard.status), shard.checksum, 0.0, "")
+    return Outcome(case.id, int(shard.status), shard.checksum, 0.0, last_words(shard.error))
+
+
+def _attempted(job: Job, study: Study, shards: Path, case: Case) -> Outcome:
+    watched = attempt(job.run, shards, case.id, job.limits.case_seconds) if job.limits else nullcontext()
+    with watched:
+        faults.passing("case.begun", case.id)
+        outcome = _computed(study, shards, case)
+        faults.passing("case.stored", case.id)
+    return outcome
 
 
 def _computed(study: Study, shards: Path, case: Case) -> Outcome:
@@ -82,7 +107,16 @@ def _computed(study: Study, shards: Path, case: Case) -> Outcome:
     try:
         arrays = study.computed(case.parameters, case.values)
         status = Status(int(arrays.pop("status")))
-    except (Exception, SystemExit):  # one bad case, whatever it raises, must not take the others down
+    except BaseException as error:  # one bad case, whatever it raises, must not take the others down
+        if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
+            raise  # a Ctrl-C comes nowhere else
         return record_failure(study, shards, case, traceback.format_exc(), time.perf_counter() - start)
     seconds = time.perf_counter() - start
-    return Outcome(case.id, int(status), write_shard(shards, study, case, status, arrays), seconds, "")
+    faults.passing("case.computed", case.id)
+    try:
+        checksum = write_shard(shards, study, case, status, arrays)
+    except EnvironmentFailure:
+        raise
+    except Exception:  # no room for it in memory, or in the format
+        return record_failure(study, shards, case, traceback.format_exc(), seconds)
+    return Outcome(case.id, int(status), checksum, seconds, "")

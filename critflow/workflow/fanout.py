@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
+from pathlib import Path
 from types import FrameType
 from uuid import uuid4
 
@@ -23,6 +24,8 @@ from distributed import Client, Future, KilledWorker, LocalCluster
 
 from critflow.result import EnvironmentFailure
 from critflow.workflow import batch as work
+from critflow.workflow.attempts import Watch
+from critflow.workflow.limits import Limits
 
 Batch = Sequence[Mapping[str, int | str]]
 FanOut = Callable[[Sequence[Batch]], Iterator[tuple[Batch, list[work.Outcome] | None]]]
@@ -35,9 +38,7 @@ ONE_THREAD = (
     "NUMEXPR_NUM_THREADS",
 )
 
-# Two deaths condemn a batch; its cases then get as many chances again, alone.
 _DASK = {
-    "distributed.scheduler.allowed-failures": 1,
     "distributed.worker.profile.enabled": False,
     "distributed.scheduler.http.routes": [],
     # Cases allocate and free the same arrays again and again; memory given back to the system each time costs a tenth.
@@ -83,7 +84,7 @@ def fan_out(job: work.Job, interruption: Interruption, workers: int, scheduler: 
         with _remote_client(scheduler) as client:
             yield lambda batches: _through_dask(client, job, interruption, batches)
     elif workers > 0:
-        with _local_client(workers) as client:
+        with _local_client(workers, job.limits or Limits()) as client:
             yield lambda batches: _through_dask(client, job, interruption, batches)
     else:
         yield lambda batches: ((batch, _outcomes(work.run_batch(job, batch))) for batch in batches)
@@ -104,7 +105,7 @@ def _through_dask(
         future = client.submit(work.run_batch, job, batch, key=key, pure=False)
         running[key] = future, batch
         future.add_done_callback(ended.put)
-    told = False
+    told, watch = False, Watch(job.run, Path(job.shards), (job.limits or Limits()).silence)
     while running:
         if interruption.asked and not told:
             client.run(work.stop, job.run, on_error="ignore")
@@ -112,6 +113,7 @@ def _through_dask(
         try:
             future = ended.get(timeout=0.1)  # wakes up to look at the interruption
         except queue.Empty:
+            watch.look()
             continue
         _, batch = running.pop(str(future.key))
         try:
@@ -137,13 +139,13 @@ def _remote_client(address: str) -> Iterator[Client]:
 
 
 @contextmanager
-def _local_client(workers: int) -> Iterator[Client]:
+def _local_client(workers: int, limits: Limits) -> Iterator[Client]:
     """A cluster of one-thread worker processes that listens on this machine alone."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read by the libraries when a worker imports them
     try:
-        with dask.config.set(_DASK):
-            cluster = _local_cluster(workers)
+        with dask.config.set(_DASK | limits.dask_config()):
+            cluster = _local_cluster(workers, limits)
             try:
                 with Client(cluster, set_as_default=False) as client:
                     yield client
@@ -160,13 +162,14 @@ def _local_client(workers: int) -> Iterator[Client]:
                 os.environ[name] = value
 
 
-def _local_cluster(workers: int) -> LocalCluster:
+def _local_cluster(workers: int, limits: Limits) -> LocalCluster:
     try:
         with _interrupts_held_back():
             return LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
+                memory_limit=limits.memory_limit,
                 host="127.0.0.1",
                 scheduler_kwargs=_NO_DASHBOARD,
                 silence_logs=logging.CRITICAL,

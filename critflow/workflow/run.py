@@ -5,23 +5,28 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Mapping
+from collections import Counter
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import NamedTuple
 from uuid import uuid4
 
 from critflow.result import IntegrityError, Status
-from critflow.workflow.batch import Job, Outcome, record_failure
+from critflow.workflow import attempts, faults
+from critflow.workflow.batch import Job, Outcome
 from critflow.workflow.errors import Interrupted, ReportError
 from critflow.workflow.fanout import Batch, Interruption, fan_out
 from critflow.workflow.folder import Folder
+from critflow.workflow.limits import Limits
 from critflow.workflow.load import StudyFile
 from critflow.workflow.plan import Case, Selection
 from critflow.workflow.progress import RunProgress
+from critflow.workflow.quarantine import write_quarantine
 from critflow.workflow.report import Report, write_report
 from critflow.workflow.schema import merge, write_dataset
 from critflow.workflow.store import read_status
+from critflow.workflow.supervise import supervised
 
 _RESUME = "run the same command again to resume"
 
@@ -32,8 +37,16 @@ class RunResult:
 
     dataset: Path
     kept: int  # cases that were there before
-    failed: list[Outcome]
+    failed: dict[str, str]  # now or before: ids and why
     report: Report
+
+
+class Missing(NamedTuple):
+    """What a run has to do before all is there."""
+
+    todo: set[str]  # ids of cases to compute
+    damage: list[str]  # a line for each damaged one of them
+    failed: set[str]  # ids of cases that failed before
 
 
 def run_study(
@@ -43,22 +56,36 @@ def run_study(
     *,
     workers: int,
     scheduler: str | None = None,
+    limits: Limits = Limits(),  # noqa: B008 (frozen)
+    retry_failed: bool = False,
     command: str = "",
 ) -> RunResult:
     """Compute the cases that are not stored yet, then write the dataset and all that is read off it."""
     cases = selection.cases()
     with folder.held(loaded, selection):
-        todo, damage = missing_cases(selection, folder)
+        faults.passing("run.begun")
+        attempts.forget(folder.shards)
+        todo, damage, failed = missing_cases(selection, folder)
+        if retry_failed:  # a failure that is found later is of this run, and is not tried again by it
+            for case_id in failed:
+                (folder.shards / f"{case_id}.nc").unlink()
+            todo, failed = todo | failed, set()
+        faults.passing("run.planned")
         batches = [[case for case in batch if case.id in todo] for batch in selection.batches()]
         batches = [batch for batch in batches if batch]
         with RunProgress(loaded.study.name, loaded.study.axes[0].noun, len(batches)) as progress:
             for line in damage:
                 progress.say(f"{line}: computing the case again")
-            failed: list[Outcome] = []
             if batches:
-                failed = _compute(loaded, selection, folder, batches, workers, scheduler, progress)
+                failed |= _compute(loaded, selection, folder, batches, workers, scheduler, limits, progress)
+        attempts.forget(folder.shards)
+        faults.passing("run.computed")
         path = folder.dataset(loaded.study.name)
-        write_dataset(merge(selection, folder.shards), path, command)
+        dataset = merge(selection, folder.shards)
+        faults.passing("run.merged")
+        write_dataset(dataset, path, command)
+        reasons = write_quarantine(loaded, selection, folder, [case for case in cases if case.id in failed], limits)
+        faults.passing("run.written")
         try:
             report = write_report(selection.study, folder)
         except ReportError as error:
@@ -66,21 +93,24 @@ def run_study(
                 raise
             report = Report()
             progress.say(f"critflow: {error}")
-    return RunResult(path, len(cases) - len(todo), failed, report)
+        faults.passing("run.reported")
+    return RunResult(path, len(cases) - len(todo), reasons, report)
 
 
-def missing_cases(selection: Selection, folder: Folder) -> tuple[set[str], list[str]]:
-    """Ids of the cases that are not stored, failed or damaged, and a line for each damaged one."""
-    todo, damage = set(), []
+def missing_cases(selection: Selection, folder: Folder) -> Missing:
+    """What is not stored or damaged, and what failed, which is not computed again unless that is asked for."""
+    todo, damage, failed = set[str](), list[str](), set[str]()
     for case in selection.cases():
         try:
             status = read_status(folder.shards, selection.study, case, verify=True)
         except IntegrityError as error:
             damage.append(str(error))
             status = Status.missing
-        if status in (Status.missing, Status.failed):
+        if status is Status.failed:
+            failed.add(case.id)
+        elif status is Status.missing:
             todo.add(case.id)
-    return todo, damage
+    return Missing(todo, damage, failed)
 
 
 def _compute(
@@ -90,12 +120,16 @@ def _compute(
     batches: list[list[Case]],
     workers: int,
     scheduler: str | None,
+    limits: Limits,
     progress: RunProgress,
-) -> list[Outcome]:
-    """Compute the batches and return the failed cases; `Interrupted` when some were not begun or not finished."""
+) -> set[str]:
+    """Compute the batches and return ids of the failed cases; `Interrupted` when some were not begun or finished."""
     shards, parameters = str(folder.shards.absolute()), dict(selection.parameters)
-    job = Job(uuid4().hex[:12], str(loaded.path), loaded.digest, shards, parameters, selection.study.selected)
+    watched = limits if workers or scheduler else None
+    job = Job(uuid4().hex[:12], str(loaded.path), loaded.digest, shards, parameters, selection.study.selected, watched)
     total = sum(len(batch) for batch in batches)
+    first = loaded.study.axis_names[0]
+    left = Counter(case.values[first] for batch in batches for case in batch)
     stored: list[Outcome] = []
     with open(folder.log, "a", encoding="utf-8") as log, Interruption(job.run) as interruption:
         workers = min(workers, len(batches))
@@ -103,39 +137,28 @@ def _compute(
         progress.say(f"{loaded.study.name}: {progress.total} {progress.noun}, {total} cases to compute in {where}")
         log.write(f"# {_host_facts()}; {total} cases in {where}\n")
 
-        def note(outcomes: list[Outcome]) -> None:
+        def note(batch: Batch, outcomes: list[Outcome]) -> None:
             stored.extend(outcomes)
+            for values, _ in zip(batch, outcomes, strict=False):  # an interrupted batch has fewer outcomes
+                left[values[first]] -= 1
+                if not left[values[first]]:
+                    progress.advance()
             for outcome in outcomes:
                 status = Status(outcome.status).name
                 log.write(f"{outcome.case_id} {status} {outcome.seconds:.3f} s {outcome.checksum} {outcome.error}\n")
+            faults.passing("run.logged")
             log.flush()
 
         try:
             with fan_out(job, interruption, workers, scheduler) as compute:
-                suspects: list[Batch] = []
-                for batch, outcomes in compute([[case.values for case in batch] for batch in batches]):
-                    if outcomes is None:
-                        suspects.append(batch)
-                        continue
-                    note(outcomes)
-                    if len(outcomes) == len(batch):
-                        progress.advance()
-                # A worker that dies takes the cases that wait beside the guilty one along: each is tried alone.
-                for batch in suspects:
-                    for values in batch:
-                        for _, outcomes in compute([[values]]):
-                            note(outcomes if outcomes is not None else [_died(selection, folder, values)])
-                    progress.advance()
+                plain = [[case.values for case in batch] for batch in batches]
+                for batch, outcomes in supervised(compute, job, selection, plain, interruption):
+                    note(batch, outcomes)
         except KeyboardInterrupt:
             raise Interrupted(f"stopped at once; complete cases are stored: {_RESUME}") from None
         if len(stored) < total:
             raise Interrupted(f"interrupted with {len(stored)} of {total} cases computed: {_RESUME}")
-    return [outcome for outcome in stored if outcome.status == Status.failed]
-
-
-def _died(selection: Selection, folder: Folder, values: Mapping[str, int | str]) -> Outcome:
-    reason = "the worker process died, again and again: out of memory, or a crash in compiled code"
-    return record_failure(selection.study, folder.shards, selection.case(**values), reason)
+    return {outcome.case_id for outcome in stored if outcome.status == Status.failed}
 
 
 def _host_facts() -> str:

@@ -22,6 +22,7 @@ import netCDF4
 import numpy as np
 
 from critflow.result import EnvironmentFailure, IntegrityError, Status
+from critflow.workflow import faults
 from critflow.workflow.plan import Case
 from critflow.workflow.study import Study
 
@@ -48,11 +49,17 @@ def written_beside(path: Path) -> Iterator[Path]:
     """A file to write that takes the place of `path` when the block ends well, and vanishes when it does not."""
     partial = path.with_name(f".{path.name}.{uuid4().hex[:12]}{PARTIAL}")
     try:
+        faults.passing("store.opening", path.name)
         yield partial
+        faults.half_written(partial, path.name)
+        faults.passing("store.closed", path.name)
         with open(partial, "rb+") as file:
             os.fsync(file.fileno())
+        faults.passing("store.synced", path.name)
         os.replace(partial, path)
+        faults.passing("store.replaced", path.name)
         _sync_folder(path.parent)
+        faults.passing("store.done", path.name)
     except (OSError, RuntimeError) as error:  # HDF5 and netCDF report a full disk as RuntimeError
         reason = getattr(error, "strerror", None) or str(error)
         raise EnvironmentFailure(

@@ -51,26 +51,27 @@ def _words(folder, settings, workers, more):
     return ["run", str(TINY), "--out", str(folder), "--workers", str(workers), *(f"--set={s}" for s in settings), *more]
 
 
+def contents_of(path):
+    """All that a netCDF file says but its history: dimensions, attributes, dtypes and bytes."""
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        attributes = {name: repr(file.getncattr(name)) for name in file.ncattrs() if name != "history"}
+        variables = {
+            name: (
+                str(variable.dtype),
+                variable.dimensions,
+                {key: repr(variable.getncattr(key)) for key in variable.ncattrs()},
+                variable[...].tolist() if variable.dtype is str else variable[...].tobytes(),
+            )
+            for name, variable in file.variables.items()
+        }
+        return {name: len(dim) for name, dim in file.dimensions.items()}, attributes, variables
+
+
 @pytest.fixture
 def contents():
-    """`contents(file)` is all that a netCDF file says but its history: dimensions, attributes, dtypes and bytes."""
-
-    def read(path):
-        with netCDF4.Dataset(path) as file:
-            file.set_auto_maskandscale(False)
-            attributes = {name: repr(file.getncattr(name)) for name in file.ncattrs() if name != "history"}
-            variables = {
-                name: (
-                    str(variable.dtype),
-                    variable.dimensions,
-                    {key: repr(variable.getncattr(key)) for key in variable.ncattrs()},
-                    variable[...].tolist() if variable.dtype is str else variable[...].tobytes(),
-                )
-                for name, variable in file.variables.items()
-            }
-            return {name: len(dim) for name, dim in file.dimensions.items()}, attributes, variables
-
-    return read
+    """`contents(file)`, as above."""
+    return contents_of
 
 
 @pytest.fixture

@@ -21,6 +21,7 @@ from distributed import LocalCluster
 from critflow.result import IntegrityError, Status
 from critflow.workflow.fanout import _NO_DASHBOARD, ONE_THREAD, _local_client
 from critflow.workflow.folder import Folder
+from critflow.workflow.limits import Limits
 from critflow.workflow.plan import select
 from critflow.workflow.schema import merge
 from critflow.workflow.store import read_shard, shard_path
@@ -75,7 +76,7 @@ def test_local_workers_are_single_threaded_private_and_deaf_to_interrupts(monkey
     def look():
         return dict(os.environ), Path("/proc/self/status").read_text()
 
-    with _local_client(1) as client:
+    with _local_client(1, Limits()) as client:
         (environment, process), *others = client.run(look).values()
         family = [psutil.Process(), *psutil.Process().children(recursive=True)]
         listening = [c.laddr.ip for p in family for c in p.net_connections() if c.status == psutil.CONN_LISTEN]
@@ -254,12 +255,14 @@ def test_a_failed_case_is_named_and_keeps_no_other_back(tmp_path, tiny, run, cap
     assert reason in read_shard(tmp_path / "shards", tiny.study, case).error.replace("\n", " ")
 
 
-def test_a_failed_case_is_tried_again(tmp_path, run, stamps):
+def test_a_failed_case_is_tried_again_when_that_is_asked_for(tmp_path, run, stamps):
     settings = ("trouble=1-random", f"how=until {tmp_path / 'mended'}")
     assert run(tmp_path / "out", *settings) == 3
     before = stamps(tmp_path / "out")
     (tmp_path / "mended").touch()
-    assert run(tmp_path / "out", *settings) == 0
+    assert run(tmp_path / "out", *settings) == 3
+    assert stamps(tmp_path / "out") == before
+    assert run(tmp_path / "out", *settings, more=("--retry-failed",)) == 0
     after = stamps(tmp_path / "out")
     assert [name for name in after if after[name] != before[name]] == [n for n in after if n.startswith("seed1-random")]
     assert (xr.load_dataset(tmp_path / "out" / "tiny.nc").status != Status.failed).all()
@@ -267,7 +270,7 @@ def test_a_failed_case_is_tried_again(tmp_path, run, stamps):
 
 def test_a_case_that_kills_its_worker_is_found_and_the_others_are_computed(tmp_path, run, capsys):
     assert run(tmp_path, "trouble=1-random", "how=die", workers=2) == 3
-    assert "worker process died" in capsys.readouterr().err
+    assert "ended its worker process" in capsys.readouterr().err
     status = xr.load_dataset(tmp_path / "tiny.nc").status
     assert status.sel(seed=1, population="random") == Status.failed
     assert (status == Status.failed).sum() == 1
