@@ -19,6 +19,7 @@ from critflow.workflow.errors import Interrupted, LockedError
 from critflow.workflow.folder import Folder
 from critflow.workflow.load import each_named_study, load_study
 from critflow.workflow.plan import select
+from critflow.workflow.profiles import choose_cluster
 from critflow.workflow.status import folder_status, status_lines
 
 FAILED_CASES = 3
@@ -106,6 +107,12 @@ def run(
         typer.Option(help="Worker processes; one per CPU, or what the study allows, when left out; 0 for none."),
     ] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Use the dask scheduler there.")] = None,
+    profile: Annotated[str | None, typer.Option(metavar="NAME", help="Use the cluster of that profile.")] = None,
+    profiles: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Profiles; profiles.toml here or in ~/.config/critflow when left out."),
+    ] = None,
+    insecure: Annotated[bool, typer.Option("--insecure", help="Allow a scheduler without encryption.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be computed, and write nothing.")] = False,
 ) -> int:
     """Compute what is missing of a study, then write its dataset, figures and claims."""
@@ -113,8 +120,9 @@ def run(
         raise InputError(f"--workers {workers} is negative: give how many worker processes, or 0 for none")
     loaded = load_study(study)
     processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
-    if scheduler is not None and loaded.study.workers is not None:
-        raise InputError(f"--scheduler may compute many cases at a time, which disturbs {study!r}: leave it out")
+    cluster = choose_cluster(scheduler, profile, profiles, insecure)
+    if cluster is not None and loaded.study.workers is not None:
+        raise InputError(f"a cluster may compute many cases at a time, which disturbs {study!r}: leave it out")
     selection = select(loaded.study, settings)
     folder = Folder(out or Path("results") / loaded.study.name)
     folder.refuse_other(loaded)
@@ -137,7 +145,7 @@ def run(
         selection,
         folder,
         workers=processes,
-        scheduler=scheduler,
+        cluster=cluster,
         command=shlex.join(["critflow", "run", study, *(f"--set={word}" for word in settings)]),
     )
     print(f"{result.dataset}: {sizes}, {result.kept} of {len(selection.cases())} cases were there before")

@@ -18,6 +18,7 @@ from critflow.workflow.fanout import Batch, Interruption, fan_out
 from critflow.workflow.folder import Folder
 from critflow.workflow.load import StudyFile
 from critflow.workflow.plan import Case, Selection
+from critflow.workflow.profiles import Cluster
 from critflow.workflow.progress import RunProgress
 from critflow.workflow.report import Report, write_report
 from critflow.workflow.schema import merge, write_dataset
@@ -42,7 +43,7 @@ def run_study(
     folder: Folder,
     *,
     workers: int,
-    scheduler: str | None = None,
+    cluster: Cluster | None = None,
     command: str = "",
 ) -> RunResult:
     """Compute the cases that are not stored yet, then write the dataset and all that is read off it."""
@@ -56,7 +57,7 @@ def run_study(
                 progress.say(f"{line}: computing the case again")
             failed: list[Outcome] = []
             if batches:
-                failed = _compute(loaded, selection, folder, batches, workers, scheduler, progress)
+                failed = _compute(loaded, selection, folder, batches, workers, cluster, progress)
         path = folder.dataset(loaded.study.name)
         write_dataset(merge(selection, folder.shards), path, command)
         try:
@@ -89,7 +90,7 @@ def _compute(
     folder: Folder,
     batches: list[list[Case]],
     workers: int,
-    scheduler: str | None,
+    cluster: Cluster | None,
     progress: RunProgress,
 ) -> list[Outcome]:
     """Compute the batches and return the failed cases; `Interrupted` when some were not begun or not finished."""
@@ -99,7 +100,7 @@ def _compute(
     stored: list[Outcome] = []
     with open(folder.log, "a", encoding="utf-8") as log, Interruption(job.run) as interruption:
         workers = min(workers, len(batches))
-        where = scheduler or (f"{workers} worker processes" if workers else "this process")
+        where = cluster or (f"{workers} worker processes" if workers else "this process")
         progress.say(f"{loaded.study.name}: {progress.total} {progress.noun}, {total} cases to compute in {where}")
         log.write(f"# {_host_facts()}; {total} cases in {where}\n")
 
@@ -111,7 +112,7 @@ def _compute(
             log.flush()
 
         try:
-            with fan_out(job, interruption, workers, scheduler) as compute:
+            with fan_out(job, interruption, workers, cluster) as compute:
                 suspects: list[Batch] = []
                 for batch, outcomes in compute([[case.values for case in batch] for batch in batches]):
                     if outcomes is None:

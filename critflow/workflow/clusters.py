@@ -1,0 +1,200 @@
+"""Clients of dask: of worker processes here, of a scheduler elsewhere, of jobs of a batch system."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import Any
+
+import dask.config
+from distributed import Client, LocalCluster
+from distributed.security import Security
+
+from critflow.result import EnvironmentFailure, InputError
+from critflow.workflow.errors import Interrupted
+from critflow.workflow.profiles import Cluster
+
+ONE_THREAD = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+)
+
+# Two deaths condemn a batch; its cases then get as many chances again, alone.
+_DASK = {
+    "distributed.scheduler.allowed-failures": 1,
+    "distributed.worker.profile.enabled": False,
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+    # Cases allocate and free the same arrays again and again; memory given back to the system each time costs a tenth.
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": str(2**28),
+    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": str(2**28),
+}
+# Without an address dask would still listen on port 8787, and warn when a second run finds it taken.
+NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+_WAIT_FOR_SCHEDULER = 10.0  # seconds
+_SYSTEMS = {  # module and class of dask-jobqueue
+    "slurm": ("slurm", "SLURMCluster"),
+    "pbs": ("pbs", "PBSCluster"),
+    "htcondor": ("htcondor", "HTCondorCluster"),
+    "local": ("local", "LocalCluster"),
+}
+
+
+@contextmanager
+def client_of(cluster: Cluster | None, workers: int, shared: Path, stopped: Callable[[], bool]) -> Iterator[Client]:
+    """A client with at least one worker; batch jobs find their credentials in the `shared` folder."""
+    if cluster is None:
+        with _local_client(workers) as client:
+            yield client
+        return
+    with _remote_client(cluster) if cluster.system == "scheduler" else _jobs_client(cluster, shared) as client:
+        _wait_for_worker(client, cluster, stopped)
+        yield client
+
+
+def _wait_for_worker(client: Client, cluster: Cluster, stopped: Callable[[], bool]) -> None:
+    end = time.monotonic() + cluster.wait
+    while not client.nthreads():
+        if stopped():
+            raise Interrupted("interrupted before a worker was there: run the same command again")
+        if time.monotonic() > end:
+            what = "start some" if cluster.system == "scheduler" else "look at its queue, or raise `wait`"
+            raise EnvironmentFailure(f"no worker of {cluster} came within {cluster.wait:.0f} s: {what}")
+        time.sleep(0.1)
+
+
+@contextmanager
+def _remote_client(cluster: Cluster) -> Iterator[Client]:
+    files = {"ca_file": "tls_ca_file", "cert": "tls_client_cert", "key": "tls_client_key"}
+    security = None
+    if cluster.tls:
+        security = Security(require_encryption=True, **{files[key]: path for key, path in cluster.tls.items()})
+    try:
+        client = Client(cluster.address, timeout=_WAIT_FOR_SCHEDULER, security=security, set_as_default=False)
+    except TypeError as error:  # of distributed, for tls:// where neither profile nor dask's settings have certificates
+        sentence = f"{cluster.address} needs certificates: name ca_file, cert and key in a profile"
+        raise InputError(sentence) from error
+    except (OSError, ValueError) as error:
+        sentence = f"no scheduler answers at {cluster.address}: start one, or name another cluster"
+        raise EnvironmentFailure(sentence) from error
+    with client:
+        yield client
+
+
+@contextmanager
+def _jobs_client(cluster: Cluster, shared: Path) -> Iterator[Client]:
+    """Jobs of a batch system that work for this process, over TLS with credentials of this run alone."""
+    try:
+        with dask.config.set(_DASK), _interrupts_held_back():
+            jobs = _jobs(cluster, shared)
+    except ImportError as error:
+        sentence = "batch systems need dask-jobqueue: install it with pip install 'critflow[cluster]'"
+        raise EnvironmentFailure(sentence) from error
+    except Exception as error:
+        raise EnvironmentFailure(f"cannot make jobs of profile {cluster.name!r}: {error}: mend the profile") from error
+    try:
+        jobs.scale(jobs=cluster.jobs)
+        with Client(jobs, set_as_default=False) as client:
+            yield client
+    finally:
+        jobs.close(timeout=10)
+
+
+def _jobs(cluster: Cluster, shared: Path) -> Any:
+    module, name = _SYSTEMS[cluster.system]
+    kind = getattr(importlib.import_module(f"dask_jobqueue.{module}"), name)
+    options: dict[str, Any] = dict(cluster.options)
+    scheduler: dict[str, Any] = dict(NO_DASHBOARD)
+    words = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
+    if cluster.system == "local":
+        scheduler["host"] = "127.0.0.1"
+        words += ["--host", "127.0.0.1"]
+    else:
+        exports = [f"export {name}=1" for name in ONE_THREAD]
+        options["job_script_prologue"] = [*exports, *options.get("job_script_prologue", [])]
+    return kind(
+        cores=cluster.workers,
+        processes=cluster.workers,
+        security=Security.temporary(),
+        shared_temp_directory=str(shared),
+        scheduler_options=scheduler,
+        worker_extra_args=words,
+        silence_logs=logging.CRITICAL,
+        **options,
+    )
+
+
+@contextmanager
+def _local_client(workers: int) -> Iterator[Client]:
+    """A cluster of one-thread worker processes that listens on this machine alone, and only to who has its key."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read by the libraries when a worker imports them
+    try:
+        with dask.config.set(_DASK):
+            cluster = _local_cluster(workers)
+            try:
+                with Client(cluster, set_as_default=False) as client:
+                    yield client
+            except BaseException:
+                _kill_workers(cluster)
+                raise
+            finally:
+                cluster.close(timeout=10)
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _local_cluster(workers: int) -> LocalCluster:
+    try:
+        with _interrupts_held_back():
+            return LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                protocol="tls://",
+                security=Security.temporary(),
+                scheduler_kwargs=NO_DASHBOARD,
+                silence_logs=logging.CRITICAL,
+            )
+    except Exception as error:
+        sentence = f"cannot start {workers} worker processes ({error}): try fewer, or --workers 0"
+        raise EnvironmentFailure(sentence) from error
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Answer a Ctrl-C after the block; processes born in it, or later by threads born in it, never see one.
+
+    A terminal sends Ctrl-C to every process of a command, but it is for the command to decide what happens.
+    """
+    resource_tracker.ensure_running()  # starting it inside would lift the mask
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _kill_workers(cluster: LocalCluster) -> None:
+    """End the workers in the middle of what they do; stored cases are complete, so nothing is lost."""
+    # From here on dask has only news of connections that this breaks, some with tracebacks.
+    logging.getLogger("distributed").handlers = [logging.NullHandler()]
+    for nanny in cluster.workers.values():
+        nanny.auto_restart = False
+        if nanny.pid is not None:
+            os.kill(nanny.pid, signal.SIGKILL)
