@@ -16,12 +16,14 @@ from critflow.workflow.batch import Job, Outcome, record_failure
 from critflow.workflow.errors import Interrupted, ReportError
 from critflow.workflow.fanout import Batch, Interruption, fan_out
 from critflow.workflow.folder import Folder
+from critflow.workflow.index import append_to_index, listed_shards
 from critflow.workflow.load import StudyFile
+from critflow.workflow.merge import write_dataset
 from critflow.workflow.plan import Case, Selection
 from critflow.workflow.profiles import Cluster
 from critflow.workflow.progress import RunProgress
 from critflow.workflow.report import Report, write_report
-from critflow.workflow.schema import merge, write_dataset
+from critflow.workflow.status import folder_status
 from critflow.workflow.store import read_status
 
 _RESUME = "run the same command again to resume"
@@ -59,7 +61,8 @@ def run_study(
             if batches:
                 failed = _compute(loaded, selection, folder, batches, workers, cluster, progress)
         path = folder.dataset(loaded.study.name)
-        write_dataset(merge(selection, folder.shards), path, command)
+        write_dataset(selection, folder.shards, path, command)
+        append_to_index(folder.index, folder.shards, folder_status(folder).read)
         try:
             report = write_report(selection.study, folder)
         except ReportError as error:
@@ -73,14 +76,18 @@ def run_study(
 def missing_cases(selection: Selection, folder: Folder) -> tuple[set[str], list[str]]:
     """Ids of the cases that are not stored, failed or damaged, and a line for each damaged one."""
     todo, damage = set(), []
-    for case in selection.cases():
+    shards = listed_shards(folder.shards)
+    for case, case_id in zip(selection.cases(), selection.ids(), strict=True):
+        if case_id not in shards:
+            todo.add(case_id)
+            continue
         try:
             status = read_status(folder.shards, selection.study, case, verify=True)
         except IntegrityError as error:
             damage.append(str(error))
             status = Status.missing
         if status in (Status.missing, Status.failed):
-            todo.add(case.id)
+            todo.add(case_id)
     return todo, damage
 
 
@@ -106,6 +113,7 @@ def _compute(
 
         def note(outcomes: list[Outcome]) -> None:
             stored.extend(outcomes)
+            append_to_index(folder.index, folder.shards, ((one.case_id, one.status) for one in outcomes))
             for outcome in outcomes:
                 status = Status(outcome.status).name
                 log.write(f"{outcome.case_id} {status} {outcome.seconds:.3f} s {outcome.checksum} {outcome.error}\n")
