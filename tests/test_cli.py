@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from critflow.cli import main
-from critflow.workflow import fanout
+from critflow.workflow import clusters
 
 TINY = str(Path(__file__).parent / "workflow" / "tiny_study.py")
 
@@ -48,7 +48,18 @@ def test_a_run_by_name_writes_its_folder_and_says_so(here, capsys):
     folder = here / "results" / "tiny"
     names = {path.name for path in folder.iterdir()}
     assert names == {
-        *("tiny.nc", "figures", "claims.md", "claims.json", "summary.json", "shards", "study.json", "run.log", ".lock")
+        *(
+            "tiny.nc",
+            "figures",
+            "claims.md",
+            "claims.json",
+            "summary.json",
+            "shards",
+            "shards.index",
+            "study.json",
+            "run.log",
+            ".lock",
+        )
     }
     assert (folder / "figures" / "modulus.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "figures" / "growth.gif").read_bytes().startswith(b"GIF89a")
@@ -117,7 +128,7 @@ MISTAKES = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_gets_its_exit_code_and_one_sentence(here, results, capsys, monkeypatch, mistake):
     words, code, sentence = MISTAKES[mistake]
-    monkeypatch.setattr(fanout, "_WAIT_FOR_SCHEDULER", 0.3)
+    monkeypatch.setattr(clusters, "_WAIT_FOR_SCHEDULER", 0.3)
     (here / "broken.py").write_text("1 / 0")
     (here / "other.py").write_text(Path(TINY).read_text().replace('name="tiny"', 'name="other"'))
     (here / "alone.py").write_text(Path(TINY).read_text().replace("check=check,", "check=check, workers=1,"))

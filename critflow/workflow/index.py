@@ -8,33 +8,37 @@ make looking faster, never wrong, and may be deleted at any time.
 from __future__ import annotations
 
 import os
-import zlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from zlib import crc32
 
 
-class Entry(NamedTuple):
-    """What a line says of a shard."""
-
-    status: int
-    size: int
-    time: int  # of the last change, in nanoseconds
-
-
-def read_index(path: Path) -> dict[str, Entry]:
-    """The last good line of every case."""
+def read_index(path: Path) -> dict[str, str]:
+    """What the last good line of every case says: its status, and the size and time of its shard."""
     try:
-        lines = path.read_bytes().split(b"\n")
+        whole = path.read_bytes()
     except OSError:
         return {}
     entries = {}
-    for line in lines:
+    for line in whole.split(b"\n"):
         body, _, check = line.rpartition(b" ")
-        if check == b"%08x" % zlib.crc32(body):
-            case_id, status, size, time = body.split(b" ")
-            entries[case_id.decode()] = Entry(int(status), int(size), int(time))
+        if check == b"%08x" % crc32(body):
+            case_id, _, entry = body.decode().partition(" ")
+            entries[case_id] = entry
     return entries
+
+
+def indexed_status(entry: str, shard: os.DirEntry) -> int | None:
+    """The status in a line of the index; None when the shard is another one now."""
+    status, _, meant = entry.partition(" ")
+    try:
+        return int(status) if _stamp(shard.stat()) == meant else None
+    except OSError:
+        return None
+
+
+def _stamp(found: os.stat_result) -> str:
+    return f"{found.st_size} {found.st_mtime_ns}"
 
 
 def append_to_index(path: Path, shards: Path, statuses: Iterable[tuple[str, int]]) -> None:
@@ -45,10 +49,12 @@ def append_to_index(path: Path, shards: Path, statuses: Iterable[tuple[str, int]
             found = os.stat(shards / f"{case_id}.nc")
         except OSError:  # a folder shared by machines may show a file later: then it is opened to be counted
             continue
-        body = f"{case_id} {status} {found.st_size} {found.st_mtime_ns}".encode()
-        lines.append(b"%s %08x\n" % (body, zlib.crc32(body)))
+        body = f"{case_id} {status} {_stamp(found)}".encode()
+        lines.append(b"%s %08x\n" % (body, crc32(body)))
+    if not lines:
+        return
     with open(path, "ab") as file:
-        file.write(b"\n" + b"".join(lines) if lines else b"")
+        file.write(b"\n" + b"".join(lines))
 
 
 def listed_shards(shards: Path) -> dict[str, os.DirEntry]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 
 from critflow.result import IntegrityError, Status
 from critflow.workflow.folder import Folder
-from critflow.workflow.index import Entry, listed_shards, read_index
+from critflow.workflow.index import indexed_status, listed_shards, read_index
 from critflow.workflow.plan import Case, Selection
 from critflow.workflow.store import read_status
 
@@ -58,8 +57,9 @@ def folder_status(folder: Folder) -> FolderStatus:
     for place, case_id in enumerate(selection.ids()):
         if (shard := shards.get(case_id)) is None:
             continue
-        if (entry := index.get(case_id)) is not None and _is_meant(entry, shard):
-            states[place] = _CODES.get(entry.status, _DONE)
+        known = indexed_status(index[case_id], shard) if case_id in index else None
+        if known is not None:
+            states[place] = _CODES.get(known, _DONE)
         else:
             unknown.append((place, case_id))
     for place, case_id in unknown:
@@ -80,14 +80,6 @@ def folder_status(folder: Folder) -> FolderStatus:
 def _case(selection: Selection, place: int) -> Case:
     rows = np.unravel_index(place, selection.shape)
     return selection.case(**{name: selection.axes[name][row] for name, row in zip(selection.axes, rows, strict=True)})
-
-
-def _is_meant(entry: Entry, shard: os.DirEntry) -> bool:
-    try:
-        found = shard.stat()
-    except OSError:
-        return False
-    return (found.st_size, found.st_mtime_ns) == (entry.size, entry.time)
 
 
 def _counted(states: np.ndarray) -> Counter[str]:
