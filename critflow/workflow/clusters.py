@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib
 import logging
 import os
+import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import dask.config
@@ -40,8 +42,9 @@ _DASK = {
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": str(2**28),
 }
 # Without an address dask would still listen on port 8787, and warn when a second run finds it taken.
-NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+NO_DASHBOARD: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 _WAIT_FOR_SCHEDULER = 10.0  # seconds
+_KEYS = ".keys-"
 _SYSTEMS = {  # module and class of dask-jobqueue
     "slurm": ("slurm", "SLURMCluster"),
     "pbs": ("pbs", "PBSCluster"),
@@ -94,44 +97,65 @@ def _remote_client(cluster: Cluster) -> Iterator[Client]:
 @contextmanager
 def _jobs_client(cluster: Cluster, shared: Path) -> Iterator[Client]:
     """Jobs of a batch system that work for this process, over TLS with credentials of this run alone."""
+    with _credentials(shared) as security:
+        jobs = _jobs_begun(cluster, security)
+        try:
+            jobs.scale(jobs=cluster.jobs)
+            with Client(jobs, set_as_default=False) as client:
+                yield client
+        finally:
+            jobs.close(timeout=10)
+
+
+@contextmanager
+def _credentials(shared: Path) -> Iterator[Security]:
+    """Of this run alone: those of its jobs in files that only this user can read, for as long as they are needed."""
+    for left_over in shared.glob(f"{_KEYS}*"):  # of a run that was killed
+        shutil.rmtree(left_over)
+    security = Security.temporary()
+    with TemporaryDirectory(prefix=_KEYS, dir=shared) as folder:
+        for field in ("tls_ca_file", "tls_worker_cert", "tls_worker_key"):
+            path = Path(folder, field)
+            path.touch(mode=0o600)
+            path.write_text(getattr(security, field))
+            setattr(security, field, str(path))
+        yield security
+
+
+def _jobs_begun(cluster: Cluster, security: Security) -> Any:
     try:
         with dask.config.set(_DASK), _interrupts_held_back():
-            jobs = _jobs(cluster, shared)
+            return _jobs(cluster, security)
     except ImportError as error:
         sentence = "batch systems need dask-jobqueue: install it with pip install 'critflow[cluster]'"
         raise EnvironmentFailure(sentence) from error
     except Exception as error:
         raise EnvironmentFailure(f"cannot make jobs of profile {cluster.name!r}: {error}: mend the profile") from error
-    try:
-        jobs.scale(jobs=cluster.jobs)
-        with Client(jobs, set_as_default=False) as client:
-            yield client
-    finally:
-        jobs.close(timeout=10)
 
 
-def _jobs(cluster: Cluster, shared: Path) -> Any:
-    module, name = _SYSTEMS[cluster.system]
-    kind = getattr(importlib.import_module(f"dask_jobqueue.{module}"), name)
-    options: dict[str, Any] = dict(cluster.options)
-    scheduler: dict[str, Any] = dict(NO_DASHBOARD)
-    words = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
+def _jobs(cluster: Cluster, security: Security) -> Any:
+    kind, options = jobs_class(cluster.system), job_options(cluster, security)
+    kind.job_cls("tls://head:1", "probe", **options)  # what is wrong with a job is told before there is a scheduler
+    here = {"host": "127.0.0.1"} if cluster.system == "local" else {}
+    return kind(scheduler_options=NO_DASHBOARD | here, silence_logs=logging.CRITICAL, **options)
+
+
+def jobs_class(system: str) -> Any:
+    """The class of dask-jobqueue for a batch system."""
+    module, name = _SYSTEMS[system]
+    return getattr(importlib.import_module(f"dask_jobqueue.{module}"), name)
+
+
+def job_options(cluster: Cluster, security: Security) -> dict[str, Any]:
+    """What dask-jobqueue is told of a job: workers of one thread over TLS, and what the profile says."""
+    words, options = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"], dict(cluster.options)
     if cluster.system == "local":
-        scheduler["host"] = "127.0.0.1"
         words += ["--host", "127.0.0.1"]
     else:
         exports = [f"export {name}=1" for name in ONE_THREAD]
         options["job_script_prologue"] = [*exports, *options.get("job_script_prologue", [])]
-    return kind(
-        cores=cluster.workers,
-        processes=cluster.workers,
-        security=Security.temporary(),
-        shared_temp_directory=str(shared),
-        scheduler_options=scheduler,
-        worker_extra_args=words,
-        silence_logs=logging.CRITICAL,
-        **options,
-    )
+    options |= {"cores": cluster.workers, "processes": cluster.workers, "worker_extra_args": words}
+    return options | {"protocol": "tls://", "security": security}
 
 
 @contextmanager
