@@ -20,6 +20,7 @@ from critflow.workflow.folder import Folder
 from critflow.workflow.limits import HOUR, Limits
 from critflow.workflow.load import each_named_study, load_study
 from critflow.workflow.plan import select
+from critflow.workflow.profiles import choose_cluster
 from critflow.workflow.status import folder_status, status_lines
 
 FAILED_CASES = 3
@@ -107,6 +108,12 @@ def run(
         typer.Option(help="Worker processes; one per CPU, or what the study allows, when left out; 0 for none."),
     ] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Use the dask scheduler there.")] = None,
+    profile: Annotated[str | None, typer.Option(metavar="NAME", help="Use the cluster of that profile.")] = None,
+    profiles: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Profiles; profiles.toml here or in ~/.config/critflow when left out."),
+    ] = None,
+    insecure: Annotated[bool, typer.Option("--insecure", help="Allow a scheduler without encryption.")] = False,
     time_limit: Annotated[
         float | None,
         typer.Option(metavar="SECONDS", help="Longest time of a case, in worker processes; an hour when left out."),
@@ -125,13 +132,14 @@ def run(
         raise InputError(f"--workers {workers} is negative: give how many worker processes, or 0 for none")
     loaded = load_study(study)
     processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
-    if scheduler is not None and loaded.study.workers is not None:
-        raise InputError(f"--scheduler may compute many cases at a time, which disturbs {study!r}: leave it out")
+    cluster = choose_cluster(scheduler, profile, profiles, insecure)
+    if cluster is not None and loaded.study.workers is not None:
+        raise InputError(f"a cluster may compute many cases at a time, which disturbs {study!r}: leave it out")
     limits = Limits(HOUR if time_limit is None else time_limit, memory_limit)
-    if processes == 0 and scheduler is None and limits != Limits():
+    if processes == 0 and cluster is None and limits != Limits():
         raise InputError("limits hold in worker processes, and --workers 0 has none: give --workers 1")
-    if scheduler is not None and memory_limit is not None:
-        raise InputError("--memory-limit is for workers that the run starts: give it to those of the scheduler instead")
+    if cluster is not None and memory_limit is not None:
+        raise InputError("--memory-limit is for workers on this machine: give it to those of the cluster instead")
     selection = select(loaded.study, settings)
     folder = Folder(out or Path("results") / loaded.study.name)
     folder.refuse_other(loaded)
@@ -155,7 +163,7 @@ def run(
         selection,
         folder,
         workers=processes,
-        scheduler=scheduler,
+        cluster=cluster,
         limits=limits,
         retry_failed=retry_failed,
         command=shlex.join(["critflow", "run", study, *(f"--set={word}" for word in settings)]),

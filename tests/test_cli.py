@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from critflow.cli import main
-from critflow.workflow import fanout
+from critflow.workflow import clusters
 
 TINY = str(Path(__file__).parent / "workflow" / "tiny_study.py")
 
@@ -48,7 +48,18 @@ def test_a_run_by_name_writes_its_folder_and_says_so(here, capsys):
     folder = here / "results" / "tiny"
     names = {path.name for path in folder.iterdir()}
     assert names == {
-        *("tiny.nc", "figures", "claims.md", "claims.json", "summary.json", "shards", "study.json", "run.log", ".lock")
+        *(
+            "tiny.nc",
+            "figures",
+            "claims.md",
+            "claims.json",
+            "summary.json",
+            "shards",
+            "shards.index",
+            "study.json",
+            "run.log",
+            ".lock",
+        )
     }
     assert (folder / "figures" / "modulus.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "figures" / "growth.gif").read_bytes().startswith(b"GIF89a")
@@ -86,7 +97,7 @@ MISTAKES = {
     "workers not a number": (["run", TINY, "--workers", "many"], 2, "--workers"),
     "negative workers": (["run", TINY, "--workers", "-1"], 2, "--workers -1"),
     "workers of a study that measures": (["run", "alone.py", "--workers", "2"], 2, "give at most 1"),
-    "scheduler of a study that measures": (["run", "alone.py", "--scheduler", "tcp://x:1"], 2, "leave it out"),
+    "scheduler of a study that measures": (["run", "alone.py", "--scheduler", "tls://x:1"], 2, "leave it out"),
     "unknown study": (["run", "tinny"], 2, "did you mean 'tiny'"),
     "missing file": (["run", "nowhere.py"], 2, "cannot read the study file"),
     "study with an error": (["run", "broken.py"], 2, "ZeroDivisionError"),
@@ -100,8 +111,8 @@ MISTAKES = {
     "out is a file": (["run", TINY, "--out", "broken.py"], 6, "is a file"),
     "out cannot be made": (["run", TINY, "--workers", "0", "--out", "/proc/nowhere/x"], 6, "cannot write"),
     "out below a file": (["run", TINY, "--workers", "0", "--out", "broken.py/x"], 6, "cannot write"),
-    "no scheduler": (["run", TINY, "--scheduler", "tcp://127.0.0.1:9"], 6, "no scheduler answers"),
-    "bad scheduler": (["run", TINY, "--scheduler", "what://is this"], 6, "no scheduler answers"),
+    "no scheduler": (["run", TINY, "--scheduler", "tcp://127.0.0.1:9", "--insecure"], 6, "no scheduler answers"),
+    "bad scheduler": (["run", TINY, "--scheduler", "what://is this"], 2, "must begin with tls://"),
     "status of nothing": (["status", "nowhere"], 2, "not a results folder"),
     "figures of nothing": (["figures", "nowhere"], 2, "not a results folder"),
     "unknown format": (["figures", "RESULTS", "--format", "gif"], 2, "png, pdf, svg"),
@@ -117,7 +128,7 @@ MISTAKES = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_gets_its_exit_code_and_one_sentence(here, results, capsys, monkeypatch, mistake):
     words, code, sentence = MISTAKES[mistake]
-    monkeypatch.setattr(fanout, "_WAIT_FOR_SCHEDULER", 0.3)
+    monkeypatch.setattr(clusters, "_WAIT_FOR_SCHEDULER", 0.3)
     (here / "broken.py").write_text("1 / 0")
     (here / "other.py").write_text(Path(TINY).read_text().replace('name="tiny"', 'name="other"'))
     (here / "alone.py").write_text(Path(TINY).read_text().replace("check=check,", "check=check, workers=1,"))

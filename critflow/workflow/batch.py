@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from threadpoolctl import threadpool_limits
+
 from critflow.result import EnvironmentFailure, IntegrityError, Status, StudyError
 from critflow.workflow import faults
 from critflow.workflow.attempts import attempt
@@ -54,11 +56,12 @@ def run_batch(job: Job, batch: Sequence[Mapping[str, int | str]]) -> list[tuple]
         raise StudyError(f"{job.study_path} changed while it ran: run it again")
     study, shards = loaded.study.storing(job.variables), Path(job.shards)
     outcomes = []
-    for values in batch:
-        if job.run in _stopped:
-            break
-        case = Case(study.name, study.version, job.parameters, values, study.selected)
-        outcomes.append(tuple(_stored(study, shards, case) or _attempted(job, study, shards, case)))
+    with threadpool_limits(limits=1):  # where it runs must change no digit, and workers share the cores already
+        for values in batch:
+            if job.run in _stopped:
+                break
+            case = Case(study.name, study.version, job.parameters, values, study.selected)
+            outcomes.append(tuple(_stored(study, shards, case) or _attempted(job, study, shards, case)))
     faults.passing("batch.ended")
     return outcomes
 

@@ -6,49 +6,32 @@ worker process died on it.
 
 from __future__ import annotations
 
-import logging
+import itertools
 import os
 import queue
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from multiprocessing import resource_tracker
 from pathlib import Path
 from types import FrameType
 from uuid import uuid4
 
-import dask.config
-from distributed import Client, Future, KilledWorker, LocalCluster
+from distributed import Client, Future, KilledWorker
 
 from critflow.result import EnvironmentFailure
 from critflow.workflow import batch as work
 from critflow.workflow.attempts import Watch
+from critflow.workflow.clusters import client_of
+from critflow.workflow.groups import Batch, Groups
 from critflow.workflow.limits import Limits
+from critflow.workflow.profiles import Cluster
 
-Batch = Sequence[Mapping[str, int | str]]
 FanOut = Callable[[Sequence[Batch]], Iterator[tuple[Batch, list[work.Outcome] | None]]]
 
-ONE_THREAD = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-)
-
-_DASK = {
-    "distributed.worker.profile.enabled": False,
-    "distributed.scheduler.http.routes": [],
-    # Cases allocate and free the same arrays again and again; memory given back to the system each time costs a tenth.
-    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": str(2**28),
-    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": str(2**28),
-}
-# Without an address dask would still listen on port 8787, and warn when a second run finds it taken.
-_NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
-_WAIT_FOR_SCHEDULER = 10.0  # seconds
-_WAIT_FOR_WORKERS = 60.0  # seconds: a batch system may be slow to give them
+_WITHOUT_WORKERS = 60.0  # seconds: a worker that died is replaced sooner
 
 
 class Interruption:
@@ -78,13 +61,11 @@ class Interruption:
 
 
 @contextmanager
-def fan_out(job: work.Job, interruption: Interruption, workers: int, scheduler: str | None) -> Iterator[FanOut]:
+def fan_out(job: work.Job, interruption: Interruption, workers: int, cluster: Cluster | None) -> Iterator[FanOut]:
     """The way of computing batches that the command line asked for."""
-    if scheduler is not None:
-        with _remote_client(scheduler) as client:
-            yield lambda batches: _through_dask(client, job, interruption, batches)
-    elif workers > 0:
-        with _local_client(workers, job.limits or Limits()) as client:
+    if cluster is not None or workers > 0:
+        limits = job.limits or Limits()
+        with client_of(cluster, workers, limits, Path(job.shards), lambda: interruption.asked) as client:
             yield lambda batches: _through_dask(client, job, interruption, batches)
     else:
         yield lambda batches: ((batch, _outcomes(work.run_batch(job, batch))) for batch in batches)
@@ -98,15 +79,19 @@ def _through_dask(
     client: Client, job: work.Job, interruption: Interruption, batches: Sequence[Batch]
 ) -> Iterator[tuple[Batch, list[work.Outcome] | None]]:
     ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
-    running: dict[str, tuple[Future, Batch]] = {}
-    for batch in batches:
-        # A key of its own for every try: dask would answer a known key with the result it has.
-        key = f"critflow-{job.run}-{uuid4().hex[:12]}"
-        future = client.submit(work.run_batch, job, batch, key=key, pure=False)
-        running[key] = future, batch
-        future.add_done_callback(ended.put)
-    told, watch = False, Watch(job.run, Path(job.shards), (job.limits or Limits()).silence)
-    while running:
+    running: dict[str, tuple[Future, list[Batch]]] = {}
+    groups, crew, told = Groups(batches), _Crew(client), False
+    watch = Watch(job.run, Path(job.shards), (job.limits or Limits()).silence)
+    while True:
+        # Two tasks for each worker: none waits for the next, and the times of the first decide about the others.
+        while not interruption.asked and len(running) < 2 * crew.size() and (group := groups.next(crew.size())):
+            # A key of its own for every try: dask would answer a known key with the result it has.
+            key = f"critflow-{job.run}-{uuid4().hex[:12]}"
+            future = client.submit(_timed, job, [values for batch in group for values in batch], key=key, pure=False)
+            running[key] = future, group
+            future.add_done_callback(ended.put)
+        if not running and (interruption.asked or not groups.cases_left):
+            return
         if interruption.asked and not told:
             client.run(work.stop, job.run, on_error="ignore")
             told = True
@@ -115,89 +100,42 @@ def _through_dask(
         except queue.Empty:
             watch.look()
             continue
-        _, batch = running.pop(str(future.key))
+        _, group = running.pop(str(future.key))
         try:
-            yield batch, _outcomes(future.result())
+            seconds, plain = future.result()
         except KilledWorker:
-            yield batch, None
+            yield from ((batch, None) for batch in group)
+            continue
         except CancelledError as error:
             raise EnvironmentFailure("the scheduler went away: run the same command again to resume") from error
+        groups.note(len(plain), seconds)
+        outcomes = iter(_outcomes(plain))
+        for batch in group:
+            yield batch, list(itertools.islice(outcomes, len(batch)))
 
 
-@contextmanager
-def _remote_client(address: str) -> Iterator[Client]:
-    try:
-        client = Client(address, timeout=_WAIT_FOR_SCHEDULER, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise EnvironmentFailure(f"no scheduler answers at {address}: start one, or leave --scheduler out") from error
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=_WAIT_FOR_WORKERS)
-        except TimeoutError as error:
-            raise EnvironmentFailure(f"the scheduler at {address} has no workers: start some") from error
-        yield client
+def _timed(job: work.Job, batch: Batch) -> tuple[float, list[tuple]]:
+    """In a worker: the outcomes, and how long they took with all that surrounds the cases."""
+    start = time.perf_counter()
+    outcomes = work.run_batch(job, batch)
+    return time.perf_counter() - start, outcomes
 
 
-@contextmanager
-def _local_client(workers: int, limits: Limits) -> Iterator[Client]:
-    """A cluster of one-thread worker processes that listens on this machine alone."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read by the libraries when a worker imports them
-    try:
-        with dask.config.set(_DASK | limits.dask_config()):
-            cluster = _local_cluster(workers, limits)
-            try:
-                with Client(cluster, set_as_default=False) as client:
-                    yield client
-            except BaseException:
-                _kill_workers(cluster)
-                raise
-            finally:
-                cluster.close(timeout=10)
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+class _Crew:
+    """How many workers a client has; some may come later or leave."""
 
+    def __init__(self, client: Client):
+        self.client = client
+        self.looked, self.count = -1.0, 0
+        self.seen = time.monotonic()
 
-def _local_cluster(workers: int, limits: Limits) -> LocalCluster:
-    try:
-        with _interrupts_held_back():
-            return LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=limits.memory_limit,
-                host="127.0.0.1",
-                scheduler_kwargs=_NO_DASHBOARD,
-                silence_logs=logging.CRITICAL,
-            )
-    except Exception as error:
-        sentence = f"cannot start {workers} worker processes ({error}): try fewer, or --workers 0"
-        raise EnvironmentFailure(sentence) from error
-
-
-@contextmanager
-def _interrupts_held_back() -> Iterator[None]:
-    """Answer a Ctrl-C after the block; processes born in it, or later by threads born in it, never see one.
-
-    A terminal sends Ctrl-C to every process of a command, but it is for the command to decide what happens.
-    """
-    resource_tracker.ensure_running()  # starting it inside would lift the mask
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _kill_workers(cluster: LocalCluster) -> None:
-    """End the workers in the middle of what they do; stored cases are complete, so nothing is lost."""
-    # From here on dask has only news of connections that this breaks, some with tracebacks.
-    logging.getLogger("distributed").handlers = [logging.NullHandler()]
-    for nanny in cluster.workers.values():
-        nanny.auto_restart = False
-        if nanny.pid is not None:
-            os.kill(nanny.pid, signal.SIGKILL)
+    def size(self) -> int:
+        """The number, not older than a second; an error when there has been none for long."""
+        now = time.monotonic()
+        if now - self.looked > 1.0:
+            self.looked, self.count = now, sum(self.client.nthreads().values())
+            if self.count:
+                self.seen = now
+            elif now - self.seen > _WITHOUT_WORKERS:
+                raise EnvironmentFailure("all workers went away: run the same command again to resume")
+        return self.count

@@ -34,7 +34,6 @@ POINTS = (
     "run.planned",
     "run.logged",  # lines of the log are written but not flushed
     "run.computed",
-    "run.merged",
     "run.written",  # the dataset is in its place
     "run.reported",
 )

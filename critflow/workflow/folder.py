@@ -38,6 +38,10 @@ class Folder:
         return self.path / "run.log"
 
     @property
+    def index(self) -> Path:
+        return self.path / "shards.index"
+
+    @property
     def note(self) -> Path:
         return self.path / "study.json"
 

@@ -44,8 +44,7 @@ class Case:
         if self.variables:  # shards with fewer variables stand beside the whole ones and never replace them
             identity.append(self.variables)
         digest = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-        readable = "-".join(f"{k}{v}" if isinstance(v, int) else v for k, v in self.values.items())
-        return f"{re.sub(r'[^A-Za-z0-9_.-]', '_', readable)[:80]}-{digest[:16]}"
+        return f"{_readable(self.values)[:80]}-{digest[:16]}"
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,28 @@ class Selection:
 
     def cases(self) -> list[Case]:
         return [case for batch in self.batches() for case in batch]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """How many values there are along each axis."""
+        return tuple(len(values) for values in self.axes.values())
+
+    def ids(self) -> Iterator[str]:
+        """The ids of the cases in their order, without the cases: what they share is put into words once."""
+        begun = sha256(
+            json.dumps([self.study.name, self.study.version, dict(self.parameters)], sort_keys=True)[:-1].encode()
+        )
+        variables = [list(self.study.selected)] if self.study.selected else []
+        end = "".join(f", {json.dumps(item)}" for item in variables) + "]"
+        order = [list(self.axes).index(name) for name in sorted(self.axes)]
+        words = [
+            [(f"{json.dumps(name)}: {json.dumps(value)}", _readable({name: value})) for value in values]
+            for name, values in self.axes.items()
+        ]
+        for chosen in itertools.product(*words):
+            digest = begun.copy()
+            digest.update(f", {{{', '.join([chosen[i][0] for i in order])}}}{end}".encode())
+            yield f"{'-'.join([word for _, word in chosen])[:80]}-{digest.hexdigest()[:16]}"
 
 
 def select(study: Study, words: Sequence[str] = ()) -> Selection:
@@ -99,6 +120,12 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
     if study.check is not None:
         study.check(parameters, values)
     return selection
+
+
+def _readable(values: Mapping[str, int | str]) -> str:
+    """Axis values in the letters that file names may have."""
+    words = "-".join(f"{k}{v}" if isinstance(v, int) else v for k, v in values.items())
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", words)
 
 
 def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:

@@ -18,13 +18,16 @@ from critflow.workflow.batch import Job, Outcome
 from critflow.workflow.errors import Interrupted, ReportError
 from critflow.workflow.fanout import Batch, Interruption, fan_out
 from critflow.workflow.folder import Folder
+from critflow.workflow.index import append_to_index, listed_shards
 from critflow.workflow.limits import Limits
 from critflow.workflow.load import StudyFile
+from critflow.workflow.merge import write_dataset
 from critflow.workflow.plan import Case, Selection
+from critflow.workflow.profiles import Cluster
 from critflow.workflow.progress import RunProgress
 from critflow.workflow.quarantine import write_quarantine
 from critflow.workflow.report import Report, write_report
-from critflow.workflow.schema import merge, write_dataset
+from critflow.workflow.status import folder_status
 from critflow.workflow.store import read_status
 from critflow.workflow.supervise import supervised
 
@@ -55,7 +58,7 @@ def run_study(
     folder: Folder,
     *,
     workers: int,
-    scheduler: str | None = None,
+    cluster: Cluster | None = None,
     limits: Limits = Limits(),  # noqa: B008 (frozen)
     retry_failed: bool = False,
     command: str = "",
@@ -77,13 +80,12 @@ def run_study(
             for line in damage:
                 progress.say(f"{line}: computing the case again")
             if batches:
-                failed |= _compute(loaded, selection, folder, batches, workers, scheduler, limits, progress)
+                failed |= _compute(loaded, selection, folder, batches, workers, cluster, limits, progress)
         attempts.forget(folder.shards)
         faults.passing("run.computed")
         path = folder.dataset(loaded.study.name)
-        dataset = merge(selection, folder.shards)
-        faults.passing("run.merged")
-        write_dataset(dataset, path, command)
+        write_dataset(selection, folder.shards, path, command)
+        append_to_index(folder.index, folder.shards, folder_status(folder).read)
         reasons = write_quarantine(loaded, selection, folder, [case for case in cases if case.id in failed], limits)
         faults.passing("run.written")
         try:
@@ -100,16 +102,20 @@ def run_study(
 def missing_cases(selection: Selection, folder: Folder) -> Missing:
     """What is not stored or damaged, and what failed, which is not computed again unless that is asked for."""
     todo, damage, failed = set[str](), list[str](), set[str]()
-    for case in selection.cases():
+    shards = listed_shards(folder.shards)
+    for case, case_id in zip(selection.cases(), selection.ids(), strict=True):
+        if case_id not in shards:
+            todo.add(case_id)
+            continue
         try:
             status = read_status(folder.shards, selection.study, case, verify=True)
         except IntegrityError as error:
             damage.append(str(error))
             status = Status.missing
         if status is Status.failed:
-            failed.add(case.id)
+            failed.add(case_id)
         elif status is Status.missing:
-            todo.add(case.id)
+            todo.add(case_id)
     return Missing(todo, damage, failed)
 
 
@@ -119,13 +125,13 @@ def _compute(
     folder: Folder,
     batches: list[list[Case]],
     workers: int,
-    scheduler: str | None,
+    cluster: Cluster | None,
     limits: Limits,
     progress: RunProgress,
 ) -> set[str]:
     """Compute the batches and return ids of the failed cases; `Interrupted` when some were not begun or finished."""
     shards, parameters = str(folder.shards.absolute()), dict(selection.parameters)
-    watched = limits if workers or scheduler else None
+    watched = limits if workers or cluster else None
     job = Job(uuid4().hex[:12], str(loaded.path), loaded.digest, shards, parameters, selection.study.selected, watched)
     total = sum(len(batch) for batch in batches)
     first = loaded.study.axis_names[0]
@@ -133,7 +139,7 @@ def _compute(
     stored: list[Outcome] = []
     with open(folder.log, "a", encoding="utf-8") as log, Interruption(job.run) as interruption:
         workers = min(workers, len(batches))
-        where = scheduler or (f"{workers} worker processes" if workers else "this process")
+        where = cluster or (f"{workers} worker processes" if workers else "this process")
         progress.say(f"{loaded.study.name}: {progress.total} {progress.noun}, {total} cases to compute in {where}")
         log.write(f"# {_host_facts()}; {total} cases in {where}\n")
 
@@ -143,6 +149,7 @@ def _compute(
                 left[values[first]] -= 1
                 if not left[values[first]]:
                     progress.advance()
+            append_to_index(folder.index, folder.shards, ((one.case_id, one.status) for one in outcomes))
             for outcome in outcomes:
                 status = Status(outcome.status).name
                 log.write(f"{outcome.case_id} {status} {outcome.seconds:.3f} s {outcome.checksum} {outcome.error}\n")
@@ -150,7 +157,7 @@ def _compute(
             log.flush()
 
         try:
-            with fan_out(job, interruption, workers, scheduler) as compute:
+            with fan_out(job, interruption, workers, cluster) as compute:
                 plain = [[case.values for case in batch] for batch in batches]
                 for batch, outcomes in supervised(compute, job, selection, plain, interruption):
                     note(batch, outcomes)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,42 +13,45 @@ import xarray as xr
 
 from critflow.result import IntegrityError, Status
 from critflow.workflow.plan import Case, Selection
-from critflow.workflow.store import SCHEMA_VERSION, read_shard, written_beside
+from critflow.workflow.store import SCHEMA_VERSION, read_shard
 from critflow.workflow.study import Variable
 
 
 def merge(selection: Selection, shards: Path) -> xr.Dataset:
     """All cases of the selection in one dataset; failed and missing ones are filled and say so in `status`."""
-    table = _Table(selection)
-    for case in selection.cases():
-        shard = read_shard(shards, selection.study, case)
-        if shard is not None:
-            table.add(case, shard.status, shard.arrays)
+    table = Table(selection)
+    table.take(shards)
     return table.labelled()
 
 
-def write_dataset(dataset: xr.Dataset, path: Path, command: str) -> None:
-    """Put the file in its place at once; its `history` is the one attribute that differs between equal runs."""
-    stamp = time.gmtime(float(os.environ.get("SOURCE_DATE_EPOCH", time.time())))
-    dataset = dataset.assign_attrs(history=f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', stamp)} {command}")
-    with written_beside(path) as partial:
-        dataset.to_netcdf(partial, engine="netcdf4", format="NETCDF4")
-        with xr.open_dataset(partial, engine="netcdf4") as written:
-            if dict(written.sizes) != dict(dataset.sizes):
-                raise OSError("it does not read back as written")
+class Table:
+    """The arrays of a dataset, or of a slab of it, while the cases are put in, each where its axis values say."""
 
-
-class _Table:
-    """The arrays of a dataset while the cases are put in, each where its axis values say."""
-
-    def __init__(self, selection: Selection):
+    def __init__(self, selection: Selection, inner_sizes: Mapping[str, int] | None = None):
+        """`inner_sizes` where they are known already."""
         self.selection = selection
         self.variables = {variable.name: variable for variable in selection.study.variables}
-        self.sizes = {name: len(values) for name, values in selection.axes.items()}
-        self.sizes |= {c.name: len(selection.parameters[c.parameter]) for c in selection.study.coordinates}
+        self.sizes = {c.name: len(selection.parameters[c.parameter]) for c in selection.study.coordinates}
+        self.sizes |= inner_sizes or {}
+        self.sizes |= {name: len(values) for name, values in selection.axes.items()}
         self.rows = {name: {value: row for row, value in enumerate(values)} for name, values in selection.axes.items()}
-        self.arrays = {"status": self._filled(self.variables["status"])}
+        self.arrays: dict[str, np.ndarray] = {}
         self.given: set[tuple[str, tuple]] = set()  # what variables without some axis hold already
+
+    def next_slab(self, selection: Selection, shared: Collection[str]) -> Table:
+        """The table of the slab that follows; `shared` variables are filled and compared through all of them."""
+        table = Table(selection, self.sizes)
+        table.arrays = {name: array for name, array in self.arrays.items() if name in shared}
+        table.given = {where for where in self.given if where[0] in shared}
+        return table
+
+    def take(self, shards: Path) -> None:
+        """Put in every case of the selection that is stored."""
+        for batch in self.selection.batches():
+            for case in batch:
+                shard = read_shard(shards, self.selection.study, case)
+                if shard is not None:
+                    self.add(case, shard.status, shard.arrays)
 
     def add(self, case: Case, status: Status, arrays: Mapping[str, np.ndarray]) -> None:
         for name, array in {**arrays, "status": np.array(status)}.items():
@@ -61,27 +62,38 @@ class _Table:
                         f"case {case.id} has {size} along {dim!r} in {name!r} where the cases before it have "
                         f"{self.sizes[dim]}: run sizes that differ as studies of their own"
                     )
-            if name not in self.arrays:
-                self.arrays[name] = self._filled(variable)
             rows = {dim: row[case.values[dim]] for dim, row in self.rows.items()}
             place = tuple(rows.get(dim, slice(None)) for dim in variable.dims)
             shared = len(variable.dims) - array.ndim < len(self.rows)
             where = (name, tuple(row for row in place if isinstance(row, int)))
+            held = self.array(variable)
             if shared and where in self.given:
-                if self.arrays[name][place].tobytes() != array.tobytes():
+                if held[place].tobytes() != array.tobytes():
                     raise IntegrityError(
                         f"case {case.id} gives another {name!r} than the cases that share it: mend the case function "
                         f"and raise the study's version"
                     )
                 continue
             self.given.add(where)
-            self.arrays[name][place] = array
+            held[place] = array
 
-    def labelled(self) -> xr.Dataset:
-        study, parameters = self.selection.study, self.selection.parameters
-        for variable in study.variables:
+    def array(self, variable: Variable) -> np.ndarray:
+        """What is there of a variable; fills where no case gave any."""
+        if variable.name not in self.arrays:
             for dim in variable.dims:
                 self.sizes.setdefault(dim, 0)  # no case came far enough to tell
+            shape = [self.sizes[dim] for dim in variable.dims]
+            self.arrays[variable.name] = np.full(shape, variable.filler, variable.dtype)
+        return self.arrays[variable.name]
+
+    def labelled(self) -> xr.Dataset:
+        """Everything with its names, units and meanings."""
+        data = {v.name: (v.dims, self.array(v), variable_attributes(v)) for v in self.selection.study.variables}
+        return _encoded(self.labels().assign(data))
+
+    def labels(self) -> xr.Dataset:
+        """The dataset without its data: coordinates and attributes."""
+        study, parameters = self.selection.study, self.selection.parameters
         coordinates = {
             axis.name: xr.Variable(axis.name, list(self.selection.axes[axis.name]), _meaning(axis.long_name, "1"))
             for axis in study.axes
@@ -90,22 +102,7 @@ class _Table:
             labels = np.asarray(parameters[coordinate.parameter])
             meaning = _meaning(coordinate.long_name, coordinate.units)
             coordinates[coordinate.name] = xr.Variable(coordinate.name, labels, meaning)
-        for variable in study.variables:
-            if variable.name not in self.arrays:
-                self.arrays[variable.name] = self._filled(variable)
-        data = {v.name: (v.dims, self.arrays[v.name], _attributes(v)) for v in study.variables}
-        dataset = xr.Dataset(data, coordinates, self._global_attributes())
-        for name, labelled in dataset.variables.items():
-            # xarray would add a fill value to float coordinates, and turn integers with one into floats on reading.
-            fills = name in data and labelled.dtype.kind == "f"
-            labelled.encoding["_FillValue"] = labelled.dtype.type(np.nan) if fills else None
-            if labelled.dtype.kind == "U":
-                # Characters, not strings of variable length: those crash the library when a file is opened twice.
-                labelled.encoding["dtype"] = "S1"
-        return dataset
-
-    def _filled(self, variable: Variable) -> np.ndarray:
-        return np.full([self.sizes[dim] for dim in variable.dims], variable.filler, variable.dtype)
+        return _encoded(xr.Dataset({}, coordinates, self._global_attributes()))
 
     def _global_attributes(self) -> dict[str, Any]:
         study = self.selection.study
@@ -123,11 +120,22 @@ class _Table:
         return {name: value for name, value in attributes.items() if value != ""}
 
 
+def _encoded(dataset: xr.Dataset) -> xr.Dataset:
+    for name, labelled in dataset.variables.items():
+        # xarray would add a fill value to float coordinates, and turn integers with one into floats on reading.
+        fills = name in dataset.data_vars and labelled.dtype.kind == "f"
+        labelled.encoding["_FillValue"] = labelled.dtype.type(np.nan) if fills else None
+        if labelled.dtype.kind == "U":
+            # Characters, not strings of variable length: those crash the library when a file is opened twice.
+            labelled.encoding["dtype"] = "S1"
+    return dataset
+
+
 def _meaning(long_name: str, units: str) -> dict[str, Any]:
     return {"long_name": long_name, "units": units}
 
 
-def _attributes(variable: Variable) -> dict[str, Any]:
+def variable_attributes(variable: Variable) -> dict[str, Any]:
     attributes = _meaning(variable.long_name, variable.units)
     if variable.flags is not None:
         attributes["flag_values"] = np.array([flag.value for flag in variable.flags], variable.dtype)

@@ -19,7 +19,7 @@ import xarray as xr
 from distributed import LocalCluster
 
 from critflow.result import IntegrityError, Status
-from critflow.workflow.fanout import _NO_DASHBOARD, ONE_THREAD, _local_client
+from critflow.workflow.clusters import NO_DASHBOARD, ONE_THREAD, _local_client
 from critflow.workflow.folder import Folder
 from critflow.workflow.limits import Limits
 from critflow.workflow.plan import select
@@ -64,8 +64,8 @@ def test_any_order_of_the_cases_gives_the_same_dataset(tmp_path, run, undisturbe
 
 def test_a_scheduler_elsewhere_gives_the_same_dataset(tmp_path, run, undisturbed, contents):
     """Its workers have several threads, which must take turns with the netCDF library."""
-    with LocalCluster(n_workers=1, threads_per_worker=3, scheduler_kwargs=_NO_DASHBOARD) as cluster:
-        assert run(tmp_path / "out", more=("--scheduler", cluster.scheduler_address)) == 0
+    with LocalCluster(n_workers=1, threads_per_worker=3, scheduler_kwargs=NO_DASHBOARD) as cluster:
+        assert run(tmp_path / "out", more=("--scheduler", cluster.scheduler_address, "--insecure")) == 0
     assert contents(tmp_path / "out" / "tiny.nc") == contents(undisturbed())
 
 

@@ -1,0 +1,226 @@
+"""Clients of dask: of worker processes here, of a scheduler elsewhere, of jobs of a batch system."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import dask.config
+from distributed import Client, LocalCluster
+from distributed.security import Security
+
+from critflow.result import EnvironmentFailure, InputError
+from critflow.workflow.errors import Interrupted
+from critflow.workflow.limits import Limits
+from critflow.workflow.profiles import Cluster
+
+ONE_THREAD = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+)
+
+_DASK = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+    # Cases allocate and free the same arrays again and again; memory given back to the system each time costs a tenth.
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": str(2**28),
+    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": str(2**28),
+}
+# Without an address dask would still listen on port 8787, and warn when a second run finds it taken.
+NO_DASHBOARD: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+_WAIT_FOR_SCHEDULER = 10.0  # seconds
+_KEYS = ".keys-"
+_SYSTEMS = {  # module and class of dask-jobqueue
+    "slurm": ("slurm", "SLURMCluster"),
+    "pbs": ("pbs", "PBSCluster"),
+    "htcondor": ("htcondor", "HTCondorCluster"),
+    "local": ("local", "LocalCluster"),
+}
+
+
+@contextmanager
+def client_of(
+    cluster: Cluster | None, workers: int, limits: Limits, shared: Path, stopped: Callable[[], bool]
+) -> Iterator[Client]:
+    """A client with at least one worker; batch jobs find their credentials in the `shared` folder."""
+    if cluster is None:
+        with _local_client(workers, limits) as client:
+            yield client
+        return
+    with _remote_client(cluster) if cluster.system == "scheduler" else _jobs_client(cluster, limits, shared) as client:
+        _wait_for_worker(client, cluster, stopped)
+        yield client
+
+
+def _wait_for_worker(client: Client, cluster: Cluster, stopped: Callable[[], bool]) -> None:
+    end = time.monotonic() + cluster.wait
+    while not client.nthreads():
+        if stopped():
+            raise Interrupted("interrupted before a worker was there: run the same command again")
+        if time.monotonic() > end:
+            what = "start some" if cluster.system == "scheduler" else "look at its queue, or raise `wait`"
+            raise EnvironmentFailure(f"no worker of {cluster} came within {cluster.wait:.0f} s: {what}")
+        time.sleep(0.1)
+
+
+@contextmanager
+def _remote_client(cluster: Cluster) -> Iterator[Client]:
+    files = {"ca_file": "tls_ca_file", "cert": "tls_client_cert", "key": "tls_client_key"}
+    security = None
+    if cluster.tls:
+        security = Security(require_encryption=True, **{files[key]: path for key, path in cluster.tls.items()})
+    try:
+        client = Client(cluster.address, timeout=_WAIT_FOR_SCHEDULER, security=security, set_as_default=False)
+    except TypeError as error:  # of distributed, for tls:// where neither profile nor dask's settings have certificates
+        sentence = f"{cluster.address} needs certificates: name ca_file, cert and key in a profile"
+        raise InputError(sentence) from error
+    except (OSError, ValueError) as error:
+        sentence = f"no scheduler answers at {cluster.address}: start one, or name another cluster"
+        raise EnvironmentFailure(sentence) from error
+    with client:
+        yield client
+
+
+@contextmanager
+def _jobs_client(cluster: Cluster, limits: Limits, shared: Path) -> Iterator[Client]:
+    """Jobs of a batch system that work for this process, over TLS with credentials of this run alone."""
+    with _credentials(shared) as security:
+        jobs = _jobs_begun(cluster, limits, security)
+        try:
+            jobs.scale(jobs=cluster.jobs)
+            with Client(jobs, set_as_default=False) as client:
+                yield client
+        finally:
+            jobs.close(timeout=10)
+
+
+@contextmanager
+def _credentials(shared: Path) -> Iterator[Security]:
+    """Of this run alone: those of its jobs in files that only this user can read, for as long as they are needed."""
+    for left_over in shared.glob(f"{_KEYS}*"):  # of a run that was killed
+        shutil.rmtree(left_over)
+    security = Security.temporary()
+    with TemporaryDirectory(prefix=_KEYS, dir=shared) as folder:
+        for field in ("tls_ca_file", "tls_worker_cert", "tls_worker_key"):
+            path = Path(folder, field)
+            path.touch(mode=0o600)
+            path.write_text(getattr(security, field))
+            setattr(security, field, str(path))
+        yield security
+
+
+def _jobs_begun(cluster: Cluster, limits: Limits, security: Security) -> Any:
+    try:
+        with dask.config.set(_DASK | limits.dask_config()), _interrupts_held_back():
+            return _jobs(cluster, security)
+    except ImportError as error:
+        sentence = "batch systems need dask-jobqueue: install it with pip install 'critflow[cluster]'"
+        raise EnvironmentFailure(sentence) from error
+    except Exception as error:
+        raise EnvironmentFailure(f"cannot make jobs of profile {cluster.name!r}: {error}: mend the profile") from error
+
+
+def _jobs(cluster: Cluster, security: Security) -> Any:
+    kind, options = jobs_class(cluster.system), job_options(cluster, security)
+    kind.job_cls("tls://head:1", "probe", **options)  # what is wrong with a job is told before there is a scheduler
+    here = {"host": "127.0.0.1"} if cluster.system == "local" else {}
+    return kind(scheduler_options=NO_DASHBOARD | here, silence_logs=logging.CRITICAL, **options)
+
+
+def jobs_class(system: str) -> Any:
+    """The class of dask-jobqueue for a batch system."""
+    module, name = _SYSTEMS[system]
+    return getattr(importlib.import_module(f"dask_jobqueue.{module}"), name)
+
+
+def job_options(cluster: Cluster, security: Security) -> dict[str, Any]:
+    """What dask-jobqueue is told of a job: workers of one thread over TLS, and what the profile says."""
+    words, options = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"], dict(cluster.options)
+    if cluster.system == "local":
+        words += ["--host", "127.0.0.1"]
+    else:
+        exports = [f"export {name}=1" for name in ONE_THREAD]
+        options["job_script_prologue"] = [*exports, *options.get("job_script_prologue", [])]
+    options |= {"cores": cluster.workers, "processes": cluster.workers, "worker_extra_args": words}
+    return options | {"protocol": "tls://", "security": security}
+
+
+@contextmanager
+def _local_client(workers: int, limits: Limits) -> Iterator[Client]:
+    """A cluster of one-thread worker processes that listens on this machine alone, and only to who has its key."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read by the libraries when a worker imports them
+    try:
+        with dask.config.set(_DASK | limits.dask_config()):
+            cluster = _local_cluster(workers, limits)
+            try:
+                with Client(cluster, set_as_default=False) as client:
+                    yield client
+            except BaseException:
+                _kill_workers(cluster)
+                raise
+            finally:
+                cluster.close(timeout=10)
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _local_cluster(workers: int, limits: Limits) -> LocalCluster:
+    try:
+        with _interrupts_held_back():
+            return LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=limits.memory_limit,
+                host="127.0.0.1",
+                protocol="tls://",
+                security=Security.temporary(),
+                scheduler_kwargs=NO_DASHBOARD,
+                silence_logs=logging.CRITICAL,
+            )
+    except Exception as error:
+        sentence = f"cannot start {workers} worker processes ({error}): try fewer, or --workers 0"
+        raise EnvironmentFailure(sentence) from error
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Answer a Ctrl-C after the block; processes born in it, or later by threads born in it, never see one.
+
+    A terminal sends Ctrl-C to every process of a command, but it is for the command to decide what happens.
+    """
+    resource_tracker.ensure_running()  # starting it inside would lift the mask
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _kill_workers(cluster: LocalCluster) -> None:
+    """End the workers in the middle of what they do; stored cases are complete, so nothing is lost."""
+    # From here on dask has only news of connections that this breaks, some with tracebacks.
+    logging.getLogger("distributed").handlers = [logging.NullHandler()]
+    for nanny in cluster.workers.values():
+        nanny.auto_restart = False
+        if nanny.pid is not None:
+            os.kill(nanny.pid, signal.SIGKILL)
