@@ -60,7 +60,7 @@ def run_study(
         path = folder.dataset(loaded.study.name)
         write_dataset(merge(selection, folder.shards), path, command)
         try:
-            report = write_report(selection.study, folder)
+            report = write_report(selection.study, folder, known=True)
         except ReportError as error:
             if not failed:
                 raise

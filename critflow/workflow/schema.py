@@ -15,7 +15,7 @@ import xarray as xr
 
 from critflow.result import IntegrityError, Status
 from critflow.workflow.plan import Case, Selection
-from critflow.workflow.store import SCHEMA_VERSION, read_shard, written_beside
+from critflow.workflow.store import SCHEMA_VERSION, append_seal, read_shard, written_beside
 from critflow.workflow.study import Variable
 
 
@@ -38,6 +38,7 @@ def write_dataset(dataset: xr.Dataset, path: Path, command: str) -> None:
         with xr.open_dataset(partial, engine="netcdf4") as written:
             if dict(written.sizes) != dict(dataset.sizes):
                 raise OSError("it does not read back as written")
+        append_seal(partial)
 
 
 class _Table:
