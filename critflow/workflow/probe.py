@@ -17,7 +17,7 @@ from pathlib import Path
 import netCDF4
 
 _MEMORY = 2**31  # bytes of address space, of which the libraries take a quarter
-_PROCESSOR_SECONDS = 10
+_PROCESSOR_SECONDS = 5  # of which the libraries take one
 _SECONDS = 120.0  # a slow disk may take its time
 
 

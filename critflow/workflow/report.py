@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow.result import CritflowError, IntegrityError, StudyError
+from critflow.result import CritflowError, IntegrityError, Status, StudyError
 from critflow.workflow.errors import ReportError
 from critflow.workflow.folder import Folder
 from critflow.workflow.pictures import gif, picture
@@ -68,6 +68,8 @@ def opened_dataset(path: Path, *, known: bool = False) -> Iterator[xr.Dataset]:
         status = dataset.get("status")
         if status is None or status.dtype.kind != "i" or not set(axes.split()) <= set(map(str, dataset.indexes)):
             raise IntegrityError(f"{path} was not written by `critflow run`: it has no status along labelled axes")
+        if not np.isin(status.values, list(Status)).all():
+            raise IntegrityError(f"{path} was not written by `critflow run`: its status has no meaning")
         yield dataset
 
 

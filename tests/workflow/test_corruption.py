@@ -2,22 +2,19 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import netCDF4
-import numpy as np
 import pytest
 import xarray as xr
 
 from critflow.cli import main
-from critflow.result import IntegrityError, Status
+from critflow.result import IntegrityError
 from critflow.workflow import store
 from critflow.workflow.folder import Folder
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
-from critflow.workflow.store import SCHEMA_VERSION, append_seal, read_shard, shard_path
+from critflow.workflow.store import SCHEMA_VERSION, append_seal, shard_path
 
 PLAIN = Path(__file__).with_name("plain_study.py")
 CASES = select(load_file(PLAIN).study).cases()
@@ -206,4 +203,3 @@ def test_every_flipped_bit_of_a_note_is_refused(out):
             folder.note.write_bytes(whole[:at] + bytes([whole[at] ^ bit]) + whole[at + 1 :])
             with pytest.raises(IntegrityError, match=r"study\.json is not readable"):
                 folder.selection()
-
