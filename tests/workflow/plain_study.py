@@ -5,12 +5,16 @@ import numpy as np
 from critflow.result import Status
 from critflow.workflow import Axis, Claim, Study, Variable
 
+# Seeds that misbehave for now, in this process; no parameters, for the same case may be well later.
+broken: set[int] = set()
+stopped: set[int] = set()
+
 
 def case(parameters, *, seed):
-    """Numbers that tell the parameters and the seed apart; `broken` and `stopped` cases end as they say."""
-    if seed == parameters["broken"]:
+    """Numbers that tell the parameters and the seed apart."""
+    if seed in broken:
         raise ValueError("broken on demand")
-    if seed == parameters["stopped"]:
+    if seed in stopped:
         raise KeyboardInterrupt
     values = parameters["scale"] * (seed + np.arange(4.0))
     return {"status": Status.ok, "shared": np.arange(4), "values": values, "total": values.sum()}
@@ -24,7 +28,7 @@ study = Study(
     name="plain",
     title="Numbers that tell cases apart",
     axes=(Axis("seed", range(4), "seed"),),
-    parameters={"scale": 1.0, "broken": 1000, "stopped": 1000},
+    parameters={"scale": 1.0},
     case=case,
     variables=(
         Variable("shared", ("place",), "i4", long_name="the same in every case"),
