@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import netCDF4
+import numpy as np
 import pytest
 import xarray as xr
 
@@ -203,3 +204,13 @@ def test_every_flipped_bit_of_a_note_is_refused(out):
             folder.note.write_bytes(whole[:at] + bytes([whole[at] ^ bit]) + whole[at + 1 :])
             with pytest.raises(IntegrityError, match=r"study\.json is not readable"):
                 folder.selection()
+
+
+@pytest.mark.parametrize("words", [["figures"], ["show", "--set", "seed=0"]])
+def test_nothing_is_read_off_a_dataset_with_a_flipped_bit(out, capsys, words):
+    path = out / "plain.nc"
+    whole = path.read_bytes()
+    at = whole.index(np.arange(2.0, 6.0).tobytes())  # numbers, of which the netCDF library knows no checksum
+    path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+    assert main([words[0], str(out if words == ["figures"] else path), *words[1:]]) == 4
+    assert "checksum" in capsys.readouterr().err

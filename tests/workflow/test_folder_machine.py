@@ -70,7 +70,7 @@ class FolderMachine(RuleBasedStateMachine):
                 (self.failed if case.values["seed"] in BROKEN else self.good).add(case.id)
 
     def attempt(self, writes=True):
-        """One run of the engine, as the command makes it, but without what is slow, the figures and often the dataset."""
+        """One run of the engine, as the command makes it, but for the figures and often the dataset, which are slow."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(engine, "write_report", lambda *_, **__: None)
             if not writes:
