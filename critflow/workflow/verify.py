@@ -45,19 +45,18 @@ def verify_folder(folder: Folder) -> tuple[int, list[str], bool]:
         if not problems and isinstance(error, StudyError):  # a run that was stopped has none yet
             raise
         return stored, [*problems, str(error)], False
-    if not check_seal(path):
-        problems.append(f"{path}: its seal is missing: {_ANEW}")
     if not problems:
         problems += _contradictions(selection, folder, dataset)
-    if problems:  # figures and physics of a dataset that is wrong say nothing more
-        return stored, problems, False
-    problems += _read_off(study, folder, dataset)
+    if not check_seal(path):
+        problems.append(f"{path}: its seal is missing: {_ANEW}")
+    if not problems:  # what is read off a dataset that is wrong says nothing more
+        problems += _read_off(study, folder, dataset)
     if study.verify is None:
         return stored, problems, False
     try:
         return stored, [*problems, *(f"{path}: {problem}" for problem in study.verify(dataset))], True
     except Exception as error:
-        if not left_out_by(study, error):
+        if not problems and not left_out_by(study, error):  # the physics of a dataset that is wrong may be anything
             raise
     return stored, problems, False
 

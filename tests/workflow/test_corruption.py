@@ -68,11 +68,7 @@ def of_schema(version):
             note = json.loads(path.read_text())
             path.write_text(path.read_text().replace(f'"schema_version": {note["schema_version"]}', f'"x": {version}'))
             return
-        before = path.read_bytes()
-        path.write_bytes(before[: -store._SEAL_LENGTH])
-        with netCDF4.Dataset(path, "a") as file:
-            file.schema_version = version
-        append_seal(path)
+        resealed(lambda file: file.setncattr("schema_version", version))(path)
 
     return damage
 
@@ -107,13 +103,32 @@ def another_dataset(path):
     append_seal(path)
 
 
+def resealed(change):
+    """The file changed by someone who knows how it is sealed."""
+
+    def damage(path):
+        path.write_bytes(path.read_bytes()[: -store._SEAL_LENGTH])
+        with netCDF4.Dataset(path, "a") as file:
+            change(file)
+        append_seal(path)
+
+    return damage
+
+
 def another_note(path):
     path.write_text(path.read_text().replace('"scale": 1.0', '"scale": 2.0'))
 
 
 KINDS = {
     "shard": COMMON | {"attribute": flip(b"status"), "another": another_case},
-    "dataset": COMMON | {"attribute": flip(b"long_name"), "another": another_dataset},
+    "dataset": COMMON
+    | {
+        "attribute": flip(b"long_name"),
+        "another": another_dataset,
+        "other units": resealed(lambda file: file["total"].setncattr("units", "m")),
+        "other settings": resealed(lambda file: file.setncattr("parameters", "{}")),
+        "one array more": resealed(lambda file: file.createVariable("more", "i4", ("seed",))),
+    },
     "study.json": COMMON | {"attribute": flip(b"seed"), "another": another_note},
 }
 
