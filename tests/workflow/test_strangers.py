@@ -1,6 +1,7 @@
 """A file from a stranger, well formed and rightly sealed, can at worst be refused: no crash, no memory, no hang."""
 
 import os
+import re
 import resource
 from pathlib import Path
 
@@ -188,3 +189,10 @@ def test_deep_text_is_refused(tmp_path):
     folder.note.write_text("[" * 100_000)
     with pytest.raises(IntegrityError, match="not readable"):
         folder.selection()
+
+
+def test_nothing_is_unpickled_from_disk():
+    """Only what dask carries between the processes of one run is pickled, and dask does that."""
+    for path in Path(store.__file__).parents[1].rglob("*.py"):
+        source = path.read_text(encoding="utf-8")
+        assert not re.search(r"\b(pickle|cloudpickle|dill|marshal|shelve|joblib)\b|\bnp\.load\(", source), path
