@@ -12,10 +12,10 @@ stopped: set[int] = set()
 
 def case(parameters, *, seed):
     """Numbers that tell the parameters and the seed apart."""
-    if seed in broken:
-        raise ValueError("broken on demand")
     if seed in stopped:
         raise KeyboardInterrupt
+    if seed in broken:
+        raise ValueError("broken on demand")
     values = parameters["scale"] * (seed + np.arange(4.0))
     return {"status": Status.ok, "shared": np.arange(4), "values": values, "total": values.sum()}
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
@@ -210,10 +210,11 @@ class FolderMachine(RuleBasedStateMachine):
             return
         _, selection = self.folder.selection()
         assert (selection.parameters, selection.axes) == (self.noted.parameters, self.noted.axes)
-        total = folder_status(self.folder).total
         ids = {case.id for case in selection.cases()}
-        assert total["failed"] == len(ids & self.failed)
-        assert total["missing"] == len(ids - self.good - self.failed - self.damaged)
+        if not ids & self.damaged:  # a status is read from the heads alone, and may take a flipped one for another
+            total = folder_status(self.folder).total
+            assert total["failed"] == len(ids & self.failed)
+            assert total["missing"] == len(ids - self.good - self.failed)
 
     def compare(self, dataset):
         """Values are those of the formula where the model says so, and nothing anywhere else."""
@@ -232,7 +233,12 @@ class FolderMachine(RuleBasedStateMachine):
 
 SOAK = int(os.environ.get("CRITFLOW_SOAK", "100"))
 FolderMachine.TestCase.settings = settings(
-    max_examples=SOAK, stateful_step_count=30, deadline=None, derandomize=SOAK == 100, database=None,
+    max_examples=SOAK,
+    stateful_step_count=30,
+    deadline=None,
+    derandomize=SOAK == 100,
+    database=None,
+    phases=(Phase.generate,),  # to shrink what failed takes minutes
     suppress_health_check=list(HealthCheck),
-)  # fmt: skip
+)
 TestFolderMachine = pytest.mark.timeout(0 if SOAK > 100 else 300)(FolderMachine.TestCase)
