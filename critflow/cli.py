@@ -66,7 +66,7 @@ def main(words: Sequence[str] | None = None) -> int:
     except CritflowError as error:
         return _complain(str(error), next((code for kind, code in EXIT_CODES if isinstance(error, kind)), 1))
     except (OSError, MemoryError) as error:
-        return _complain(f"the machine refused: {error or 'out of memory'}", 6)
+        return _complain(f"the machine refused: {str(error) or 'out of memory'}", 6)
     except Exception as error:
         hint = "set CRITFLOW_TRACEBACK=1 to see where"
         return _complain(f"unexpected {type(error).__name__}: {error}: {hint}", 1)

@@ -72,7 +72,8 @@ def test_too_few_vertices_are_refused(tmp_path, capsys):
     "variable, said",
     [
         ("boundary_vectors", "boundary_vectors, bond_vectors"),
-        ("sigma", "force balance"),
+        ("sigma", "sigma, force balance"),
+        ("sheared_cell", "sheared_cell at 0"),
         ("sheared_bond_vectors", "sheared_bond_vectors at 0"),
     ],
 )

@@ -9,6 +9,7 @@ import xarray as xr
 
 from critflow import CriticalManifold, Network, Status, bulk_modulus_bound, voronoi_network
 from critflow.cli import main
+from critflow.workflow.load import load_study
 
 SETTINGS = ["--set", "n_vertices=60", "--set", "seeds=0:3"]
 
@@ -191,6 +192,20 @@ def test_verify_believes_a_good_folder_and_names_what_is_wrong(folder, tmp_path,
     assert all(shard.name in message for shard in damaged)
     assert run("run", "ensemble", "--workers", "0", "--out", str(copy), *SETTINGS) == 0
     assert run("verify", str(copy)) == 0
+
+
+@pytest.mark.parametrize(
+    "variable, change",
+    [("C_B", 1.001), ("C_G_error", 1.1), ("energy", -1.0), ("stressed_fraction", 0.9), ("residual", 1e6)],
+)
+def test_verify_recomputes_what_follows_from_the_arrays(folder, variable, change):
+    with xr.open_dataset(folder / "ensemble.nc") as stored:
+        changed = stored.load()
+    one = {"population": "bulk_modulus", "seed": 1}
+    changed[variable].loc[one] *= change
+    (problem,) = load_study("ensemble").study.verify(changed)
+    assert problem.startswith("population bulk_modulus, seed 1: ")
+    assert variable.removesuffix("_error") in problem
 
 
 def test_show_prints_a_certificate(folder, tmp_path, capsys):

@@ -33,12 +33,18 @@ def _boundary(one):
     L, force = x[head] - x[tail] + b, np.zeros_like(x)
     np.add.at(force, head, sigma[:, None] * L)
     np.add.at(force, tail, -sigma[:, None] * L)
+    incidence = np.zeros(one.incidence.shape)
+    np.add.at(incidence, (np.arange(len(head)), head), 1)
+    np.add.at(incidence, (np.arange(len(tail)), tail), -1)
+    yield "incidence", (incidence == one.incidence.values).all()
+    yield "sigma", np.isclose(np.sum(sigma**2), len(sigma), rtol=1e-10)
     yield "boundary_vectors", np.allclose(b, one.offsets.values @ one.cell.values, rtol=0, atol=1e-12)
     yield "bond_vectors", np.allclose(L, one.bond_vectors, rtol=0, atol=1e-12)
     yield "force balance", np.abs(force).max() <= 1e-11 * np.abs(sigma[:, None] * L).mean()
     for shear in one.shear.values:
         F = np.array([[1.0, shear], [0.0, 1.0]])
         sheared = one.sheared_bond_vectors.sel(shear=shear)
+        yield f"sheared_cell at {shear:g}", np.allclose(one.cell.values @ F.T, one.sheared_cell.sel(shear=shear))
         yield f"sheared_bond_vectors at {shear:g}", np.allclose(L @ F.T, sheared, rtol=0, atol=1e-10)
 
 

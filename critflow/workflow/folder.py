@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import json
+import math
 import os
+import platform
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
+from typing import IO, Any
 
 from critflow.result import EnvironmentFailure, IntegrityError, StudyError
 from critflow.workflow.errors import LockedError
 from critflow.workflow.load import StudyFile, load_file, load_study
-from critflow.workflow.plan import Selection
-from critflow.workflow.store import PARTIAL, write_text
+from critflow.workflow.plan import LONGEST, Selection
+from critflow.workflow.store import PARTIAL, SCHEMA_VERSION, write_text
+from critflow.workflow.study import Axis
 
 if os.name == "posix":
     import fcntl
+
+_ANEW = "run the study again to write it anew"
 
 
 @dataclass(frozen=True)
@@ -54,26 +62,52 @@ class Folder:
         self.refuse_other(loaded)
         try:
             self.shards.mkdir(parents=True, exist_ok=True)
-            lock = open(self.path / ".lock", "a")
+            lock = open(self.path / ".lock", "ab+", buffering=0)
         except OSError as error:
             reason = f"{error.strerror}: choose another folder with --out"
             raise EnvironmentFailure(f"cannot write in {self.path}: {reason}") from error
         with lock:
-            if os.name == "posix":
-                try:
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    raise LockedError(f"another run is at work in {self.path}: wait for it, or choose --out") from None
-            for left_over in self.path.rglob(f".*{PARTIAL}"):  # of a run that was killed while it wrote
-                left_over.unlink(missing_ok=True)
-            self._write_note(loaded, selection)
-            yield
+            self._take(lock)
+            try:
+                for folder in (self.path, self.shards, self.figures):
+                    for left_over in folder.glob(f".*{PARTIAL}"):  # of a run that was killed while it wrote
+                        left_over.unlink(missing_ok=True)
+                self._write_note(loaded, selection)
+                yield
+            finally:
+                os.ftruncate(lock.fileno(), 0)
+
+    def _take(self, lock: IO[bytes]) -> None:
+        """Lock the file, or say who has it."""
+        if os.name == "posix":
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                lock.seek(0)
+                holder = lock.read(200).decode(errors="replace").strip()
+                raise LockedError(
+                    f"another run is at work in {self.path}{f', {holder}' if holder else ''}: "
+                    "wait for it, or choose another folder with --out"
+                ) from None
+            except OSError as error:
+                reason = f"{error.strerror}: choose a folder on another disk with --out"
+                raise EnvironmentFailure(f"cannot lock {self.path}: {reason}") from error
+        since = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        try:
+            lock.truncate(0)
+            lock.write(f"process {os.getpid()} on {platform.node()} since {since}\n".encode())
+        except OSError as error:
+            reason = f"{error.strerror}: make room there, or choose another folder with --out"
+            raise EnvironmentFailure(f"cannot write in {self.path}: {reason}") from error
 
     def refuse_other(self, loaded: StudyFile) -> None:
         """Raise unless the folder is new or belongs to this study."""
         if self.path.exists() and not self.path.is_dir():
             raise EnvironmentFailure(f"{self.path} is a file: give a folder with --out")
-        owner = self._read_note()["study"] if self.note.exists() else loaded.study.name
+        try:
+            owner = self._read_note()["study"] if self.note.exists() else loaded.study.name
+        except IntegrityError:  # nobody can say whose it was, and what a run stores carries the name of its study
+            return
         if owner != loaded.study.name:
             raise StudyError(
                 f"{self.path} holds study {owner!r}, not {loaded.study.name!r}: choose another folder with --out"
@@ -90,6 +124,9 @@ class Folder:
         axes = {name: tuple(values) for name, values in note["axes"].items()}
         if set(parameters) != set(loaded.study.parameters) or tuple(axes) != loaded.study.axis_names:
             raise StudyError(f"study {loaded.study.name!r} has other settings now than {self.path}: run it again there")
+        for key, default in loaded.study.parameters.items():
+            if _kind(parameters[key]) != _kind(default):
+                raise IntegrityError(f"{self.note} has {key} = {parameters[key]!r}: {_ANEW}")
         known = [variable.name for variable in loaded.study.variables]
         if not set(note["variables"]) <= set(known):
             raise StudyError(
@@ -99,18 +136,55 @@ class Folder:
 
     def _write_note(self, loaded: StudyFile, selection: Selection) -> None:
         note = {
+            "schema_version": SCHEMA_VERSION,
             "study": loaded.study.name,
             "file": None if loaded.by_name else os.path.relpath(loaded.path, self.path.absolute()),
             "axes": selection.axes,
             "parameters": selection.parameters,
             "variables": selection.study.selected,
         }
-        write_text(self.note, json.dumps(note, indent=1) + "\n")
+        write_text(self.note, _note_text(note))
 
     def _read_note(self) -> dict:
+        """What a run wrote of itself, when it is whole and says what a run says."""
         try:
-            note = json.loads(self.note.read_text(encoding="utf-8"))
-            note.setdefault("variables", [])  # all
-            return {key: note[key] for key in ("study", "file", "axes", "parameters", "variables")}
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise IntegrityError(f"{self.note} is not readable: delete it and run the study again") from error
+            if not self.note.is_file():
+                raise ValueError("it is not a file")
+            text = self.note.read_text(encoding="utf-8")
+            note = json.loads(text)
+            del note["sha256"]
+            if text != _note_text(note):
+                raise ValueError("it does not match its checksum")
+            if note["schema_version"] != SCHEMA_VERSION:
+                raise ValueError(f"its schema_version is {note['schema_version']}, not {SCHEMA_VERSION}")
+            return _checked(note)
+        except OSError as error:
+            raise EnvironmentFailure(f"cannot read {self.note}: {error.strerror}: mend that and run again") from error
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+            raise IntegrityError(f"{self.note} is not readable: {error}: {_ANEW}") from error
+
+
+def _note_text(note: dict[str, Any]) -> str:
+    """What the file says: the note and its checksum."""
+    checksum = sha256(json.dumps(note, sort_keys=True).encode()).hexdigest()
+    return json.dumps(note | {"sha256": checksum}, indent=1) + "\n"
+
+
+def _kind(value: Any) -> tuple[type, ...]:
+    return (tuple, *{type(item) for item in value}) if isinstance(value, tuple) else (type(value),)
+
+
+def _checked(note: dict) -> dict:
+    """The note, unless something in it is of a type or a size that no run writes: a checksum is no secret."""
+    for name, values in note["axes"].items():
+        if not isinstance(values, list):
+            raise ValueError(f"its {name!r} is not a list")
+        Axis(name, values, "")  # refuses what is no axis
+    if math.prod(len(values) for values in note["axes"].values()) > LONGEST:
+        raise ValueError(f"it has more than {LONGEST:,} cases")
+    texts = [note["study"], *note["variables"], *([] if note["file"] is None else [note["file"]])]
+    if not all(isinstance(text, str) and "\0" not in text for text in texts):
+        raise ValueError("its names are not text")
+    if not isinstance(note["parameters"], dict):
+        raise ValueError("its parameters have no names")
+    return note

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import threading
@@ -11,7 +12,7 @@ from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
 
-from critflow.result import StudyError
+from critflow.result import EnvironmentFailure, StudyError
 from critflow.workflow.study import Study, nearest
 
 _loading = threading.Lock()
@@ -65,7 +66,8 @@ def load_file(path: Path) -> StudyFile:
     try:
         source = path.read_bytes()
     except OSError as error:
-        raise StudyError(f"cannot read the study file {path}: {error.strerror}") from error
+        kind = EnvironmentFailure if error.errno in (errno.EMFILE, errno.ENFILE, errno.EIO) else StudyError
+        raise kind(f"cannot read the study file {path}: {error.strerror}") from error
     digest = sha256(source).hexdigest()
     name = f"critflow_study_{path.stem}_{digest[:16]}"
     with _loading:

@@ -15,7 +15,7 @@ import xarray as xr
 
 from critflow.workflow.plan import Selection
 from critflow.workflow.schema import Table, variable_attributes
-from critflow.workflow.store import read_shard, written_beside
+from critflow.workflow.store import append_seal, read_shard, written_beside
 
 SLAB_BYTES = 2**26  # of the arrays that are in memory at a time; one value of the longest axis at least
 
@@ -35,6 +35,7 @@ def write_dataset(selection: Selection, shards: Path, path: Path, command: str) 
         with xr.open_dataset(partial, engine="netcdf4") as written:
             if not dict(written.sizes).items() >= whole.sizes.items():
                 raise OSError("it does not read back as written")
+        append_seal(partial)
 
 
 def _inner_sizes(selection: Selection, shards: Path) -> dict[str, int]:

@@ -14,13 +14,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow.result import CritflowError, IntegrityError, StudyError
+from critflow.result import CritflowError, IntegrityError, Status, StudyError
 from critflow.workflow.errors import ReportError
 from critflow.workflow.folder import Folder
 from critflow.workflow.pictures import gif, picture
-from critflow.workflow.store import write_text, written_beside
+from critflow.workflow.probe import refusal
+from critflow.workflow.store import check_seal, write_text, written_beside
 from critflow.workflow.study import Claim, Study
 
+_ANEW = "run the study again to write it anew"
 FORMATS = ("png", "pdf", "svg")
 
 
@@ -43,21 +45,35 @@ def left_out_by(study: Study, error: Exception) -> bool:
 
 
 @contextmanager
-def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
-    """A dataset that a study wrote, or a sentence about why it cannot be read."""
-    if not path.is_file():
+def opened_dataset(path: Path, *, known: bool = False) -> Iterator[xr.Dataset]:
+    """A dataset that a study wrote, or a sentence about why it cannot be read; `known` when this process wrote it."""
+    if not path.exists():
         raise StudyError(f"there is no dataset {path}: run the study first")
+    unreadable = f"{path} is not a readable dataset"
+    if not path.is_file():
+        raise IntegrityError(f"{unreadable}: it is not a file: {_ANEW}")
+    check_seal(path)
+    if not known and (reason := refusal(path)):
+        raise IntegrityError(f"{unreadable}: {reason}: {_ANEW}")
     try:
         dataset = xr.open_dataset(path, engine="netcdf4")
-    except (OSError, RuntimeError, ValueError, LookupError, AttributeError) as error:
-        raise IntegrityError(f"{path} is not a readable dataset: run the study again to write it anew") from error
+    except MemoryError:
+        raise
+    except Exception as error:  # attributes can make the decoding raise anything
+        raise IntegrityError(f"{unreadable}: {_ANEW}") from error
     with dataset:
-        if "study" not in dataset.attrs or "axes" not in dataset.attrs:
+        axes = dataset.attrs.get("axes")
+        if "study" not in dataset.attrs or not isinstance(axes, str):
             raise IntegrityError(f"{path} was not written by `critflow run`: it names no study")
+        status = dataset.get("status")
+        if status is None or status.dtype.kind != "i" or not set(axes.split()) <= set(map(str, dataset.indexes)):
+            raise IntegrityError(f"{path} was not written by `critflow run`: it has no status along labelled axes")
+        if not np.isin(status.values, list(Status)).all():
+            raise IntegrityError(f"{path} was not written by `critflow run`: its status has no meaning")
         yield dataset
 
 
-def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
+def write_report(study: Study, folder: Folder, format: str = "png", *, known: bool = False) -> Report:
     """Write all that the study reads off its dataset; one bad part does not keep others back.
 
     What needs variables that the run left out is left out too, and files of it from a fuller run are deleted.
@@ -81,7 +97,7 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
             else:
                 troubles[what] = error
 
-    with opened_dataset(folder.dataset(study.name)) as dataset:
+    with opened_dataset(folder.dataset(study.name), known=known) as dataset:
         for name, draw in study.figures.items():
             # Where nothing is to be drawn stands NaN, which the layout of three-dimensional axes computes with.
             path = folder.figures / f"{name}.{format}"
@@ -99,13 +115,13 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
             words, table = folder.path / "claims.json", folder.path / "claims.md"
             with part("the claims", words, table):
                 claims = list(study.claims(dataset))
-                write_text(words, _json([asdict(claim) for claim in claims]))
-                write_text(table, claims_table(study, claims))
+                for file, text in zip((words, table), claims_texts(study, claims), strict=True):
+                    write_text(file, text)
                 report.claims.extend(claims)
         if study.summary is not None:
             path = folder.path / "summary.json"
             with part("the summary", path):
-                write_text(path, _json(study.summary(dataset)))
+                write_text(path, summary_text(study.summary(dataset)))
     if troubles:
         what, error = next(iter(troubles.items()))
         others = f" (and {len(troubles) - 1} more)" if len(troubles) > 1 else ""
@@ -117,6 +133,16 @@ def _write_picture(path: Path, content: bytes) -> None:
     path.parent.mkdir(exist_ok=True)
     with written_beside(path) as partial:
         partial.write_bytes(content)
+
+
+def claims_texts(study: Study, claims: Sequence[Claim]) -> tuple[str, str]:
+    """What claims.json and claims.md say."""
+    return _json([asdict(claim) for claim in claims]), claims_table(study, claims)
+
+
+def summary_text(summary: Mapping[str, Any]) -> str:
+    """What summary.json says."""
+    return _json(summary)
 
 
 def claims_table(study: Study, claims: Sequence[Claim]) -> str:

@@ -89,7 +89,7 @@ def run_study(
         reasons = write_quarantine(loaded, selection, folder, [case for case in cases if case.id in failed], limits)
         faults.passing("run.written")
         try:
-            report = write_report(selection.study, folder)
+            report = write_report(selection.study, folder, known=True)
         except ReportError as error:
             if not failed:
                 raise

@@ -3,19 +3,22 @@
 A shard is a netCDF file in the plain CDF-5 layout, read and written faster than HDF5 at these sizes, with a seal behind
 it that netCDF tools do not see: the SHA-256 of all bytes before.  It is written beside its place, closed, sealed, read
 back, synced and renamed, so a crash leaves no half shard.  The seal is verified before the netCDF library sees a file,
-so no damaged length can mislead it.
+so no damaged length can mislead it.  A seal is no secret, so what the head of a file declares is compared with the
+table of the study, and with the size of the file, before any array is made of it.
 """
 
 from __future__ import annotations
 
+import errno
+import math
 import os
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from uuid import uuid4
 
 import netCDF4
@@ -31,6 +34,9 @@ PARTIAL = ".partial"  # no glob for results matches it
 
 _MARK = b"\nsealed sha256 "
 _SEAL_LENGTH = len(_MARK) + 64
+_CDF5 = b"CDF\x05"
+# Errors of a system call that say nothing about the file it was made for.
+_THE_MACHINE = {errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EACCES, errno.EIO, errno.ESTALE}
 _netcdf = threading.Lock()  # the netCDF library is not thread-safe
 
 
@@ -56,6 +62,8 @@ def written_beside(path: Path) -> Iterator[Path]:
         with open(partial, "rb+") as file:
             os.fsync(file.fileno())
         faults.passing("store.synced", path.name)
+        if path.is_dir():  # not ours to delete
+            path.rename(path.with_name(f"{path.name}.{uuid4().hex[:12]}.set-aside"))
         os.replace(partial, path)
         faults.passing("store.replaced", path.name)
         _sync_folder(path.parent)
@@ -83,8 +91,6 @@ def write_shard(
 ) -> str:
     """Store one case and return its checksum."""
     path = shard_path(folder, case)
-    if path.is_dir():  # not ours to delete
-        path.rename(path.with_name(f"{path.name}.{uuid4().hex[:12]}.set-aside"))
     with written_beside(path) as partial:
         with _netcdf, netCDF4.Dataset(partial, "w", format="NETCDF3_64BIT_DATA") as file:
             file.set_fill_off()
@@ -121,11 +127,36 @@ def read_status(folder: Path, study: Study, case: Case, *, verify: bool) -> Stat
         if verify:
             _verified_seal(path)
         else:
-            with open(path, "rb") as file:
+            with _raw(path) as file:
                 file.seek(-min(_SEAL_LENGTH, path.stat().st_size), os.SEEK_END)
                 _check_sealed(path, file.read())
         with _opened(path, study, case) as dataset:
-            return Status(int(dataset.getncattr("status")))
+            return _status(dataset)
+
+
+def append_seal(path: Path) -> None:
+    """End a finished file with the seal of its bytes, however many they are; netCDF tools do not look behind theirs."""
+    with open(path, "rb+") as file:
+        digest = file_digest(file, "sha256").hexdigest()
+        file.seek(0, os.SEEK_END)
+        file.write(_MARK + digest.encode())
+
+
+def check_seal(path: Path) -> bool:
+    """Whether the file ends with a seal; `IntegrityError` when it is not that of its bytes."""
+    with _readable(path), _raw(path) as file:
+        left = path.stat().st_size - _SEAL_LENGTH
+        file.seek(max(left, 0))
+        if not (seal := file.read()).startswith(_MARK):
+            return False
+        file.seek(0)
+        digest = sha256()
+        while left > 0 and (piece := file.read(min(left, 2**20))):
+            digest.update(piece)
+            left -= len(piece)
+        if left or _checksum(seal) != digest.hexdigest():
+            raise IntegrityError(f"{path} is damaged: its contents do not match its checksum")
+        return True
 
 
 def _read(path: Path, study: Study, case: Case) -> Shard:
@@ -133,11 +164,12 @@ def _read(path: Path, study: Study, case: Case) -> Shard:
         seal = _verified_seal(path)
         with _opened(path, study, case) as dataset:
             arrays = {name: np.asarray(variable[...]) for name, variable in dataset.variables.items()}
-            return Shard(Status(int(dataset.getncattr("status"))), arrays, _checksum(seal), dataset.getncattr("error"))
+            return Shard(_status(dataset), arrays, _checksum(seal), dataset.getncattr("error"))
 
 
 def _verified_seal(path: Path) -> bytes:
-    whole = path.read_bytes()
+    with _raw(path) as file:
+        whole = file.read()
     seal = whole[-_SEAL_LENGTH:]
     _check_sealed(path, seal)
     if _seal(whole[:-_SEAL_LENGTH]) != seal:
@@ -146,22 +178,66 @@ def _verified_seal(path: Path) -> bytes:
 
 
 @contextmanager
+def _raw(path: Path) -> Iterator[BinaryIO]:
+    """The bytes of a plain file: a pipe would keep its reader waiting."""
+    if not path.is_file():
+        raise IntegrityError(f"{path} is not a file")
+    with open(path, "rb") as file:
+        yield file
+
+
+@contextmanager
 def _opened(path: Path, study: Study, case: Case) -> Iterator[netCDF4.Dataset]:
     """The file, when its head says that it is this case in this layout."""
+    with _raw(path) as raw:
+        if raw.read(len(_CDF5)) != _CDF5:  # the library would open any of its formats, some of them without bounds
+            raise IntegrityError(f"{path} is not a shard: it is not in the CDF-5 layout")
     with _netcdf, netCDF4.Dataset(path) as file:
         file.set_auto_maskandscale(False)
         for name, right in _identity(study, case).items():
             if (found := file.getncattr(name)) != right:
                 raise IntegrityError(f"{path} is not the shard looked for: its {name} is {found}, not {right}")
+        _check_layout(study, case, file, path.stat().st_size)
         yield file
+
+
+def _check_layout(study: Study, case: Case, file: netCDF4.Dataset, size: int) -> None:
+    """Raise unless the head declares arrays of the study's table that fit into the file."""
+    if not isinstance(file.getncattr("error"), str):
+        raise ValueError("its error is not text")
+    declared = {variable.name: np.dtype(variable.dtype) for variable in study.variables if variable.name != "status"}
+    lengths = {c.name: len(case.parameters[c.parameter]) for c in study.coordinates}
+    total = 0
+    for name, variable in file.variables.items():
+        if name not in declared:
+            raise ValueError(f"it holds {name!r}, which is not in the table of the study")
+        if variable.dtype != declared[name] or variable.dimensions != study.inner_dims[name]:
+            raise ValueError(f"its {name!r} is {variable.dtype} along {variable.dimensions}")
+        for dim, length in zip(variable.dimensions, variable.shape, strict=True):
+            if length != lengths.get(dim, length):
+                raise ValueError(f"its {name!r} has {length} along {dim!r}, not {lengths[dim]}")
+        total += math.prod(map(int, variable.shape)) * variable.dtype.itemsize
+    if total > size:
+        raise ValueError(f"it declares {total:,} bytes of arrays and has {size:,}")
+    if _status(file) is Status.ok and (left_out := sorted(declared.keys() - file.variables.keys())):
+        raise ValueError(f"it is complete without {', '.join(left_out)}")
+
+
+def _status(file: netCDF4.Dataset) -> Status:
+    return Status(int(file.getncattr("status")))
 
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Whatever a strange file makes the libraries raise becomes one error that names it."""
+    """Whatever a strange file makes the libraries raise becomes one error that names it.
+
+    What the machine refuses says nothing about the file, which may be as good as ever.
+    """
     try:
         yield
     except (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError) as error:
+        if isinstance(error, OSError) and error.errno in _THE_MACHINE:
+            raise EnvironmentFailure(f"cannot read {path}: {error.strerror}: mend that and run again") from error
         raise IntegrityError(f"{path} is not a readable shard: {error}") from error
 
 

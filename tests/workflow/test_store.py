@@ -82,7 +82,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_beside_it(tmp_path, tiny
 
     monkeypatch.setattr(store.os, "replace", full)
     with pytest.raises(EnvironmentFailure, match="No space left"):
-        store.write_shard(tmp_path, tiny.study, case, Status.ok, {})
+        store.write_shard(tmp_path, tiny.study, case, Status.stalled, {})
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
@@ -98,7 +98,7 @@ def test_what_is_written_is_read_back_before_it_counts(tmp_path, tiny, case, pat
 
     monkeypatch.setattr(store, "_read", forgetful)
     with pytest.raises(EnvironmentFailure, match="read back"):
-        store.write_shard(tmp_path, tiny.study, case, Status.ok, {"residual": np.array(1.0)})
+        store.write_shard(tmp_path, tiny.study, case, Status.stalled, {"residual": np.array(1.0)})
     assert path.read_bytes() == before
 
 
@@ -107,5 +107,5 @@ def test_the_file_is_synced_before_it_is_renamed_and_the_folder_after(tmp_path, 
     for name in ("fsync", "replace"):
         real = getattr(os, name)
         monkeypatch.setattr(store.os, name, lambda *a, name=name, real=real: (calls.append(name), real(*a))[1])
-    store.write_shard(tmp_path, tiny.study, case, Status.ok, {})
+    store.write_shard(tmp_path, tiny.study, case, Status.stalled, {})
     assert calls == ["fsync", "replace", "fsync"]

@@ -1,0 +1,41 @@
+"""The least study that has shared and inner arrays, claims and a summary: for tests that run it very often."""
+
+import numpy as np
+
+from critflow.result import Status
+from critflow.workflow import Axis, Claim, Study, Variable
+
+# Seeds that misbehave for now, in this process; no parameters, for the same case may be well later.
+broken: set[int] = set()
+stopped: set[int] = set()
+
+
+def case(parameters, *, seed):
+    """Numbers that tell the parameters and the seed apart."""
+    if seed in stopped:
+        raise KeyboardInterrupt
+    if seed in broken:
+        raise ValueError("broken on demand")
+    values = parameters["scale"] * (seed + np.arange(4.0))
+    return {"status": Status.ok, "shared": np.arange(4), "values": values, "total": values.sum()}
+
+
+def claims(ds):
+    return [Claim("total", "totals grow", "yes", str(float(ds.total.sum())), "holds")]
+
+
+study = Study(
+    name="plain",
+    title="Numbers that tell cases apart",
+    axes=(Axis("seed", range(4), "seed"),),
+    parameters={"scale": 1.0},
+    case=case,
+    variables=(
+        Variable("shared", ("place",), "i4", long_name="the same in every case"),
+        Variable("values", ("seed", "place"), "f8", long_name="numbers"),
+        Variable("total", ("seed",), "f8", long_name="their sum"),
+        Variable("status", ("seed",), "i1", long_name="outcome", flags=Status),
+    ),
+    claims=claims,
+    summary=lambda ds: {"total": ds.total.sum()},
+)
