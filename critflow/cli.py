@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
-import shlex
 import sys
 import traceback
 from collections.abc import Sequence
@@ -19,11 +19,14 @@ from critflow.workflow.errors import Interrupted, LockedError
 from critflow.workflow.folder import Folder
 from critflow.workflow.load import each_named_study, load_study
 from critflow.workflow.plan import select
-from critflow.workflow.status import folder_status, status_lines
+from critflow.workflow.provenance import command_line
+from critflow.workflow.reasons import Reason, made_by_other_code, reasons_to_compute
+from critflow.workflow.status import folder_status, status_lines, status_plain
 
 FAILED_CASES = 3
 DAMAGED = 4
 INTERRUPTED = 130
+_MOST_REASONS = 20  # lines of reasons; failures may all differ
 EXIT_CODES = (
     (Interrupted, INTERRUPTED),
     (InputError, 2),
@@ -126,11 +129,13 @@ def run(
         todo, damage = engine.missing_cases(selection, folder)
         for line in damage:
             print("critflow:", line, file=sys.stderr)
+        again = reasons_to_compute(selection, folder.shards, (case for case in selection.cases() if case.id in todo))
         cases = f"{len(todo)} of {len(selection.cases())} cases to compute"
         print(f"{loaded.study.name}: {sizes}, {cases}, into {folder.path}")
         for key, value in selection.parameters.items():
             print(f"  {key} = {','.join(map(str, value)) if isinstance(value, tuple) else value}")
         print(f"  variables = {','.join(selection.study.selected) or 'all'}")
+        _print_reasons(again)
         return 0
     result = engine.run_study(
         loaded,
@@ -138,7 +143,7 @@ def run(
         folder,
         workers=processes,
         scheduler=scheduler,
-        command=shlex.join(["critflow", "run", study, *(f"--set={word}" for word in settings)]),
+        command=command_line(study, settings, processes, scheduler),
     )
     print(f"{result.dataset}: {sizes}, {result.kept} of {len(selection.cases())} cases were there before")
     _print_report(folder, result.report)
@@ -162,10 +167,25 @@ def list_studies() -> None:
 
 
 @app.command()
-def status(folder: FolderArgument) -> None:
-    """Say how many cases are done, failed and missing, and which files are damaged."""
-    found = folder_status(Folder(folder))
+def status(
+    folder: FolderArgument,
+    as_json: Annotated[bool, typer.Option("--json", help="Say it in JSON, every case by name.")] = False,
+) -> None:
+    """Say how many cases are done, failed and missing, and why which are to be computed again."""
+    results = Folder(folder)
+    found = folder_status(results)
+    todo = [case for state, cases in found.cases.items() if state != "done" for case in cases]
+    again = reasons_to_compute(found.selection, results.shards, todo)
+    older = made_by_other_code(found.selection, results.shards, found.cases["done"])
+    if as_json:
+        told = status_plain(found)
+        told |= {"to_compute": [reason.plain() for reason in again]}
+        told |= {"other_code": [reason.plain() for reason in older]}
+        print(json.dumps(told, indent=1))
+        return
     print("\n".join(status_lines(found)))
+    _print_reasons(again)
+    _print_reasons(older)
     for line in found.damage:
         print("critflow:", line, file=sys.stderr)
 
@@ -213,6 +233,13 @@ def show(
         if outcome in (Status.failed, Status.missing):
             raise InputError(f"{labels} has no configuration: {outcome.message}")
         print(_part("critflow.workflow.show").show_configuration(case, out or Path(f"{labels}.png")))
+
+
+def _print_reasons(reasons: Sequence[Reason]) -> None:
+    for reason in reasons[:_MOST_REASONS]:
+        print(f"  {reason.line()}")
+    if len(reasons) > _MOST_REASONS:
+        print(f"  and {len(reasons) - _MOST_REASONS} more reasons: critflow status --json names all")
 
 
 def _print_report(folder: Folder, report: Any) -> None:

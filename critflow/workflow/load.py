@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass
 from hashlib import sha256
@@ -12,8 +13,10 @@ from pathlib import Path
 from types import ModuleType
 
 from critflow.result import StudyError
+from critflow.workflow.provenance import STUDY_MODULE
 from critflow.workflow.study import Study, nearest
 
+_LARGEST = 10_000_000  # bytes of a study file: more is something else
 _loading = threading.Lock()
 
 
@@ -62,18 +65,28 @@ def load_study(word: str) -> StudyFile:
 def load_file(path: Path) -> StudyFile:
     """The study in a file, executed once per process and content, so that caches inside it stay warm."""
     path = path.absolute()
-    try:
-        source = path.read_bytes()
-    except OSError as error:
-        raise StudyError(f"cannot read the study file {path}: {error.strerror}") from error
+    source = _source(path)
     digest = sha256(source).hexdigest()
-    name = f"critflow_study_{path.stem}_{digest[:16]}"
+    name = f"{STUDY_MODULE}{path.stem}_{digest[:16]}"
     with _loading:
         module = sys.modules.get(name) or _execute(name, path, source)
     study = getattr(module, "study", None)
     if not isinstance(study, Study):
-        raise StudyError(f"{path} has no `study = Study(...)` at its top level")
+        held = f"holds {type(study).__name__} {study!r:.60}" if hasattr(module, "study") else "is missing"
+        raise StudyError(f"the study file {path} cannot be run: `study` {held}: write study = Study(...) at its top level")
     return StudyFile(study, path, digest)
+
+
+def _source(path: Path) -> bytes:
+    if path.exists() and not path.is_file():  # reading a device or a pipe might never end
+        raise StudyError(f"{path} is not a file: give the name of a study, or its file NAME.py")
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise StudyError(f"{path} is too large for a study file: give the name of a study, or its file NAME.py")
+        return path.read_bytes()
+    except OSError as error:
+        hint = "critflow list names the studies that are there"
+        raise StudyError(f"cannot read the study file {path}: {error.strerror}: {hint}") from error
 
 
 def _execute(name: str, path: Path, source: bytes) -> ModuleType:
@@ -82,13 +95,27 @@ def _execute(name: str, path: Path, source: bytes) -> ModuleType:
     # A study may keep its figures and claims beside it: `from ._name import ...` looks in its own folder.
     module.__package__, module.__path__ = name, [str(path.parent)]
     sys.modules[name] = module  # before it runs: dataclasses look their module up
+    write_bytecode = sys.dont_write_bytecode
+    sys.dont_write_bytecode = True  # nothing is left beside the studies of a user
     try:
         exec(compile(source, path, "exec"), vars(module))
-    except Exception as error:
-        del sys.modules[name]
+    except (Exception, SystemExit) as error:
+        for loaded in [known for known in sys.modules if known == name or known.startswith(f"{name}.")]:
+            del sys.modules[loaded]
         reason = str(error) if isinstance(error, StudyError) else f"{type(error).__name__}: {error}"
-        raise StudyError(f"the study file {path} cannot be loaded: {reason}") from error
+        place = f"the study file {path}{_line(error, path)}"
+        raise StudyError(f"{place} cannot be loaded: {reason}: mend it there") from error
+    finally:
+        sys.dont_write_bytecode = write_bytecode
     return module
+
+
+def _line(error: BaseException, path: Path) -> str:
+    """Where in the file an error came from, as far as it says."""
+    if isinstance(error, SyntaxError):  # names its place itself
+        return ""
+    numbers = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+    return f", line {numbers[-1]}," if numbers else ""
 
 
 def each_named_study() -> Iterator[tuple[str, StudyFile | StudyError]]:

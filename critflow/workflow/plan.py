@@ -38,14 +38,23 @@ class Case:
     variables: tuple[str, ...] = ()  # what is stored of it; all where none is named
 
     @property
-    def id(self) -> str:
-        """Readable name and hash of the identity, so that other axis values never change it."""
+    def identity(self) -> str:
+        """All that tells the case from others, as JSON."""
         identity = [self.study, self.version, dict(self.parameters), dict(self.values)]
         if self.variables:  # shards with fewer variables stand beside the whole ones and never replace them
             identity.append(self.variables)
-        digest = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+        return json.dumps(identity, sort_keys=True)
+
+    @property
+    def id(self) -> str:
+        """Readable name and hash of the identity, so that other axis values never change it."""
+        return f"{self.readable}-{sha256(self.identity.encode()).hexdigest()[:16]}"
+
+    @property
+    def readable(self) -> str:
+        """Axis values in the letters that file names may have."""
         readable = "-".join(f"{k}{v}" if isinstance(v, int) else v for k, v in self.values.items())
-        return f"{re.sub(r'[^A-Za-z0-9_.-]', '_', readable)[:80]}-{digest[:16]}"
+        return re.sub(r"[^A-Za-z0-9_.-]", "_", readable)[:80]
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import json
 import os
 import time
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +14,22 @@ import xarray as xr
 
 from critflow.result import IntegrityError, Status
 from critflow.workflow.plan import Case, Selection
+from critflow.workflow.provenance import Origins, dataset_attributes, dataset_versions
 from critflow.workflow.store import SCHEMA_VERSION, read_shard, written_beside
 from critflow.workflow.study import Variable
+
+KEYWORDS = ("rigidity transition", "spring networks", "force density", "prestress stability")
 
 
 def merge(selection: Selection, shards: Path) -> xr.Dataset:
     """All cases of the selection in one dataset; failed and missing ones are filled and say so in `status`."""
-    table = _Table(selection)
+    table, origins = _Table(selection), Origins(selection.study)
     for case in selection.cases():
         shard = read_shard(shards, selection.study, case)
         if shard is not None:
             table.add(case, shard.status, shard.arrays)
-    return table.labelled()
+            origins.add(case, shard.status, shard.checksum, shard.code, shard.environment)
+    return table.labelled().assign_attrs(_told(origins.attributes()))
 
 
 def write_dataset(dataset: xr.Dataset, path: Path, command: str) -> None:
@@ -108,27 +111,45 @@ class _Table:
         return np.full([self.sizes[dim] for dim in variable.dims], variable.filler, variable.dtype)
 
     def _global_attributes(self) -> dict[str, Any]:
-        study = self.selection.study
+        study, versions = self.selection.study, dataset_versions()
+        sizes = " × ".join(
+            f"{len(values)} {axis.key}" for axis, values in zip(study.axes, self.rows.values(), strict=True)
+        )
         attributes = {
-            "Conventions": "CF-1.11",
+            "Conventions": "CF-1.11, ACDD-1.3",
             "title": study.title,
-            "source": f"critflow {version('critflow')}",
+            "summary": f"{study.description or study.title} Here: {sizes}.",
+            "keywords": ", ".join((*KEYWORDS, study.name.replace("_", " "))),
+            "id": study.name,
+            "product_version": str(study.version),
+            "source": f"critflow {versions['critflow']}",
             "references": study.references,
+            "comment": "Attributes named in volatile_attributes, and variables that say so, differ from run to run; "
+            "shards_sha256 is the SHA-256 of one line for each case, of its name and the checksum of its shard.",
+            **dataset_attributes(study),
+            "versions": json.dumps(versions),
             "study": study.name,
             "study_version": study.version,
             "schema_version": SCHEMA_VERSION,
             "axes": " ".join(study.axis_names),
             "parameters": json.dumps(dict(self.selection.parameters), sort_keys=True),
         }
-        return {name: value for name, value in attributes.items() if value != ""}
+        return _told(attributes)
 
 
-def _meaning(long_name: str, units: str) -> dict[str, Any]:
-    return {"long_name": long_name, "units": units}
+def _told(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """The attributes that say something."""
+    return {name: value for name, value in attributes.items() if value != ""}
+
+
+def _meaning(long_name: str, units: str, content: str = "coordinate") -> dict[str, Any]:
+    """What every variable says of itself, `content` in the words of ACDD."""
+    return {"long_name": long_name, "units": units, "coverage_content_type": content}
 
 
 def _attributes(variable: Variable) -> dict[str, Any]:
-    attributes = _meaning(variable.long_name, variable.units)
+    content = "qualityInformation" if variable.flags is Status else "modelResult"
+    attributes = _meaning(variable.long_name, variable.units, content)
     if variable.flags is not None:
         attributes["flag_values"] = np.array([flag.value for flag in variable.flags], variable.dtype)
         attributes["flag_meanings"] = " ".join(flag.name for flag in variable.flags)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 from critflow.result import IntegrityError, Status
 from critflow.workflow.folder import Folder
-from critflow.workflow.plan import Selection
+from critflow.workflow.plan import Case, Selection
 from critflow.workflow.store import read_status
 
 STATES = ("done", "failed", "missing", "damaged")
@@ -21,6 +22,7 @@ class FolderStatus:
     total: Counter[str]
     along: dict[str, dict[int | str, Counter[str]]]
     damage: list[str]
+    cases: dict[str, list[Case]]  # the cases of every state
 
 
 def folder_status(folder: Folder) -> FolderStatus:
@@ -28,7 +30,7 @@ def folder_status(folder: Folder) -> FolderStatus:
     _, selection = folder.selection()
     total: Counter[str] = Counter()
     along = {name: {value: Counter[str]() for value in values} for name, values in selection.axes.items()}
-    damage = []
+    damage, cases = [], {state: list[Case]() for state in STATES}
     for case in selection.cases():
         try:
             status = read_status(folder.shards, selection.study, case, verify=False)
@@ -37,9 +39,10 @@ def folder_status(folder: Folder) -> FolderStatus:
             damage.append(str(error))
             state = "damaged"
         total[state] += 1
+        cases[state].append(case)
         for name, value in case.values.items():
             along[name][value][state] += 1
-    return FolderStatus(selection, total, along, damage)
+    return FolderStatus(selection, total, along, damage, cases)
 
 
 def status_lines(status: FolderStatus) -> list[str]:
@@ -54,6 +57,23 @@ def status_lines(status: FolderStatus) -> list[str]:
             for counts, values in alike.items()
         ]
     return lines
+
+
+def status_plain(status: FolderStatus) -> dict[str, Any]:
+    """The status for `--json`: every count stands there, zeros too."""
+    selection = status.selection
+    return {
+        "study": selection.study.name,
+        "study_version": selection.study.version,
+        "parameters": dict(selection.parameters),
+        "variables": list(selection.study.selected),
+        "total": {state: status.total[state] for state in STATES},
+        "along": {
+            name: [{"value": value, **{state: counter[state] for state in STATES}} for value, counter in along.items()]
+            for name, along in status.along.items()
+        },
+        "damage": status.damage,
+    }
 
 
 def _counts(counter: Counter[str]) -> str:

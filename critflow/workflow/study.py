@@ -15,6 +15,7 @@ from __future__ import annotations
 import inspect
 import json
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -223,6 +224,12 @@ class Study:
         if self.workers is not None and asked > allowed:
             raise StudyError(f"--workers {asked} would disturb what {self.name!r} measures: give at most {allowed}")
         return asked
+
+    @cached_property
+    def description(self) -> str:
+        """What the file of the study says at its top, in one line."""
+        told = inspect.getdoc(sys.modules.get(getattr(self.case, "__module__", ""))) or ""
+        return " ".join(told.split())
 
     @cached_property
     def axis_names(self) -> tuple[str, ...]:
