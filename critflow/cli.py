@@ -103,7 +103,7 @@ def _options(
 def run(
     study: NameArgument,
     settings: RunSetOption = [],  # noqa: B006 (typer reads the default and copies it)
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results folder; results/NAME when left out.")] = None,
+    out: Annotated[str | None, typer.Option(metavar="DIR", help="Results folder; results/NAME when left out.")] = None,
     workers: Annotated[
         int | None,
         typer.Option(help="Worker processes; one per CPU, or what the study allows, when left out; 0 for none."),
@@ -114,12 +114,15 @@ def run(
     """Compute what is missing of a study, then write its dataset, figures and claims."""
     if workers is not None and workers < 0:
         raise InputError(f"--workers {workers} is negative: give how many worker processes, or 0 for none")
+    for option, word in (("--out", out), ("--scheduler", scheduler)):
+        if word is not None and not (word.strip() and word.isprintable()):
+            raise InputError(f"{option} {word!a} is not a place: give one, or leave {option} out")
     loaded = load_study(study)
     processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
     if scheduler is not None and loaded.study.workers is not None:
         raise InputError(f"--scheduler may compute many cases at a time, which disturbs {study!r}: leave it out")
     selection = select(loaded.study, settings)
-    folder = Folder(out or Path("results") / loaded.study.name)
+    folder = Folder(Path(out) if out else Path("results") / loaded.study.name)
     folder.refuse_other(loaded)
     engine = _part("critflow.workflow.run")
     sizes = " × ".join(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import sys
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -48,6 +49,10 @@ def named_studies() -> dict[str, Path]:
 
 def load_study(word: str) -> StudyFile:
     """The study called NAME, or the one in FILE when the word is a path."""
+    if not word.isprintable():
+        raise StudyError(f"{word!a} is not text: give the name of a study, or its file NAME.py")
+    if not word.strip():
+        raise StudyError("the study is an empty word: give the name of a study, or its file NAME.py")
     if word.endswith(".py") or os.sep in word:
         return load_file(Path(word))
     named = named_studies()
@@ -63,18 +68,57 @@ def load_study(word: str) -> StudyFile:
 
 
 def load_file(path: Path) -> StudyFile:
-    """The study in a file, executed once per process and content, so that caches inside it stay warm."""
+    """The study in a file, executed once per process while it and what it brings along stay as they are.
+
+    So caches inside it stay warm, and a worker that serves many runs never computes with a file of yesterday.
+    """
     path = path.absolute()
     source = _source(path)
-    digest = sha256(source).hexdigest()
-    name = f"{STUDY_MODULE}{path.stem}_{digest[:16]}"
     with _loading:
-        module = sys.modules.get(name) or _execute(name, path, source)
+        loaded = _loaded.get(path)
+        if loaded is None or not loaded.is_current():
+            name = f"{STUDY_MODULE}{path.stem}_{_digest(source)[:16]}_{next(_numbers)}"
+            module = _execute(name, path, source)
+            files = {Path(file) for part in _parts(name) if (file := getattr(part, "__file__", None))}
+            digests = {file: _digest(file.read_bytes()) for file in files - {path}}
+            loaded = _loaded[path] = _Loaded(module, {path: _digest(source), **digests})
+        module = loaded.module
     study = getattr(module, "study", None)
     if not isinstance(study, Study):
         held = f"holds {type(study).__name__} {study!r:.60}" if hasattr(module, "study") else "is missing"
-        raise StudyError(f"the study file {path} cannot be run: `study` {held}: write study = Study(...) at its top level")
-    return StudyFile(study, path, digest)
+        raise StudyError(
+            f"the study file {path} cannot be run: `study` {held}: write study = Study(...) at its top level"
+        )
+    words = "".join(f"{file.name} {digest}\n" for file, digest in sorted(loaded.files.items()))
+    return StudyFile(study, path, _digest(words.encode()))
+
+
+@dataclass(frozen=True)
+class _Loaded:
+    """An executed study file, and the digests of all files that it is made of."""
+
+    module: ModuleType
+    files: Mapping[Path, str]
+
+    def is_current(self) -> bool:
+        """Whether the files beside it are what they were."""
+        try:
+            return all(_digest(file.read_bytes()) == digest for file, digest in self.files.items())
+        except OSError:
+            return False
+
+
+_loaded: dict[Path, _Loaded] = {}
+_numbers = itertools.count()  # every execution has a name of its own, so that nothing known of one is taken for another
+
+
+def _parts(name: str) -> list[ModuleType]:
+    """The module of a study file and those that it imported from beside itself."""
+    return [module for known, module in list(sys.modules.items()) if known == name or known.startswith(f"{name}.")]
+
+
+def _digest(content: bytes) -> str:
+    return sha256(content).hexdigest()
 
 
 def _source(path: Path) -> bytes:
@@ -100,8 +144,8 @@ def _execute(name: str, path: Path, source: bytes) -> ModuleType:
     try:
         exec(compile(source, path, "exec"), vars(module))
     except (Exception, SystemExit) as error:
-        for loaded in [known for known in sys.modules if known == name or known.startswith(f"{name}.")]:
-            del sys.modules[loaded]
+        for part in _parts(name):
+            del sys.modules[part.__name__]
         reason = str(error) if isinstance(error, StudyError) else f"{type(error).__name__}: {error}"
         place = f"the study file {path}{_line(error, path)}"
         raise StudyError(f"{place} cannot be loaded: {reason}: mend it there") from error

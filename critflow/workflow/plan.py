@@ -21,10 +21,8 @@ from decimal import Decimal, InvalidOperation
 from hashlib import sha256
 from typing import Any
 
-from critflow.result import StudyError
-from critflow.workflow.study import Axis, Study, nearest
-
-LONGEST = 1_000_000  # values of one setting, and cases of one run: more is a slip of the keyboard
+from critflow.result import CritflowError, StudyError
+from critflow.workflow.study import LONGEST, Axis, Study, nearest
 
 
 @dataclass(frozen=True)
@@ -85,6 +83,8 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
     axes = {axis.key: axis for axis in study.axes}
     keys = [*axes, *study.parameters, "variables"]
     for word in words:
+        if not word.isprintable():
+            raise StudyError(f"--set {word!a} is not text: leave out what cannot be printed")
         key, equals, text = word.partition("=")
         if not equals:
             raise StudyError(f"--set {word} has no value: write --set {word}=VALUE")
@@ -106,7 +106,13 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
         raise StudyError(f"that makes {count:,} cases: choose at most {LONGEST:,}")
     selection = Selection(study.storing(_variables(study, given.get("variables", "all"))), parameters, values)
     if study.check is not None:
-        study.check(parameters, values)
+        try:
+            study.check(parameters, values)
+        except CritflowError:
+            raise
+        except Exception as error:
+            told = f"{type(error).__name__}: {error}"
+            raise StudyError(f"the check of study {study.name!r} broke: {told}: mend it in its file") from error
     return selection
 
 
