@@ -19,7 +19,7 @@ from critflow.workflow.errors import Interrupted, LockedError
 from critflow.workflow.folder import Folder
 from critflow.workflow.load import each_named_study, load_study
 from critflow.workflow.plan import select
-from critflow.workflow.provenance import command_line
+from critflow.workflow.provenance import command_line, written_at
 from critflow.workflow.reasons import Reason, made_by_other_code, reasons_to_compute
 from critflow.workflow.status import folder_status, status_lines, status_plain
 
@@ -117,6 +117,7 @@ def run(
     for option, word in (("--out", out), ("--scheduler", scheduler)):
         if word is not None and not (word.strip() and word.isprintable()):
             raise InputError(f"{option} {word!a} is not a place: give one, or leave {option} out")
+    written_at()  # refused here rather than when all is computed
     loaded = load_study(study)
     processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
     if scheduler is not None and loaded.study.workers is not None:

@@ -113,6 +113,12 @@ def test_too_many_cases_together_are_refused(here, capsys):
     refused(here, capsys, ["run", "plain", "--set=seeds=0:600000"], "at most 1,000,000")
 
 
+@pytest.mark.parametrize("date", ["yesterday", "1e9", "-1", ""])
+def test_a_malformed_date_is_refused_before_anything_is_computed(here, capsys, monkeypatch, date):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", date)
+    refused(here, capsys, ["run", "plain", "--workers=0"], "SOURCE_DATE_EPOCH")
+
+
 def test_a_setting_given_twice_is_refused(here, capsys):
     refused(here, capsys, ["run", "plain", "--set=seeds=0:2", "--set=seeds=0:3"], "set twice")
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import shlex
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -22,7 +24,7 @@ import netCDF4
 import numpy as np
 
 from critflow.backends import available_backends
-from critflow.result import Status
+from critflow.result import InputError, Status
 from critflow.workflow.plan import Case
 from critflow.workflow.seeds import SEED_ENTROPY
 from critflow.workflow.study import Study
@@ -92,6 +94,14 @@ def command_line(study: str, settings: Sequence[str], workers: int, scheduler: s
     places = {0: "in one process", 1: "in 1 worker process"}
     place = "through a dask scheduler" if scheduler else places.get(workers, f"in up to {workers} worker processes")
     return f"{shlex.join(words)} ({place})"
+
+
+def written_at() -> str:
+    """The date for `history`: now, or the one that SOURCE_DATE_EPOCH sets where nothing at all may differ."""
+    word = os.environ.get("SOURCE_DATE_EPOCH", str(int(time.time())))
+    if not re.fullmatch(r"[0-9]{1,11}", word):
+        raise InputError(f"SOURCE_DATE_EPOCH={word} must be whole seconds since 1970: set it so, or unset it")
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(int(word)))
 
 
 class Origins:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,7 @@ import xarray as xr
 
 from critflow.result import IntegrityError, Status
 from critflow.workflow.plan import Case, Selection
-from critflow.workflow.provenance import Origins, dataset_attributes, dataset_versions
+from critflow.workflow.provenance import Origins, dataset_attributes, dataset_versions, written_at
 from critflow.workflow.store import SCHEMA_VERSION, read_shard, written_beside
 from critflow.workflow.study import Variable
 
@@ -34,8 +32,7 @@ def merge(selection: Selection, shards: Path) -> xr.Dataset:
 
 def write_dataset(dataset: xr.Dataset, path: Path, command: str) -> None:
     """Put the file in its place at once; its `history` is the one attribute that differs between equal runs."""
-    stamp = time.gmtime(float(os.environ.get("SOURCE_DATE_EPOCH", time.time())))
-    dataset = dataset.assign_attrs(history=f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', stamp)} {command}")
+    dataset = dataset.assign_attrs(history=f"{written_at()} {command}")
     with written_beside(path) as partial:
         dataset.to_netcdf(partial, engine="netcdf4", format="NETCDF4")
         with xr.open_dataset(partial, engine="netcdf4") as written:
