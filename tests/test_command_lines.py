@@ -171,6 +171,7 @@ FILES = {
     "zeros": (bytes(1000), "cannot be loaded"),
     "syntax error": ("def case(:", "SyntaxError"),
     "raises": ("x = 1\n1 / 0", "line 2, cannot be loaded: ZeroDivisionError"),
+    "raises after an import": ("from ._bad_c import x\n1 / 0", "line 2, cannot be loaded: ZeroDivisionError"),
     "leaves": ("import sys\nsys.exit(0)", "line 2, cannot be loaded: SystemExit"),
     "recursion": ("def f():\n    f()\nf()", "RecursionError"),
     "import of what is not there": ("import no_such_module_at_all", "ModuleNotFoundError"),
@@ -206,6 +207,7 @@ def test_a_malformed_study_file_is_refused(here, capsys, mistake):
     source, piece = FILES[mistake]
     (here / "bad.py").write_bytes(source.encode() if isinstance(source, str) else source)
     (here / "_bad_a.py").write_text("from ._bad_b import x\n")
+    (here / "_bad_c.py").write_text("x = 1\n")
     (here / "_bad_b.py").write_text("from ._bad_a import x\n")
     refused(here, capsys, ["run", "bad.py"], piece)
 

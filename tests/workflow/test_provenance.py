@@ -3,12 +3,15 @@
 import json
 import os
 import subprocess
+import tomllib
 from hashlib import sha256
 from pathlib import Path
 
 import netCDF4
 import pytest
 import xarray as xr
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from critflow.cli import main
 from critflow.workflow import provenance, reasons
@@ -238,3 +241,11 @@ def test_a_dry_run_and_status_write_nothing(tmp_path, capsys, run):
     assert main(["status", str(tmp_path / "out")]) == 0
     assert main(["status", str(tmp_path / "out"), "--json"]) == 0
     assert state() == before
+
+
+def test_every_dependency_is_locked_to_a_version_that_it_allows():
+    lock = dict(line.split("==") for line in (ROOT / "requirements-lock.txt").read_text().splitlines() if "==" in line)
+    locked = {canonicalize_name(name): number for name, number in lock.items()}
+    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    for requirement in map(Requirement, wanted):
+        assert requirement.specifier.contains(locked[canonicalize_name(requirement.name)]), requirement
