@@ -42,6 +42,9 @@ class Reason:
 
 def reasons_to_compute(selection: Selection, shards: Path, todo: Iterable[Case]) -> list[Reason]:
     """Why each of these cases has no good shard, the cases with the same reason together."""
+    todo = list(todo)
+    if not todo:
+        return []
     found: dict[tuple[str, str], list[Case]] = {}
     others = _Others(selection, shards)
     for case in todo:
@@ -80,8 +83,8 @@ class _Others:
 
     def __init__(self, selection: Selection, shards: Path):
         self._shards, self._selection = shards, selection
-        here = {f"{case.id}.nc" for case in selection.cases()}
         present = os.listdir(shards) if shards.is_dir() else []
+        here = {f"{case.id}.nc" for case in selection.cases()} if present else set()
         self._names = {name for name in present if name.endswith(".nc") and name not in here}
         self._readable: dict[str, list[str]] = {}
         for name in sorted(self._names):
