@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
-import shlex
 import sys
 import traceback
 from collections.abc import Sequence
@@ -21,11 +21,14 @@ from critflow.workflow.limits import HOUR, Limits
 from critflow.workflow.load import each_named_study, load_study
 from critflow.workflow.plan import select
 from critflow.workflow.profiles import choose_cluster
-from critflow.workflow.status import folder_status, status_lines
+from critflow.workflow.provenance import command_line, written_at
+from critflow.workflow.reasons import Reason, made_by_other_code, reasons_to_compute
+from critflow.workflow.status import STATES, folder_status, status_lines, status_plain
 
 FAILED_CASES = 3
 DAMAGED = 4
 INTERRUPTED = 130
+_MOST_REASONS = 20  # lines of reasons; failures may all differ
 EXIT_CODES = (
     (Interrupted, INTERRUPTED),
     (InputError, 2),
@@ -102,7 +105,7 @@ def _options(
 def run(
     study: NameArgument,
     settings: RunSetOption = [],  # noqa: B006 (typer reads the default and copies it)
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results folder; results/NAME when left out.")] = None,
+    out: Annotated[str | None, typer.Option(metavar="DIR", help="Results folder; results/NAME when left out.")] = None,
     workers: Annotated[
         int | None,
         typer.Option(help="Worker processes; one per CPU, or what the study allows, when left out; 0 for none."),
@@ -130,6 +133,10 @@ def run(
     """Compute what is missing of a study, then write its dataset, figures and claims."""
     if workers is not None and workers < 0:
         raise InputError(f"--workers {workers} is negative: give how many worker processes, or 0 for none")
+    for option, word in (("--out", out), ("--scheduler", scheduler)):
+        if word is not None and not (word.strip() and word.isprintable()):
+            raise InputError(f"{option} {word!a} is not a place: give one, or leave {option} out")
+    written_at()  # refused here rather than when all is computed
     loaded = load_study(study)
     processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
     cluster = choose_cluster(scheduler, profile, profiles, insecure)
@@ -141,7 +148,7 @@ def run(
     if cluster is not None and memory_limit is not None:
         raise InputError("--memory-limit is for workers on this machine: give it to those of the cluster instead")
     selection = select(loaded.study, settings)
-    folder = Folder(out or Path("results") / loaded.study.name)
+    folder = Folder(Path(out) if out else Path("results") / loaded.study.name)
     folder.refuse_other(loaded)
     engine = _part("critflow.workflow.run")
     sizes = " × ".join(
@@ -152,11 +159,13 @@ def run(
         todo |= failed if retry_failed else set()
         for line in damage:
             print("critflow:", line, file=sys.stderr)
+        again = reasons_to_compute(selection, folder.shards, (case for case in selection.cases() if case.id in todo))
         cases = f"{len(todo)} of {len(selection.cases())} cases to compute"
         print(f"{loaded.study.name}: {sizes}, {cases}, into {folder.path}")
         for key, value in selection.parameters.items():
             print(f"  {key} = {','.join(map(str, value)) if isinstance(value, tuple) else value}")
         print(f"  variables = {','.join(selection.study.selected) or 'all'}")
+        _print_reasons(again)
         return 0
     result = engine.run_study(
         loaded,
@@ -166,7 +175,7 @@ def run(
         cluster=cluster,
         limits=limits,
         retry_failed=retry_failed,
-        command=shlex.join(["critflow", "run", study, *(f"--set={word}" for word in settings)]),
+        command=command_line(study, settings, processes, str(cluster.system) if cluster else None),
     )
     print(f"{result.dataset}: {sizes}, {result.kept} of {len(selection.cases())} cases were there before")
     _print_report(folder, result.report)
@@ -191,10 +200,25 @@ def list_studies() -> None:
 
 
 @app.command()
-def status(folder: FolderArgument) -> None:
-    """Say how many cases are done, failed and missing, and which files are damaged."""
-    found = folder_status(Folder(folder))
+def status(
+    folder: FolderArgument,
+    as_json: Annotated[bool, typer.Option("--json", help="Say it in JSON, every case by name.")] = False,
+) -> None:
+    """Say how many cases are done, failed and missing, and why which are to be computed again."""
+    results = Folder(folder)
+    found = folder_status(results)
+    todo = [case for state in STATES if state != "done" for case in found.cases(state)]
+    again = reasons_to_compute(found.selection, results.shards, todo)
+    older = made_by_other_code(found.selection, results.shards, list(found.cases("done")))
+    if as_json:
+        told = status_plain(found)
+        told |= {"to_compute": [reason.plain() for reason in again]}
+        told |= {"other_code": [reason.plain() for reason in older]}
+        print(json.dumps(told, indent=1))
+        return
     print("\n".join(status_lines(found)))
+    _print_reasons(again)
+    _print_reasons(older)
     for line in found.damage:
         print("critflow:", line, file=sys.stderr)
 
@@ -242,6 +266,13 @@ def show(
         if outcome in (Status.failed, Status.missing):
             raise InputError(f"{labels} has no configuration: {outcome.message}")
         print(_part("critflow.workflow.show").show_configuration(case, out or Path(f"{labels}.png")))
+
+
+def _print_reasons(reasons: Sequence[Reason]) -> None:
+    for reason in reasons[:_MOST_REASONS]:
+        print(f"  {reason.line()}")
+    if len(reasons) > _MOST_REASONS:
+        print(f"  and {len(reasons) - _MOST_REASONS} more reasons: critflow status --json names all")
 
 
 def _print_report(folder: Folder, report: Any) -> None:

@@ -194,6 +194,9 @@ def test_status_counts_and_names_damage(here, capsys):
         "  seed 3: 1 done, 1 damaged",
         "  population random: 2 done, 1 failed, 1 damaged",
         "  population floppy: 3 done, 1 missing",
+        "  failed: seed 1, population random: asked for",
+        "  missing: seed 0, population floppy: not computed yet",
+        "  damaged: seed 3, population random: is cut short or not a shard: its seal is missing",
     ]
     assert err.count("critflow: ") == 1
     assert shards[-1].name in err

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 import sys
 import threading
-from collections.abc import Iterator
+import traceback
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
 
 from critflow.result import EnvironmentFailure, StudyError
+from critflow.workflow.provenance import STUDY_MODULE
 from critflow.workflow.study import Study, nearest
 
+_LARGEST = 10_000_000  # bytes of a study file: more is something else
 _loading = threading.Lock()
 
 
@@ -46,6 +50,10 @@ def named_studies() -> dict[str, Path]:
 
 def load_study(word: str) -> StudyFile:
     """The study called NAME, or the one in FILE when the word is a path."""
+    if not word.isprintable():
+        raise StudyError(f"{word!a} is not text: give the name of a study, or its file NAME.py")
+    if not word.strip():
+        raise StudyError("the study is an empty word: give the name of a study, or its file NAME.py")
     if word.endswith(".py") or os.sep in word:
         return load_file(Path(word))
     named = named_studies()
@@ -61,21 +69,70 @@ def load_study(word: str) -> StudyFile:
 
 
 def load_file(path: Path) -> StudyFile:
-    """The study in a file, executed once per process and content, so that caches inside it stay warm."""
+    """The study in a file, executed once per process while it and what it brings along stay as they are.
+
+    So caches inside it stay warm, and a worker that serves many runs never computes with a file of yesterday.
+    """
     path = path.absolute()
-    try:
-        source = path.read_bytes()
-    except OSError as error:
-        kind = EnvironmentFailure if error.errno in (errno.EMFILE, errno.ENFILE, errno.EIO) else StudyError
-        raise kind(f"cannot read the study file {path}: {error.strerror}") from error
-    digest = sha256(source).hexdigest()
-    name = f"critflow_study_{path.stem}_{digest[:16]}"
+    source = _source(path)
     with _loading:
-        module = sys.modules.get(name) or _execute(name, path, source)
+        loaded = _loaded.get(path)
+        if loaded is None or not loaded.is_current():
+            name = f"{STUDY_MODULE}{path.stem}_{_digest(source)[:16]}_{next(_numbers)}"
+            module = _execute(name, path, source)
+            files = {Path(file) for part in _parts(name) if (file := getattr(part, "__file__", None))}
+            digests = {file: _digest(file.read_bytes()) for file in files - {path}}
+            loaded = _loaded[path] = _Loaded(module, {path: _digest(source), **digests})
+        module = loaded.module
     study = getattr(module, "study", None)
     if not isinstance(study, Study):
-        raise StudyError(f"{path} has no `study = Study(...)` at its top level")
-    return StudyFile(study, path, digest)
+        held = f"holds {type(study).__name__} {study!r:.60}" if hasattr(module, "study") else "is missing"
+        raise StudyError(
+            f"the study file {path} cannot be run: `study` {held}: write study = Study(...) at its top level"
+        )
+    words = "".join(f"{file.name} {digest}\n" for file, digest in sorted(loaded.files.items()))
+    return StudyFile(study, path, _digest(words.encode()))
+
+
+@dataclass(frozen=True)
+class _Loaded:
+    """An executed study file, and the digests of all files that it is made of."""
+
+    module: ModuleType
+    files: Mapping[Path, str]
+
+    def is_current(self) -> bool:
+        """Whether the files beside it are what they were."""
+        try:
+            return all(_digest(file.read_bytes()) == digest for file, digest in self.files.items())
+        except OSError:
+            return False
+
+
+_loaded: dict[Path, _Loaded] = {}
+_numbers = itertools.count()  # every execution has a name of its own, so that nothing known of one is taken for another
+
+
+def _parts(name: str) -> list[ModuleType]:
+    """The module of a study file and those that it imported from beside itself."""
+    return [module for known, module in list(sys.modules.items()) if known == name or known.startswith(f"{name}.")]
+
+
+def _digest(content: bytes) -> str:
+    return sha256(content).hexdigest()
+
+
+def _source(path: Path) -> bytes:
+    if path.exists() and not path.is_file():  # reading a device or a pipe might never end
+        raise StudyError(f"{path} is not a file: give the name of a study, or its file NAME.py")
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise StudyError(f"{path} is too large for a study file: give the name of a study, or its file NAME.py")
+        return path.read_bytes()
+    except OSError as error:
+        hint = "critflow list names the studies that are there"
+        kind = EnvironmentFailure if error.errno in (errno.EMFILE, errno.ENFILE, errno.EIO) else StudyError
+        raise kind(f"cannot read the study file {path}: {error.strerror}: {hint}") from error
 
 
 def _execute(name: str, path: Path, source: bytes) -> ModuleType:
@@ -84,13 +141,27 @@ def _execute(name: str, path: Path, source: bytes) -> ModuleType:
     # A study may keep its figures and claims beside it: `from ._name import ...` looks in its own folder.
     module.__package__, module.__path__ = name, [str(path.parent)]
     sys.modules[name] = module  # before it runs: dataclasses look their module up
+    write_bytecode = sys.dont_write_bytecode
+    sys.dont_write_bytecode = True  # nothing is left beside the studies of a user
     try:
         exec(compile(source, path, "exec"), vars(module))
-    except Exception as error:
-        del sys.modules[name]
+    except (Exception, SystemExit) as error:
+        for part in _parts(name):
+            del sys.modules[part.__name__]
         reason = str(error) if isinstance(error, StudyError) else f"{type(error).__name__}: {error}"
-        raise StudyError(f"the study file {path} cannot be loaded: {reason}") from error
+        place = f"the study file {path}{_line(error, path)}"
+        raise StudyError(f"{place} cannot be loaded: {reason}: mend it there") from error
+    finally:
+        sys.dont_write_bytecode = write_bytecode
     return module
+
+
+def _line(error: BaseException, path: Path) -> str:
+    """Where in the file an error came from, as far as it says."""
+    if isinstance(error, SyntaxError):  # names its place itself
+        return ""
+    numbers = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+    return f", line {numbers[-1]}," if numbers else ""
 
 
 def each_named_study() -> Iterator[tuple[str, StudyFile | StudyError]]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +12,8 @@ import numpy as np
 import xarray as xr
 
 from critflow.workflow.plan import Selection
-from critflow.workflow.schema import Table, variable_attributes
+from critflow.workflow.provenance import Origins, written_at
+from critflow.workflow.schema import Table, told, variable_attributes
 from critflow.workflow.store import append_seal, read_shard, written_beside
 
 SLAB_BYTES = 2**26  # of the arrays that are in memory at a time; one value of the longest axis at least
@@ -22,8 +21,7 @@ SLAB_BYTES = 2**26  # of the arrays that are in memory at a time; one value of t
 
 def write_dataset(selection: Selection, shards: Path, path: Path, command: str) -> None:
     """Put the file in its place at once; its `history` is the one attribute that differs between equal runs."""
-    stamp = time.gmtime(float(os.environ.get("SOURCE_DATE_EPOCH", time.time())))
-    history = f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', stamp)} {command}"
+    history = f"{written_at()} {command}"
     whole = Table(selection, _inner_sizes(selection, shards))
     with written_beside(path) as partial:
         # Labels and attributes go the way of xarray; the data follow into the same file.
@@ -31,7 +29,7 @@ def write_dataset(selection: Selection, shards: Path, path: Path, command: str) 
         with netCDF4.Dataset(partial, "a") as file:
             file.set_fill_off()  # every element is written below
             _declare(file, whole)
-            _write_slabs(file, whole, shards)
+            file.setncatts(told(_write_slabs(file, whole, shards).attributes()))
         with xr.open_dataset(partial, engine="netcdf4") as written:
             if not dict(written.sizes).items() >= whole.sizes.items():
                 raise OSError("it does not read back as written")
@@ -64,21 +62,23 @@ def _declare(file: netCDF4.Dataset, whole: Table) -> None:
         made.setncatts(variable_attributes(variable))
 
 
-def _write_slabs(file: netCDF4.Dataset, whole: Table, shards: Path) -> None:
-    selection = whole.selection
+def _write_slabs(file: netCDF4.Dataset, whole: Table, shards: Path) -> Origins:
+    """Write all data, and return where they come from."""
+    selection, origins = whole.selection, Origins(whole.selection.study)
     longest = max(selection.axes, key=lambda name: len(selection.axes[name]))
     apart = [variable for variable in selection.study.variables if longest in variable.dims]
     shared = [variable for variable in selection.study.variables if longest not in variable.dims]
     table = whole  # empty
     for start, part in _slabs(selection, longest, whole.sizes):
         table = table.next_slab(part, [variable.name for variable in shared])
-        table.take(shards)
+        table.take(shards, origins)
         rows = slice(start, start + len(part.axes[longest]))
         for variable in apart:
             place = tuple(rows if dim == longest else slice(None) for dim in variable.dims)
             file[variable.name][place] = table.array(variable)
     for variable in shared:
         file[variable.name][...] = table.array(variable)
+    return origins
 
 
 def _slabs(selection: Selection, axis: str, sizes: dict[str, int]) -> Iterator[tuple[int, Selection]]:

@@ -21,10 +21,8 @@ from decimal import Decimal, InvalidOperation
 from hashlib import sha256
 from typing import Any
 
-from critflow.result import StudyError
-from critflow.workflow.study import Axis, Study, nearest
-
-LONGEST = 1_000_000  # values of one setting, and cases of one run: more is a slip of the keyboard
+from critflow.result import CritflowError, StudyError
+from critflow.workflow.study import LONGEST, Axis, Study, nearest
 
 
 @dataclass(frozen=True)
@@ -38,13 +36,22 @@ class Case:
     variables: tuple[str, ...] = ()  # what is stored of it; all where none is named
 
     @property
-    def id(self) -> str:
-        """Readable name and hash of the identity, so that other axis values never change it."""
+    def identity(self) -> str:
+        """All that tells the case from others, as JSON."""
         identity = [self.study, self.version, dict(self.parameters), dict(self.values)]
         if self.variables:  # shards with fewer variables stand beside the whole ones and never replace them
             identity.append(self.variables)
-        digest = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-        return f"{_readable(self.values)[:80]}-{digest[:16]}"
+        return json.dumps(identity, sort_keys=True)
+
+    @property
+    def id(self) -> str:
+        """Readable name and hash of the identity, so that other axis values never change it."""
+        return f"{self.readable}-{sha256(self.identity.encode()).hexdigest()[:16]}"
+
+    @property
+    def readable(self) -> str:
+        """Axis values in the letters that file names may have."""
+        return _readable(self.values)[:80]
 
 
 @dataclass(frozen=True)
@@ -97,6 +104,8 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
     axes = {axis.key: axis for axis in study.axes}
     keys = [*axes, *study.parameters, "variables"]
     for word in words:
+        if not word.isprintable():
+            raise StudyError(f"--set {word!a} is not text: leave out what cannot be printed")
         key, equals, text = word.partition("=")
         if not equals:
             raise StudyError(f"--set {word} has no value: write --set {word}=VALUE")
@@ -118,7 +127,13 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
         raise StudyError(f"that makes {count:,} cases: choose at most {LONGEST:,}")
     selection = Selection(study.storing(_variables(study, given.get("variables", "all"))), parameters, values)
     if study.check is not None:
-        study.check(parameters, values)
+        try:
+            study.check(parameters, values)
+        except CritflowError:
+            raise
+        except Exception as error:
+            told = f"{type(error).__name__}: {error}"
+            raise StudyError(f"the check of study {study.name!r} broke: {told}: mend it in its file") from error
     return selection
 
 

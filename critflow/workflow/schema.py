@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +12,18 @@ import xarray as xr
 
 from critflow.result import IntegrityError, Status
 from critflow.workflow.plan import Case, Selection
+from critflow.workflow.provenance import Origins, dataset_attributes, dataset_versions
 from critflow.workflow.store import SCHEMA_VERSION, read_shard
 from critflow.workflow.study import Variable
+
+KEYWORDS = ("rigidity transition", "spring networks", "force density", "prestress stability")
 
 
 def merge(selection: Selection, shards: Path) -> xr.Dataset:
     """All cases of the selection in one dataset; failed and missing ones are filled and say so in `status`."""
-    table = Table(selection)
-    table.take(shards)
-    return table.labelled()
+    table, origins = Table(selection), Origins(selection.study)
+    table.take(shards, origins)
+    return table.labelled().assign_attrs(told(origins.attributes()))
 
 
 class Table:
@@ -45,13 +47,14 @@ class Table:
         table.given = {where for where in self.given if where[0] in shared}
         return table
 
-    def take(self, shards: Path) -> None:
-        """Put in every case of the selection that is stored."""
+    def take(self, shards: Path, origins: Origins) -> None:
+        """Put in every case of the selection that is stored, and gather where they come from."""
         for batch in self.selection.batches():
             for case in batch:
                 shard = read_shard(shards, self.selection.study, case)
                 if shard is not None:
                     self.add(case, shard.status, shard.arrays)
+                    origins.add(case, shard.status, shard.checksum, shard.code, shard.environment)
 
     def add(self, case: Case, status: Status, arrays: Mapping[str, np.ndarray]) -> None:
         for name, array in {**arrays, "status": np.array(status)}.items():
@@ -105,19 +108,30 @@ class Table:
         return _encoded(xr.Dataset({}, coordinates, self._global_attributes()))
 
     def _global_attributes(self) -> dict[str, Any]:
-        study = self.selection.study
+        study, versions = self.selection.study, dataset_versions()
+        sizes = " × ".join(
+            f"{len(values)} {axis.key}" for axis, values in zip(study.axes, self.rows.values(), strict=True)
+        )
         attributes = {
-            "Conventions": "CF-1.11",
+            "Conventions": "CF-1.11, ACDD-1.3",
             "title": study.title,
-            "source": f"critflow {version('critflow')}",
+            "summary": f"{study.description or study.title} Here: {sizes}.",
+            "keywords": ", ".join((*KEYWORDS, study.name.replace("_", " "))),
+            "id": study.name,
+            "product_version": str(study.version),
+            "source": f"critflow {versions['critflow']}",
             "references": study.references,
+            "comment": "Attributes named in volatile_attributes, and variables that say so, differ from run to run; "
+            "shards_sha256 adds up, modulo 2**256, the SHA-256 of a line for each case, of its name and its shard's checksum.",
+            **dataset_attributes(study),
+            "versions": json.dumps(versions),
             "study": study.name,
             "study_version": study.version,
             "schema_version": SCHEMA_VERSION,
             "axes": " ".join(study.axis_names),
             "parameters": json.dumps(dict(self.selection.parameters), sort_keys=True),
         }
-        return {name: value for name, value in attributes.items() if value != ""}
+        return told(attributes)
 
 
 def _encoded(dataset: xr.Dataset) -> xr.Dataset:
@@ -131,12 +145,19 @@ def _encoded(dataset: xr.Dataset) -> xr.Dataset:
     return dataset
 
 
-def _meaning(long_name: str, units: str) -> dict[str, Any]:
-    return {"long_name": long_name, "units": units}
+def told(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """The attributes that say something."""
+    return {name: value for name, value in attributes.items() if value != ""}
+
+
+def _meaning(long_name: str, units: str, content: str = "coordinate") -> dict[str, Any]:
+    """What every variable says of itself, `content` in the words of ACDD."""
+    return {"long_name": long_name, "units": units, "coverage_content_type": content}
 
 
 def variable_attributes(variable: Variable) -> dict[str, Any]:
-    attributes = _meaning(variable.long_name, variable.units)
+    content = "qualityInformation" if variable.flags is Status else "modelResult"
+    attributes = _meaning(variable.long_name, variable.units, content)
     if variable.flags is not None:
         attributes["flag_values"] = np.array([flag.value for flag in variable.flags], variable.dtype)
         attributes["flag_meanings"] = " ".join(flag.name for flag in variable.flags)

@@ -7,6 +7,12 @@ from hashlib import blake2b
 
 import numpy as np
 
+# How every random number is derived, for the files that hold some.
+SEED_ENTROPY = (
+    "numpy.random.default_rng(SeedSequence(entropy, spawn_key)): entropy is the value of the axis seed, or a number "
+    "in the source; spawn_key is the BLAKE2b-128 of the words of the stream as JSON, in four little-endian words"
+)
+
 
 def stable_rng(entropy: int, *words: str) -> np.random.Generator:
     """Generator of its own for `(entropy, *words)`, the same on every machine and for every order of the cases.

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -99,6 +100,23 @@ def status_lines(status: FolderStatus) -> list[str]:
             for counts, values in alike.items()
         ]
     return lines
+
+
+def status_plain(status: FolderStatus) -> dict[str, Any]:
+    """The status for `--json`: every count stands there, zeros too."""
+    selection = status.selection
+    return {
+        "study": selection.study.name,
+        "study_version": selection.study.version,
+        "parameters": dict(selection.parameters),
+        "variables": list(selection.study.selected),
+        "total": {state: status.total[state] for state in STATES},
+        "along": {
+            name: [{"value": value, **{state: counter[state] for state in STATES}} for value, counter in along.items()]
+            for name, along in status.along.items()
+        },
+        "damage": status.damage,
+    }
 
 
 def _counts(counter: Counter[str]) -> str:

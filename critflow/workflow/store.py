@@ -27,9 +27,10 @@ import numpy as np
 from critflow.result import EnvironmentFailure, IntegrityError, Status
 from critflow.workflow import faults
 from critflow.workflow.plan import Case
+from critflow.workflow.provenance import shard_attributes
 from critflow.workflow.study import Study
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 PARTIAL = ".partial"  # no glob for results matches it
 
 _MARK = b"\nsealed sha256 "
@@ -48,6 +49,8 @@ class Shard:
     arrays: Mapping[str, np.ndarray]
     checksum: str
     error: str = ""  # the traceback of a failed case
+    code: str = ""  # what computed it, and on which libraries
+    environment: str = ""
 
 
 @contextmanager
@@ -100,7 +103,8 @@ def write_shard(
                     if dim not in file.dimensions:
                         file.createDimension(dim, size)
                 variables[name] = file.createVariable(name, array.dtype, study.inner_dims[name], fill_value=False)
-            file.setncatts({**_identity(study, case), "status": int(status), "error": error})
+            file.setncatts({**shard_attributes(study, case), **_identity(study, case)})
+            file.setncatts({"status": int(status), "error": error})
             for name, variable in variables.items():
                 variable[...] = arrays[name]
         seal = _seal(partial.read_bytes())
@@ -116,6 +120,14 @@ def read_shard(folder: Path, study: Study, case: Case) -> Shard | None:
     """The stored case, verified to the last byte; None when there is none, `IntegrityError` when it is damaged."""
     path = shard_path(folder, case)
     return _read(path, study, case) if path.exists() else None
+
+
+def read_identity(path: Path) -> str:
+    """Which case a shard says it is, of whatever study and settings, once every byte of it is verified."""
+    with _readable(path):
+        _verified_seal(path)
+        with _netcdf, netCDF4.Dataset(path) as file:
+            return file.getncattr("identity")
 
 
 def read_status(folder: Path, study: Study, case: Case, *, verify: bool) -> Status:
@@ -164,7 +176,8 @@ def _read(path: Path, study: Study, case: Case) -> Shard:
         seal = _verified_seal(path)
         with _opened(path, study, case) as dataset:
             arrays = {name: np.asarray(variable[...]) for name, variable in dataset.variables.items()}
-            return Shard(_status(dataset), arrays, _checksum(seal), dataset.getncattr("error"))
+            told = [dataset.getncattr(name) for name in ("error", "code", "environment")]
+            return Shard(_status(dataset), arrays, _checksum(seal), *told)
 
 
 def _verified_seal(path: Path) -> bytes:

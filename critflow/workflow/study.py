@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import inspect
 import json
+import math
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -30,6 +32,8 @@ from critflow.result import Status, StudyError
 if TYPE_CHECKING:  # only the types: workers and `critflow list` need neither library
     import xarray as xr
     from matplotlib.figure import Figure
+
+LONGEST = 1_000_000  # values of one setting, and cases of one run: more is a slip of the keyboard
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _DTYPES = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4")
@@ -57,11 +61,15 @@ class Axis:
 
     def __post_init__(self) -> None:
         _identifier(self.name, "axis")
+        if len(self.values) > LONGEST:
+            raise StudyError(f"axis {self.name!r} has {len(self.values):,} values: give at most {LONGEST:,}")
         values = tuple(self.values)
         if not values or len(set(values)) < len(values):
             raise StudyError(f"axis {self.name!r} needs different values, got {values!r}")
         if not all(type(value) is type(values[0]) and type(value) in (int, str) for value in values):
             raise StudyError(f"axis {self.name!r} needs whole numbers or words, all of one kind")
+        if below := [value for value in values if isinstance(value, int) and value < 0]:
+            raise StudyError(f"axis {self.name!r} needs whole numbers from zero, got {below[0]}")
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "key", self.key or f"{self.name}s")
         object.__setattr__(self, "noun", self.noun or self.key)
@@ -197,6 +205,11 @@ class Study:
         object.__setattr__(self, "parameters", parameters)
         if not self.axes:
             raise StudyError(f"study {self.name!r} needs at least one axis")
+        if type(self.version) is not int or self.version < 1:
+            raise StudyError(f"version {self.version!r} of study {self.name!r} must be a whole number above zero")
+        for name in (*self.figures, *self.animations):
+            _identifier(name, "figure")
+        self._check_case()
         labels = [*self.axis_names, *(c.name for c in self.coordinates), *(v.name for v in self.variables)]
         for names in (labels, ["variables", *(axis.key for axis in self.axes), *parameters]):
             if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -215,6 +228,21 @@ class Study:
         if status is None or status.flags is not Status or set(status.dims) != set(self.axis_names):
             raise StudyError(f"study {self.name!r} needs a variable 'status' over exactly its axes with flags=Status")
 
+    def _check_case(self) -> None:
+        """Raise unless the case function takes the parameters and a value of every axis."""
+        if not callable(self.case):
+            raise StudyError(f"case of study {self.name!r} must be a function, not {self.case!r}")
+        try:
+            signature = inspect.signature(self.case)
+        except ValueError:  # some functions in C do not tell
+            return
+        wanted = {"wanted"} & signature.parameters.keys()
+        try:
+            signature.bind({}, **dict.fromkeys((*self.axis_names, *wanted)))
+        except TypeError as error:
+            right = f"case(parameters, *, {', '.join(self.axis_names)})"
+            raise StudyError(f"the case function of study {self.name!r} must be {right}: {error}") from error
+
     def worker_count(self, asked: int | None, available: int) -> int:
         """How many workers to start: as many as asked for, else one for each CPU, and never more than it allows."""
         allowed = available if self.workers is None else self.workers
@@ -223,6 +251,12 @@ class Study:
         if self.workers is not None and asked > allowed:
             raise StudyError(f"--workers {asked} would disturb what {self.name!r} measures: give at most {allowed}")
         return asked
+
+    @cached_property
+    def description(self) -> str:
+        """What the file of the study says at its top, in one line."""
+        told = inspect.getdoc(sys.modules.get(getattr(self.case, "__module__", ""))) or ""
+        return " ".join(told.split())
 
     @cached_property
     def axis_names(self) -> tuple[str, ...]:
@@ -302,13 +336,19 @@ def _plain_parameter(key: str, value: Any) -> Any:
     _identifier(key, "parameter")
     value = value.item() if isinstance(value, np.generic) else value
     if type(value) in (bool, int, float, str):
-        return value
+        return _finite(key, value)
     if isinstance(value, (Sequence, np.ndarray)):
         items = tuple(item.item() if isinstance(item, np.generic) else item for item in value)
         if items and {type(item) for item in items} == {int, float}:
             items = tuple(float(item) for item in items)
         if items and len({type(item) for item in items}) == 1 and type(items[0]) in (int, float, str):
-            return items
+            return tuple(_finite(key, item) for item in items)
     raise StudyError(
         f"parameter {key!r} must default to a number, a word, a truth value, or a list of numbers or words"
     )
+
+
+def _finite(key: str, value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise StudyError(f"parameter {key!r} must default to finite numbers, not {value}")
+    return value

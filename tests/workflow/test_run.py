@@ -328,7 +328,7 @@ def test_the_dataset_opens_plainly_with_types_units_and_meanings(tmp_path, run, 
         assert ds.population.values.tolist() == ["random", "floppy"]
         assert ds.strain.values.tolist() == [0.001, 0.002, 0.003]
         assert "_FillValue" not in ds.strain.encoding
-        assert ds.attrs["Conventions"] == "CF-1.11"
+        assert ds.attrs["Conventions"] == "CF-1.11, ACDD-1.3"
         assert ds.attrs["title"] == tiny.study.title
         assert json.loads(ds.attrs["parameters"])["strains"] == [0.001, 0.002, 0.003]
         meanings = dict(zip(ds.status.attrs["flag_meanings"].split(), ds.status.attrs["flag_values"], strict=True))

@@ -144,8 +144,8 @@ def test_a_file_is_executed_once_for_each_content(tmp_path):
 @pytest.mark.parametrize(
     ("source", "sentence"),
     [
-        ("", "no `study = Study"),
-        ("study = 3", "no `study = Study"),
+        ("", "`study` is missing"),
+        ("study = 3", "`study` holds int 3"),
         ("def", "SyntaxError"),
         ("import nowhere_to_be_found", "ModuleNotFoundError"),
         (SMALL.replace("'seed'", "'a b'"), "axis name"),
