@@ -258,6 +258,8 @@ def show(
     ] = None,
 ) -> None:
     """Draw one configuration of a dataset, chosen by its labels, and say what is known of it."""
+    if file.is_dir():
+        raise InputError(f"{file} is a folder and no dataset: give the file NAME.nc in it")
     choose_case = _part("critflow.workflow.choose").choose_case
     with _part("critflow.workflow.report").opened_dataset(file) as dataset:
         case = choose_case(dataset, settings)

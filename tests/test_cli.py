@@ -116,7 +116,7 @@ MISTAKES = {
     "status of nothing": (["status", "nowhere"], 2, "not a results folder"),
     "figures of nothing": (["figures", "nowhere"], 2, "not a results folder"),
     "unknown format": (["figures", "RESULTS", "--format", "gif"], 2, "png, pdf, svg"),
-    "damaged note": (["status", "damaged"], 4, "delete it"),
+    "damaged note": (["status", "damaged"], 4, "run the study again to write it anew"),
     "show nothing": (["show", "nowhere.nc"], 2, "run the study first"),
     "show no dataset": (["show", "broken.py"], 4, "not a readable dataset"),
     "show unknown axis": (["show", "RESULTS/tiny.nc", "--set", "sed=1"], 2, "did you mean 'seed'"),

@@ -16,6 +16,9 @@ from pathlib import Path
 
 import netCDF4
 
+if os.name == "posix":
+    import resource
+
 _MEMORY = 2**31  # bytes of address space, of which the libraries take a quarter
 _PROCESSOR_SECONDS = 5  # of which the libraries take one
 _SECONDS = 120.0  # a slow disk may take its time
@@ -53,8 +56,6 @@ def _strange(path: str) -> Iterator[str]:
 
 def _limit() -> None:
     if os.name == "posix":
-        import resource  # noqa: PLC0415 (there is none elsewhere)
-
         resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
         resource.setrlimit(resource.RLIMIT_CPU, (_PROCESSOR_SECONDS, _PROCESSOR_SECONDS))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -122,7 +122,8 @@ class Table:
             "source": f"critflow {versions['critflow']}",
             "references": study.references,
             "comment": "Attributes named in volatile_attributes, and variables that say so, differ from run to run; "
-            "shards_sha256 adds up, modulo 2**256, the SHA-256 of a line for each case, of its name and its shard's checksum.",
+            "shards_sha256 adds up, modulo 2**256, the SHA-256 of a line for each case: its name and its shard's "
+            "checksum.",
             **dataset_attributes(study),
             "versions": json.dumps(versions),
             "study": study.name,

@@ -15,6 +15,7 @@ from critflow.workflow import store
 from critflow.workflow.folder import Folder, _note_text
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
+from critflow.workflow.provenance import shard_attributes
 
 PLAIN = Path(__file__).with_name("plain_study.py")
 STUDY = load_file(PLAIN).study
@@ -29,7 +30,8 @@ def shard(path, variables=RIGHT, *, layout="NETCDF3_64BIT_DATA", status=0, error
         file.createDimension("place", 4)
         for name, (dtype, dims) in variables.items():
             file.createVariable(name, dtype, dims, fill_value=False)[...] = 0
-        file.setncatts({**store._identity(STUDY, CASE), "status": status, "error": error})
+        file.setncatts({**shard_attributes(STUDY, CASE), **store._identity(STUDY, CASE)})
+        file.setncatts({"status": status, "error": error})
     store.append_seal(path)
 
 
