@@ -38,6 +38,7 @@ _SEAL_LENGTH = len(_MARK) + 64
 _CDF5 = b"CDF\x05"
 # Errors of a system call that say nothing about the file it was made for.
 _THE_MACHINE = {errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EACCES, errno.EIO, errno.ESTALE}
+_SPARE = 2**24  # bytes without which the netCDF library cannot be trusted to open a shard
 _netcdf = threading.Lock()  # the netCDF library is not thread-safe
 
 
@@ -251,7 +252,16 @@ def _readable(path: Path) -> Iterator[None]:
     except (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError) as error:
         if isinstance(error, OSError) and error.errno in _THE_MACHINE:
             raise EnvironmentFailure(f"cannot read {path}: {error.strerror}: mend that and run again") from error
+        _refuse_without_memory(path)
         raise IntegrityError(f"{path} is not a readable shard: {error}") from error
+
+
+def _refuse_without_memory(path: Path) -> None:
+    """Raise when there is none left: the netCDF library then calls files strange that it found no room to open."""
+    try:
+        bytearray(_SPARE)
+    except MemoryError:
+        raise EnvironmentFailure(f"cannot read {path}: out of memory: free some and run again") from None
 
 
 def _identity(study: Study, case: Case) -> dict[str, Any]:

@@ -57,9 +57,15 @@ class FolderMachine(RuleBasedStateMachine):
     def selection(self):
         return Selection(LOADED.study, self.parameters, {"seed": self.axes})
 
-    def expected(self):
+    def expected(self, retry):
         """Seeds whose case is to be computed, in order."""
-        return [case.values["seed"] for case in self.selection.cases() if case.id not in self.good]
+        stored = self.good if retry else self.good | self.failed
+        return [case.values["seed"] for case in self.selection.cases() if case.id not in stored]
+
+    def forget_failed(self, retry):
+        """What the model says when a run that tries failed cases again has begun."""
+        if retry:
+            self.failed -= {case.id for case in self.selection.cases()}
 
     def compute(self, seeds):
         """What the model says after these cases were computed."""
@@ -69,13 +75,13 @@ class FolderMachine(RuleBasedStateMachine):
                 self.failed.discard(case.id)
                 (self.failed if case.values["seed"] in BROKEN else self.good).add(case.id)
 
-    def attempt(self, writes=True):
+    def attempt(self, retry, writes=True):
         """One run of the engine, as the command makes it, but for the figures and often the dataset, which are slow."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(engine, "write_report", lambda *_, **__: None)
             if not writes:
-                patch.setattr(engine, "write_dataset", lambda dataset, *_: self.compare(dataset))
-            return engine.run_study(LOADED, self.selection, self.folder, workers=0)
+                patch.setattr(engine, "write_dataset", lambda selection, shards, *_: self.compare(merge(selection, shards)))
+            return engine.run_study(LOADED, self.selection, self.folder, workers=0, retry_failed=retry)
 
     @rule(seeds=SEEDS)
     def extend_or_narrow(self, seeds):
@@ -90,41 +96,41 @@ class FolderMachine(RuleBasedStateMachine):
         BROKEN.clear()
         BROKEN.update(seeds)
 
-    @rule(writes=st.sampled_from([False, False, False, True]))
-    def run(self, writes):
-        todo = self.expected()
-        kept = len(self.axes) - len(todo)
+    @rule(retry=st.booleans(), writes=st.sampled_from([False, False, False, True]))
+    def run(self, retry, writes):
+        todo = self.expected(retry)
         self.compute(todo)
-        result = self.attempt(writes)
+        result = self.attempt(retry, writes)
         self.noted = self.selection
-        assert result.kept == kept
-        assert [outcome.error for outcome in result.failed] == [
-            "ValueError: broken on demand" for seed in todo if seed in BROKEN
-        ]
+        assert result.kept == len(self.axes) - len(todo)
+        failed = {case.id for case in self.selection.cases()} & self.failed
+        assert result.failed == dict.fromkeys(failed, "ValueError: broken on demand")
+        assert (self.folder.path / "failed.txt").exists() == bool(failed)
         if writes:
             self.dataset = self.selection
             with xr.open_dataset(self.folder.dataset("plain")) as dataset:
                 self.compare(dataset.load())
 
-    @rule(seed=st.integers(0, 4))
-    def run_some_and_be_stopped(self, seed):
+    @rule(retry=st.booleans(), seed=st.integers(0, 4))
+    def run_some_and_be_stopped(self, retry, seed):
         """The second Ctrl-C, in the middle of a case."""
-        todo = self.expected()
+        todo = self.expected(retry)
         if seed not in todo:
             return
         STOPPED.add(seed)
         try:
             with pytest.raises(Interrupted):
-                self.attempt()
+                self.attempt(retry)
         finally:
             STOPPED.clear()
+        self.forget_failed(retry)
         self.compute(todo[: todo.index(seed)])
         self.noted = self.selection
 
-    @rule(after=st.integers(0, 5))
-    def crash_while_writing(self, after):
+    @rule(retry=st.booleans(), after=st.integers(0, 5))
+    def crash_while_writing(self, retry, after):
         """The process dies before its n-th file is renamed, and leaves what it wrote beside it."""
-        todo, replaced, real = self.expected(), [], os.replace
+        todo, replaced, real = self.expected(retry), [], os.replace
 
         def dying(source, target):
             if len(replaced) == after:
@@ -136,11 +142,12 @@ class FolderMachine(RuleBasedStateMachine):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(store.os, "replace", dying)
             try:
-                self.attempt()
+                self.attempt(retry)
             except Killed:
                 pass
         if replaced:
             self.noted = self.selection
+            self.forget_failed(retry)
         self.compute(todo[: max(0, len(replaced) - 1)])
         if len(replaced) > 1 + len(todo):
             self.dataset = self.selection
@@ -195,9 +202,10 @@ class FolderMachine(RuleBasedStateMachine):
     def what_is_missing_is_known(self):
         if not hasattr(self, "folder"):
             return
-        todo, damage = engine.missing_cases(self.selection, self.folder)
+        todo, damage, failed = engine.missing_cases(self.selection, self.folder)
         cases = self.selection.cases()
-        assert todo == {case.id for case in cases if case.id not in self.good}
+        assert todo == {case.id for case in cases if case.id not in self.good | self.failed}
+        assert failed == {case.id for case in cases if case.id in self.failed}
         assert len(damage) == sum(case.id in self.damaged for case in cases)
 
     @invariant()
