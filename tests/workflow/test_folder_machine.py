@@ -91,7 +91,7 @@ class FolderMachine(RuleBasedStateMachine):
     def change_a_parameter(self, scale):
         self.parameters = {"scale": scale}
 
-    @rule(seeds=st.sets(st.integers(0, 4), max_size=1))
+    @rule(seeds=st.sets(st.integers(0, 4), max_size=3))
     def break_or_mend_cases(self, seeds):
         BROKEN.clear()
         BROKEN.update(seeds)
