@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import json
 import os
 import sys
@@ -207,9 +208,9 @@ def status(
     """Say how many cases are done, failed and missing, and why which are to be computed again."""
     results = Folder(folder)
     found = folder_status(results)
-    todo = [case for state in STATES if state != "done" for case in found.cases(state)]
+    todo = itertools.chain.from_iterable(found.cases(state) for state in STATES if state != "done")
     again = reasons_to_compute(found.selection, results.shards, todo)
-    older = made_by_other_code(found.selection, results.shards, list(found.cases("done")))
+    older = made_by_other_code(found, results.shards)
     if as_json:
         told = status_plain(found)
         told |= {"to_compute": [reason.plain() for reason in again]}

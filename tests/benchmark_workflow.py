@@ -119,6 +119,7 @@ from critflow.workflow.index import append_to_index
 from critflow.workflow.load import load_file
 from critflow.workflow.merge import write_dataset
 from critflow.workflow.plan import select
+from critflow.workflow.provenance import code_version
 from critflow.workflow.run import missing_cases
 from critflow.workflow.status import folder_status
 
@@ -142,7 +143,8 @@ with folder.held(loaded, selection):
     for case in selection.cases():
         arrays = loaded.study.computed(case.parameters, case.values)
         store.write_shard(folder.shards, loaded.study, case, Status(int(arrays.pop("status"))), arrays)
-append_to_index(folder.index, folder.shards, ((case_id, 0) for case_id in selection.ids()))
+stored = ((case_id, 0, code_version(loaded.study)) for case_id in selection.ids())
+append_to_index(folder.index, folder.shards, loaded.study.table_digest, stored)
 timed("status", count, lambda: folder_status(folder))
 timed("dry run", count, lambda: missing_cases(selection, folder))
 timed("merge", count, lambda: write_dataset(selection, folder.shards, folder.dataset("timed"), ""))

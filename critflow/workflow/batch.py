@@ -19,6 +19,7 @@ from critflow.workflow.attempts import attempt
 from critflow.workflow.limits import Limits
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import Case
+from critflow.workflow.provenance import code_version
 from critflow.workflow.store import read_shard, write_shard
 from critflow.workflow.study import Study
 
@@ -34,6 +35,7 @@ class Outcome(NamedTuple):
     checksum: str
     seconds: float
     error: str  # last line of the traceback
+    code: str  # what computed it
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def record_failure(study: Study, shards: Path, case: Case, error: str, seconds: 
     if len(error) > _LONGEST_ERROR:
         error = f"{error[: _LONGEST_ERROR // 2]}\n...\n{error[-_LONGEST_ERROR // 2 :]}"
     checksum = write_shard(shards, study, case, Status.failed, {}, error)
-    return Outcome(case.id, int(Status.failed), checksum, seconds, last_words(error))
+    return Outcome(case.id, int(Status.failed), checksum, seconds, last_words(error), code_version(study))
 
 
 def last_words(error: str) -> str:
@@ -93,7 +95,7 @@ def _stored(study: Study, shards: Path, case: Case) -> Outcome | None:
         return None
     if shard is None:
         return None
-    return Outcome(case.id, int(shard.status), shard.checksum, 0.0, last_words(shard.error))
+    return Outcome(case.id, int(shard.status), shard.checksum, 0.0, last_words(shard.error), shard.code)
 
 
 def _attempted(job: Job, study: Study, shards: Path, case: Case) -> Outcome:
@@ -122,4 +124,4 @@ def _computed(study: Study, shards: Path, case: Case) -> Outcome:
         raise
     except Exception:  # no room for it in memory, or in the format
         return record_failure(study, shards, case, traceback.format_exc(), seconds)
-    return Outcome(case.id, int(status), checksum, seconds, "")
+    return Outcome(case.id, int(status), checksum, seconds, "", code_version(study))

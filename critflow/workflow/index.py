@@ -1,20 +1,23 @@
 """How stored cases ended, in one file, so that a hundred thousand shards need not be opened to count them.
 
-A line for each shard: case, status, and the size and time that tell whether the shard is still the one meant; a
-checksum guards the line.  Lines that are cut, damaged or out of date mean nothing, and later ones count: the index can
-make looking faster, never wrong, and may be deleted at any time.
+A line for each shard: case, status, the size and time that tell whether the shard is still the one meant, the table of
+the study that it was stored with and a digest of the code that computed it; a checksum guards the line.  Lines that are
+cut, damaged or out of date mean nothing, and later ones count: the index can make looking faster, never wrong, and may
+be deleted at any time.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from zlib import crc32
 
 
 def read_index(path: Path) -> dict[str, str]:
-    """What the last good line of every case says: its status, and the size and time of its shard."""
+    """What the last good line of every case says, for `indexed`."""
     try:
         whole = path.read_bytes()
     except OSError:
@@ -23,33 +26,37 @@ def read_index(path: Path) -> dict[str, str]:
     for line in whole.split(b"\n"):
         body, _, check = line.rpartition(b" ")
         if check == b"%08x" % crc32(body):
-            case_id, _, entry = body.decode().partition(" ")
+            case_id, _, entry = body.decode(errors="replace").partition(" ")
             entries[case_id] = entry
     return entries
 
 
-def indexed_status(entry: str, shard: os.DirEntry) -> int | None:
-    """The status in a line of the index; None when the shard is another one now."""
-    status, _, meant = entry.partition(" ")
+def indexed(entry: str, shard: os.DirEntry, table: str) -> tuple[int, str] | None:
+    """Status and digest of the code in a line; None when the shard is another one now, or the table of the study is."""
     try:
-        return int(status) if _stamp(shard.stat()) == meant else None
-    except OSError:
+        status, size, time, stored_with, code = entry.split(" ")
+        found = shard.stat()
+        same = stored_with == table and int(time) == found.st_mtime_ns and int(size) == found.st_size
+        return (int(status), code) if same else None
+    except (OSError, ValueError):
         return None
 
 
-def _stamp(found: os.stat_result) -> str:
-    return f"{found.st_size} {found.st_mtime_ns}"
+@cache
+def code_digest(code: str) -> str:
+    """A word for what computed a case."""
+    return sha256(code.encode()).hexdigest()[:12]
 
 
-def append_to_index(path: Path, shards: Path, statuses: Iterable[tuple[str, int]]) -> None:
-    """Add lines for cases that were just stored; a torn line before them is ended first."""
+def append_to_index(path: Path, shards: Path, table: str, stored: Iterable[tuple[str, int, str]]) -> None:
+    """Add lines for cases that were just stored: case, status and code of each.  A torn line before them is ended."""
     lines = []
-    for case_id, status in statuses:
+    for case_id, status, code in stored:
         try:
             found = os.stat(shards / f"{case_id}.nc")
         except OSError:  # a folder shared by machines may show a file later: then it is opened to be counted
             continue
-        body = f"{case_id} {status} {_stamp(found)}".encode()
+        body = f"{case_id} {status} {found.st_size} {found.st_mtime_ns} {table} {code_digest(code)}".encode()
         lines.append(b"%s %08x\n" % (body, crc32(body)))
     if not lines:
         return

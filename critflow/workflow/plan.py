@@ -24,6 +24,8 @@ from typing import Any
 from critflow.result import CritflowError, StudyError
 from critflow.workflow.study import LONGEST, Axis, Study, nearest
 
+_UNREADABLE = re.compile(r"[^A-Za-z0-9_.-]")
+
 
 @dataclass(frozen=True)
 class Case:
@@ -75,6 +77,14 @@ class Selection:
     def cases(self) -> list[Case]:
         return [case for batch in self.batches() for case in batch]
 
+    def case_at(self, place: int) -> Case:
+        """The case at this place in their order."""
+        values = {}
+        for name in reversed(tuple(self.axes)):
+            place, row = divmod(place, len(self.axes[name]))
+            values[name] = self.axes[name][row]
+        return self.case(**{name: values[name] for name in self.axes})
+
     @property
     def shape(self) -> tuple[int, ...]:
         """How many values there are along each axis."""
@@ -89,13 +99,28 @@ class Selection:
         end = "".join(f", {json.dumps(item)}" for item in variables) + "]"
         order = [list(self.axes).index(name) for name in sorted(self.axes)]
         words = [
-            [(f"{json.dumps(name)}: {json.dumps(value)}", _readable({name: value})) for value in values]
+            [(f"{json.dumps(name)}: {_json(value)}", _readable({name: value})) for value in values]
             for name, values in self.axes.items()
         ]
         for chosen in itertools.product(*words):
             digest = begun.copy()
             digest.update(f", {{{', '.join([chosen[i][0] for i in order])}}}{end}".encode())
             yield f"{'-'.join([word for _, word in chosen])[:80]}-{digest.hexdigest()[:16]}"
+
+
+@dataclass(frozen=True)
+class Cases(Sequence[Case]):
+    """Some cases of a selection, each made when it is looked at: there may be very many."""
+
+    selection: Selection
+    places: Sequence[int]
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def __getitem__(self, which: Any) -> Any:
+        chosen = self.places[which]
+        return Cases(self.selection, chosen) if isinstance(which, slice) else self.selection.case_at(chosen)
 
 
 def select(study: Study, words: Sequence[str] = ()) -> Selection:
@@ -137,10 +162,14 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
     return selection
 
 
+def _json(value: int | str) -> str:
+    return str(value) if type(value) is int else json.dumps(value)  # ten times faster
+
+
 def _readable(values: Mapping[str, int | str]) -> str:
     """Axis values in the letters that file names may have."""
-    words = "-".join(f"{k}{v}" if isinstance(v, int) else v for k, v in values.items())
-    return re.sub(r"[^A-Za-z0-9_.-]", "_", words)
+    words = "-".join([f"{k}{v}" if isinstance(v, int) else v for k, v in values.items()])
+    return _UNREADABLE.sub("_", words)
 
 
 def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:

@@ -12,13 +12,10 @@ from typing import Any
 from critflow.result import IntegrityError
 from critflow.workflow.plan import Case, Selection
 from critflow.workflow.provenance import code_version
-from critflow.workflow.store import read_identity, read_shard, shard_path
-
-LOOKED_AT = 10_000  # stored cases whose code is looked at; of more, evenly spaced ones
+from critflow.workflow.status import FolderStatus
+from critflow.workflow.store import read_code, read_identity, read_shard, shard_path
 
 _DIGEST = 17  # the hash at the end of an id, with its hyphen
-# How the text attribute `code` stands in the head of a CDF-5 file: length and letters of its name, type, length.
-_CODE = b"\0\0\0\0\0\0\0\4code\0\0\0\2"
 
 
 @dataclass(frozen=True)
@@ -52,18 +49,18 @@ def reasons_to_compute(selection: Selection, shards: Path, todo: Iterable[Case])
     return [Reason(kind, sentence, cases) for (kind, sentence), cases in found.items()]
 
 
-def made_by_other_code(selection: Selection, shards: Path, done: Sequence[Case]) -> list[Reason]:
+def made_by_other_code(found: FolderStatus, shards: Path) -> list[Reason]:
     """Stored cases that the code of now did not compute; they stand, since most changes of code change no number."""
-    now = code_version(selection.study)
-    found: dict[str, list[Case]] = {}
-    for case in done[:: -(-len(done) // LOOKED_AT) or 1]:
-        if (code := _code(shard_path(shards, case))) not in (None, now):
-            found.setdefault(str(code), []).append(case)
+    now = code_version(found.selection.study)
     advice = "kept; to compute them anew, raise the study's version or choose another folder"
-    looked = "" if len(done) <= LOOKED_AT else f", of {LOOKED_AT} looked at"
-    return [
-        Reason("other code", f"computed by {code}, not {now}{looked}: {advice}", cases) for code, cases in found.items()
-    ]
+    reasons = []
+    for cases in found.of_other_code:
+        try:
+            code = read_code(shard_path(shards, cases[0]))
+        except IntegrityError:  # deleted in this moment
+            continue
+        reasons.append(Reason("other code", f"computed by {code}, not {now}: {advice}", cases))
+    return reasons
 
 
 def _why(selection: Selection, shards: Path, case: Case, others: _Others) -> tuple[str, str]:
@@ -126,17 +123,3 @@ def _setting(path: Path) -> tuple[int, Mapping[str, Any], tuple[str, ...]] | Non
     except IntegrityError:  # someone else's, or damaged: no case of this run needs it
         return None
     return version, parameters, tuple(*variables)
-
-
-def _code(path: Path) -> str | None:
-    """The attribute `code` in the head of a shard, without the netCDF library, which takes a hundred times longer."""
-    try:
-        with open(path, "rb", buffering=0) as file:
-            head = file.read(4096)
-    except OSError:
-        return None
-    start = head.find(_CODE) + len(_CODE) + 8
-    if start < len(_CODE) + 8:
-        return "unknown code"
-    length = int.from_bytes(head[start - 8 : start], "big")
-    return head[start : start + length].decode(errors="replace")

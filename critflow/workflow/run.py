@@ -85,7 +85,7 @@ def run_study(
         faults.passing("run.computed")
         path = folder.dataset(loaded.study.name)
         write_dataset(selection, folder.shards, path, command)
-        append_to_index(folder.index, folder.shards, folder_status(folder).read)
+        append_to_index(folder.index, folder.shards, selection.study.table_digest, folder_status(folder).read)
         reasons = write_quarantine(loaded, selection, folder, [case for case in cases if case.id in failed], limits)
         faults.passing("run.written")
         try:
@@ -149,7 +149,8 @@ def _compute(
                 left[values[first]] -= 1
                 if not left[values[first]]:
                     progress.advance()
-            append_to_index(folder.index, folder.shards, ((one.case_id, one.status) for one in outcomes))
+            known = [(outcome.case_id, outcome.status, outcome.code) for outcome in outcomes]
+            append_to_index(folder.index, folder.shards, selection.study.table_digest, known)
             for outcome in outcomes:
                 status = Status(outcome.status).name
                 log.write(f"{outcome.case_id} {status} {outcome.seconds:.3f} s {outcome.checksum} {outcome.error}\n")

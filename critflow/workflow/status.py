@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from critflow.result import IntegrityError, Status
 from critflow.workflow.folder import Folder
-from critflow.workflow.index import indexed_status, listed_shards, read_index
-from critflow.workflow.plan import Case, Selection
-from critflow.workflow.store import read_status
+from critflow.workflow.index import code_digest, indexed, listed_shards, read_index
+from critflow.workflow.plan import Cases, Selection
+from critflow.workflow.provenance import code_version
+from critflow.workflow.store import read_code, read_status
 
 STATES = ("done", "failed", "missing", "damaged")
 _DONE, _FAILED, _MISSING, _DAMAGED = range(len(STATES))
@@ -29,75 +31,71 @@ class FolderStatus:
     selection: Selection
     states: np.ndarray
     damage: list[str]
-    read: list[tuple[str, int]]  # cases that the index did not know, with the status that their shards say
+    read: list[tuple[str, int, str]]  # cases that the index did not know, with status and code in their shards
+    of_other_code: list[Cases]  # those done that the code of now did not compute, by the code
 
     @cached_property
     def total(self) -> Counter[str]:
-        return _counted(self.states)
+        counts = np.bincount(self.states.ravel(), minlength=len(STATES)).tolist()
+        return Counter({state: count for state, count in zip(STATES, counts, strict=True) if count})
 
     @cached_property
-    def along(self) -> dict[str, dict[int | str, Counter[str]]]:
-        """The counts for every value of every axis."""
-        return {
-            name: dict(zip(values, map(_counted, np.moveaxis(self.states, axis, 0)), strict=True))
-            for axis, (name, values) in enumerate(self.selection.axes.items())
-        }
+    def along(self) -> dict[str, list[list[int]]]:
+        """For every value of every axis, how many cases are in each state."""
+        counts = {}
+        for axis, (name, values) in enumerate(self.selection.axes.items()):
+            rows = np.moveaxis(self.states, axis, 0).reshape(len(values), -1)
+            counts[name] = np.stack([(rows == state).sum(1) for state in range(len(STATES))], 1).tolist()
+        return counts
 
-    def cases(self, state: str) -> Iterator[Case]:
+    def cases(self, state: str) -> Cases:
         """The cases that are in this state."""
-        for place in np.flatnonzero(self.states == STATES.index(state)).tolist():
-            yield _case(self.selection, place)
+        return Cases(self.selection, np.flatnonzero(self.states == STATES.index(state)).tolist())
 
 
 def folder_status(folder: Folder) -> FolderStatus:
-    """Look at every case without reading its data, so a flipped byte inside is left for `verify` and the next run."""
+    """Look at every case without reading its data, so a flipped byte inside is left for `verify` and the next run.
+
+    A shard stored with another table of variables is opened, to say what is wrong with it.
+    """
     _, selection = folder.selection()
+    table, now = selection.study.table_digest, code_digest(code_version(selection.study))
     shards, index = listed_shards(folder.shards), read_index(folder.index)
-    states = np.full(math.prod(selection.shape), _MISSING, "i1")
-    damage, unknown, read = [], [], []
+    states = bytearray([_MISSING]) * math.prod(selection.shape)
+    damage, read = list[str](), list[tuple[str, int, str]]()
+    other: dict[str, list[int]] = {}
     for place, case_id in enumerate(selection.ids()):
         if (shard := shards.get(case_id)) is None:
             continue
-        known = indexed_status(index[case_id], shard) if case_id in index else None
-        if known is not None:
-            states[place] = _CODES.get(known, _DONE)
-        else:
-            unknown.append((place, case_id))
-    for place, case_id in unknown:
-        rows = np.unravel_index(place, selection.shape)
-        case = selection.case(
-            **{name: selection.axes[name][row] for name, row in zip(selection.axes, rows, strict=True)}
-        )
-        try:
-            status = read_status(folder.shards, selection.study, case, verify=False)
-            states[place] = _CODES.get(int(status), _DONE)
-            read.append((case_id, int(status)))
-        except IntegrityError as error:
-            damage.append(str(error))
-            states[place] = _DAMAGED
-    return FolderStatus(selection, states.reshape(selection.shape), damage, read)
-
-
-def _case(selection: Selection, place: int) -> Case:
-    rows = np.unravel_index(place, selection.shape)
-    return selection.case(**{name: selection.axes[name][row] for name, row in zip(selection.axes, rows, strict=True)})
-
-
-def _counted(states: np.ndarray) -> Counter[str]:
-    counts = np.bincount(states.ravel(), minlength=len(STATES)).tolist()
-    return Counter({state: count for state, count in zip(STATES, counts, strict=True) if count})
+        known = indexed(index[case_id], shard, table) if case_id in index else None
+        if known is None:
+            try:
+                status = int(read_status(folder.shards, selection.study, selection.case_at(place), verify=False))
+                code = read_code(Path(shard.path))
+            except IntegrityError as error:
+                damage.append(str(error))
+                states[place] = _DAMAGED
+                continue
+            read.append((case_id, status, code))
+            known = status, code_digest(code)
+        states[place] = state = _CODES.get(known[0], _DONE)
+        if state == _DONE and known[1] != now:
+            other.setdefault(known[1], []).append(place)
+    shaped = np.frombuffer(states, "i1").reshape(selection.shape)
+    return FolderStatus(selection, shaped, damage, read, [Cases(selection, places) for places in other.values()])
 
 
 def status_lines(status: FolderStatus) -> list[str]:
     """The status as a person reads it; values of an axis that stand alike are told in one line."""
-    lines = [f"{status.selection.study.name}: {_counts(status.total)} of {status.total.total()} cases"]
-    for name, counters in status.along.items():
-        alike: dict[str, list[int | str]] = {}
-        for value, counter in counters.items():
-            alike.setdefault(_counts(counter), []).append(value)
+    total = [status.total[state] for state in STATES]
+    lines = [f"{status.selection.study.name}: {_counts(total)} of {sum(total)} cases"]
+    for name, rows in status.along.items():
+        alike: dict[tuple[int, ...], list[int | str]] = {}
+        for value, row in zip(status.selection.axes[name], rows, strict=True):
+            alike.setdefault(tuple(row), []).append(value)
         lines += [
-            f"  {name} {_ranges(values)}: {counts}{' each' if len(values) > 1 else ''}"
-            for counts, values in alike.items()
+            f"  {name} {_ranges(values)}: {_counts(row)}{' each' if len(values) > 1 else ''}"
+            for row, values in alike.items()
         ]
     return lines
 
@@ -112,15 +110,18 @@ def status_plain(status: FolderStatus) -> dict[str, Any]:
         "variables": list(selection.study.selected),
         "total": {state: status.total[state] for state in STATES},
         "along": {
-            name: [{"value": value, **{state: counter[state] for state in STATES}} for value, counter in along.items()]
-            for name, along in status.along.items()
+            name: [
+                {"value": value, **dict(zip(STATES, row, strict=True))}
+                for value, row in zip(selection.axes[name], rows, strict=True)
+            ]
+            for name, rows in status.along.items()
         },
         "damage": status.damage,
     }
 
 
-def _counts(counter: Counter[str]) -> str:
-    return ", ".join(f"{counter[state]} {state}" for state in STATES if counter[state])
+def _counts(row: Sequence[int]) -> str:
+    return ", ".join(f"{count} {state}" for count, state in zip(row, STATES, strict=True) if count)
 
 
 def _ranges(values: list[int | str]) -> str:

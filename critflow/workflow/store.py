@@ -36,6 +36,9 @@ PARTIAL = ".partial"  # no glob for results matches it
 _MARK = b"\nsealed sha256 "
 _SEAL_LENGTH = len(_MARK) + 64
 _CDF5 = b"CDF\x05"
+# How the text attribute `code` stands in the head of a CDF-5 file: length and letters of its name, type, length.
+_CODE = b"\0\0\0\0\0\0\0\4code\0\0\0\2"
+_HEAD = 4096  # bytes among which it is
 # Errors of a system call that say nothing about the file it was made for.
 _THE_MACHINE = {errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EACCES, errno.EIO, errno.ESTALE}
 _SPARE = 2**24  # bytes without which the netCDF library cannot be trusted to open a shard
@@ -129,6 +132,17 @@ def read_identity(path: Path) -> str:
         _verified_seal(path)
         with _netcdf, netCDF4.Dataset(path) as file:
             return file.getncattr("identity")
+
+
+def read_code(path: Path) -> str:
+    """What computed a shard, from its head, without the netCDF library, which takes a hundred times longer."""
+    with _readable(path), _raw(path) as file:
+        head = file.read(_HEAD)
+        start = head.find(_CODE) + len(_CODE) + 8
+        if start < len(_CODE) + 8:
+            return "unknown code"
+        length = int.from_bytes(head[start - 8 : start], "big")
+        return head[start : start + length].decode(errors="replace")
 
 
 def read_status(folder: Path, study: Study, case: Case, *, verify: bool) -> Status:

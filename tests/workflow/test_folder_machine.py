@@ -80,7 +80,7 @@ class FolderMachine(RuleBasedStateMachine):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(engine, "write_report", lambda *_, **__: None)
             if not writes:
-                patch.setattr(engine, "write_dataset", lambda selection, shards, *_: self.compare(merge(selection, shards)))
+                patch.setattr(engine, "write_dataset", lambda chosen, shards, *_: self.compare(merge(chosen, shards)))
             return engine.run_study(LOADED, self.selection, self.folder, workers=0, retry_failed=retry)
 
     @rule(seeds=SEEDS)

@@ -130,7 +130,7 @@ def test_what_failed_is_told_until_it_is_mended(tmp_path, capsys):
         (("--time-limit=nan", "--workers=1"), "--time-limit nan must be"),
         (("--memory-limit=-1", "--workers=1"), "--memory-limit -1 must be"),
         (("--time-limit=5", "--workers=0"), "--workers 0 has none"),
-        (("--memory-limit=5", "--scheduler=tcp://127.0.0.1:1"), "--memory-limit is for workers that the run starts"),
+        (("--memory-limit=5", "--scheduler=tls://127.0.0.1:1"), "--memory-limit is for workers on this machine"),
     ],
 )
 def test_limits_that_cannot_be_held_are_refused(tmp_path, capsys, more, sentence):
@@ -158,7 +158,7 @@ class Workers:
             folder.mkdir(exist_ok=True, parents=True)
             (folder / f"{self.job.run}-host-{self.deaths}").write_text(f"{' '.join(ids)}\n")
         for batch in batches:
-            outcomes = [Outcome(f"seed{values['seed']}", int(Status.ok), "", 0.0, "") for values in batch]
+            outcomes = [Outcome(f"seed{values['seed']}", int(Status.ok), "", 0.0, "", "") for values in batch]
             yield batch, None if dies else outcomes
 
 

@@ -15,9 +15,11 @@ from packaging.utils import canonicalize_name
 
 from critflow.cli import main
 from critflow.workflow import provenance, reasons
+from critflow.workflow.folder import Folder
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
 from critflow.workflow.provenance import VOLATILE, code_version, source_tree
+from critflow.workflow.status import folder_status
 from critflow.workflow.store import shard_path
 
 TINY = Path(__file__).with_name("tiny_study.py")
@@ -195,14 +197,15 @@ def test_status_reports_other_code_and_forces_nothing(tmp_path, capsys, study, s
     assert (dataset.attrs["code"], dataset.attrs["cases_code"]) == (now, f"{first}: 8 cases")
 
 
-def test_of_many_stored_cases_some_are_looked_at(tmp_path, run, tiny, monkeypatch):
+def test_of_each_code_one_stored_case_is_looked_at(tmp_path, run, monkeypatch):
     assert run(tmp_path) == 0
-    monkeypatch.setattr(reasons, "LOOKED_AT", 3)
-    monkeypatch.setattr(reasons, "code_version", lambda study: "of tomorrow")
-    selection = select(tiny.study)
-    (found,) = reasons.made_by_other_code(selection, tmp_path / "shards", selection.cases())
-    assert len(found.cases) == 3
-    assert "of 3 looked at" in found.sentence
+    monkeypatch.setattr("critflow.workflow.status.code_version", lambda study: "of tomorrow")
+    looked: list[Path] = []
+    monkeypatch.setattr(reasons, "read_code", lambda path: looked.append(path) or "of today")
+    (found,) = reasons.made_by_other_code(folder_status(Folder(tmp_path)), tmp_path / "shards")
+    assert len(found.cases) == 8
+    assert "computed by of today" in found.sentence
+    assert len(looked) == 1
 
 
 def test_the_code_of_a_study_is_what_its_numbers_come_from(tmp_path):
