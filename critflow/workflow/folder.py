@@ -167,7 +167,8 @@ class Folder:
 def _note_text(note: dict[str, Any]) -> str:
     """What the file says: the note and its checksum."""
     checksum = sha256(json.dumps(note, sort_keys=True).encode()).hexdigest()
-    return json.dumps(note | {"sha256": checksum}, indent=1) + "\n"
+    lines = [f" {json.dumps(key)}: {json.dumps(value)}" for key, value in (note | {"sha256": checksum}).items()]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def _kind(value: Any) -> tuple[type, ...]:

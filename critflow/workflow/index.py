@@ -33,13 +33,21 @@ def read_index(path: Path) -> dict[str, str]:
 
 def indexed(entry: str, shard: os.DirEntry, table: str) -> tuple[int, str] | None:
     """Status and digest of the code in a line; None when the shard is another one now, or the table of the study is."""
+    meant, _, told = entry.rpartition(" ")
     try:
-        status, size, time, stored_with, code = entry.split(" ")
-        found = shard.stat()
-        same = stored_with == table and int(time) == found.st_mtime_ns and int(size) == found.st_size
-        return (int(status), code) if same else None
+        return _read(told) if _stamp(shard.stat(), table) == meant else None
     except (OSError, ValueError):
         return None
+
+
+@cache
+def _read(told: str) -> tuple[int, str]:
+    status, _, code = told.partition(":")
+    return int(status), code
+
+
+def _stamp(found: os.stat_result, table: str) -> str:
+    return f"{found.st_size} {found.st_mtime_ns} {table}"
 
 
 @cache
@@ -56,7 +64,7 @@ def append_to_index(path: Path, shards: Path, table: str, stored: Iterable[tuple
             found = os.stat(shards / f"{case_id}.nc")
         except OSError:  # a folder shared by machines may show a file later: then it is opened to be counted
             continue
-        body = f"{case_id} {status} {found.st_size} {found.st_mtime_ns} {table} {code_digest(code)}".encode()
+        body = f"{case_id} {_stamp(found, table)} {status}:{code_digest(code)}".encode()
         lines.append(b"%s %08x\n" % (body, crc32(body)))
     if not lines:
         return

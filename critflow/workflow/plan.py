@@ -92,20 +92,19 @@ class Selection:
 
     def ids(self) -> Iterator[str]:
         """The ids of the cases in their order, without the cases: what they share is put into words once."""
-        begun = sha256(
-            json.dumps([self.study.name, self.study.version, dict(self.parameters)], sort_keys=True)[:-1].encode()
-        )
+        begun = json.dumps([self.study.name, self.study.version, dict(self.parameters)], sort_keys=True)[:-1]
+        digest_of_begun = sha256(f"{begun}, {{".encode())
         variables = [list(self.study.selected)] if self.study.selected else []
-        end = "".join(f", {json.dumps(item)}" for item in variables) + "]"
+        end = "}" + "".join(f", {json.dumps(item)}" for item in variables) + "]"
         order = [list(self.axes).index(name) for name in sorted(self.axes)]
         words = [
-            [(f"{json.dumps(name)}: {_json(value)}", _readable({name: value})) for value in values]
+            [(f'"{name}": {_json(value)}', _readable({name: value})) for value in values]
             for name, values in self.axes.items()
         ]
         for chosen in itertools.product(*words):
-            digest = begun.copy()
-            digest.update(f", {{{', '.join([chosen[i][0] for i in order])}}}{end}".encode())
-            yield f"{'-'.join([word for _, word in chosen])[:80]}-{digest.hexdigest()[:16]}"
+            digest = digest_of_begun.copy()
+            digest.update((", ".join([chosen[i][0] for i in order]) + end).encode())
+            yield f"{'-'.join([word for _, word in chosen])[:80]}-{digest.digest()[:8].hex()}"
 
 
 @dataclass(frozen=True)
@@ -167,9 +166,8 @@ def _json(value: int | str) -> str:
 
 
 def _readable(values: Mapping[str, int | str]) -> str:
-    """Axis values in the letters that file names may have."""
-    words = "-".join([f"{k}{v}" if isinstance(v, int) else v for k, v in values.items()])
-    return _UNREADABLE.sub("_", words)
+    """Axis values in the letters that file names may have; names of axes have no others."""
+    return "-".join([f"{k}{v}" if isinstance(v, int) else _UNREADABLE.sub("_", v) for k, v in values.items()])
 
 
 def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:
