@@ -84,7 +84,8 @@ def _through_dask(
     watch = Watch(job.run, Path(job.shards), (job.limits or Limits()).silence)
     while True:
         # Two tasks for each worker: none waits for the next, and the times of the first decide about the others.
-        while not interruption.asked and len(running) < 2 * crew.size() and (group := groups.next(crew.size())):
+        size = crew.size()  # looked at when interrupted too: what runs may never end where no worker is left
+        while not interruption.asked and len(running) < 2 * size and (group := groups.next(size)):
             # A key of its own for every try: dask would answer a known key with the result it has.
             key = f"critflow-{job.run}-{uuid4().hex[:12]}"
             future = client.submit(_timed, job, [values for batch in group for values in batch], key=key, pure=False)
@@ -137,5 +138,7 @@ class _Crew:
             if self.count:
                 self.seen = now
             elif now - self.seen > _WITHOUT_WORKERS:
-                raise EnvironmentFailure("all workers went away: run the same command again to resume")
+                raise EnvironmentFailure(
+                    "all workers went away, as without critflow installed there: run the same command again to resume"
+                )
         return self.count
