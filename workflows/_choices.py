@@ -48,7 +48,7 @@ def _others(gains: dict[str, float]) -> str:
         return "none"
     order = sorted(gains, key=gains.__getitem__)
     ends = order if len(order) == 1 else [order[0], order[-1]]
-    return ", ".join(f"{name} {gains[name]:.2g} ×" if gains[name] else f"{name} is more accurate" for name in ends)
+    return ", ".join(f"{name} {_number(gains[name])} ×" if gains[name] else f"{name} is more accurate" for name in ends)
 
 
 def _plain(title: str) -> str:
@@ -57,7 +57,12 @@ def _plain(title: str) -> str:
 
 
 def _time(seconds: float) -> str:
-    return f"{1e3 * seconds:.2g} ms" if seconds < 1 else f"{seconds:.2g} s"
+    return f"{_number(1e3 * seconds)} ms" if seconds < 1 else f"{_number(seconds)} s"
+
+
+def _number(value: float) -> str:
+    """Two digits, and no power of ten for large ones."""
+    return f"{value:,.0f}" if value >= 99.5 else f"{value:.2g}"
 
 
 def sizes(summary: dict) -> str:
