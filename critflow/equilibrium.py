@@ -71,6 +71,8 @@ def relaxed(
     """As `equilibrium`, and a factor of the Hessian near its answer, if there is one."""
     factor: Factor | None = None
     method = relaxation_method(method)
+    if not tolerance > 0:
+        raise InputError(f"the tolerance must be positive, not {tolerance}: 1e-14 is rounding")
     if not np.isfinite(state.energy):
         stats = Stats(method, details={"note": "an edge is longer than its law lets it be: take smaller strain steps"})
         solution = Solution(state, Status.stalled, stats)

@@ -138,6 +138,8 @@ CASES = {
     "tolerance zero": (lambda: optimize(NETWORK, "bulk_modulus", tolerance=0), "tolerance must be positive"),
     "threshold negative": (lambda: optimize(NETWORK, "shear_modulus", threshold=-1), "threshold"),
     "threshold NaN": (lambda: optimize(NETWORK, "shear_modulus", threshold=np.nan), "threshold"),
+    "relaxation to nothing": (lambda: equilibrium(state(), tolerance=0.0), "tolerance must be positive"),
+    "relaxation to no number": (lambda: equilibrium(state(), tolerance=np.nan), "tolerance must be positive"),
     "unknown relaxation": (lambda: equilibrium(state(), "magic"), "'newton' or 'fire'"),
     "unknown lengths method": (lambda: critical_from_lengths(NETWORK, np.ones(6), "magic"), "'conic' or 'strain'"),
     "strain step zero": (lambda: critical_from_lengths(NETWORK, np.ones(6), "strain", strain_step=0), "positive"),

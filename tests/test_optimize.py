@@ -28,6 +28,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.landscape import Landscape
+from critflow.minimize import lbfgs
 from critflow.objectives import LengthVariance, dilation, named_objective, pure_shear, transition_modulus
 
 NETWORK = voronoi_network(100, seed=1)
@@ -356,3 +357,41 @@ def test_bad_arguments_say_what_to_do():
         optimize(NETWORK, "shear_modulus", starts=3)
     with pytest.raises(InputError, match="stiffness of the network"):
         optimize(NETWORK, transition_modulus(NETWORK.with_stiffness(2), dilation(2)), "closed_form")
+
+
+def steepest_way_up(manifold, goal, x):
+    """Largest curvature of the objective along log-stresses, against the largest of all, by differences of slopes."""
+    sign = 1.0 if goal.maximise else -1.0
+
+    def slope(theta):
+        sigma = np.exp(theta - theta.mean())
+        _, L, factor = manifold.balance(sigma)
+        return sigma * manifold.pull_back(L, factor, *goal.evaluate(sigma, L)[1])[0]
+
+    steps = 1e-5 * np.eye(len(x))
+    hessian = np.array([slope(x + step) - slope(x - step) for step in steps]) / 2e-5
+    curvatures = np.linalg.eigvalsh(sign * (hessian + hessian.T) / 2)
+    return curvatures[-1] / np.abs(curvatures).max()
+
+
+@pytest.mark.parametrize(
+    "n_vertices, seed, threshold, method", [(20, 5, 0.03, "auto"), (20, 5, 0.03, "newton"), (16, 0, 0.03, "lbfgs")]
+)
+def test_a_saddle_on_the_way_is_left(n_vertices, seed, threshold, method):
+    manifold = CriticalManifold(voronoi_network(n_vertices, seed))
+    goal = named_objective(manifold.network, "shear_modulus", 0.03)
+    # Where the slope alone leads from σ = 1 the modulus is stationary and curves up along some direction.
+    alone = lbfgs(Landscape(manifold, goal), np.zeros(manifold.network.n_edges), 1e-12, 3_000).point
+    assert alone.residual < 1e-12
+    assert steepest_way_up(manifold, goal, alone.x) > 1e-3
+    solution = optimize(manifold, goal, method)
+    assert solution.stats.details["saddles"] == 1
+    assert solution.stats.details["objective"] > -alone.value * (1 + 1e-3)
+    assert steepest_way_up(manifold, goal, np.log(solution.value.sigma)) < 1e-6
+
+
+def test_equal_lengths_take_a_descent_where_a_rough_answer_will_do():
+    network = voronoi_network(1_000, seed=1)
+    rough = optimize(network, "length_variance", tolerance=1e-4)
+    assert rough.stats.method == "auto" and 1e-12 < rough.stats.details["objective"] < 1e-2
+    assert optimize(network, "length_variance").stats.method == "conic"

@@ -6,8 +6,8 @@ the value would be rounding:
     V_L         the value itself, whose least is zero
     B_0         1 − B_0/max B_0, the sin² of the angle between the forces σL and those of the closed form
     V_τ, G_0    the largest d log O/d log σ of an edge.  G_0, with its penalty, has several local optima, to which
-                methods may go as they like.  Of 10,000 vertices some always head for a zero length in V_τ, whose
-                infimum is then not attained and has no such error: that size is left out
+                methods may go as they like.  The network of 10,000 vertices does not attain its infimum of V_τ, where
+                an edge would have no length, and so has no such error: that size is left out
 Ours look for a way down from where they end, to tell a minimum from a saddle, at tolerances of 1e-8 and less; peers do
 not, which is part of the times.
 
