@@ -141,6 +141,8 @@ def run(
     loaded = load_study(study)
     processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
     cluster = choose_cluster(scheduler, profile, profiles, insecure)
+    if cluster is not None and workers is not None:
+        raise InputError("--workers is for this machine, and a cluster has its own: leave --workers out")
     if cluster is not None and loaded.study.workers is not None:
         raise InputError(f"a cluster may compute many cases at a time, which disturbs {study!r}: leave it out")
     limits = Limits(HOUR if time_limit is None else time_limit, memory_limit)

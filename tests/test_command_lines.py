@@ -138,6 +138,10 @@ LINES = {
     "no folder": (["run", "plain", "--out", ""], "--out"),
     "half a worker": (["run", "plain", "--workers", "0.5"], "--workers"),
     "negative workers": (["run", "plain", "--workers=-2"], "negative"),
+    "workers of a cluster": (
+        ["run", "plain", "--scheduler", "tls://a:1", "--workers", "2"],
+        "leave --workers out",
+    ),
     "no scheduler": (["run", "plain", "--scheduler", ""], "--scheduler"),
     "status of a file": (["status", "text.txt"], "not a results folder"),
     "status of an empty folder": (["status", "folder"], "not a results folder"),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 import time
 import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from critflow.workflow.attempts import attempt
 from critflow.workflow.limits import Limits
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import Case
-from critflow.workflow.provenance import code_version
+from critflow.workflow.provenance import code_version, libraries
 from critflow.workflow.store import read_shard, write_shard
 from critflow.workflow.study import Study
 
@@ -49,6 +50,7 @@ class Job:
     parameters: Mapping[str, Any]
     variables: tuple[str, ...] = ()  # what is stored of each case; all where none is named
     limits: Limits | None = None  # of a worker process; none in the process of the command
+    made_with: Mapping[str, str] = field(default_factory=libraries)  # here; workers must have the same
 
 
 def run_batch(job: Job, batch: Sequence[Mapping[str, int | str]]) -> list[tuple]:
@@ -56,6 +58,7 @@ def run_batch(job: Job, batch: Sequence[Mapping[str, int | str]]) -> list[tuple]
     loaded = load_file(Path(job.study_path))
     if loaded.digest != job.study_digest:
         raise StudyError(f"{job.study_path} changed while it ran: run it again")
+    _refuse_other_libraries(job.made_with)
     study, shards = loaded.study.storing(job.variables), Path(job.shards)
     outcomes = []
     with threadpool_limits(limits=1):  # where it runs must change no digit, and workers share the cores already
@@ -66,6 +69,14 @@ def run_batch(job: Job, batch: Sequence[Mapping[str, int | str]]) -> list[tuple]
             outcomes.append(tuple(_stored(study, shards, case) or _attempted(job, study, shards, case)))
     faults.passing("batch.ended")
     return outcomes
+
+
+def _refuse_other_libraries(wanted: Mapping[str, str]) -> None:
+    """The same command gives the same numbers anywhere, and a dataset is made by one version of the code."""
+    have = libraries()
+    if other := [name for name in dict(wanted) | dict(have) if wanted.get(name) != have.get(name)]:
+        differ = ", ".join(f"{name} {have.get(name, 'missing')} (not {wanted.get(name, 'any')})" for name in other)
+        raise EnvironmentFailure(f"the worker on {socket.gethostname()} has {differ}: install the same there")
 
 
 def stop(run: str) -> None:

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FrameType
 from uuid import uuid4
@@ -127,18 +128,24 @@ class _Crew:
 
     def __init__(self, client: Client):
         self.client = client
-        self.looked, self.count = -1.0, 0
+        self.looked, self.workers = -1.0, dict[str, int]()
         self.seen = time.monotonic()
 
     def size(self) -> int:
         """The number, not older than a second; an error when there has been none for long."""
         now = time.monotonic()
         if now - self.looked > 1.0:
-            self.looked, self.count = now, sum(self.client.nthreads().values())
-            if self.count:
+            before, self.workers, self.looked = self.workers, self.client.nthreads(), now
+            if new := list(self.workers.keys() - before):
+                self._greet(new)
+            if self.workers:
                 self.seen = now
             elif now - self.seen > _WITHOUT_WORKERS:
-                raise EnvironmentFailure(
-                    "all workers went away, as without critflow installed there: run the same command again to resume"
-                )
-        return self.count
+                raise EnvironmentFailure("all workers went away: run the same command again to resume")
+        return sum(self.workers.values())
+
+    def _greet(self, workers: list[str]) -> None:
+        """A task would kill a worker that cannot read it, and its nanny would start another, and so on."""
+        answers = self.client.run(version, "critflow", workers=workers, on_error="return")
+        if any(isinstance(answer, PackageNotFoundError) for answer in answers.values()):
+            raise EnvironmentFailure("a worker has no critflow: install it in the Python of all workers")

@@ -41,7 +41,7 @@ _MOST_CHECKSUMS = 100  # of single shards in a dataset: more would drown what el
 
 def code_version(study: Study) -> str:
     """What computes a case of this study: version and digest of the library's numbers, digest of the study's."""
-    return f"critflow {version('critflow')} {_library_digest()}, study {_study_digest(study)}"
+    return f"critflow {libraries()['critflow']}, study {_study_digest(study)}"
 
 
 @cache
@@ -50,11 +50,20 @@ def environment() -> str:
     return ", ".join(f"{name} {number}" for name, number in _environment().items())
 
 
+@cache
+def libraries() -> Mapping[str, str]:
+    """What has to be the same in every process of a run: versions, and for the library a digest of its numbers."""
+    return {"critflow": f"{version('critflow')} {_library_digest()}"} | _versions()
+
+
+def _versions() -> dict[str, str]:
+    return {name: number for name in _ENVIRONMENT if (number := _version(name))}
+
+
 def _environment() -> dict[str, str]:
     blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
     found = {"python": platform.python_version(), "processor": platform.machine()}
-    found |= {name: number for name in _ENVIRONMENT if (number := _version(name))}
-    return found | {"BLAS": f"{blas['name']} {blas.get('version', '')}".strip()}
+    return found | _versions() | {"BLAS": f"{blas['name']} {blas.get('version', '')}".strip()}
 
 
 def dataset_versions() -> dict[str, str]:

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 from uuid import uuid4
@@ -27,10 +28,12 @@ from critflow.workflow.profiles import Cluster
 from critflow.workflow.progress import RunProgress
 from critflow.workflow.quarantine import write_quarantine
 from critflow.workflow.report import Report, write_report
+from critflow.workflow.room import Room
 from critflow.workflow.status import folder_status
 from critflow.workflow.store import read_status
 from critflow.workflow.supervise import supervised
 
+_SAMPLE = 100  # stored shards whose sizes are looked at
 _RESUME = "run the same command again to resume"
 
 
@@ -76,11 +79,13 @@ def run_study(
         faults.passing("run.planned")
         batches = [[case for case in batch if case.id in todo] for batch in selection.batches()]
         batches = [batch for batch in batches if batch]
+        room = Room(folder.shards, len(todo), len(cases))
+        room.look(islice((case.id for case in cases if case.id not in todo), _SAMPLE), computed=False)
         with RunProgress(loaded.study.name, loaded.study.axes[0].noun, len(batches)) as progress:
             for line in damage:
                 progress.say(f"{line}: computing the case again")
             if batches:
-                failed |= _compute(loaded, selection, folder, batches, workers, cluster, limits, progress)
+                failed |= _compute(loaded, selection, folder, batches, workers, cluster, limits, progress, room)
         attempts.forget(folder.shards)
         faults.passing("run.computed")
         path = folder.dataset(loaded.study.name)
@@ -128,6 +133,7 @@ def _compute(
     cluster: Cluster | None,
     limits: Limits,
     progress: RunProgress,
+    room: Room,
 ) -> set[str]:
     """Compute the batches and return ids of the failed cases; `Interrupted` when some were not begun or finished."""
     shards, parameters = str(folder.shards.absolute()), dict(selection.parameters)
@@ -156,6 +162,7 @@ def _compute(
                 log.write(f"{outcome.case_id} {status} {outcome.seconds:.3f} s {outcome.checksum} {outcome.error}\n")
             faults.passing("run.logged")
             log.flush()
+            room.look((outcome.case_id for outcome in outcomes), computed=True)
 
         try:
             with fan_out(job, interruption, workers, cluster) as compute:

@@ -91,6 +91,40 @@ def test_without_workers_a_scheduler_is_no_cluster(tmp_path, capsys):
     assert "start some" in capsys.readouterr().err
 
 
+STRANGERS = {  # what a worker has, as code that it runs when it starts: what the command says about it
+    "no critflow": (
+        """
+import importlib.metadata, sys
+def version(name, found=importlib.metadata.version):
+    if name == "critflow":
+        raise importlib.metadata.PackageNotFoundError(name)
+    return found(name)
+importlib.metadata.version = version
+sys.modules["critflow"] = None
+""",
+        "a worker has no critflow: install it in the Python of all workers",
+    ),
+    "another scipy": (
+        """
+import importlib.metadata
+def version(name, found=importlib.metadata.version):
+    return "0.1" if name == "scipy" else found(name)
+importlib.metadata.version = version
+""",
+        "has scipy 0.1 (not",
+    ),
+}
+
+
+@pytest.mark.parametrize("stranger", STRANGERS)
+def test_a_worker_that_would_compute_something_else_is_refused(tmp_path, capsys, stranger):
+    code, sentence = STRANGERS[stranger]
+    with LocalCluster(n_workers=1, threads_per_worker=1, scheduler_kwargs=NO_DASHBOARD, preload=code) as cluster:
+        assert run(tmp_path, "--scheduler", cluster.scheduler_address, "--insecure") == 6
+    assert sentence in capsys.readouterr().err
+    assert not list(tmp_path.glob("shards/*.nc"))
+
+
 @pytest.fixture
 def trial(tmp_path):
     """`trial(*words)` runs on jobs that are processes of this machine, as a command with a session of its own.

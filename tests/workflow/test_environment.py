@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import platform
 import resource
+import shutil
 import sys
 import tempfile
 import time
@@ -89,10 +90,10 @@ def complains(err):
     return len(lines) == 1 and lines[0].count(": ") >= 2
 
 
-SIZE = 740  # bytes of a shard, about
+SIZE = 1_190  # bytes of a shard, about
 
 
-@pytest.mark.parametrize("size", [0, 1, 60, 300, 420, SIZE, 900, 2_000, 8_000])
+@pytest.mark.parametrize("size", [0, 1, 60, 300, 420, 900, SIZE, 2_000, 8_000])
 def test_a_disk_full_at_any_size_is_told_and_made_good(tmp_path, limited, whole, size):
     """A limit on the size of files is refused like a full disk, and works for every user."""
     code, err = limited(tmp_path, "RLIMIT_FSIZE", size)
@@ -101,6 +102,37 @@ def test_a_disk_full_at_any_size_is_told_and_made_good(tmp_path, limited, whole,
     whole(tmp_path)
     assert main(["run", str(PLAIN), "--out", str(tmp_path), "--workers", "0"]) == 0
     assert main(["verify", str(tmp_path)]) == 0
+
+
+@pytest.fixture
+def free(monkeypatch):
+    """`free(size)` makes the disk seem to have so many bytes left."""
+    real = shutil.disk_usage
+
+    def set_free(size):
+        monkeypatch.setattr(shutil, "disk_usage", lambda path: real(path)._replace(free=size))
+
+    return set_free
+
+
+@pytest.mark.parametrize("workers", ["0", "1"])
+def test_a_disk_too_small_for_the_rest_is_told_after_the_first_case(tmp_path, free, capsys, workers):
+    free(3 * SIZE)  # three other cases and the dataset of four
+    words = ["run", str(PLAIN), "--out", str(tmp_path), "--workers", workers]
+    assert main(words) == 6
+    assert "3 cases and the dataset will need about" in capsys.readouterr().err
+    assert 1 <= len(list(tmp_path.glob("shards/*.nc"))) < 4
+    free(10 * SIZE)
+    assert main(words) == 0
+
+
+def test_a_disk_too_small_for_the_rest_is_told_before_anything_is_computed(tmp_path, free, capsys):
+    words = ["run", str(PLAIN), "--out", str(tmp_path), "--workers", "0", "--set"]
+    assert main([*words, "seeds=0"]) == 0
+    free(10 * SIZE)
+    assert main([*words, "seeds=0:40"]) == 6
+    assert "39 cases and the dataset will need" in capsys.readouterr().err
+    assert len(list(tmp_path.glob("shards/*.nc"))) == 1
 
 
 def without_override():
