@@ -17,11 +17,12 @@ from pathlib import Path
 import pytest
 
 from critflow.cli import main
-from critflow.result import IntegrityError
+from critflow.result import EnvironmentFailure, IntegrityError
 from critflow.workflow.errors import LockedError
 from critflow.workflow.folder import Folder
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
+from critflow.workflow.room import Room
 from critflow.workflow.store import read_shard
 
 PLAIN = Path(__file__).with_name("plain_study.py")
@@ -133,6 +134,24 @@ def test_a_disk_too_small_for_the_rest_is_told_before_anything_is_computed(tmp_p
     assert main([*words, "seeds=0:40"]) == 6
     assert "39 cases and the dataset will need" in capsys.readouterr().err
     assert len(list(tmp_path.glob("shards/*.nc"))) == 1
+
+
+def test_a_disk_that_holds_the_cases_must_hold_the_dataset_too(tmp_path, free, capsys):
+    words = ["run", str(PLAIN), "--out", str(tmp_path), "--workers", "0"]
+    assert main(words) == 0
+    free(3 * SIZE)
+    assert main(words) == 6
+    assert "0 cases and the dataset will need" in capsys.readouterr().err
+
+
+def test_cases_that_grow_are_noticed_while_they_are_stored(tmp_path, free):
+    free(8_000)
+    room = Room(tmp_path, 40, 40)
+    with pytest.raises(EnvironmentFailure, match="make room"):
+        for number in range(40):
+            (tmp_path / f"{number}.nc").write_bytes(bytes(10 * number))
+            room.look([str(number)], computed=True)
+    assert number == 31  # the mean of sixteen promised 5,760 bytes, that of thirty-two 8,928
 
 
 def without_override():
