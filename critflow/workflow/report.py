@@ -17,6 +17,7 @@ import xarray as xr
 from critflow.result import CritflowError, IntegrityError, Status, StudyError
 from critflow.workflow.errors import ReportError
 from critflow.workflow.folder import Folder
+from critflow.workflow.manifest import write_manifest
 from critflow.workflow.pictures import gif, picture
 from critflow.workflow.probe import refusal
 from critflow.workflow.store import check_seal, write_text, written_beside
@@ -33,6 +34,7 @@ class Report:
     written: list[str] = field(default_factory=list)  # figures and animations by name
     claims: list[Claim] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
 
 
 def left_out_by(study: Study, error: Exception) -> bool:
@@ -106,22 +108,27 @@ def write_report(study: Study, folder: Folder, format: str = "png", *, known: bo
                 _write_picture(path, picture(figure, format))
                 plt.close(figure)
                 report.written.append(name)
+                report.files.append(path)
         for name, frames in study.animations.items():
             path = folder.figures / f"{name}.gif"
             with part(f"animation {name!r}", path):
                 _write_picture(path, gif(frames(dataset)))
                 report.written.append(name)
+                report.files.append(path)
         if study.claims is not None:
             words, table = folder.path / "claims.json", folder.path / "claims.md"
             with part("the claims", words, table):
                 claims = list(study.claims(dataset))
                 for file, text in zip((words, table), claims_texts(study, claims), strict=True):
                     write_text(file, text)
+                    report.files.append(file)
                 report.claims.extend(claims)
         if study.summary is not None:
             path = folder.path / "summary.json"
             with part("the summary", path):
                 write_text(path, summary_text(study.summary(dataset)))
+                report.files.append(path)
+        write_manifest(folder.path, dataset.attrs, report.files)
     if troubles:
         what, error = next(iter(troubles.items()))
         others = f" (and {len(troubles) - 1} more)" if len(troubles) > 1 else ""

@@ -11,6 +11,7 @@ import xarray as xr
 
 from critflow.result import IntegrityError, Status, StudyError
 from critflow.workflow.folder import Folder
+from critflow.workflow.manifest import strangers
 from critflow.workflow.plan import Selection
 from critflow.workflow.report import claims_texts, left_out_by, opened_dataset, summary_text
 from critflow.workflow.schema import merge
@@ -51,6 +52,7 @@ def verify_folder(folder: Folder) -> tuple[int, list[str], bool]:
         problems.append(f"{path}: its seal is missing: {_ANEW}")
     if not problems:  # what is read off a dataset that is wrong says nothing more
         problems += _read_off(study, folder, dataset)
+        problems += (f"{stranger}: {_ANEW}" for stranger in strangers(folder.path))
     if study.verify is None:
         return stored, problems, False
     try:
