@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from critflow.workflow.load import named_studies
+from critflow.workflow.manifest import strangers
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "workflows"))
@@ -54,6 +55,12 @@ def test_every_study_has_its_place_and_pictures():
     for figure in (*FIGURES, *MORE):
         for picture in figure.pictures:
             assert (RESULTS / figure.study / "figures" / f"{picture}.png").exists(), picture
+
+
+def test_what_is_kept_is_what_was_made():
+    """Where a manifest tells; a figure drawn again by other code would be a stranger."""
+    folders = [path.parent for path in RESULTS.glob("*/manifest.json")]
+    assert [line for folder in folders for line in strangers(folder)] == []
 
 
 def test_verdicts_are_words_that_the_table_knows():

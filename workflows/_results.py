@@ -40,7 +40,7 @@ def rendered(results: Path = RESULTS) -> str:
     """The text of results/README.md."""
     times = json.loads((results / "times.json").read_text(encoding="utf-8"))
     claims = {study: _claims(results, study) for study in studies()}
-    parts = [HEAD, _overview(claims, times), *(_study(study, results) for study in studies()), _table(claims)]
+    parts = [HEAD, _overview(claims, times, results), *(_study(study, results) for study in studies()), _table(claims)]
     return "\n".join(parts)
 
 
@@ -53,14 +53,27 @@ def _count(claims: list[dict]) -> str:
     return f"{sum(claim['verdict'] == 'holds' for claim in tested)} of {len(tested)}"
 
 
-def _overview(claims: dict[str, list[dict]], times: dict[str, float]) -> str:
-    lines = ["| study | command | seconds | claims that hold |", "|---|---|---|---|"]
+def _overview(claims: dict[str, list[dict]], times: dict[str, float], results: Path) -> str:
+    lines = ["| study | command | seconds | claims that hold | made by |", "|---|---|---|---|---|"]
     for study, its in claims.items():
         took = f"{times[study]:.0f}" if study in times else "not timed"
-        lines.append(f"| [{study}](#{study}) | `critflow run {study}` | {took} | [{_count(its)}]({study}/claims.md) |")
+        count = f"[{_count(its)}]({study}/claims.md)"
+        lines.append(
+            f"| [{study}](#{study}) | `critflow run {study}` | {took} | {count} | {_made_by(study, results)} |"
+        )
     total = [claim for its in claims.values() for claim in its]
     lines += ["", f"Together {_count(total)} tested claims hold.", ""]
     return "\n".join(lines)
+
+
+def _made_by(study: str, results: Path) -> str:
+    """The version, and the commit where the manifest knows it."""
+    file = results / study / "manifest.json"
+    if not file.exists():
+        return "an earlier version, without a manifest"
+    said = json.loads(file.read_text(encoding="utf-8"))["dataset"]
+    words = [said["source"], said.get("commit", "")[:7], "changed" if said.get("commit_dirty") == "true" else ""]
+    return f"[{' '.join(filter(None, words))}]({study}/manifest.json)"
 
 
 def _study(study: str, results: Path) -> str:
@@ -116,7 +129,7 @@ def run_anew(names: list[str]) -> None:
             subprocess.run(command, cwd=ROOT, check=True)
             times[study] = round(time.perf_counter() - begin, 1)
             (RESULTS / study).mkdir(exist_ok=True)
-            for kept in ("figures", "claims.json", "claims.md", "summary.json"):
+            for kept in ("figures", "claims.json", "claims.md", "summary.json", "manifest.json"):
                 if (made / kept).is_dir():
                     shutil.rmtree(RESULTS / study / kept, ignore_errors=True)
                     shutil.copytree(made / kept, RESULTS / study / kept)

@@ -21,9 +21,10 @@ NAME = "manifest.json"
 
 def write_manifest(folder: Path, attributes: Mapping[str, Any], written: Iterable[Path]) -> None:
     """Say that these files come from a dataset with these attributes; so do those that were made from it before."""
-    dataset = {name: np.asarray(value).tolist() for name, value in attributes.items() if name not in VOLATILE}
+    dataset = {name: np.asarray(value).tolist() for name, value in attributes.items()}
     before = _read(folder)
-    files = before["files"] if before is not None and before["dataset"] == dataset else {}
+    same = before is not None and _lasting(before["dataset"]) == _lasting(dataset)
+    files = before["files"] if before is not None and same else {}
     files = {name: checksum for name, checksum in files.items() if (folder / name).is_file()}
     files |= {str(path.relative_to(folder)): _checksum(path) for path in written}
     plain = {"files": dict(sorted(files.items())), "dataset": dataset}
@@ -51,6 +52,10 @@ def _read(folder: Path) -> dict[str, dict[str, Any]] | None:
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return None
     return found if whole else None
+
+
+def _lasting(dataset: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in dataset.items() if name not in VOLATILE}
 
 
 def _checksum(path: Path) -> str:

@@ -145,7 +145,7 @@ def _compute(
     stored: list[Outcome] = []
     with open(folder.log, "a", encoding="utf-8") as log, Interruption(job.run) as interruption:
         workers = min(workers, len(batches))
-        where = cluster or (f"{workers} worker processes" if workers else "this process")
+        where = cluster or (f"{workers} worker process{'es' * (workers > 1)}" if workers else "this process")
         progress.say(f"{loaded.study.name}: {progress.total} {progress.noun}, {total} cases to compute in {where}")
         log.write(f"# {_host_facts()}; {total} cases in {where}\n")
 
