@@ -131,7 +131,6 @@ def trial(tmp_path):
 
     dask-jobqueue's local jobs leave files and processes to the end of their interpreter.
     """
-    pytest.importorskip("dask_jobqueue", reason="batch systems need the extra `cluster`")
     file = tmp_path / "profiles.toml"
     file.write_text('[trial]\nsystem = "local"\njobs = 2\nworkers = 1\nmemory = "2GB"\nwait = 60')
     started = []
@@ -174,7 +173,6 @@ def test_jobs_of_a_batch_system_give_the_same_bits_though_a_worker_dies(tmp_path
 
 
 def test_a_bad_job_is_told_and_not_submitted(tmp_path, capsys):
-    pytest.importorskip("dask_jobqueue", reason="batch systems need the extra `cluster`")
     file = tmp_path / "profiles.toml"
     file.write_text('[trial]\nsystem = "local"\nworkers = 1\nmemory = "many"')
     assert run(tmp_path / "out", "--profile", "trial", "--profiles", str(file)) == 6
@@ -191,7 +189,6 @@ SYSTEMS = {
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_the_job_script_of_a_batch_system_says_what_its_profile_says(tmp_path, system):
     """As far as it goes without the batch system: workers of one thread, over TLS, with keys in files."""
-    pytest.importorskip("dask_jobqueue", reason="batch systems need the extra `cluster`")
     keys, lines = SYSTEMS[system]
     file = tmp_path / "profiles.toml"
     file.write_text(f'[hall]\nsystem = "{system}"\njobs = 2\nworkers = 3\nmemory = "6GB"\n{keys}')
