@@ -31,7 +31,7 @@ from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
 from critflow.workflow.store import read_shard
 
-SLOWER = "pause=0.02"  # so that a run is longer than its start
+SLOWER = "pause=0.1"  # so that most of a run is spent on its cases
 LIMIT = 120.0  # seconds: a run that takes longer hangs
 
 
@@ -76,6 +76,9 @@ def killed_once(folder, workers, dice, seconds):
     process = begun(folder, SLOWER, more=(f"--workers={workers}",))
     number = dice.choice([signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
     victim, worker = process.pid, workers and number != signal.SIGINT and dice.random() < 0.5
+    if dice.random() < 0.9:  # most kills are meant for runs that are at work
+        while not (folder / "study.json").exists() and process.is_alive():
+            time.sleep(0.01)
     time.sleep(dice.uniform(0.0, seconds))
     try:
         if worker:

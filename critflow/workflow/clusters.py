@@ -9,7 +9,7 @@ import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -184,22 +184,28 @@ def _local_client(workers: int, limits: Limits) -> Iterator[Client]:
 
 
 def _local_cluster(workers: int, limits: Limits) -> LocalCluster:
+    with suppress(Exception):  # a worker that is killed while it starts may have been unlucky
+        return _begun(workers, limits)
     try:
-        with _interrupts_held_back():
-            return LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=limits.memory_limit,
-                host="127.0.0.1",
-                protocol="tls://",
-                security=Security.temporary(),
-                scheduler_kwargs=NO_DASHBOARD,
-                silence_logs=logging.CRITICAL,
-            )
+        return _begun(workers, limits)
     except Exception as error:
         sentence = f"cannot start {workers} worker processes ({error}): try fewer, or --workers 0"
         raise EnvironmentFailure(sentence) from error
+
+
+def _begun(workers: int, limits: Limits) -> LocalCluster:
+    with _interrupts_held_back():
+        return LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=limits.memory_limit,
+            host="127.0.0.1",
+            protocol="tls://",
+            security=Security.temporary(),
+            scheduler_kwargs=NO_DASHBOARD,
+            silence_logs=logging.CRITICAL,
+        )
 
 
 @contextmanager

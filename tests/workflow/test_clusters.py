@@ -91,6 +91,21 @@ def test_without_workers_a_scheduler_is_no_cluster(tmp_path, capsys):
     assert "start some" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("failures", "code"), [(1, 0), (2, 6)])
+def test_workers_that_do_not_start_get_a_second_chance(tmp_path, capsys, monkeypatch, failures, code):
+    attempts = []
+
+    def start(**options):
+        attempts.append(options)
+        if len(attempts) <= failures:
+            raise RuntimeError("a nanny lost its worker")
+        return LocalCluster(**options)
+
+    monkeypatch.setattr("critflow.workflow.clusters.LocalCluster", start)
+    assert run(tmp_path, "--workers", "1", "--set", "seeds=0") == code
+    assert ("cannot start 1 worker processes (a nanny lost its worker)" in capsys.readouterr().err) == (code == 6)
+
+
 STRANGERS = {  # what a worker has, as code that it runs when it starts: what the command says about it
     "no critflow": (
         """
