@@ -158,7 +158,11 @@ def _jobs_begun(cluster: Cluster, options: dict[str, Any], notes: Path) -> Any:
 def jobs_class(system: str) -> Any:
     """The class of dask-jobqueue for a batch system."""
     module, name = _SYSTEMS[system]
-    return getattr(importlib.import_module(f"dask_jobqueue.{module}"), name)
+    interrupt = signal.getsignal(signal.SIGINT)
+    try:
+        return getattr(importlib.import_module(f"dask_jobqueue.{module}"), name)
+    finally:
+        signal.signal(signal.SIGINT, interrupt)  # dask-jobqueue takes Ctrl-C for itself when it is imported
 
 
 def job_options(cluster: Cluster, security: Security, settings: dict[str, object], logs: Path) -> dict[str, Any]:

@@ -84,7 +84,7 @@ class Jobs:
         if hopeless and not self.cluster.worker_spec:
             raise EnvironmentFailure(
                 f"the jobs of profile {self.profile.name!r} end before a worker is there, with exit code "
-                f"{self.barren[-1]}: mend the profile{self.where}"
+                f"{self.barren[-1]}: look into {self.logs} and mend the profile"
             )
         if not hopeless and len(self.cluster.worker_spec) < self.profile.jobs and now - self.submitted > PATIENCE:
             try:
