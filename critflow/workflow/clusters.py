@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 from typing import Any
 
 import dask.config
@@ -21,6 +21,7 @@ from distributed.security import Security
 
 from critflow.result import EnvironmentFailure, InputError
 from critflow.workflow.errors import Interrupted
+from critflow.workflow.jobs import Jobs, noting
 from critflow.workflow.limits import Limits
 from critflow.workflow.profiles import Cluster
 
@@ -55,25 +56,31 @@ _SYSTEMS = {  # module and class of dask-jobqueue
 @contextmanager
 def client_of(
     cluster: Cluster | None, workers: int, limits: Limits, shared: Path, stopped: Callable[[], bool]
-) -> Iterator[Client]:
-    """A client with at least one worker; batch jobs find their credentials in the `shared` folder."""
+) -> Iterator[tuple[Client, Jobs | None]]:
+    """A client with at least one worker, and its jobs; these find their credentials in the `shared` folder."""
     if cluster is None:
         with _local_client(workers, limits) as client:
-            yield client
-        return
-    with _remote_client(cluster) if cluster.system == "scheduler" else _jobs_client(cluster, limits, shared) as client:
-        _wait_for_worker(client, cluster, stopped)
-        yield client
+            yield client, None
+    elif cluster.system == "scheduler":
+        with _remote_client(cluster) as client:
+            _wait_for_worker(client, None, cluster, stopped)
+            yield client, None
+    else:
+        with _jobs_client(cluster, limits, shared, stopped) as (client, jobs):
+            _wait_for_worker(client, jobs, cluster, stopped)
+            yield client, jobs
 
 
-def _wait_for_worker(client: Client, cluster: Cluster, stopped: Callable[[], bool]) -> None:
+def _wait_for_worker(client: Client, jobs: Jobs | None, cluster: Cluster, stopped: Callable[[], bool]) -> None:
     end = time.monotonic() + cluster.wait
     while not client.nthreads():
         if stopped():
             raise Interrupted("interrupted before a worker was there: run the same command again")
         if time.monotonic() > end:
-            what = "start some" if cluster.system == "scheduler" else "look at its queue, or raise `wait`"
+            what = f"look at its queue, or raise `wait`{jobs.where}" if jobs else "start some"
             raise EnvironmentFailure(f"no worker of {cluster} came within {cluster.wait:.0f} s: {what}")
+        if jobs:
+            jobs.look()
         time.sleep(0.1)
 
 
@@ -96,37 +103,51 @@ def _remote_client(cluster: Cluster) -> Iterator[Client]:
 
 
 @contextmanager
-def _jobs_client(cluster: Cluster, limits: Limits, shared: Path) -> Iterator[Client]:
+def _jobs_client(
+    cluster: Cluster, limits: Limits, shared: Path, stopped: Callable[[], bool]
+) -> Iterator[tuple[Client, Jobs]]:
     """Jobs of a batch system that work for this process, over TLS with credentials of this run alone."""
-    with _credentials(shared) as security:
-        jobs = _jobs_begun(cluster, limits, security)
+    settings = _DASK | limits.dask_config()
+    logs = Path(cluster.options.get("log_directory") or shared.parent / "jobs").expanduser().absolute()
+    with _credentials(shared) as (security, keys), dask.config.set(settings):
+        options = job_options(cluster, security, settings, logs)
+        dask_jobs = _jobs_begun(cluster, options, keys)
         try:
-            jobs.scale(jobs=cluster.jobs)
-            with Client(jobs, set_as_default=False) as client:
-                yield client
+            jobs = Jobs(dask_jobs, cluster, keys, None if cluster.system == "local" else logs, stopped)
+            with Client(dask_jobs, set_as_default=False) as client:
+                yield client, jobs
         finally:
-            jobs.close(timeout=10)
+            dask_jobs.close(timeout=10)
 
 
 @contextmanager
-def _credentials(shared: Path) -> Iterator[Security]:
-    """Of this run alone: those of its jobs in files that only this user can read, for as long as they are needed."""
+def _credentials(shared: Path) -> Iterator[tuple[Security, Path]]:
+    """Of this run alone: those of its jobs in a folder that only this user can read, as long as they are needed."""
     for left_over in shared.glob(f"{_KEYS}*"):  # of a run that was killed
         shutil.rmtree(left_over)
     security = Security.temporary()
-    with TemporaryDirectory(prefix=_KEYS, dir=shared) as folder:
+    folder = Path(mkdtemp(prefix=_KEYS, dir=shared))
+    try:
         for field in ("tls_ca_file", "tls_worker_cert", "tls_worker_key"):
-            path = Path(folder, field)
+            path = folder / field
             path.touch(mode=0o600)
             path.write_text(getattr(security, field))
             setattr(security, field, str(path))
-        yield security
+        yield security, folder
+    finally:
+        for _ in range(9):  # a job that ends may leave a note meanwhile
+            shutil.rmtree(folder, ignore_errors=True)
 
 
-def _jobs_begun(cluster: Cluster, limits: Limits, security: Security) -> Any:
+def _jobs_begun(cluster: Cluster, options: dict[str, Any], notes: Path) -> Any:
     try:
-        with dask.config.set(_DASK | limits.dask_config()), _interrupts_held_back():
-            return _jobs(cluster, security)
+        kind = jobs_class(cluster.system)
+        job = kind.job_cls if cluster.system == "local" else noting(kind.job_cls, notes)
+        job("tls://head:1", name="probe", **options)  # what is wrong is told before there is a scheduler
+        here = {"host": "127.0.0.1"} if cluster.system == "local" else {}
+        with _interrupts_held_back():
+            words = {"scheduler_options": NO_DASHBOARD | here, "silence_logs": logging.CRITICAL}
+            return kind(job_cls=job, **words, **options)
     except ImportError as error:
         sentence = "batch systems need dask-jobqueue: install it with pip install 'critflow[cluster]'"
         raise EnvironmentFailure(sentence) from error
@@ -134,27 +155,29 @@ def _jobs_begun(cluster: Cluster, limits: Limits, security: Security) -> Any:
         raise EnvironmentFailure(f"cannot make jobs of profile {cluster.name!r}: {error}: mend the profile") from error
 
 
-def _jobs(cluster: Cluster, security: Security) -> Any:
-    kind, options = jobs_class(cluster.system), job_options(cluster, security)
-    kind.job_cls("tls://head:1", "probe", **options)  # what is wrong with a job is told before there is a scheduler
-    here = {"host": "127.0.0.1"} if cluster.system == "local" else {}
-    return kind(scheduler_options=NO_DASHBOARD | here, silence_logs=logging.CRITICAL, **options)
-
-
 def jobs_class(system: str) -> Any:
     """The class of dask-jobqueue for a batch system."""
     module, name = _SYSTEMS[system]
-    return getattr(importlib.import_module(f"dask_jobqueue.{module}"), name)
+    interrupt = signal.getsignal(signal.SIGINT)
+    try:
+        return getattr(importlib.import_module(f"dask_jobqueue.{module}"), name)
+    finally:
+        signal.signal(signal.SIGINT, interrupt)  # dask-jobqueue takes Ctrl-C for itself when it is imported
 
 
-def job_options(cluster: Cluster, security: Security) -> dict[str, Any]:
+def job_options(cluster: Cluster, security: Security, settings: dict[str, object], logs: Path) -> dict[str, Any]:
     """What dask-jobqueue is told of a job: workers of one thread over TLS, and what the profile says."""
     words, options = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"], dict(cluster.options)
     if cluster.system == "local":
         words += ["--host", "127.0.0.1"]
     else:
         exports = [f"export {name}=1" for name in ONE_THREAD]
+        exports.append(f"export DASK_INTERNAL_INHERIT_CONFIG={dask.config.serialize(settings)}")
         options["job_script_prologue"] = [*exports, *options.get("job_script_prologue", [])]
+        options |= {"job_name": "critflow", "log_directory": str(logs)}
+    if cluster.system == "htcondor":  # the only one whose directives are not lines
+        directives = [line.partition("=") for line in options.get("job_extra_directives", [])]
+        options["job_extra_directives"] = {key.strip(): value.strip() for key, _, value in directives}
     options |= {"cores": cluster.workers, "processes": cluster.workers, "worker_extra_args": words}
     return options | {"protocol": "tls://", "security": security}
 

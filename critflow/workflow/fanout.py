@@ -27,6 +27,7 @@ from critflow.workflow import batch as work
 from critflow.workflow.attempts import Watch
 from critflow.workflow.clusters import client_of
 from critflow.workflow.groups import Batch, Groups
+from critflow.workflow.jobs import Jobs
 from critflow.workflow.limits import Limits
 from critflow.workflow.profiles import Cluster
 
@@ -66,8 +67,8 @@ def fan_out(job: work.Job, interruption: Interruption, workers: int, cluster: Cl
     """The way of computing batches that the command line asked for."""
     if cluster is not None or workers > 0:
         limits = job.limits or Limits()
-        with client_of(cluster, workers, limits, Path(job.shards), lambda: interruption.asked) as client:
-            yield lambda batches: _through_dask(client, job, interruption, batches)
+        with client_of(cluster, workers, limits, Path(job.shards), lambda: interruption.asked) as (client, jobs):
+            yield lambda batches: _through_dask(client, job, interruption, batches, jobs)
     else:
         yield lambda batches: ((batch, _outcomes(work.run_batch(job, batch))) for batch in batches)
 
@@ -77,11 +78,11 @@ def _outcomes(plain: list[tuple]) -> list[work.Outcome]:
 
 
 def _through_dask(
-    client: Client, job: work.Job, interruption: Interruption, batches: Sequence[Batch]
+    client: Client, job: work.Job, interruption: Interruption, batches: Sequence[Batch], jobs: Jobs | None = None
 ) -> Iterator[tuple[Batch, list[work.Outcome] | None]]:
     ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
     running: dict[str, tuple[Future, list[Batch]]] = {}
-    groups, crew, told = Groups(batches), _Crew(client), False
+    groups, crew, told = Groups(batches), _Crew(client, jobs), False
     watch = Watch(job.run, Path(job.shards), (job.limits or Limits()).silence)
     while True:
         # Two tasks for each worker: none waits for the next, and the times of the first decide about the others.
@@ -126,8 +127,8 @@ def _timed(job: work.Job, batch: Batch) -> tuple[float, list[tuple]]:
 class _Crew:
     """How many workers a client has; some may come later or leave."""
 
-    def __init__(self, client: Client):
-        self.client = client
+    def __init__(self, client: Client, jobs: Jobs | None):
+        self.client, self.jobs = client, jobs
         self.looked, self.workers = -1.0, dict[str, int]()
         self.seen = time.monotonic()
 
@@ -140,8 +141,10 @@ class _Crew:
                 self._greet(new)
             if self.workers:
                 self.seen = now
-            elif now - self.seen > _WITHOUT_WORKERS:
+            elif now - self.seen > (self.jobs.patience if self.jobs else _WITHOUT_WORKERS):
                 raise EnvironmentFailure("all workers went away: run the same command again to resume")
+            if self.jobs:
+                self.jobs.look()
         return sum(self.workers.values())
 
     def _greet(self, workers: list[str]) -> None:

@@ -54,7 +54,7 @@ def listening():
 @pytest.mark.timeout(120)
 def test_local_workers_listen_here_alone_and_answer_no_stranger(tmp_path, listening):
     """Another user of this machine reaches the ports, and gets neither a connection nor a page."""
-    with client_of(None, 2, Limits(), tmp_path, lambda: False) as client:
+    with client_of(None, 2, Limits(), tmp_path, lambda: False) as (client, _):
         assert client.scheduler.address.startswith("tls://127.0.0.1:")
         found = listening()
         assert len(found) >= 3  # the scheduler and two workers at least

@@ -16,6 +16,7 @@ from distributed import LocalCluster
 from distributed.security import Security
 
 from critflow.cli import main
+from critflow.workflow import jobs
 from critflow.workflow.clusters import NO_DASHBOARD, _credentials, job_options, jobs_class
 from critflow.workflow.profiles import read_profile
 
@@ -150,13 +151,17 @@ def trial(tmp_path):
     file.write_text('[trial]\nsystem = "local"\njobs = 2\nworkers = 1\nmemory = "2GB"\nwait = 60')
     started = []
 
-    def command(*words):
+    def command(*words, interrupted=False):
         code = "import sys; from critflow.cli import main; sys.exit(main())"
         known = ["run", str(ALGEBRA), "--out", str(tmp_path / "out"), "--profile", "trial", "--profiles", str(file)]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
         started.append(subprocess.Popen([sys.executable, "-c", code, *known, *words], **pipes))
+        if interrupted:
+            while not list(tmp_path.glob("out/shards/*.nc")):
+                time.sleep(0.01)
+            started[-1].send_signal(signal.SIGINT)
         _, err = started[-1].communicate(timeout=100)
-        assert started[-1].returncode == 0, err
+        assert started[-1].returncode == (130 if interrupted else 0), err
         return err
 
     yield command
@@ -187,6 +192,12 @@ def test_jobs_of_a_batch_system_give_the_same_bits_though_a_worker_dies(tmp_path
     assert not list(tmp_path.rglob(".keys*"))  # none is left behind
 
 
+def test_ctrl_c_lets_jobs_finish_what_runs(tmp_path, trial):
+    """In a process of its own, where dask-jobqueue is imported for the first time."""
+    assert "interrupted with" in trial("--set", "pause=0.5", interrupted=True)
+    assert not list(tmp_path.rglob(".keys*"))
+
+
 def test_a_bad_job_is_told_and_not_submitted(tmp_path, capsys):
     file = tmp_path / "profiles.toml"
     file.write_text('[trial]\nsystem = "local"\nworkers = 1\nmemory = "many"')
@@ -194,10 +205,98 @@ def test_a_bad_job_is_told_and_not_submitted(tmp_path, capsys):
     assert "mend the profile" in capsys.readouterr().err
 
 
+@pytest.fixture
+def slurm(tmp_path, monkeypatch):
+    """`slurm(lines)` runs on two jobs of a SLURM that is played by two commands; `slurm.jobs()` are the submitted."""
+    pytest.importorskip("dask_jobqueue", reason="batch systems need the extra `cluster`")
+    begun, loopback = tmp_path / "begun", interface_of("127.0.0.1")
+    begun.touch()
+    script = f"""case $0 in
+        *scancel) kill -KILL -- -"$1" ;;
+        *) test -e {tmp_path}/refused && {{ echo "sbatch: error: no such partition" >&2; exit 1; }}
+           cp "$1" {tmp_path}/job-$$
+           setsid bash {tmp_path}/job-$$ >> {tmp_path}/job-$$.log 2>&1 &
+           echo $! >> {begun}
+           echo "Submitted batch job $!" ;;
+    esac"""
+    for name in ("sbatch", "scancel"):
+        (tmp_path / name).write_text(f"#!/bin/bash\n{script}\n")
+        (tmp_path / name).chmod(0o700)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setattr(jobs, "PATIENCE", 1.0)
+
+    def command(lines="", *words):
+        keys = f'jobs = 2\nworkers = 1\nmemory = "2GB"\ninterface = "{loopback}"\nwait = 60\n{lines}'
+        (tmp_path / "profiles.toml").write_text(f'[hall]\nsystem = "slurm"\n{keys}')
+        return run(tmp_path / "out", "--profile", "hall", "--profiles", str(tmp_path / "profiles.toml"), *words)
+
+    command.jobs = lambda: [int(line) for line in begun.read_text().split()]
+    yield command
+    for job in command.jobs():
+        end(job)
+    assert not list(tmp_path.rglob(".keys*"))  # none is left behind
+
+
+def interface_of(address):
+    known = psutil.net_if_addrs().items()
+    return next(name for name, ones in known if any(one.address == address for one in ones))
+
+
+def end(job):
+    """All processes of a job, in the way of a machine that goes away."""
+    family = [one for one in psutil.process_iter() if session(one) == job]
+    for process in family:
+        process.kill()
+    psutil.wait_procs(family, timeout=10)
+
+
+def test_jobs_that_end_are_submitted_again(tmp_path, right, slurm):
+    """Both at once, as when their time is up."""
+
+    def expire():
+        while len(list(tmp_path.glob("out/shards/*.nc"))) < 3:
+            time.sleep(0.01)
+        for job in slurm.jobs():
+            end(job)
+
+    killer = threading.Thread(target=expire, daemon=True)
+    killer.start()
+    assert slurm("", "--set", "pause=0.3") == 0
+    killer.join(timeout=10)
+    assert len(slurm.jobs()) == 4
+    assert bits(tmp_path / "out") == right
+
+
+def test_jobs_that_cannot_begin_are_not_submitted_for_ever(tmp_path, slurm, capsys):
+    assert slurm('job_script_prologue = ["exit 3"]') == 6
+    error = capsys.readouterr().err
+    assert "exit code 3" in error
+    assert str(tmp_path / "out" / "jobs") in error
+    assert len(slurm.jobs()) == 2
+
+
+def test_what_a_batch_system_refuses_is_told_in_its_words(tmp_path, slurm, capsys):
+    (tmp_path / "refused").touch()
+    assert slurm() == 6
+    assert "can be submitted: no such partition" in capsys.readouterr().err
+
+
+def test_a_machine_without_the_batch_system_is_named(slurm, monkeypatch, capsys):
+    monkeypatch.setenv("PATH", "")
+    assert slurm() == 6
+    assert "there is no sbatch here" in capsys.readouterr().err
+
+
 SYSTEMS = {
-    "slurm": ('queue = "short"\nwalltime = "01:00:00"', ("#SBATCH -p short", "#SBATCH -t 01:00:00")),
+    "slurm": (
+        'queue = "short"\nwalltime = "01:00:00"',
+        ("#SBATCH -p short", "#SBATCH -t 01:00:00", "/logs/critflow-%J.out"),
+    ),
     "pbs": ('queue = "short"\nresource_spec = "select=1"', ("#PBS -q short", "#PBS -l select=1")),
-    "htcondor": ('disk = "1GB"', ("RequestCpus = MY.DaskWorkerCores",)),
+    "htcondor": (
+        'disk = "1GB"\njob_extra_directives = [\'+JobFlavour = "workday"\']',
+        ("RequestCpus = MY.DaskWorkerCores", '+JobFlavour = "workday"'),
+    ),
 }
 
 
@@ -207,8 +306,8 @@ def test_the_job_script_of_a_batch_system_says_what_its_profile_says(tmp_path, s
     keys, lines = SYSTEMS[system]
     file = tmp_path / "profiles.toml"
     file.write_text(f'[hall]\nsystem = "{system}"\njobs = 2\nworkers = 3\nmemory = "6GB"\n{keys}')
-    with _credentials(tmp_path) as security:
-        options = job_options(read_profile("hall", file), security)
+    with _credentials(tmp_path) as (security, _):
+        options = job_options(read_profile("hall", file), security, {}, tmp_path / "logs")
         script = jobs_class(system).job_cls("tls://head:1", "hall", **options).job_script()
         files = list(tmp_path.glob(".keys-*/*"))
         assert {stat.S_IMODE(path.stat().st_mode) for path in files} == {0o600}

@@ -57,7 +57,7 @@ def test_any_order_of_submission_gives_the_same_bits(tmp_path, serial):
     loaded = load_file(ALGEBRA)
     selection = select(loaded.study)
     batches = [[case.values for case in batch] for batch in selection.batches()]
-    with Interruption("none") as interruption, client_of(None, 2, Limits(), tmp_path, lambda: False) as client:
+    with Interruption("none") as interruption, client_of(None, 2, Limits(), tmp_path, lambda: False) as (client, _):
         for order in range(3):
             shards = tmp_path / str(order)
             shards.mkdir()
