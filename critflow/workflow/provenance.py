@@ -23,7 +23,6 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 
-from critflow.backends import available_backends
 from critflow.result import InputError, Status
 from critflow.workflow.plan import Case
 from critflow.workflow.seeds import SEED_ENTROPY
@@ -185,15 +184,5 @@ def shard_attributes(study: Study, case: Case) -> dict[str, str]:
         "code": code_version(study),
         "environment": environment(),
         "identity": case.identity,
-        "seed_entropy": SEED_ENTROPY,
-    }
-
-
-def dataset_attributes(study: Study) -> dict[str, str]:
-    """What wrote a dataset, beside what its shards say."""
-    return {
-        "code": code_version(study),
-        **source_tree(),
-        "sparse_solvers": " ".join(available_backends()),
         "seed_entropy": SEED_ENTROPY,
     }

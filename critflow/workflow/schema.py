@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from critflow.backends import available_backends
 from critflow.result import IntegrityError, Status
 from critflow.workflow.plan import Case, Selection
-from critflow.workflow.provenance import Origins, dataset_attributes, dataset_versions
+from critflow.workflow.provenance import Origins, code_version, dataset_versions, source_tree
+from critflow.workflow.seeds import SEED_ENTROPY
 from critflow.workflow.store import SCHEMA_VERSION, read_shard
 from critflow.workflow.study import Variable
 
@@ -124,7 +126,10 @@ class Table:
             "comment": "Attributes named in volatile_attributes, and variables that say so, differ from run to run; "
             "shards_sha256 adds up, modulo 2**256, the SHA-256 of a line for each case: its name and its shard's "
             "checksum.",
-            **dataset_attributes(study),
+            "code": code_version(study),
+            **source_tree(),
+            "sparse_solvers": " ".join(available_backends()),
+            "seed_entropy": SEED_ENTROPY,
             "versions": json.dumps(versions),
             "study": study.name,
             "study_version": study.version,
