@@ -40,7 +40,12 @@ _MOST_CHECKSUMS = 100  # of single shards in a dataset: more would drown what el
 
 def code_version(study: Study) -> str:
     """What computes a case of this study: version and digest of the library's numbers, digest of the study's."""
-    return f"critflow {version('critflow')} {_library_digest()}, study {_study_digest(study)}"
+    return f"{library_version()}, study {_study_digest(study)}"
+
+
+def library_version() -> str:
+    """Version and digest of the library's numbers, with which every `code_version` begins."""
+    return f"critflow {version('critflow')} {_library_digest()}"
 
 
 @cache
