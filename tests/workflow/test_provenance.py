@@ -164,6 +164,49 @@ def test_status_says_that_the_study_changed(tmp_path, capsys, study, old, new, s
     assert len(found["changed"]["cases"]) == 8
 
 
+@pytest.mark.parametrize("index", [True, False])
+def test_a_changed_table_is_no_damage(tmp_path, capsys, study, stamps, index):
+    """Whether the index knows the shards or each is opened: they are told as changed, and computed again."""
+    out = tmp_path / "out"
+    run = ["run", str(study()), "--out", str(out), "--workers=0"]
+    assert main(run) == 0
+    before = stamps(out)
+    study('"residual", ("population", "seed"), "f8"', '"residual", ("population", "seed"), "f4"')
+    if not index:
+        Folder(out).index.unlink()
+    assert told(capsys, out).keys() == {"changed"}
+    assert main([*run, "--dry-run"]) == 0
+    assert "changed: seed 0, population random and 7 more: stored with another table" in capsys.readouterr().out
+    assert main(["verify", str(out)]) == 4
+    first, second, *_ = capsys.readouterr().err.splitlines()
+    assert "the table of the study changed since 8 of 8 cases were stored: run the study again" in first
+    assert "1 thing is wrong" in second
+    assert main(run) == 0
+    assert "damaged" not in capsys.readouterr().err
+    after = stamps(out)
+    assert after.keys() == before.keys() and not set(after.values()) & set(before.values())
+    assert told(capsys, out) == {}
+    assert main(["verify", str(out)]) == 0
+
+
+def test_status_loads_no_study_that_is_as_it_was(tmp_path, capsys, study, monkeypatch):
+    path = study("import time", "import time\nfrom ._beside import nothing")
+    beside = path.with_name("_beside.py")
+    beside.write_text("nothing = None")
+    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--workers=0", "--set=trouble=1-random"]) == 3
+    loaded: list[Path] = []
+    monkeypatch.setattr("critflow.workflow.folder.load_file", lambda file: loaded.append(file) or load_file(file))
+    assert told(capsys, tmp_path / "out").keys() == {"failed"}
+    assert loaded == []
+    beside.write_text("nothing = 0")  # the numbers may come from there
+    assert told(capsys, tmp_path / "out").keys() == {"failed", "other code"}
+    assert len(loaded) == 1
+    beside.write_text("nothing = None")
+    monkeypatch.setattr("critflow.workflow.folder.library_version", lambda: "critflow of tomorrow")
+    assert told(capsys, tmp_path / "out").keys() == {"failed"}
+    assert len(loaded) == 2
+
+
 def test_a_dry_run_says_what_was_stored_with_other_settings(tmp_path, capsys, run):
     assert run(tmp_path) == 0
     words = ["run", str(TINY), "--out", str(tmp_path), "--dry-run"]
