@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import importlib
-import itertools
 import json
+import math
 import os
 import sys
 import traceback
@@ -24,7 +24,7 @@ from critflow.workflow.plan import select
 from critflow.workflow.profiles import choose_cluster
 from critflow.workflow.provenance import command_line, written_at
 from critflow.workflow.reasons import Reason, made_by_other_code, reasons_to_compute
-from critflow.workflow.status import STATES, folder_status, status_lines, status_plain
+from critflow.workflow.status import folder_status, status_lines, status_plain
 
 FAILED_CASES = 3
 DAMAGED = 4
@@ -157,13 +157,14 @@ def run(
     sizes = " × ".join(
         f"{len(values)} {axis.key}" for axis, values in zip(loaded.study.axes, selection.axes.values(), strict=True)
     )
+    count = math.prod(selection.shape)
     if dry_run:
-        todo, damage, failed = engine.missing_cases(selection, folder)
-        todo |= failed if retry_failed else set()
-        for line in damage:
+        missing = engine.missing_cases(selection, folder)
+        todo = sorted(missing.todo + missing.failed) if retry_failed else missing.todo
+        for line in missing.damage:
             print("critflow:", line, file=sys.stderr)
-        again = reasons_to_compute(selection, folder.shards, (case for case in selection.cases() if case.id in todo))
-        cases = f"{len(todo)} of {len(selection.cases())} cases to compute"
+        again = reasons_to_compute(selection, folder.shards, todo, missing.why, missing.others)
+        cases = f"{len(todo)} of {count} cases to compute"
         print(f"{loaded.study.name}: {sizes}, {cases}, into {folder.path}")
         for key, value in selection.parameters.items():
             print(f"  {key} = {','.join(map(str, value)) if isinstance(value, tuple) else value}")
@@ -180,14 +181,14 @@ def run(
         retry_failed=retry_failed,
         command=command_line(study, settings, processes, str(cluster.system) if cluster else None),
     )
-    print(f"{result.dataset}: {sizes}, {result.kept} of {len(selection.cases())} cases were there before")
+    print(f"{result.dataset}: {sizes}, {result.kept} of {count} cases were there before")
     _print_report(folder, result.report)
     if not result.failed:
         return 0
     for case_id, reason in list(result.failed.items())[:10]:
         print(f"  {case_id}: {reason}", file=sys.stderr)
-    count = f"{len(result.failed)} case{'s' if len(result.failed) > 1 else ''}"
-    sentence = f"{count} failed, told one by one in {folder.path / 'failed.txt'}: mend the cause and add --retry-failed"
+    bad = f"{len(result.failed)} case{'s' if len(result.failed) > 1 else ''}"
+    sentence = f"{bad} failed, told one by one in {folder.path / 'failed.txt'}: mend the cause and add --retry-failed"
     return _complain(sentence, FAILED_CASES)
 
 
@@ -210,9 +211,8 @@ def status(
     """Say how many cases are done, failed and missing, and why which are to be computed again."""
     results = Folder(folder)
     found = folder_status(results)
-    todo = itertools.chain.from_iterable(found.cases(state) for state in STATES if state != "done")
-    again = reasons_to_compute(found.selection, results.shards, todo)
-    older = made_by_other_code(found, results.shards)
+    again = reasons_to_compute(found.plan, results.shards, found.todo, found.why, found.others)
+    older = made_by_other_code(found.of_other_code, found.code, results.shards)
     if as_json:
         told = status_plain(found)
         told |= {"to_compute": [reason.plain() for reason in again]}

@@ -115,7 +115,7 @@ from pathlib import Path
 from critflow.result import Status
 from critflow.workflow import store
 from critflow.workflow.folder import Folder
-from critflow.workflow.index import append_to_index
+from critflow.workflow.index import Stored, append_to_index
 from critflow.workflow.load import load_file
 from critflow.workflow.merge import write_dataset
 from critflow.workflow.plan import select
@@ -143,7 +143,7 @@ with folder.held(loaded, selection):
     for case in selection.cases():
         arrays = loaded.study.computed(case.parameters, case.values)
         store.write_shard(folder.shards, loaded.study, case, Status(int(arrays.pop("status"))), arrays)
-stored = ((case_id, 0, code_version(loaded.study)) for case_id in selection.ids())
+stored = (Stored(case_id, 0, code_version(loaded.study)) for case_id in selection.ids())
 append_to_index(folder.index, folder.shards, loaded.study.table_digest, stored)
 timed("status", count, lambda: folder_status(folder))
 timed("dry run", count, lambda: missing_cases(selection, folder))

@@ -1,6 +1,8 @@
 """The order of the modules: who may import what, read from the source without running it."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -104,3 +106,26 @@ def test_nothing_global_and_nothing_unsafe(name):
             assert node.attr in {"Generator", "default_rng", "SeedSequence", "PCG64"}, f"{name}: {node.lineno}"
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             assert node.func.attr not in {"filterwarnings", "simplefilter", "seterr"}, f"{name}: {node.lineno}"
+
+
+def test_the_command_brings_no_physics():
+    """`critflow status` and `critflow --help` answer before scipy, xarray or matplotlib were imported."""
+    heavy = ("scipy", "xarray", "matplotlib", "dask", "critflow.public")
+    code = f"import critflow.cli, sys; print([name for name in {heavy} if name in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60).stdout == "[]\n"
+
+
+def test_a_function_with_the_name_of_its_module_is_the_function():
+    """Whichever of the two is asked for first."""
+    assert {name for name in critflow.__all__ if f"critflow.{name}" in SOURCES} == set(critflow._FUNCTIONS)
+    code = "import critflow.rigidity, critflow; assert callable(critflow.rigidity) and callable(critflow.optimize)\n"
+    code += "import critflow.equilibrium; assert callable(critflow.equilibrium); from critflow import *; Network"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_every_public_name_is_there():
+    code = "import critflow; assert 'Network' in dir(critflow)\n"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    assert all(hasattr(critflow, name) for name in critflow.__all__)
+    with pytest.raises(AttributeError, match="'critflow' has no attribute 'nonsense'"):
+        critflow.nonsense  # noqa: B018

@@ -1,6 +1,6 @@
 """What can go wrong around a run, beyond the errors of the library."""
 
-from critflow.result import CritflowError
+from critflow.result import CritflowError, IntegrityError
 
 
 class LockedError(CritflowError):
@@ -9,6 +9,10 @@ class LockedError(CritflowError):
 
 class Interrupted(CritflowError):
     """The run was asked to stop; everything computed so far is stored."""
+
+
+class OtherTable(IntegrityError):
+    """A whole shard of the case, but stored with another table of variables than the study has now."""
 
 
 class ReportError(CritflowError):

@@ -12,12 +12,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 from critflow.result import EnvironmentFailure, IntegrityError, StudyError
 from critflow.workflow.errors import LockedError
-from critflow.workflow.load import StudyFile, load_file, load_study
-from critflow.workflow.plan import LONGEST, Selection
+from critflow.workflow.load import StudyFile, is_unchanged, load_file, load_study, named_studies
+from critflow.workflow.plan import LONGEST, Named, Plan, Selection
+from critflow.workflow.provenance import code_version, library_version
 from critflow.workflow.store import PARTIAL, SCHEMA_VERSION, write_text
 from critflow.workflow.study import Axis
 
@@ -25,6 +26,14 @@ if os.name == "posix":
     import fcntl
 
 _ANEW = "run the study again to write it anew"
+
+
+class Noted(NamedTuple):
+    """What can be told of the last run in a folder without its study."""
+
+    plan: Plan  # a `Selection` where the study had to be loaded
+    table: str  # digest of the table of variables, as of now
+    code: str  # what computes a case, as of now
 
 
 @dataclass(frozen=True)
@@ -115,13 +124,10 @@ class Folder:
 
     def selection(self) -> tuple[StudyFile, Selection]:
         """The study and the settings of the last run here."""
-        if not self.note.exists():
-            raise StudyError(f"{self.path} is not a results folder: it has no study.json, which `critflow run` writes")
         note = self._read_note()
         file = note["file"]
         loaded = load_study(note["study"]) if file is None else load_file(self.path / file)
-        parameters = {k: tuple(v) if isinstance(v, list) else v for k, v in note["parameters"].items()}
-        axes = {name: tuple(values) for name, values in note["axes"].items()}
+        parameters, axes = _settings(note)
         if set(parameters) != set(loaded.study.parameters) or tuple(axes) != loaded.study.axis_names:
             raise StudyError(f"study {loaded.study.name!r} has other settings now than {self.path}: run it again there")
         for key, default in loaded.study.parameters.items():
@@ -134,19 +140,36 @@ class Folder:
             )
         return loaded, Selection(loaded.study.storing(note["variables"]), parameters, axes)
 
+    def noted(self) -> Noted:
+        """The last run here; its study is loaded only when something that it is made of is not as it was then."""
+        note = self._read_note()
+        path = named_studies().get(note["study"]) if note["file"] is None else self.path / note["file"]
+        same = note["code"].startswith(f"{library_version()}, ")
+        if path is None or not same or not is_unchanged(path, note["files"]):
+            _, selection = self.selection()
+            return Noted(selection, selection.study.table_digest, code_version(selection.study))
+        named = Named(note["study"], note["study_version"], tuple(note["variables"]))
+        return Noted(Plan(named, *_settings(note)), note["table"], note["code"])
+
     def _write_note(self, loaded: StudyFile, selection: Selection) -> None:
         note = {
             "schema_version": SCHEMA_VERSION,
             "study": loaded.study.name,
+            "study_version": loaded.study.version,
             "file": None if loaded.by_name else os.path.relpath(loaded.path, self.path.absolute()),
             "axes": selection.axes,
             "parameters": selection.parameters,
             "variables": selection.study.selected,
+            "table": selection.study.table_digest,
+            "code": code_version(selection.study),
+            "files": loaded.files,
         }
         write_text(self.note, _note_text(note))
 
     def _read_note(self) -> dict:
         """What a run wrote of itself, when it is whole and says what a run says."""
+        if not self.note.exists():
+            raise StudyError(f"{self.path} is not a results folder: it has no study.json, which `critflow run` writes")
         try:
             if not self.note.is_file():
                 raise ValueError("it is not a file")
@@ -171,6 +194,12 @@ def _note_text(note: dict[str, Any]) -> str:
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
+def _settings(note: dict[str, Any]) -> tuple[dict[str, Any], dict[str, tuple]]:
+    """Parameters and axes; lists in JSON are tuples here."""
+    parameters = {key: tuple(value) if isinstance(value, list) else value for key, value in note["parameters"].items()}
+    return parameters, {name: tuple(values) for name, values in note["axes"].items()}
+
+
 def _kind(value: Any) -> tuple[type, ...]:
     return (tuple, *{type(item) for item in value}) if isinstance(value, tuple) else (type(value),)
 
@@ -183,9 +212,12 @@ def _checked(note: dict) -> dict:
         Axis(name, values, "")  # refuses what is no axis
     if math.prod(len(values) for values in note["axes"].values()) > LONGEST:
         raise ValueError(f"it has more than {LONGEST:,} cases")
-    texts = [note["study"], *note["variables"], *([] if note["file"] is None else [note["file"]])]
+    texts = [note["study"], note["table"], note["code"], *note["variables"], *note["files"], *note["files"].values()]
+    texts += [] if note["file"] is None else [note["file"]]
     if not all(isinstance(text, str) and "\0" not in text for text in texts):
         raise ValueError("its names are not text")
+    if type(note["study_version"]) is not int:
+        raise ValueError("its study_version is not a number")
     if not isinstance(note["parameters"], dict):
         raise ValueError("its parameters have no names")
     return note

@@ -1,9 +1,9 @@
 """How stored cases ended, in one file, so that a hundred thousand shards need not be opened to count them.
 
-A line for each shard: case, status, the size and time that tell whether the shard is still the one meant, the table of
-the study that it was stored with and a digest of the code that computed it; a checksum guards the line.  Lines that are
-cut, damaged or out of date mean nothing, and later ones count: the index can make looking faster, never wrong, and may
-be deleted at any time.
+A line for each shard: case, the size and time that tell whether the shard is still the one meant, the table that it was
+stored with, its status, a digest of the code that computed it, why it failed, and a checksum.  Lines that are cut,
+damaged or out of date mean nothing, and later ones count: the index can make looking faster, never wrong, and may be
+deleted at any time.
 """
 
 from __future__ import annotations
@@ -13,41 +13,70 @@ from collections.abc import Iterable
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from typing import NamedTuple
 from zlib import crc32
+
+_LONGEST = 300  # letters of why a case failed
+_CHECK = 9  # letters of a checksum, with the blank before it
+
+
+class Stored(NamedTuple):
+    """A case that was stored: its id, how it ended, what computed it, and the last line of its error."""
+
+    case_id: str
+    status: int
+    code: str
+    words: str = ""
+
+
+class Entry(NamedTuple):
+    """The same in a line of the index, without its id."""
+
+    table: str
+    status: int
+    code: str  # digest
+    words: str
 
 
 def read_index(path: Path) -> dict[str, str]:
-    """What the last good line of every case says, for `indexed`."""
+    """What the last good line of every case says behind its id."""
     try:
         whole = path.read_bytes()
     except OSError:
         return {}
     entries = {}
     for line in whole.split(b"\n"):
-        body, _, check = line.rpartition(b" ")
-        if check == b"%08x" % crc32(body):
+        body = line[:-_CHECK]
+        if line[-_CHECK:] == b" %08x" % crc32(body):
             case_id, _, entry = body.decode(errors="replace").partition(" ")
             entries[case_id] = entry
     return entries
 
 
-def indexed(entry: str, shard: os.DirEntry, table: str) -> tuple[int, str] | None:
-    """Status and digest of the code in a line; None when the shard is another one now, or the table of the study is."""
-    meant, _, told = entry.rpartition(" ")
-    try:
-        return _read(told) if _stamp(shard.stat(), table) == meant else None
-    except (OSError, ValueError):
-        return None
+def known_shards(shards: Path, index: Path) -> dict[str, Entry | None]:
+    """The cases that have a shard; with each what the index says of it, None where it was written of another shard."""
+    lines, known = read_index(index), dict[str, Entry | None]()
+    for case_id in listed_shards(shards):
+        try:
+            stamp = _stamp(os.stat(f"{shards}/{case_id}.nc"))
+        except FileNotFoundError:  # deleted in this moment
+            continue
+        line = lines.get(case_id, "")
+        known[case_id] = _read(line[len(stamp) :]) if line.startswith(stamp) else None
+    return known
 
 
 @cache
-def _read(told: str) -> tuple[int, str]:
-    status, _, code = told.partition(":")
-    return int(status), code
+def _read(told: str) -> Entry | None:
+    try:
+        table, status, code, words = told.split(" ", 3)
+        return Entry(table, int(status), code, words)
+    except ValueError:
+        return None
 
 
-def _stamp(found: os.stat_result, table: str) -> str:
-    return f"{found.st_size} {found.st_mtime_ns} {table}"
+def _stamp(found: os.stat_result) -> str:
+    return f"{found.st_size} {found.st_mtime_ns} "
 
 
 @cache
@@ -56,15 +85,16 @@ def code_digest(code: str) -> str:
     return sha256(code.encode()).hexdigest()[:12]
 
 
-def append_to_index(path: Path, shards: Path, table: str, stored: Iterable[tuple[str, int, str]]) -> None:
-    """Add lines for cases that were just stored: case, status and code of each.  A torn line before them is ended."""
+def append_to_index(path: Path, shards: Path, table: str, stored: Iterable[Stored]) -> None:
+    """Add lines for cases that were just stored.  A torn line before them is ended."""
     lines = []
-    for case_id, status, code in stored:
+    for case_id, status, code, words in stored:
         try:
             found = os.stat(shards / f"{case_id}.nc")
         except OSError:  # a folder shared by machines may show a file later: then it is opened to be counted
             continue
-        body = f"{case_id} {_stamp(found, table)} {status}:{code_digest(code)}".encode()
+        line = f"{case_id} {_stamp(found)}{table} {status} {code_digest(code)} {words[:_LONGEST]}"
+        body = line.replace("\n", " ").encode(errors="backslashreplace")
         lines.append(b"%s %08x\n" % (body, crc32(body)))
     if not lines:
         return
@@ -72,10 +102,9 @@ def append_to_index(path: Path, shards: Path, table: str, stored: Iterable[tuple
         file.write(b"\n" + b"".join(lines))
 
 
-def listed_shards(shards: Path) -> dict[str, os.DirEntry]:
-    """The shards in a folder by the names of their cases, from one look at the folder."""
+def listed_shards(shards: Path) -> list[str]:
+    """Names of the cases that have a shard."""
     try:
-        with os.scandir(shards) as entries:
-            return {entry.name[:-3]: entry for entry in entries if entry.name.endswith(".nc")}
+        return [name[:-3] for name in os.listdir(shards) if name.endswith(".nc")]
     except FileNotFoundError:
-        return {}
+        return []

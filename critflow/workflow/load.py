@@ -9,7 +9,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
@@ -29,6 +29,7 @@ class StudyFile:
     study: Study
     path: Path
     digest: str
+    files: Mapping[str, str]  # digests of the file and of those that it brought along, by their places beside it
     by_name: bool = False
 
 
@@ -65,7 +66,7 @@ def load_study(word: str) -> StudyFile:
         raise StudyError(
             f"the study in {named[word]} calls itself {loaded.study.name!r}: name it {word!r} like its file"
         )
-    return StudyFile(loaded.study, loaded.path, loaded.digest, by_name=True)
+    return replace(loaded, by_name=True)
 
 
 def load_file(path: Path) -> StudyFile:
@@ -91,7 +92,16 @@ def load_file(path: Path) -> StudyFile:
             f"the study file {path} cannot be run: `study` {held}: write study = Study(...) at its top level"
         )
     words = "".join(f"{file.name} {digest}\n" for file, digest in sorted(loaded.files.items()))
-    return StudyFile(study, path, _digest(words.encode()))
+    beside = {os.path.relpath(file, path.parent): digest for file, digest in loaded.files.items()}
+    return StudyFile(study, path, _digest(words.encode()), beside)
+
+
+def is_unchanged(path: Path, files: Mapping[str, str]) -> bool:
+    """Whether a study file and those that it brought along are what they were when they were loaded."""
+    try:
+        return path.name in files and all(_digest(_source(path.parent / f)) == files[f] for f in files)
+    except StudyError:
+        return False
 
 
 @dataclass(frozen=True)

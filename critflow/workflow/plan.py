@@ -57,10 +57,19 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Selection:
-    """What one run covers: a study with the variables asked for, its parameters, the values along every axis."""
+class Named:
+    """What the ids of cases take from a study."""
 
-    study: Study
+    name: str
+    version: int
+    selected: tuple[str, ...] = ()  # variables; all where none is named
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The cases of one run, enough to name and to count them: parameters and the values along every axis."""
+
+    study: Study | Named
     parameters: Mapping[str, Any]
     axes: Mapping[str, tuple]
 
@@ -96,22 +105,31 @@ class Selection:
         digest_of_begun = sha256(f"{begun}, {{".encode())
         variables = [list(self.study.selected)] if self.study.selected else []
         end = "}" + "".join(f", {json.dumps(item)}" for item in variables) + "]"
-        order = [list(self.axes).index(name) for name in sorted(self.axes)]
-        words = [
-            [(f'"{name}": {_json(value)}', _readable({name: value})) for value in values]
+        order = sorted(self.axes)
+        place = [list(self.axes).index(name) for name in order]
+        told = [
+            [f'"{name}": {_json(value)}{end if name == order[-1] else ", "}'.encode() for value in values]
             for name, values in self.axes.items()
         ]
-        for chosen in itertools.product(*words):
+        readable = [[_readable({name: value}) for value in values] for name, values in self.axes.items()]
+        for pieces, names in zip(itertools.product(*told), itertools.product(*readable), strict=True):
             digest = digest_of_begun.copy()
-            digest.update((", ".join([chosen[i][0] for i in order]) + end).encode())
-            yield f"{'-'.join([word for _, word in chosen])[:80]}-{digest.digest()[:8].hex()}"
+            digest.update(b"".join([pieces[i] for i in place]))
+            yield f"{'-'.join(names)[:80]}-{digest.hexdigest()[:16]}"
+
+
+@dataclass(frozen=True)
+class Selection(Plan):
+    """What one run covers: a plan, and the study with the variables asked for."""
+
+    study: Study
 
 
 @dataclass(frozen=True)
 class Cases(Sequence[Case]):
-    """Some cases of a selection, each made when it is looked at: there may be very many."""
+    """Some cases of a plan, each made when it is looked at: there may be very many."""
 
-    selection: Selection
+    plan: Plan
     places: Sequence[int]
 
     def __len__(self) -> int:
@@ -119,7 +137,7 @@ class Cases(Sequence[Case]):
 
     def __getitem__(self, which: Any) -> Any:
         chosen = self.places[which]
-        return Cases(self.selection, chosen) if isinstance(which, slice) else self.selection.case_at(chosen)
+        return Cases(self.plan, chosen) if isinstance(which, slice) else self.plan.case_at(chosen)
 
 
 def select(study: Study, words: Sequence[str] = ()) -> Selection:

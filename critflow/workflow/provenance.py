@@ -23,7 +23,6 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 
-from critflow.backends import available_backends
 from critflow.result import InputError, Status
 from critflow.workflow.plan import Case
 from critflow.workflow.seeds import SEED_ENTROPY
@@ -41,7 +40,12 @@ _MOST_CHECKSUMS = 100  # of single shards in a dataset: more would drown what el
 
 def code_version(study: Study) -> str:
     """What computes a case of this study: version and digest of the library's numbers, digest of the study's."""
-    return f"critflow {libraries()['critflow']}, study {_study_digest(study)}"
+    return f"{library_version()}, study {_study_digest(study)}"
+
+
+def library_version() -> str:
+    """Version and digest of the library's numbers, with which every `code_version` begins."""
+    return f"critflow {version('critflow')} {_library_digest()}"
 
 
 @cache
@@ -53,7 +57,7 @@ def environment() -> str:
 @cache
 def libraries() -> Mapping[str, str]:
     """What has to be the same in every process of a run: versions, and for the library a digest of its numbers."""
-    return {"critflow": f"{version('critflow')} {_library_digest()}"} | _versions()
+    return {"critflow": library_version().removeprefix("critflow ")} | _versions()
 
 
 def _versions() -> dict[str, str]:
@@ -194,15 +198,5 @@ def shard_attributes(study: Study, case: Case) -> dict[str, str]:
         "code": code_version(study),
         "environment": environment(),
         "identity": case.identity,
-        "seed_entropy": SEED_ENTROPY,
-    }
-
-
-def dataset_attributes(study: Study) -> dict[str, str]:
-    """What wrote a dataset, beside what its shards say."""
-    return {
-        "code": code_version(study),
-        **source_tree(),
-        "sparse_solvers": " ".join(available_backends()),
         "seed_entropy": SEED_ENTROPY,
     }

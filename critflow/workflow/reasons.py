@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from critflow.result import IntegrityError
-from critflow.workflow.plan import Case, Selection
-from critflow.workflow.provenance import code_version
-from critflow.workflow.status import FolderStatus
-from critflow.workflow.store import read_code, read_identity, read_shard, shard_path
+from critflow.workflow.plan import Case, Cases, Plan
+from critflow.workflow.store import read_code, read_identity, shard_path
+
+Why = tuple[str, str]  # kind and sentence of a reason
+OTHER_TABLE: Why = ("changed", "stored with another table of variables")
 
 _DIGEST = 17  # the hash at the end of an id, with its hyphen
 
@@ -37,24 +37,38 @@ class Reason:
         return {"kind": self.kind, "sentence": self.sentence, "cases": cases}
 
 
-def reasons_to_compute(selection: Selection, shards: Path, todo: Iterable[Case]) -> list[Reason]:
-    """Why each of these cases has no good shard, the cases with the same reason together."""
-    todo = list(todo)
-    if not todo:
-        return []
-    found: dict[tuple[str, str], list[Case]] = {}
-    others = _Others(selection, shards)
-    for case in todo:
-        found.setdefault(_why(selection, shards, case, others), []).append(case)
-    return [Reason(kind, sentence, cases) for (kind, sentence), cases in found.items()]
+def failed(words: str) -> Why:
+    return "failed", words.strip() or "without a word"
 
 
-def made_by_other_code(found: FolderStatus, shards: Path) -> list[Reason]:
+def damaged(error: Exception, path: Path) -> Why:
+    return "damaged", str(error).removeprefix(f"{path} ").replace(str(path), path.name)
+
+
+def last_line(error: str) -> str:
+    """What the end of a traceback says."""
+    return (error.strip().splitlines() or [""])[-1]
+
+
+def reasons_to_compute(
+    plan: Plan, shards: Path, todo: Iterable[int], why: Mapping[int, Why], others: Sequence[str]
+) -> list[Reason]:
+    """Why the cases at these places have no good shard, those with the same reason together.
+
+    `why` is known of cases that have a shard; what the shards of `others` were stored with may explain the rest.
+    """
+    settings = _Others(plan, shards, others)
+    found: dict[Why, list[int]] = {}
+    for place in todo:
+        found.setdefault(why.get(place) or settings.why(place), []).append(place)
+    return [Reason(kind, sentence, Cases(plan, places)) for (kind, sentence), places in found.items()]
+
+
+def made_by_other_code(older: Iterable[Cases], now: str, shards: Path) -> list[Reason]:
     """Stored cases that the code of now did not compute; they stand, since most changes of code change no number."""
-    now = code_version(found.selection.study)
     advice = "kept; to compute them anew, raise the study's version or choose another folder"
     reasons = []
-    for cases in found.of_other_code:
+    for cases in older:
         try:
             code = read_code(shard_path(shards, cases[0]))
         except IntegrityError:  # deleted in this moment
@@ -63,45 +77,34 @@ def made_by_other_code(found: FolderStatus, shards: Path) -> list[Reason]:
     return reasons
 
 
-def _why(selection: Selection, shards: Path, case: Case, others: _Others) -> tuple[str, str]:
-    try:
-        shard = read_shard(shards, selection.study, case)
-    except IntegrityError as error:
-        path = shard_path(shards, case)
-        return "damaged", str(error).removeprefix(f"{path} ").replace(str(path), path.name)
-    if shard is not None:
-        return "failed", (shard.error.strip() or "without a word").splitlines()[-1]
-    difference = others.difference(case)
-    return ("changed", f"stored with {difference}") if difference else ("missing", "not computed yet")
-
-
 class _Others:
     """Shards of the same axis values as a case, computed with other settings or by another version of the study."""
 
-    def __init__(self, selection: Selection, shards: Path):
-        self._shards, self._selection = shards, selection
-        present = os.listdir(shards) if shards.is_dir() else []
-        here = {f"{case.id}.nc" for case in selection.cases()} if present else set()
-        self._names = {name for name in present if name.endswith(".nc") and name not in here}
+    def __init__(self, plan: Plan, shards: Path, names: Iterable[str]):
+        self._shards, self._plan, self._names = shards, plan, set(names)
         self._readable: dict[str, list[str]] = {}
         for name in sorted(self._names):
-            self._readable.setdefault(name.removesuffix(".nc")[:-_DIGEST], []).append(name)
+            self._readable.setdefault(name[:-_DIGEST], []).append(name)
         self._known: list[tuple[int, Mapping[str, Any], tuple[str, ...]]] = []  # of each setting one shard is read
 
-    def difference(self, case: Case) -> str:
-        """What such a shard has that the case has not; nothing where there is no such shard."""
+    def why(self, place: int) -> Why:
+        """What such a shard has that the case at this place has not, or that there is no such shard."""
+        difference = self._difference(self._plan.case_at(place)) if self._names else ""
+        return ("changed", f"stored with {difference}") if difference else ("missing", "not computed yet")
+
+    def _difference(self, case: Case) -> str:
         for version, parameters, variables in self._known:
-            if f"{Case(case.study, version, parameters, case.values, variables).id}.nc" in self._names:
+            if Case(case.study, version, parameters, case.values, variables).id in self._names:
                 return self._told(version, parameters, variables)
         for name in self._readable.get(case.readable, ()):
-            setting = _setting(self._shards / name)
+            setting = _setting(self._shards / f"{name}.nc")
             if setting is not None and setting not in self._known:
                 self._known.append(setting)
                 return self._told(*setting)
         return ""
 
     def _told(self, version: int, parameters: Mapping[str, Any], variables: tuple[str, ...]) -> str:
-        study, now = self._selection.study, self._selection.parameters
+        study, now = self._plan.study, self._plan.parameters
         told = [f"version {version} of the study, now {study.version}"] if version != study.version else []
         for key in sorted({*parameters, *now}):
             before, after = (_word(settings.get(key, "unset")) for settings in (parameters, now))

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from critflow.backends import available_backends
 from critflow.result import IntegrityError, Status
 from critflow.workflow.plan import Case, Selection
-from critflow.workflow.provenance import Origins, dataset_attributes, dataset_versions
-from critflow.workflow.store import SCHEMA_VERSION, read_shard
+from critflow.workflow.provenance import Origins, code_version, dataset_versions, source_tree
+from critflow.workflow.seeds import SEED_ENTROPY
+from critflow.workflow.store import SCHEMA_VERSION, Shard, read_shard
 from critflow.workflow.study import Variable
+
+Reader = Callable[[Case], Shard | None]
 
 KEYWORDS = ("rigidity transition", "spring networks", "force density", "prestress stability")
 
@@ -22,7 +27,7 @@ KEYWORDS = ("rigidity transition", "spring networks", "force density", "prestres
 def merge(selection: Selection, shards: Path) -> xr.Dataset:
     """All cases of the selection in one dataset; failed and missing ones are filled and say so in `status`."""
     table, origins = Table(selection), Origins(selection.study)
-    table.take(shards, origins)
+    table.take(partial(read_shard, shards, selection.study), origins)
     return table.labelled().assign_attrs(told(origins.attributes()))
 
 
@@ -47,12 +52,11 @@ class Table:
         table.given = {where for where in self.given if where[0] in shared}
         return table
 
-    def take(self, shards: Path, origins: Origins) -> None:
+    def take(self, read: Reader, origins: Origins) -> None:
         """Put in every case of the selection that is stored, and gather where they come from."""
         for batch in self.selection.batches():
             for case in batch:
-                shard = read_shard(shards, self.selection.study, case)
-                if shard is not None:
+                if (shard := read(case)) is not None:
                     self.add(case, shard.status, shard.arrays)
                     origins.add(case, shard.status, shard.checksum, shard.code, shard.environment)
 
@@ -124,7 +128,10 @@ class Table:
             "comment": "Attributes named in volatile_attributes, and variables that say so, differ from run to run; "
             "shards_sha256 adds up, modulo 2**256, the SHA-256 of a line for each case: its name and its shard's "
             "checksum.",
-            **dataset_attributes(study),
+            "code": code_version(study),
+            **source_tree(),
+            "sparse_solvers": " ".join(available_backends()),
+            "seed_entropy": SEED_ENTROPY,
             "versions": json.dumps(versions),
             "study": study.name,
             "study_version": study.version,

@@ -7,17 +7,18 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from critflow.result import IntegrityError, Status
+from critflow.workflow.errors import OtherTable
 from critflow.workflow.folder import Folder
-from critflow.workflow.index import code_digest, indexed, listed_shards, read_index
-from critflow.workflow.plan import Cases, Selection
-from critflow.workflow.provenance import code_version
-from critflow.workflow.store import read_code, read_status
+from critflow.workflow.index import Entry, Stored, code_digest, known_shards
+from critflow.workflow.plan import Cases, Plan, Selection
+from critflow.workflow.reasons import OTHER_TABLE, Why, damaged, failed, last_line
+from critflow.workflow.store import read_ending
+from critflow.workflow.study import Study
 
 STATES = ("done", "failed", "missing", "damaged")
 _DONE, _FAILED, _MISSING, _DAMAGED = range(len(STATES))
@@ -26,12 +27,15 @@ _CODES = {int(Status.failed): _FAILED, int(Status.missing): _MISSING}
 
 @dataclass(frozen=True)
 class FolderStatus:
-    """The state of every case of the last run's selection, as a number in `STATES`, over the axes of the study."""
+    """The state of every case of the last run's plan, as a number in `STATES`, over the axes of the study."""
 
-    selection: Selection
+    plan: Plan
+    code: str  # what computes a case now
     states: np.ndarray
+    why: dict[int, Why]  # of cases with a shard that is not good, by their places
+    others: list[str]  # ids of shards that are none of the plan's
     damage: list[str]
-    read: list[tuple[str, int, str]]  # cases that the index did not know, with status and code in their shards
+    read: list[Stored]  # cases that the index did not know
     of_other_code: list[Cases]  # those done that the code of now did not compute, by the code
 
     @cached_property
@@ -43,55 +47,65 @@ class FolderStatus:
     def along(self) -> dict[str, list[list[int]]]:
         """For every value of every axis, how many cases are in each state."""
         counts = {}
-        for axis, (name, values) in enumerate(self.selection.axes.items()):
+        for axis, (name, values) in enumerate(self.plan.axes.items()):
             rows = np.moveaxis(self.states, axis, 0).reshape(len(values), -1)
             counts[name] = np.stack([(rows == state).sum(1) for state in range(len(STATES))], 1).tolist()
         return counts
 
-    def cases(self, state: str) -> Cases:
-        """The cases that are in this state."""
-        return Cases(self.selection, np.flatnonzero(self.states == STATES.index(state)).tolist())
+    @property
+    def todo(self) -> list[int]:
+        """Places of the cases that are not done, those in the same state together."""
+        return [
+            place for state in range(_FAILED, len(STATES)) for place in np.flatnonzero(self.states == state).tolist()
+        ]
 
 
 def folder_status(folder: Folder) -> FolderStatus:
-    """Look at every case without reading its data, so a flipped byte inside is left for `verify` and the next run.
-
-    A shard stored with another table of variables is opened, to say what is wrong with it.
-    """
-    _, selection = folder.selection()
-    table, now = selection.study.table_digest, code_digest(code_version(selection.study))
-    shards, index = listed_shards(folder.shards), read_index(folder.index)
-    states = bytearray([_MISSING]) * math.prod(selection.shape)
-    damage, read = list[str](), list[tuple[str, int, str]]()
+    """Look at every case without reading its data, so a flipped byte inside is left for `verify` and the next run."""
+    plan, table, code = folder.noted()
+    now = code_digest(code)
+    shards = known_shards(folder.shards, folder.index)
+    states = bytearray([_MISSING]) * math.prod(plan.shape)
+    why, damage, read = dict[int, Why](), list[str](), list[Stored]()
     other: dict[str, list[int]] = {}
-    for place, case_id in enumerate(selection.ids()):
-        if (shard := shards.get(case_id)) is None:
+    study: Study | None = plan.study if isinstance(plan, Selection) else None
+    for place, case_id in enumerate(plan.ids()):
+        if case_id not in shards:
             continue
-        known = indexed(index[case_id], shard, table) if case_id in index else None
-        if known is None:
+        if (known := shards.pop(case_id)) is None:
+            study = study or folder.selection()[1].study  # shards are read with its table
             try:
-                status = int(read_status(folder.shards, selection.study, selection.case_at(place), verify=False))
-                code = read_code(Path(shard.path))
+                ending = read_ending(folder.shards, study, plan.case_at(place), verify=False)
+            except OtherTable:
+                why[place] = OTHER_TABLE
+                continue
             except IntegrityError as error:
                 damage.append(str(error))
+                why[place] = damaged(error, folder.shards / f"{case_id}.nc")
                 states[place] = _DAMAGED
                 continue
-            read.append((case_id, status, code))
-            known = status, code_digest(code)
-        states[place] = state = _CODES.get(known[0], _DONE)
-        if state == _DONE and known[1] != now:
-            other.setdefault(known[1], []).append(place)
-    shaped = np.frombuffer(states, "i1").reshape(selection.shape)
-    return FolderStatus(selection, shaped, damage, read, [Cases(selection, places) for places in other.values()])
+            read.append(Stored(case_id, int(ending.status), ending.code, last_line(ending.error)))
+            known = Entry(table, int(ending.status), code_digest(ending.code), last_line(ending.error))
+        elif known.table != table:
+            why[place] = OTHER_TABLE
+            continue
+        states[place] = state = _CODES.get(known.status, _DONE)
+        if state == _FAILED:
+            why[place] = failed(known.words)
+        elif state == _DONE and known.code != now:
+            other.setdefault(known.code, []).append(place)
+    shaped = np.frombuffer(states, "i1").reshape(plan.shape)
+    of_other_code = [Cases(plan, places) for places in other.values()]
+    return FolderStatus(plan, code, shaped, why, list(shards), damage, read, of_other_code)
 
 
 def status_lines(status: FolderStatus) -> list[str]:
     """The status as a person reads it; values of an axis that stand alike are told in one line."""
     total = [status.total[state] for state in STATES]
-    lines = [f"{status.selection.study.name}: {_counts(total)} of {sum(total)} cases"]
+    lines = [f"{status.plan.study.name}: {_counts(total)} of {sum(total)} cases"]
     for name, rows in status.along.items():
         alike: dict[tuple[int, ...], list[int | str]] = {}
-        for value, row in zip(status.selection.axes[name], rows, strict=True):
+        for value, row in zip(status.plan.axes[name], rows, strict=True):
             alike.setdefault(tuple(row), []).append(value)
         lines += [
             f"  {name} {_ranges(values)}: {_counts(row)}{' each' if len(values) > 1 else ''}"
@@ -102,17 +116,17 @@ def status_lines(status: FolderStatus) -> list[str]:
 
 def status_plain(status: FolderStatus) -> dict[str, Any]:
     """The status for `--json`: every count stands there, zeros too."""
-    selection = status.selection
+    plan = status.plan
     return {
-        "study": selection.study.name,
-        "study_version": selection.study.version,
-        "parameters": dict(selection.parameters),
-        "variables": list(selection.study.selected),
+        "study": plan.study.name,
+        "study_version": plan.study.version,
+        "parameters": dict(plan.parameters),
+        "variables": list(plan.study.selected),
         "total": {state: status.total[state] for state in STATES},
         "along": {
             name: [
                 {"value": value, **dict(zip(STATES, row, strict=True))}
-                for value, row in zip(selection.axes[name], rows, strict=True)
+                for value, row in zip(plan.axes[name], rows, strict=True)
             ]
             for name, rows in status.along.items()
         },

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import file_digest, sha256
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 from uuid import uuid4
 
 import netCDF4
@@ -26,6 +26,7 @@ import numpy as np
 
 from critflow.result import EnvironmentFailure, IntegrityError, Status
 from critflow.workflow import faults
+from critflow.workflow.errors import OtherTable
 from critflow.workflow.plan import Case
 from critflow.workflow.provenance import shard_attributes
 from critflow.workflow.study import Study
@@ -55,6 +56,14 @@ class Shard:
     error: str = ""  # the traceback of a failed case
     code: str = ""  # what computed it, and on which libraries
     environment: str = ""
+
+
+class Ending(NamedTuple):
+    """How a case ended, from the head of its shard."""
+
+    status: Status
+    error: str = ""
+    code: str = ""
 
 
 @contextmanager
@@ -145,11 +154,11 @@ def read_code(path: Path) -> str:
         return head[start : start + length].decode(errors="replace")
 
 
-def read_status(folder: Path, study: Study, case: Case, *, verify: bool) -> Status:
+def read_ending(folder: Path, study: Study, case: Case, *, verify: bool) -> Ending:
     """How a stored case ended; `verify` looks at every byte, otherwise at the head and whether the seal is there."""
     path = shard_path(folder, case)
     if not path.exists():
-        return Status.missing
+        return Ending(Status.missing)
     with _readable(path):
         if verify:
             _verified_seal(path)
@@ -158,7 +167,7 @@ def read_status(folder: Path, study: Study, case: Case, *, verify: bool) -> Stat
                 file.seek(-min(_SEAL_LENGTH, path.stat().st_size), os.SEEK_END)
                 _check_sealed(path, file.read())
         with _opened(path, study, case) as dataset:
-            return _status(dataset)
+            return Ending(_status(dataset), dataset.getncattr("error"), dataset.getncattr("code"))
 
 
 def append_seal(path: Path) -> None:
@@ -224,7 +233,8 @@ def _opened(path: Path, study: Study, case: Case) -> Iterator[netCDF4.Dataset]:
         file.set_auto_maskandscale(False)
         for name, right in _identity(study, case).items():
             if (found := file.getncattr(name)) != right:
-                raise IntegrityError(f"{path} is not the shard looked for: its {name} is {found}, not {right}")
+                kind = OtherTable if name == "table" else IntegrityError  # looked at last
+                raise kind(f"{path} is not the shard looked for: its {name} is {found}, not {right}")
         _check_layout(study, case, file, path.stat().st_size)
         yield file
 

@@ -202,11 +202,11 @@ class FolderMachine(RuleBasedStateMachine):
     def what_is_missing_is_known(self):
         if not hasattr(self, "folder"):
             return
-        todo, damage, failed = engine.missing_cases(self.selection, self.folder)
+        missing = engine.missing_cases(self.selection, self.folder)
         cases = self.selection.cases()
-        assert todo == {case.id for case in cases if case.id not in self.good | self.failed}
-        assert failed == {case.id for case in cases if case.id in self.failed}
-        assert len(damage) == sum(case.id in self.damaged for case in cases)
+        assert missing.todo == [place for place, case in enumerate(cases) if case.id not in self.good | self.failed]
+        assert missing.failed == [place for place, case in enumerate(cases) if case.id in self.failed]
+        assert len(missing.damage) == sum(case.id in self.damaged for case in cases)
 
     @invariant()
     def the_note_tells_the_last_run_or_nothing(self):

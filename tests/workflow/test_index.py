@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from critflow.result import Status
 from critflow.workflow import status as looking
 from critflow.workflow.folder import Folder
-from critflow.workflow.index import append_to_index, read_index
+from critflow.workflow.index import Stored, append_to_index, read_index
 from critflow.workflow.plan import select
 from critflow.workflow.status import folder_status
 
@@ -34,10 +34,10 @@ def opened(monkeypatch):
 
     def read(*where, **how):
         seen.append(where[2].id)
-        return read_status(*where, **how)
+        return read_ending(*where, **how)
 
-    read_status = looking.read_status
-    monkeypatch.setattr(looking, "read_status", read)
+    read_ending = looking.read_ending
+    monkeypatch.setattr(looking, "read_ending", read)
     return seen
 
 
@@ -46,10 +46,11 @@ def test_no_shard_is_opened_that_the_index_knows(folder, opened):
     assert opened == []
 
 
-def test_the_cases_of_a_state_are_named(folder):
+def test_a_failed_case_is_named_and_explained_without_its_shard(folder, opened):
     found = folder_status(folder)
-    assert [case.values for case in found.cases("failed")] == [{"seed": 1, "population": "random"}]
-    assert len(found.cases("done")) == 7
+    assert opened == []
+    assert [found.plan.case_at(place).values for place in found.todo] == [{"seed": 1, "population": "random"}]
+    assert found.why == {found.todo[0]: ("failed", "asked for")}
 
 
 def test_without_an_index_every_shard_is_opened_and_the_next_run_writes_it_anew(folder, run, opened):
@@ -93,7 +94,7 @@ def test_a_damaged_line_means_nothing(tmp_path_factory, data):
     for name in ("one", "two"):
         (shards / f"{name}.nc").write_bytes(b"x")
     index = shards / "index"
-    append_to_index(index, shards, "table", [("one", 0, "code"), ("two", 8, "code")])
+    append_to_index(index, shards, "table", [Stored("one", 0, "code"), Stored("two", 8, "code", "division by zero")])
     right = read_index(index)
     whole = bytearray(index.read_bytes())
     whole[data.draw(st.integers(0, len(whole) - 1))] ^= 1 << data.draw(st.integers(0, 7))
@@ -104,8 +105,8 @@ def test_a_damaged_line_means_nothing(tmp_path_factory, data):
 def test_the_last_line_counts(tmp_path):
     (tmp_path / "one.nc").write_bytes(b"x")
     for status in (Status.failed, Status.ok):
-        append_to_index(tmp_path / "index", tmp_path, "table", [("one", status, "code")])
-    assert read_index(tmp_path / "index")["one"].split()[-1].startswith("0:")
+        append_to_index(tmp_path / "index", tmp_path, "table", [Stored("one", status, "code")])
+    assert read_index(tmp_path / "index")["one"].split()[3] == "0"
 
 
 def test_ids_all_at_once_are_those_of_the_cases(tiny):

@@ -3,12 +3,14 @@
 import tracemalloc
 from dataclasses import replace
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
 
 from critflow.result import IntegrityError, Status
-from critflow.workflow import Axis, Study, Variable, merge
+from critflow.workflow import Axis, Study, Variable, merge, verify
+from critflow.workflow.folder import Folder
 from critflow.workflow.plan import select
 from critflow.workflow.schema import merge as merged
 from critflow.workflow.store import write_shard
@@ -65,6 +67,27 @@ def test_memory_holds_a_slab_and_not_the_dataset(tmp_path, monkeypatch):
     assert peak < 1_000_000  # the data have 3.2 million bytes
     with xr.open_dataset(tmp_path / "large.nc") as ds:
         np.testing.assert_array_equal(ds.field.values, np.repeat(np.arange(400.0), 1000).reshape(400, 1000))
+
+
+def test_verify_holds_a_slab_and_not_the_dataset(tmp_path, monkeypatch):
+    monkeypatch.setattr(merge, "SLAB_BYTES", 80_000)
+    monkeypatch.setattr(verify, "_IN_MEMORY", 0)
+    selection, folder = select(LARGE), Folder(tmp_path)
+    folder.shards.mkdir()
+    for one in selection.cases():
+        arrays = LARGE.computed(one.parameters, one.values)
+        write_shard(folder.shards, LARGE, one, Status(int(arrays.pop("status"))), arrays)
+    merge.write_dataset(selection, folder.shards, folder.dataset("large"), "")
+    monkeypatch.setattr(Folder, "selection", lambda folder: (None, selection))
+    assert verify.verify_folder(folder) == (400, [], False)
+    tracemalloc.start()
+    verify.verify_folder(folder)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2_500_000  # the data have 3.2 million bytes, and two million are read at a time for the seal
+    with netCDF4.Dataset(folder.dataset("large"), "a") as file:
+        file["field"][399, 999] = 0.0  # the last slab
+    assert verify.verify_folder(folder)[1][0].startswith(f"{folder.dataset('large')}: field is not what the shards")
 
 
 def test_a_size_that_differs_from_slab_to_slab_is_an_error(tmp_path, monkeypatch):

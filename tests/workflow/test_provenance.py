@@ -19,6 +19,7 @@ from critflow.workflow.folder import Folder
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
 from critflow.workflow.provenance import VOLATILE, code_version, source_tree
+from critflow.workflow.reasons import OTHER_TABLE
 from critflow.workflow.status import folder_status
 from critflow.workflow.store import shard_path
 
@@ -152,19 +153,58 @@ def test_status_says_why_a_case_is_computed_again(tmp_path, capsys, study):
     ("old", "new", "sentence"),
     [
         ("    check=check,", "    check=check, version=2,", "stored with version 1 of the study, now 2"),
-        ('"residual", ("population", "seed"), "f8"', '"residual", ("population", "seed"), "f4"', None),
+        ('"residual", ("population", "seed"), "f8"', '"residual", ("population", "seed"), "f4"', OTHER_TABLE[1]),
     ],
 )
 def test_status_says_that_the_study_changed(tmp_path, capsys, study, old, new, sentence):
     assert main(["run", str(study()), "--out", str(tmp_path / "out"), "--workers=0"]) == 0
     study(old, new)
     found = told(capsys, tmp_path / "out")
-    if sentence is None:  # another table: the shards are not what the study stores now
-        assert found.keys() == {"damaged"}
-        assert "its table is" in found["damaged"]["sentence"]
-    else:
-        assert [found[kind]["sentence"] for kind in found] == [sentence]
-        assert len(found["changed"]["cases"]) == 8
+    assert [found[kind]["sentence"] for kind in found] == [sentence]
+    assert len(found["changed"]["cases"]) == 8
+
+
+@pytest.mark.parametrize("index", [True, False])
+def test_a_changed_table_is_no_damage(tmp_path, capsys, study, stamps, index):
+    """Whether the index knows the shards or each is opened: they are told as changed, and computed again."""
+    out = tmp_path / "out"
+    run = ["run", str(study()), "--out", str(out), "--workers=0"]
+    assert main(run) == 0
+    before = stamps(out)
+    study('"residual", ("population", "seed"), "f8"', '"residual", ("population", "seed"), "f4"')
+    if not index:
+        Folder(out).index.unlink()
+    assert told(capsys, out).keys() == {"changed"}
+    assert main([*run, "--dry-run"]) == 0
+    assert "changed: seed 0, population random and 7 more: stored with another table" in capsys.readouterr().out
+    assert main(["verify", str(out)]) == 4
+    first, second, *_ = capsys.readouterr().err.splitlines()
+    assert "the table of the study changed since 8 of 8 cases were stored: run the study again" in first
+    assert "1 thing is wrong" in second
+    assert main(run) == 0
+    assert "damaged" not in capsys.readouterr().err
+    after = stamps(out)
+    assert after.keys() == before.keys() and not set(after.values()) & set(before.values())
+    assert told(capsys, out) == {}
+    assert main(["verify", str(out)]) == 0
+
+
+def test_status_loads_no_study_that_is_as_it_was(tmp_path, capsys, study, monkeypatch):
+    path = study("import time", "import time\nfrom ._beside import nothing")
+    beside = path.with_name("_beside.py")
+    beside.write_text("nothing = None")
+    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--workers=0", "--set=trouble=1-random"]) == 3
+    loaded: list[Path] = []
+    monkeypatch.setattr("critflow.workflow.folder.load_file", lambda file: loaded.append(file) or load_file(file))
+    assert told(capsys, tmp_path / "out").keys() == {"failed"}
+    assert loaded == []
+    beside.write_text("nothing = 0")  # the numbers may come from there
+    assert told(capsys, tmp_path / "out").keys() == {"failed", "other code"}
+    assert len(loaded) == 1
+    beside.write_text("nothing = None")
+    monkeypatch.setattr("critflow.workflow.folder.library_version", lambda: "critflow of tomorrow")
+    assert told(capsys, tmp_path / "out").keys() == {"failed"}
+    assert len(loaded) == 2
 
 
 def test_a_dry_run_says_what_was_stored_with_other_settings(tmp_path, capsys, run):
@@ -199,10 +239,12 @@ def test_status_reports_other_code_and_forces_nothing(tmp_path, capsys, study, s
 
 def test_of_each_code_one_stored_case_is_looked_at(tmp_path, run, monkeypatch):
     assert run(tmp_path) == 0
-    monkeypatch.setattr("critflow.workflow.status.code_version", lambda study: "of tomorrow")
+    now = Folder(tmp_path).noted()._replace(code="of tomorrow")
+    monkeypatch.setattr(Folder, "noted", lambda folder: now)
     looked: list[Path] = []
     monkeypatch.setattr(reasons, "read_code", lambda path: looked.append(path) or "of today")
-    (found,) = reasons.made_by_other_code(folder_status(Folder(tmp_path)), tmp_path / "shards")
+    status = folder_status(Folder(tmp_path))
+    (found,) = reasons.made_by_other_code(status.of_other_code, status.code, tmp_path / "shards")
     assert len(found.cases) == 8
     assert "computed by of today" in found.sentence
     assert len(looked) == 1

@@ -15,7 +15,7 @@ from critflow.workflow import store
 from critflow.workflow.folder import Folder, _note_text
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
-from critflow.workflow.provenance import shard_attributes
+from critflow.workflow.provenance import code_version, shard_attributes
 
 PLAIN = Path(__file__).with_name("plain_study.py")
 STUDY = load_file(PLAIN).study
@@ -71,7 +71,7 @@ SHARDS = {
 def test_a_strange_shard_is_refused(tmp_path, kind):
     make, reason = SHARDS[kind]
     make(store.shard_path(tmp_path, CASE))
-    for read in (store.read_shard, lambda *asked: store.read_status(*asked, verify=True)):
+    for read in (store.read_shard, lambda *asked: store.read_ending(*asked, verify=True)):
         with pytest.raises(IntegrityError, match=reason):
             read(tmp_path, STUDY, CASE)
 
@@ -165,6 +165,12 @@ NOTES = {
     "names of numbers": {"study": 7},
     "a path cut short": {"file": "plain_study.py\0.txt"},
     "variables without names": {"variables": [None]},
+    "a word for a version": {"study_version": "1"},
+    "code of numbers": {"code": 7},
+    "a table of numbers": {"table": 7},
+    "files without digests": {"files": {"plain_study.py": None}},
+    "a file cut short": {"files": {"plain_study.py\0": ""}},
+    "files without names": {"files": [["plain_study.py"]]},
 }
 
 
@@ -174,10 +180,14 @@ def test_a_strange_note_is_refused(tmp_path, kind):
     right = {
         "schema_version": store.SCHEMA_VERSION,
         "study": "plain",
+        "study_version": 1,
         "file": os.path.relpath(PLAIN, tmp_path),
         "axes": {"seed": [0, 1]},
         "parameters": dict(STUDY.parameters),
         "variables": [],
+        "table": STUDY.table_digest,
+        "code": code_version(STUDY),
+        "files": loaded.files,
     }
     folder.note.write_text(_note_text(right))
     assert folder.selection()[0].path.samefile(loaded.path)
