@@ -102,7 +102,9 @@ def _jobs_client(cluster: Cluster, limits: Limits, shared: Path) -> Iterator[Cli
         jobs = _jobs_begun(cluster, limits, security)
         try:
             jobs.scale(jobs=cluster.jobs)
-            with Client(jobs, set_as_default=False) as client:
+            with _interrupts_held_back():
+                client = Client(jobs, set_as_default=False)
+            with client:
                 yield client
         finally:
             jobs.close(timeout=10)
@@ -168,7 +170,9 @@ def _local_client(workers: int, limits: Limits) -> Iterator[Client]:
         with dask.config.set(_DASK | limits.dask_config()):
             cluster = _local_cluster(workers, limits)
             try:
-                with Client(cluster, set_as_default=False) as client:
+                with _interrupts_held_back():  # thrown away half made, a client complains with a traceback
+                    client = Client(cluster, set_as_default=False)
+                with client:
                     yield client
             except BaseException:
                 _kill_workers(cluster)

@@ -15,6 +15,8 @@ from hashlib import sha256
 from pathlib import Path
 from zlib import crc32
 
+from critflow.workflow.store import set_aside_folder
+
 
 def read_index(path: Path) -> dict[str, str]:
     """What the last good line of every case says, for `indexed`."""
@@ -68,6 +70,7 @@ def append_to_index(path: Path, shards: Path, table: str, stored: Iterable[tuple
         lines.append(b"%s %08x\n" % (body, crc32(body)))
     if not lines:
         return
+    set_aside_folder(path)
     with open(path, "ab") as file:
         file.write(b"\n" + b"".join(lines))
 

@@ -11,6 +11,7 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
+from critflow.workflow import faults
 from critflow.workflow.plan import Selection
 from critflow.workflow.provenance import Origins, written_at
 from critflow.workflow.schema import Table, told, variable_attributes
@@ -29,6 +30,7 @@ def write_dataset(selection: Selection, shards: Path, path: Path, command: str) 
         with netCDF4.Dataset(partial, "a") as file:
             file.set_fill_off()  # every element is written below
             _declare(file, whole)
+            faults.passing("merge.declared")
             file.setncatts(told(_write_slabs(file, whole, shards).attributes()))
         with xr.open_dataset(partial, engine="netcdf4") as written:
             if not dict(written.sizes).items() >= whole.sizes.items():
@@ -76,6 +78,7 @@ def _write_slabs(file: netCDF4.Dataset, whole: Table, shards: Path) -> Origins:
         for variable in apart:
             place = tuple(rows if dim == longest else slice(None) for dim in variable.dims)
             file[variable.name][place] = table.array(variable)
+        faults.passing("merge.slab")
     for variable in shared:
         file[variable.name][...] = table.array(variable)
     return origins
