@@ -14,7 +14,7 @@ import xarray as xr
 from critflow.cli import main
 from critflow.result import IntegrityError
 from critflow.workflow import store
-from critflow.workflow.folder import Folder
+from critflow.workflow.folder import Folder, _note_text
 from critflow.workflow.index import read_index
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
@@ -70,7 +70,8 @@ def of_schema(version):
     def damage(path):
         if path.suffix == ".json":
             note = json.loads(path.read_text())
-            path.write_text(path.read_text().replace(f'"schema_version": {note["schema_version"]}', f'"x": {version}'))
+            del note["sha256"]
+            path.write_text(_note_text(note | {"schema_version": version}))
             return
         resealed(lambda file: file.setncattr("schema_version", version))(path)
 

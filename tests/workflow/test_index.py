@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from critflow.result import Status
+from critflow.workflow import run as engine
 from critflow.workflow import status as looking
 from critflow.workflow.folder import Folder
 from critflow.workflow.index import append_to_index, read_index
@@ -59,6 +60,13 @@ def test_without_an_index_every_shard_is_opened_and_the_next_run_writes_it_anew(
     assert run(folder.path, "trouble=1-random") == 3
     del opened[:]
     assert folder_status(folder).total == {"done": 7, "failed": 1}
+    assert opened == []
+
+
+def test_a_run_that_was_stopped_leaves_an_index_of_what_it_stored(tmp_path, run, opened, monkeypatch):
+    monkeypatch.setattr(engine, "write_dataset", lambda *_: 1 / 0)
+    assert run(tmp_path, "trouble=1-random") == 1
+    assert folder_status(Folder(tmp_path)).total == {"done": 7, "failed": 1}
     assert opened == []
 
 

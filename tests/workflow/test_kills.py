@@ -1,5 +1,6 @@
 """Kill anything at any moment and run again: the data are those of a run that nobody disturbed."""
 
+import itertools
 import os
 import random
 import signal
@@ -85,6 +86,13 @@ def test_an_error_of_the_disk_at_any_point_and_run_again(tmp_path, assert_resume
     assert ended(begun(folder, fault=f"{point} raise")) == 6
     assert "Traceback" not in (tmp_path / "out.err").read_text()
     assert_resumed(folder, golden)
+
+
+def test_the_log_tells_all_but_the_batch_that_was_killed(tmp_path):
+    folder = tmp_path / "out"
+    assert ended(begun(folder, fault="run.logged kill 3")) == -signal.SIGKILL
+    told = [line.split()[0] for line in (folder / "run.log").read_text().splitlines() if not line.startswith("#")]
+    assert told == [case.id for batch in itertools.islice(select(load_file(BARE).study).batches(), 2) for case in batch]
 
 
 def test_every_nth_shard(tmp_path, assert_resumed, golden):
