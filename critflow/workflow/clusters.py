@@ -90,16 +90,32 @@ def _remote_client(cluster: Cluster) -> Iterator[Client]:
     security = None
     if cluster.tls:
         security = Security(require_encryption=True, **{files[key]: path for key, path in cluster.tls.items()})
-    try:
-        client = Client(cluster.address, timeout=_WAIT_FOR_SCHEDULER, security=security, set_as_default=False)
-    except TypeError as error:  # of distributed, for tls:// where neither profile nor dask's settings have certificates
-        sentence = f"{cluster.address} needs certificates: name ca_file, cert and key in a profile"
-        raise InputError(sentence) from error
-    except (OSError, ValueError) as error:
-        sentence = f"no scheduler answers at {cluster.address}: start one, or name another cluster"
-        raise EnvironmentFailure(sentence) from error
-    with client:
+
+    def join() -> Client:
+        try:
+            return Client(cluster.address, timeout=_WAIT_FOR_SCHEDULER, security=security, set_as_default=False)
+        except TypeError as error:  # for tls:// where neither the profile nor dask's settings have certificates
+            sentence = f"{cluster.address} needs certificates: name ca_file, cert and key in a profile"
+            raise InputError(sentence) from error
+        except (OSError, ValueError) as error:
+            sentence = f"no scheduler answers at {cluster.address}: start one, or name another cluster"
+            raise EnvironmentFailure(sentence) from error
+
+    with _joined(join) as client:
         yield client
+
+
+@contextmanager
+def _joined(join: Callable[[], Client]) -> Iterator[Client]:
+    """A client that is closed whenever it was made: one left open holds up the end of the interpreter for a minute."""
+    client = None
+    try:
+        with _interrupts_held_back():
+            client = join()
+        yield client
+    finally:
+        if client is not None:
+            client.close()
 
 
 @contextmanager
@@ -114,7 +130,7 @@ def _jobs_client(
         dask_jobs = _jobs_begun(cluster, options, keys)
         try:
             jobs = Jobs(dask_jobs, cluster, keys, None if cluster.system == "local" else logs, stopped)
-            with Client(dask_jobs, set_as_default=False) as client:
+            with _joined(lambda: Client(dask_jobs, set_as_default=False)) as client:
                 yield client, jobs
         finally:
             dask_jobs.close(timeout=10)
@@ -191,7 +207,7 @@ def _local_client(workers: int, limits: Limits) -> Iterator[Client]:
         with dask.config.set(_DASK | limits.dask_config()):
             cluster = _local_cluster(workers, limits)
             try:
-                with Client(cluster, set_as_default=False) as client:
+                with _joined(lambda: Client(cluster, set_as_default=False)) as client:
                     yield client
             except BaseException:
                 _kill_workers(cluster)

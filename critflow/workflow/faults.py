@@ -26,6 +26,8 @@ POINTS = (
     "store.synced",  # the disk has them, beside the place of the file
     "store.replaced",  # in its place, which the disk may not know
     "store.done",
+    "merge.declared",  # the dataset has its head and no data
+    "merge.slab",  # a slab of them is written
     "case.begun",
     "case.computed",
     "case.stored",

@@ -71,7 +71,7 @@ class Folder:
         self.refuse_other(loaded)
         try:
             self.shards.mkdir(parents=True, exist_ok=True)
-            lock = open(self.path / ".lock", "ab+", buffering=0)
+            lock = open(self.path / ".lock", "ab+", buffering=0, opener=_not_for_others)
         except OSError as error:
             reason = f"{error.strerror}: choose another folder with --out"
             raise EnvironmentFailure(f"cannot write in {self.path}: {reason}") from error
@@ -185,6 +185,11 @@ class Folder:
             raise EnvironmentFailure(f"cannot read {self.note}: {error.strerror}: mend that and run again") from error
         except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
             raise IntegrityError(f"{self.note} is not readable: {error}: {_ANEW}") from error
+
+
+def _not_for_others(path: str, flags: int) -> int:
+    """Open the lock: whoever may read it may hold it, and keep its owner out for ever."""
+    return os.open(path, flags, 0o660)
 
 
 def _note_text(note: dict[str, Any]) -> str:

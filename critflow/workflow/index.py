@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import NamedTuple
 from zlib import crc32
 
+from critflow.workflow.store import set_aside_folder
+
 _LONGEST = 300  # letters of why a case failed
 _CHECK = 9  # letters of a checksum, with the blank before it
 
@@ -98,6 +100,7 @@ def append_to_index(path: Path, shards: Path, table: str, stored: Iterable[Store
         lines.append(b"%s %08x\n" % (body, crc32(body)))
     if not lines:
         return
+    set_aside_folder(path)
     with open(path, "ab") as file:
         file.write(b"\n" + b"".join(lines))
 

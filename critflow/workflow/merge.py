@@ -14,6 +14,7 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
+from critflow.workflow import faults
 from critflow.workflow.plan import Selection
 from critflow.workflow.provenance import Origins, written_at
 from critflow.workflow.schema import Reader, Table, told, variable_attributes
@@ -34,6 +35,7 @@ def write_dataset(selection: Selection, shards: Path, path: Path, command: str) 
         with netCDF4.Dataset(beside, "a") as file:
             file.set_fill_off()  # every element is written below
             _declare(file, whole)
+            faults.passing("merge.declared")
             for variable, place, array in merged(whole, read, origins):
                 file[variable.name][place] = array
             file.setncatts(told(origins.attributes()))
@@ -85,6 +87,7 @@ def merged(whole: Table, read: Reader, origins: Origins) -> Iterator[tuple[Varia
         for variable in apart:
             place = tuple(rows if dim == longest else slice(None) for dim in variable.dims)
             yield variable, place, table.array(variable)
+        faults.passing("merge.slab")
     for variable in shared:
         yield variable, ..., table.array(variable)
 

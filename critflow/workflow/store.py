@@ -78,8 +78,7 @@ def written_beside(path: Path) -> Iterator[Path]:
         with open(partial, "rb+") as file:
             os.fsync(file.fileno())
         faults.passing("store.synced", path.name)
-        if path.is_dir():  # not ours to delete
-            path.rename(path.with_name(f"{path.name}.{uuid4().hex[:12]}.set-aside"))
+        set_aside_folder(path)
         os.replace(partial, path)
         faults.passing("store.replaced", path.name)
         _sync_folder(path.parent)
@@ -91,6 +90,12 @@ def written_beside(path: Path) -> Iterator[Path]:
         ) from error
     finally:
         partial.unlink(missing_ok=True)
+
+
+def set_aside_folder(path: Path) -> None:
+    """Make room where a file goes; a folder that stands there is not ours to delete."""
+    if path.is_dir():
+        path.rename(path.with_name(f"{path.name}.{uuid4().hex[:12]}.set-aside"))
 
 
 def write_text(path: Path, text: str) -> None:

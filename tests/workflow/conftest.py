@@ -11,6 +11,7 @@ from critflow.cli import main
 from critflow.workflow.load import load_file
 
 TINY = Path(__file__).with_name("tiny_study.py")
+COMMAND = "import sys; from critflow.cli import main; sys.exit(main())"
 
 
 @pytest.fixture
@@ -34,8 +35,7 @@ def start():
     """`start(folder, *settings)` starts the same as a command with a process group of its own."""
     started = []
 
-    def start_tiny(folder, *settings, workers=0, **options):
-        code = "import sys; from critflow.cli import main; sys.exit(main())"
+    def start_tiny(folder, *settings, workers=0, code=COMMAND, **options):
         words = [sys.executable, "-c", code, *_words(folder, settings, workers, ())]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
         started.append(subprocess.Popen(words, **(pipes | options)))
@@ -51,11 +51,15 @@ def _words(folder, settings, workers, more):
     return ["run", str(TINY), "--out", str(folder), "--workers", str(workers), *(f"--set={s}" for s in settings), *more]
 
 
+# The one volatile attribute, and what says how the tree stood that the tests run in, which may change meanwhile.
+_LEFT_OUT = {"history", "commit", "commit_dirty"}
+
+
 def contents_of(path):
-    """All that a netCDF file says but its history: dimensions, attributes, dtypes and bytes."""
+    """All that a netCDF file says of its data and how they were made: dimensions, attributes, dtypes and bytes."""
     with netCDF4.Dataset(path) as file:
         file.set_auto_maskandscale(False)
-        attributes = {name: repr(file.getncattr(name)) for name in file.ncattrs() if name != "history"}
+        attributes = {name: repr(file.getncattr(name)) for name in file.ncattrs() if name not in _LEFT_OUT}
         variables = {
             name: (
                 str(variable.dtype),

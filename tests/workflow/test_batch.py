@@ -3,6 +3,7 @@
 import pytest
 
 from critflow.result import Status, StudyError
+from critflow.workflow import batch
 from critflow.workflow.batch import Job, Outcome, run_batch, stop
 from critflow.workflow.plan import select
 
@@ -45,3 +46,17 @@ def test_a_study_that_changed_under_way_is_refused(job):
     changed = Job(job.run + "!", job.study_path, "0" * 64, job.shards, job.parameters)
     with pytest.raises(StudyError, match="changed while it ran"):
         run_batch(changed, BATCH)
+
+
+def test_a_case_that_cannot_be_stored_has_failed_and_keeps_no_other_back(tiny, job, monkeypatch):
+    real = batch.write_shard
+
+    def without_room(folder, study, case, status, *arrays):
+        if case.values["population"] == "random" and status is not Status.failed:
+            raise MemoryError("no room for it")
+        return real(folder, study, case, status, *arrays)
+
+    monkeypatch.setattr(batch, "write_shard", without_room)
+    first, second = (Outcome(*outcome) for outcome in run_batch(job, BATCH))
+    assert (first.status, first.error) == (Status.failed, "MemoryError: no room for it")
+    assert second.status == Status.floppy

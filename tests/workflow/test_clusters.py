@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -17,8 +18,10 @@ from distributed.security import Security
 
 from critflow.cli import main
 from critflow.workflow import jobs
-from critflow.workflow.clusters import NO_DASHBOARD, _credentials, job_options, jobs_class
-from critflow.workflow.profiles import read_profile
+from critflow.workflow.clusters import NO_DASHBOARD, _credentials, client_of, job_options, jobs_class
+from critflow.workflow.errors import Interrupted
+from critflow.workflow.limits import Limits
+from critflow.workflow.profiles import Cluster, read_profile
 
 ALGEBRA = Path(__file__).with_name("algebra_study.py")
 NUMBERS = ("product", "solution", "eigenvalues", "status")
@@ -89,7 +92,10 @@ def test_without_workers_a_scheduler_is_no_cluster(tmp_path, capsys):
         (tmp_path / "profiles.toml").write_text(text)
         words = ("--profile", "empty", "--profiles", str(tmp_path / "profiles.toml"), "--insecure")
         assert run(tmp_path / "out", *words) == 6
-    assert "start some" in capsys.readouterr().err
+        assert "start some" in capsys.readouterr().err
+        elsewhere = Cluster("scheduler", address=cluster.scheduler_address, wait=1000)
+        with pytest.raises(Interrupted), client_of(elsewhere, 0, Limits(), tmp_path, lambda: True):
+            pass
 
 
 @pytest.mark.parametrize(("failures", "code"), [(1, 0), (2, 6)])
@@ -145,7 +151,8 @@ def test_a_worker_that_would_compute_something_else_is_refused(tmp_path, capsys,
 def trial(tmp_path):
     """`trial(*words)` runs on jobs that are processes of this machine, as a command with a session of its own.
 
-    dask-jobqueue's local jobs leave files and processes to the end of their interpreter.
+    It gives what was said, and the addresses at which anything of it listened.  dask-jobqueue's local jobs leave files
+    and processes to the end of their interpreter.
     """
     file = tmp_path / "profiles.toml"
     file.write_text('[trial]\nsystem = "local"\njobs = 2\nworkers = 1\nmemory = "2GB"\nwait = 60')
@@ -156,26 +163,41 @@ def trial(tmp_path):
         known = ["run", str(ALGEBRA), "--out", str(tmp_path / "out"), "--profile", "trial", "--profiles", str(file)]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
         started.append(subprocess.Popen([sys.executable, "-c", code, *known, *words], **pipes))
-        if interrupted:
-            while not list(tmp_path.glob("out/shards/*.nc")):
-                time.sleep(0.01)
-            started[-1].send_signal(signal.SIGINT)
-        _, err = started[-1].communicate(timeout=100)
-        assert started[-1].returncode == (130 if interrupted else 0), err
-        return err
+        heard, expected = set(), 130 if interrupted else 0
+        while started[-1].poll() is None:
+            if interrupted and list(tmp_path.glob("out/shards/*.nc")):
+                started[-1].send_signal(signal.SIGINT)
+                interrupted = False
+            heard |= listening(family(started[-1].pid))
+            time.sleep(0.3)
+        _, err = started[-1].communicate(timeout=10)
+        assert started[-1].returncode == expected, err
+        return err, heard
 
     yield command
     for process in started:
         process.kill()
-        family = [one for one in psutil.process_iter() if session(one) == process.pid]
-        assert psutil.wait_procs(family, timeout=10)[1] == []  # no job outlives the command
+        assert psutil.wait_procs(family(process.pid), timeout=10)[1] == []  # no job outlives the command
 
 
-def session(process):
-    try:
-        return os.getsid(process.pid)
-    except ProcessLookupError:
-        return None
+def family(leader):
+    """All processes of a session."""
+
+    def session(process):
+        try:
+            return os.getsid(process.pid)
+        except ProcessLookupError:
+            return None
+
+    return [one for one in psutil.process_iter() if session(one) == leader]
+
+
+def listening(processes):
+    found = set()
+    for process in processes:
+        with suppress(psutil.Error):  # it has gone
+            found |= {end.laddr.ip for end in process.net_connections("inet") if end.status == psutil.CONN_LISTEN}
+    return found
 
 
 def test_jobs_of_a_batch_system_give_the_same_bits_though_a_worker_dies(tmp_path, right, trial):
@@ -186,7 +208,9 @@ def test_jobs_of_a_batch_system_give_the_same_bits_though_a_worker_dies(tmp_path
         for part in ("left", "right"):
             (once / f"{seed}-{part}").touch()
     (once / "0-left").unlink()
-    assert "2 × 1 workers of local profile 'trial'" in trial("--set", f"once={once}")
+    err, heard = trial("--set", f"once={once}")
+    assert "2 × 1 workers of local profile 'trial'" in err
+    assert heard == {"127.0.0.1"}
     assert (once / "0-left").exists()
     assert bits(tmp_path / "out") == right
     assert not list(tmp_path.rglob(".keys*"))  # none is left behind
@@ -194,8 +218,16 @@ def test_jobs_of_a_batch_system_give_the_same_bits_though_a_worker_dies(tmp_path
 
 def test_ctrl_c_lets_jobs_finish_what_runs(tmp_path, trial):
     """In a process of its own, where dask-jobqueue is imported for the first time."""
-    assert "interrupted with" in trial("--set", "pause=0.5", interrupted=True)
+    assert "interrupted with" in trial("--set", "pause=0.5", interrupted=True)[0]
     assert not list(tmp_path.rglob(".keys*"))
+
+
+def test_a_library_that_is_not_there_is_told(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask_jobqueue.local", None)
+    file = tmp_path / "profiles.toml"
+    file.write_text('[trial]\nsystem = "local"\nworkers = 1\nmemory = "1GB"')
+    assert run(tmp_path / "out", "--profile", "trial", "--profiles", str(file)) == 6
+    assert "pip install 'critflow[cluster]'" in capsys.readouterr().err
 
 
 def test_a_bad_job_is_told_and_not_submitted(tmp_path, capsys):
@@ -208,7 +240,6 @@ def test_a_bad_job_is_told_and_not_submitted(tmp_path, capsys):
 @pytest.fixture
 def slurm(tmp_path, monkeypatch):
     """`slurm(lines)` runs on two jobs of a SLURM that is played by two commands; `slurm.jobs()` are the submitted."""
-    pytest.importorskip("dask_jobqueue", reason="batch systems need the extra `cluster`")
     begun, loopback = tmp_path / "begun", interface_of("127.0.0.1")
     begun.touch()
     script = f"""case $0 in
@@ -244,10 +275,10 @@ def interface_of(address):
 
 def end(job):
     """All processes of a job, in the way of a machine that goes away."""
-    family = [one for one in psutil.process_iter() if session(one) == job]
-    for process in family:
+    processes = family(job)
+    for process in processes:
         process.kill()
-    psutil.wait_procs(family, timeout=10)
+    psutil.wait_procs(processes, timeout=10)
 
 
 def test_jobs_that_end_are_submitted_again(tmp_path, right, slurm):
@@ -289,8 +320,8 @@ def test_a_machine_without_the_batch_system_is_named(slurm, monkeypatch, capsys)
 
 SYSTEMS = {
     "slurm": (
-        'queue = "short"\nwalltime = "01:00:00"',
-        ("#SBATCH -p short", "#SBATCH -t 01:00:00", "/logs/critflow-%J.out"),
+        'queue = "short"\nwalltime = "01:00:00"\njob_script_prologue = ["module load all"]',
+        ("#SBATCH -p short", "#SBATCH -t 01:00:00", "module load all", "--no-dashboard", "/logs/critflow-%J.out"),
     ),
     "pbs": ('queue = "short"\nresource_spec = "select=1"', ("#PBS -q short", "#PBS -l select=1")),
     "htcondor": (
@@ -306,7 +337,9 @@ def test_the_job_script_of_a_batch_system_says_what_its_profile_says(tmp_path, s
     keys, lines = SYSTEMS[system]
     file = tmp_path / "profiles.toml"
     file.write_text(f'[hall]\nsystem = "{system}"\njobs = 2\nworkers = 3\nmemory = "6GB"\n{keys}')
+    (tmp_path / ".keys-left").mkdir()  # of a run that was killed
     with _credentials(tmp_path) as (security, _):
+        assert not (tmp_path / ".keys-left").exists()
         options = job_options(read_profile("hall", file), security, {}, tmp_path / "logs")
         script = jobs_class(system).job_cls("tls://head:1", "hall", **options).job_script()
         files = list(tmp_path.glob(".keys-*/*"))

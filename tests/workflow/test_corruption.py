@@ -1,8 +1,10 @@
 """No damaged, foreign or hostile file is believed: `verify` names it, and `run` computes or writes exactly it anew."""
 
 import json
+import os
 import shutil
 from pathlib import Path
+from zlib import crc32
 
 import netCDF4
 import numpy as np
@@ -12,9 +14,11 @@ import xarray as xr
 from critflow.cli import main
 from critflow.result import IntegrityError
 from critflow.workflow import store
-from critflow.workflow.folder import Folder
+from critflow.workflow.folder import Folder, _note_text
+from critflow.workflow.index import read_index
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
+from critflow.workflow.status import folder_status
 from critflow.workflow.store import SCHEMA_VERSION, append_seal, shard_path
 
 PLAIN = Path(__file__).with_name("plain_study.py")
@@ -66,7 +70,8 @@ def of_schema(version):
     def damage(path):
         if path.suffix == ".json":
             note = json.loads(path.read_text())
-            path.write_text(path.read_text().replace(f'"schema_version": {note["schema_version"]}', f'"x": {version}'))
+            del note["sha256"]
+            path.write_text(_note_text(note | {"schema_version": version}))
             return
         resealed(lambda file: file.setncattr("schema_version", version))(path)
 
@@ -179,6 +184,43 @@ def test_a_damaged_file_is_named_and_made_anew(out, stamps, named, mended, kind,
     KINDS[kind][damage](path)
     named(out, path)
     mended(out, {name: stamp for name, stamp in before.items() if name != path.name}, path)
+    assert damage != "folder" or len(list(out.rglob("precious"))) == 1
+
+
+def swapped(path):
+    """Two lines tell each other's cases, with their own checksums: as in the index of another folder."""
+    entries = sorted(read_index(path).items())
+    bodies = [f"{case_id} {entry}" for (case_id, _), (_, entry) in zip(entries, entries[1:] + entries[:1], strict=True)]
+    path.write_bytes(b"".join(b"%s %08x\n" % (body.encode(), crc32(body.encode())) for body in bodies))
+
+
+def of_other_lines(path):
+    """As an older or a newer release might write them: with a good checksum, and a field more."""
+    bodies = [f"{case_id} v2 {entry}" for case_id, entry in read_index(path).items()]
+    path.write_bytes(b"".join(b"%s %08x\n" % (body.encode(), crc32(body.encode())) for body in bodies))
+
+
+INDEX = {name: damage for name, damage in COMMON.items() if name not in ("older", "newer")} | {
+    "attribute": flip(0.3),
+    "another": swapped,
+    "another layout": of_other_lines,
+    "deleted": os.unlink,
+}
+
+
+@pytest.mark.parametrize("damage", INDEX)
+def test_a_damaged_index_is_not_believed_and_made_good(out, mended, stamps, capsys, damage):
+    """It only makes counting fast: nothing is wrong with the folder, and the next run writes what is missing of it."""
+    (out / "shards" / CASES[0].id).with_suffix(".nc").unlink()
+    before = stamps(out)
+    INDEX[damage](out / "shards.index")
+    assert folder_status(Folder(out)).total == {"done": 3, "missing": 1}
+    assert main(["verify", str(out)]) == 4  # the dataset holds a case more than the shards
+    assert "shards.index" not in capsys.readouterr().err
+    mended(out, before, shard_path(out / "shards", CASES[0]))
+    found = folder_status(Folder(out))
+    assert found.total == {"done": 4}
+    assert found.read == []  # the index knows all
     assert damage != "folder" or len(list(out.rglob("precious"))) == 1
 
 

@@ -282,7 +282,32 @@ def test_a_file_system_without_locks_is_told(tmp_path, monkeypatch, capsys):
 def test_files_of_others_are_left_alone(tmp_path):
     """Only where a run writes are the half files of a killed one looked for."""
     other = tmp_path / "download" / ".song.partial"
-    other.parent.mkdir()
-    other.touch()
+    ours = [tmp_path / folder / ".left.partial" for folder in (".", "shards", "figures")]
+    for path in (other, *ours):
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
     with Folder(tmp_path).held(LOADED, SELECTION):
         assert other.exists()
+        assert not any(path.exists() for path in ours)
+
+
+def test_no_other_user_can_hold_the_folder(tmp_path):
+    """A lock needs no more than to read the file, and one held by a stranger would keep its owner out for ever."""
+    with Folder(tmp_path).held(LOADED, SELECTION):
+        assert (tmp_path / ".lock").stat().st_mode & 0o007 == 0
+
+
+def test_a_note_that_the_machine_does_not_give_is_not_called_damaged(tmp_path, monkeypatch, capsys):
+    assert main(["run", str(PLAIN), "--out", str(tmp_path), "--workers", "0"]) == 0
+    real = Path.read_text
+
+    def refusing(path, **options):
+        if path.name == "study.json":
+            raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
+        return real(path, **options)
+
+    monkeypatch.setattr(Path, "read_text", refusing)
+    for words in (["run", str(PLAIN), "--out", str(tmp_path), "--workers", "0"], ["status", str(tmp_path)]):
+        capsys.readouterr()
+        assert main(words) == 6
+        assert "study.json: Input/output error: mend that and run again" in capsys.readouterr().err

@@ -19,6 +19,7 @@ pytestmark = pytest.mark.timeout(120)
 
 FILES = ("study.json", "seed1-*", "bare.nc", "claims.md")
 STORE = [f"{point}@{file}" for point in faults.POINTS if point.startswith("store.") for file in FILES]
+STORED = [place for place in STORE if place.endswith(("seed1-*", "bare.nc"))]
 ENGINE = [point for point in faults.POINTS if not point.startswith("store.")]
 
 
@@ -70,20 +71,28 @@ def test_killed_at_any_point_and_run_again(tmp_path, assert_resumed, golden, poi
     assert_resumed(folder, golden)
 
 
-@pytest.mark.parametrize("point", ["store.half@seed2-*", "store.synced@bare.nc", *ENGINE])
+@pytest.mark.parametrize("point", [*STORED, *ENGINE])
 def test_asked_to_stop_at_any_point_and_run_again(tmp_path, assert_resumed, golden, point):
     """While cases are computed the run stops in good order; elsewhere it just ends."""
     folder = tmp_path / "out"
-    assert ended(begun(folder, fault=f"{point} term")) in (130, -signal.SIGTERM, 0)
+    computing = point.endswith("@seed1-*") or point.startswith(("case.", "batch.", "run.logged"))
+    assert ended(begun(folder, fault=f"{point} term")) == (130 if computing else -signal.SIGTERM)
     assert_resumed(folder, golden)
 
 
-@pytest.mark.parametrize("point", [*(p for p in STORE if p.endswith(("seed1-*", "bare.nc"))), "run.planned"])
+@pytest.mark.parametrize("point", [*STORED, "merge.slab", "run.planned"])
 def test_an_error_of_the_disk_at_any_point_and_run_again(tmp_path, assert_resumed, golden, point):
     folder = tmp_path / "out"
     assert ended(begun(folder, fault=f"{point} raise")) == 6
     assert "Traceback" not in (tmp_path / "out.err").read_text()
     assert_resumed(folder, golden)
+
+
+def test_the_log_tells_all_but_the_batch_that_was_killed(tmp_path):
+    folder = tmp_path / "out"
+    assert ended(begun(folder, fault="run.logged kill 3")) == -signal.SIGKILL
+    told = [line.split()[0] for line in (folder / "run.log").read_text().splitlines() if not line.startswith("#")]
+    assert told == [case.id for batch in itertools.islice(select(load_file(BARE).study).batches(), 2) for case in batch]
 
 
 def test_every_nth_shard(tmp_path, assert_resumed, golden):
@@ -107,14 +116,13 @@ def test_killed_at_a_random_time_and_run_again(tmp_path, assert_resumed, request
     assert_resumed(folder, golden, SLOWER)
 
 
-def test_workers_killed_at_every_point_cost_nothing(tmp_path, golden, contents):
+@pytest.mark.parametrize("kind", ["kill", "term"])
+def test_workers_killed_at_every_point_cost_nothing(tmp_path, golden, contents, kind):
     """Each point ends a worker once, on a case of its own; the same run brings everything to its end."""
     points = [point for point in faults.POINTS if point.startswith(("store.", "case.", "batch."))]
-    points.remove("case.stored")  # a moment later than store.done
     cases = [f"{case.id}*" for case in select(load_file(BARE).study).cases()]
-    places = zip(points, [*cases, "*"], strict=True)
-    kinds = itertools.cycle(["kill", "term"])
-    armed = [f"{point}@{about} {next(kinds)} 1 {tmp_path}/{point}" for point, about in places]
+    places = zip(points, [*cases, cases[0], "*"], strict=True)  # one case more would be set aside in its third death
+    armed = [f"{point}@{about} {kind} 1 {tmp_path}/{point}" for point, about in places]
     process = begun(tmp_path / "out", fault=";".join(armed), more=("--workers=2",))
     assert ended(process, 100.0) == 0, (tmp_path / "out.err").read_text()
     assert {path.name for path in tmp_path.iterdir()} == {*points, "out", "out.err"}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow.result import IntegrityError, Status
+from critflow.result import EnvironmentFailure, IntegrityError, Status
 from critflow.workflow import Axis, Study, Variable, merge, verify
 from critflow.workflow.folder import Folder
 from critflow.workflow.plan import select
@@ -99,3 +99,11 @@ def test_a_size_that_differs_from_slab_to_slab_is_an_error(tmp_path, monkeypatch
         write_shard(tmp_path, study, one, Status(int(arrays.pop("status"))), arrays)
     with pytest.raises(IntegrityError, match="'point'"):
         merge.write_dataset(selection, tmp_path, tmp_path / "large.nc", "")
+
+
+def test_a_dataset_that_does_not_read_back_takes_no_place(tmp_path, monkeypatch):
+    selection = select(LARGE, ["numbers=0"])
+    monkeypatch.setattr(merge.xr, "open_dataset", lambda *_, **__: xr.Dataset())
+    with pytest.raises(EnvironmentFailure, match="read back"):
+        merge.write_dataset(selection, tmp_path, tmp_path / "large.nc", "")
+    assert list(tmp_path.iterdir()) == []

@@ -57,6 +57,7 @@ def assert_only_the_bad_ones_failed(folder, kinds):
         case = select(study, [f"kinds={kind}"]).case(kind=kind, seed=1)
         error = read_shard(folder / "shards", study, case).error
         assert reason in error
+        assert len(error) < 21_000
         assert error in told
 
 

@@ -27,6 +27,7 @@ def test_a_batch_system_gets_its_keys(profiles):
     cluster = read_profile("hall", file)
     assert (cluster.jobs, cluster.workers) == (4, 32)
     assert cluster.options == {"memory": "64GB", "queue": "short"}
+    assert cluster.wait == 3600  # a queue may be long
     assert str(cluster) == "4 × 32 workers of slurm profile 'hall'"
 
 
@@ -36,6 +37,14 @@ def test_certificates_stand_beside_the_profiles(profiles, tmp_path):
         (tmp_path / name).touch()
     cluster = choose_cluster(None, "campus", profiles(f'[campus]\nsystem = "scheduler"\n{lines}'), False)
     assert cluster.tls == {"ca_file": f"{tmp_path}/ca.pem", "cert": f"{tmp_path}/me.pem", "key": f"{tmp_path}/me.key"}
+
+
+def test_certificates_for_a_plain_address_are_refused(profiles, tmp_path):
+    """With the flag too: who has certificates means to use them."""
+    (tmp_path / "x").touch()
+    lines = 'address = "tcp://head:8786"\nca_file = "x"\ncert = "x"\nkey = "x"'
+    with pytest.raises(InputError, match="write tls:// before it"):
+        choose_cluster(None, "campus", profiles(f'[campus]\nsystem = "scheduler"\n{lines}'), True)
 
 
 @pytest.mark.parametrize("name", ["slurm", "pbs", "htcondor", "campus", "trial"])
@@ -60,6 +69,9 @@ MISTAKES = {
     "true is no number": ('[hal]\nsystem = "slurm"\nworkers = true\nmemory = "1GB"', "whole number"),
     "nobody": ('[hal]\nsystem = "slurm"\nworkers = 0\nmemory = "1GB"', "above zero"),
     "not texts": ('[hal]\nsystem = "slurm"\nworkers = 1\nmemory = "1GB"\njob_extra_directives = [1]', "list of texts"),
+    "no text": ('[hal]\nsystem = "slurm"\nworkers = 1\nmemory = 3', "must be a text"),
+    "no address": ('[hal]\nsystem = "scheduler"\nwait = 3', "needs the key address"),
+    "nothing at all": ('[hal]\nsystem = "pbs"', "needs the keys workers, memory"),
     "needed": ('[hal]\nsystem = "htcondor"\nworkers = 1\nmemory = "1GB"', "needs the key disk"),
     "half a certificate": ('[hal]\nsystem = "scheduler"\naddress = "tls://a:1"\ncert = "x"', "needs all of"),
     "no certificate": (

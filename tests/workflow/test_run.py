@@ -19,7 +19,7 @@ import xarray as xr
 from distributed import LocalCluster
 
 from critflow.result import IntegrityError, Status
-from critflow.workflow.clusters import NO_DASHBOARD, ONE_THREAD, _local_client
+from critflow.workflow.clusters import NO_DASHBOARD, _local_client
 from critflow.workflow.folder import Folder
 from critflow.workflow.limits import Limits
 from critflow.workflow.plan import select
@@ -81,7 +81,9 @@ def test_local_workers_are_single_threaded_private_and_deaf_to_interrupts(monkey
         family = [psutil.Process(), *psutil.Process().children(recursive=True)]
         listening = [c.laddr.ip for p in family for c in p.net_connections() if c.status == psutil.CONN_LISTEN]
     assert not others
-    assert {environment[name] for name in ONE_THREAD} == {"1"}
+    libraries = ("OMP", "OPENBLAS", "MKL", "NUMEXPR")
+    assert {environment[f"{name}_NUM_THREADS"] for name in libraries} == {"1"}
+    assert environment["VECLIB_MAXIMUM_THREADS"] == "1"
     blocked = int(re.search(r"SigBlk:\s*(\w+)", process)[1], 16)
     assert blocked >> (signal.SIGINT - 1) & 1
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
@@ -158,6 +160,40 @@ def test_a_second_interrupt_stops_at_once(tmp_path, start, workers):
     assert "Traceback" not in err
     assert "critflow: stopped at once" in err
     assert psutil.wait_procs(family, timeout=10)[1] == []  # no worker outlives the command
+
+
+IMPATIENT = """
+import asyncio, os, signal, sys
+from distributed import Client
+from critflow.cli import main
+from critflow.workflow import clusters
+
+made, started = clusters._local_cluster, Client._start
+
+def first(*asked):
+    cluster = made(*asked)
+    signal.raise_signal(signal.SIGINT)
+    return cluster
+
+async def second(client, **options):
+    client.status = "connecting"
+    os.kill(os.getpid(), signal.SIGINT)
+    await asyncio.sleep(0.5)
+    return await started(client, **options)
+
+clusters._local_cluster, Client._start = first, second
+sys.exit(main())
+"""
+
+
+@pytest.mark.timeout(120)
+def test_a_second_interrupt_while_the_workers_are_joined_stops_at_once(tmp_path, start):
+    """A client left open holds up the end of the interpreter for a minute, and then there is a traceback."""
+    process = start(tmp_path, "pause=200", workers=1, code=IMPATIENT)
+    _, err = process.communicate()
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert err.count("critflow: stopped at once") == 1
 
 
 def test_more_seeds_and_populations_leave_the_old_ones_alone(tmp_path, run, stamps, capsys):

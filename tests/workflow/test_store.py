@@ -110,3 +110,21 @@ def test_the_file_is_synced_before_it_is_renamed_and_the_folder_after(tmp_path, 
         monkeypatch.setattr(store.os, name, lambda *a, name=name, real=real: (calls.append(name), real(*a))[1])
     store.write_shard(tmp_path, tiny.study, case, Status.stalled, {})
     assert calls == ["fsync", "replace", "fsync"]
+
+
+def test_the_seal_of_a_large_file_is_that_of_all_its_bytes(tmp_path):
+    path = tmp_path / "large"
+    path.write_bytes(bytes(3 * 2**20 + 7))  # read in pieces of a megabyte
+    assert not store.check_seal(path)
+    store.append_seal(path)
+    assert store.check_seal(path)
+    for at in (0, 2**20, 3 * 2**20 + 6):
+        with open(path, "rb+") as file:
+            file.seek(at)
+            file.write(b"\1")
+            file.flush()
+            with pytest.raises(IntegrityError, match="checksum"):
+                store.check_seal(path)
+            file.seek(at)
+            file.write(b"\0")
+    assert store.check_seal(path)
