@@ -165,7 +165,7 @@ def _jobs_begun(cluster: Cluster, options: dict[str, Any], notes: Path) -> Any:
             words = {"scheduler_options": NO_DASHBOARD | here, "silence_logs": logging.CRITICAL}
             return kind(job_cls=job, **words, **options)
     except ImportError as error:
-        sentence = "batch systems need dask-jobqueue: install it with pip install 'critflow[cluster]'"
+        sentence = "batch systems need dask-jobqueue: install it with pip install dask-jobqueue"
         raise EnvironmentFailure(sentence) from error
     except Exception as error:
         raise EnvironmentFailure(f"cannot make jobs of profile {cluster.name!r}: {error}: mend the profile") from error

@@ -227,7 +227,7 @@ def test_a_library_that_is_not_there_is_told(tmp_path, capsys, monkeypatch):
     file = tmp_path / "profiles.toml"
     file.write_text('[trial]\nsystem = "local"\nworkers = 1\nmemory = "1GB"')
     assert run(tmp_path / "out", "--profile", "trial", "--profiles", str(file)) == 6
-    assert "pip install 'critflow[cluster]'" in capsys.readouterr().err
+    assert "pip install dask-jobqueue" in capsys.readouterr().err
 
 
 def test_a_bad_job_is_told_and_not_submitted(tmp_path, capsys):
