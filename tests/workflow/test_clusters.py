@@ -274,6 +274,12 @@ def test_a_machine_without_the_batch_system_is_named(slurm, monkeypatch, capsys)
     assert "there is no sbatch here" in capsys.readouterr().err
 
 
+def test_a_folder_with_a_blank_is_refused_before_a_job_is(tmp_path, slurm, capsys):
+    assert slurm("", "--out", str(tmp_path / "my results")) == 2
+    assert "has a blank in it" in capsys.readouterr().err
+    assert not slurm.jobs()
+
+
 SYSTEMS = {
     "slurm": (
         'queue = "short"\nwalltime = "01:00:00"',
