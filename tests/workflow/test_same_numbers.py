@@ -43,7 +43,7 @@ def test_one_process_keeps_its_libraries_to_one_thread(serial):
     assert (serial.threads == 1).all()
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize("workers", [1, 2, 4])
 def test_any_number_of_processes_gives_the_same_bits(tmp_path, serial, workers, monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
@@ -52,7 +52,7 @@ def test_any_number_of_processes_gives_the_same_bits(tmp_path, serial, workers, 
     assert (parallel.threads == 1).all()
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(300)
 def test_any_order_of_submission_gives_the_same_bits(tmp_path, serial):
     loaded = load_file(ALGEBRA)
     selection = select(loaded.study)
