@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from critflow.cli import main
 from critflow.workflow.batch import Job
@@ -38,9 +39,11 @@ def serial(tmp_path_factory):
     return run(tmp_path_factory.mktemp("serial"))
 
 
-def test_one_process_keeps_its_libraries_to_one_thread(serial):
-    """Whatever the environment allows them: this suite may run with many."""
-    assert (serial.threads == 1).all()
+def test_one_process_keeps_its_libraries_to_one_thread(tmp_path):
+    """Whatever the environment allows them."""
+    with threadpool_limits(limits=2):
+        assert {library["num_threads"] for library in threadpool_info()} == {2}
+        assert (run(tmp_path, "--set=seeds=0:2").threads == 1).all()
 
 
 @pytest.mark.timeout(300)
