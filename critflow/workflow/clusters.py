@@ -125,6 +125,9 @@ def _jobs_client(
     """Jobs of a batch system that work for this process, over TLS with credentials of this run alone."""
     settings = _DASK | limits.dask_config()
     logs = Path(cluster.options.get("log_directory") or shared.parent / "jobs").expanduser().absolute()
+    for path in (shared.parent, logs):
+        if len(str(path).split()) > 1:  # no batch system has the same rules for quotes as another
+            raise InputError(f"batch jobs cannot write to {path}, which has a blank in it: choose another folder")
     with _credentials(shared) as (security, keys), dask.config.set(settings):
         options = job_options(cluster, security, settings, logs)
         dask_jobs = _jobs_begun(cluster, options, keys)

@@ -142,7 +142,8 @@ class _Crew:
             if self.workers:
                 self.seen = now
             elif now - self.seen > (self.jobs.patience if self.jobs else _WITHOUT_WORKERS):
-                raise EnvironmentFailure("all workers went away: run the same command again to resume")
+                where = self.jobs.where if self.jobs else ""
+                raise EnvironmentFailure(f"all workers went away: run the same command again to resume{where}")
             if self.jobs:
                 self.jobs.look()
         return sum(self.workers.values())

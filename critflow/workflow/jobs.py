@@ -69,16 +69,16 @@ class Jobs:
             return
         self.looked = now
         present = {worker.name for worker in list(self.cluster.scheduler.workers.values())}
-        notes = {path.name: path.read_text().strip() for path in self.notes.iterdir()}
+        ended = {path.name for path in self.notes.iterdir()}
         for job, spec in list(self.cluster.worker_spec.items()):
             if present.intersection(f"{job}{suffix}" for suffix in spec.get("group", [""])):
                 if job not in self.seen:
                     self.barren.clear()
                 self.seen[job] = now
-            elif job in notes and job not in self.seen:
-                self.barren.append(notes[job])
+            elif job in ended and job not in self.seen:
+                self.barren.append((self.notes / job).read_text().strip())
                 del self.cluster.worker_spec[job]
-            elif job in self.seen and (job in notes or now - self.seen[job] > PATIENCE):
+            elif job in self.seen and (job in ended or now - self.seen[job] > PATIENCE):
                 del self.cluster.worker_spec[job]
         hopeless = len(self.barren) >= self.profile.jobs
         if hopeless and not self.cluster.worker_spec:

@@ -21,8 +21,12 @@ def tiny():
 
 
 @pytest.fixture
-def run():
-    """`run(folder, *settings)` runs the tiny study in this process and returns its exit code."""
+def run(tiny, monkeypatch):
+    """`run(folder, *settings)` runs the tiny study in this process and returns its exit code.
+
+    Its pauses are for commands that are disturbed: here they are left out.
+    """
+    monkeypatch.setitem(tiny.study.case.__globals__, "sleep", lambda seconds: None)
 
     def run_tiny(folder, *settings, workers=0, more=()):
         return main(_words(folder, settings, workers, more))

@@ -22,7 +22,7 @@ def begun(folder, *settings, fault="", more=("--workers=0",)):
     return process
 
 
-def ended(process, seconds=60.0):
+def ended(process, seconds=120.0):
     """Its exit code, once it has one; the number of the signal below zero."""
     process.join(seconds)
     if process.exitcode is None:

@@ -30,11 +30,11 @@ print(json.dumps([code, events]))
 """
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(300)
 def test_no_worker_processes_open_no_socket(tmp_path):
     """Python itself reports every socket that is made; the cases look at those of their process."""
     words = ["run", str(ALGEBRA), "--out", str(tmp_path), "--workers", "0", "--set", "seeds=0:2"]
-    done = subprocess.run([sys.executable, "-c", LISTENED, *words], capture_output=True, text=True, timeout=100)
+    done = subprocess.run([sys.executable, "-c", LISTENED, *words], capture_output=True, text=True, timeout=250)
     assert json.loads(done.stdout.splitlines()[-1]) == [0, []], done.stderr
     assert (xr.load_dataset(tmp_path / "algebra.nc").sockets == 0).all()
 
@@ -51,7 +51,7 @@ def listening():
     return look
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(300)
 def test_local_workers_listen_here_alone_and_answer_no_stranger(tmp_path, listening):
     """Another user of this machine reaches the ports, and gets neither a connection nor a page."""
     with client_of(None, 2, Limits(), tmp_path, lambda: False) as (client, _):

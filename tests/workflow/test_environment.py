@@ -33,7 +33,7 @@ SELECTION = select(LOADED.study)
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(["critflow.cli", "critflow.workflow.run", "critflow.workflow.verify"])
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(120)
 
 
 def run_under(words, err, kind, value, beyond, prepare):
@@ -289,6 +289,13 @@ def test_files_of_others_are_left_alone(tmp_path):
     with Folder(tmp_path).held(LOADED, SELECTION):
         assert other.exists()
         assert not any(path.exists() for path in ours)
+
+
+def test_the_lock_names_nobody_but_its_holder(tmp_path):
+    (tmp_path / ".lock").write_text("process 1 on elsewhere, which was killed\n")
+    with Folder(tmp_path).held(LOADED, SELECTION):
+        (told,) = (tmp_path / ".lock").read_text().splitlines()
+    assert told.startswith(f"process {os.getpid()} on ")
 
 
 def test_no_other_user_can_hold_the_folder(tmp_path):

@@ -69,7 +69,7 @@ def test_whatever_a_case_raises_or_returns_the_others_are_computed(tmp_path, cap
     assert_only_the_bad_ones_failed(tmp_path, PLAIN)
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(300)
 def test_whatever_a_case_does_to_its_worker_the_others_are_computed(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(supervise, "ATTEMPTS", 1)
     more = ("--workers=2", "--time-limit=6", "--memory-limit=0.6")
@@ -79,7 +79,7 @@ def test_whatever_a_case_does_to_its_worker_the_others_are_computed(tmp_path, ca
     assert not list((tmp_path / "shards").glob(".*"))
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(300)
 def test_a_case_that_ends_its_worker_is_tried_again_and_one_that_raises_is_not(tmp_path):
     tally = tmp_path / "tally"
     kinds = ["quits_twice", "raises"]
@@ -92,11 +92,11 @@ def test_a_case_that_ends_its_worker_is_tried_again_and_one_that_raises_is_not(t
     assert failed.sel(kind=kinds).values.tolist() == [0, 1]
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(300)
 def test_a_worker_that_does_not_answer_is_restarted(tmp_path, monkeypatch):
     """A stopped process has no clock of its own; the scheduler misses its heartbeat."""
     monkeypatch.setattr(supervise, "ATTEMPTS", 1)
-    monkeypatch.setattr(limits, "GRACE", 5.0)
+    monkeypatch.setattr(limits, "GRACE", 3.0)
     assert main(words(tmp_path, ["stops"], "--workers=1", "--time-limit=1")) == 3
     assert_only_the_bad_ones_failed(tmp_path, {"stops": "without a word"})
 

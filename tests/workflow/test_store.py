@@ -9,6 +9,7 @@ import pytest
 from critflow.result import EnvironmentFailure, IntegrityError, Status
 from critflow.workflow import store
 from critflow.workflow.plan import select
+from critflow.workflow.provenance import code_version
 
 
 @pytest.fixture
@@ -128,3 +129,9 @@ def test_the_seal_of_a_large_file_is_that_of_all_its_bytes(tmp_path):
             file.seek(at)
             file.write(b"\0")
     assert store.check_seal(path)
+
+
+def test_a_head_that_does_not_say_what_computed_it_has_unknown_code(tiny, path):
+    assert store.read_code(path) == code_version(tiny.study)
+    path.write_bytes(b"CDF\x05 and no more")
+    assert store.read_code(path) == "unknown code"

@@ -23,11 +23,11 @@ CASE = select(STUDY).cases()[1]
 RIGHT = {"shared": ("i4", ("place",)), "values": ("f8", ("place",)), "total": ("f8", ())}
 
 
-def shard(path, variables=RIGHT, *, layout="NETCDF3_64BIT_DATA", status=0, error=""):
+def shard(path, variables=RIGHT, *, places=4, layout="NETCDF3_64BIT_DATA", status=0, error=""):
     """A shard of the case as a stranger may make it."""
     with netCDF4.Dataset(path, "w", format=layout) as file:
         file.set_fill_off()
-        file.createDimension("place", 4)
+        file.createDimension("place", places)
         for name, (dtype, dims) in variables.items():
             file.createVariable(name, dtype, dims, fill_value=False)[...] = 0
         file.setncatts({**shard_attributes(STUDY, CASE), **store._identity(STUDY, CASE)})
@@ -44,15 +44,36 @@ def huge(path):
     store.append_seal(path)
 
 
+def cut(path):
+    """A head of eight thousand bytes of arrays, most of which are not there."""
+    shard(path, places=1000)
+    path.write_bytes(path.read_bytes()[:1500])
+    store.append_seal(path)
+
+
+def wordless(path):
+    """A head that does not say whether there was an error."""
+    shard(path)
+    path.write_bytes(path.read_bytes()[: -store._SEAL_LENGTH])
+    with netCDF4.Dataset(path, "a") as file:
+        file.delncattr("error")
+    store.append_seal(path)
+
+
 def pipe(path):
     path.unlink(missing_ok=True)
     os.mkfifo(path)
 
 
 SHARDS = {
-    "another name": (lambda path: shard(path, RIGHT | {"intruder": ("f8", ())}), "'intruder'"),
+    "another name": (
+        lambda path: shard(path, RIGHT | {"intruder": ("f8", ())}),
+        "'intruder', which is not in the table",
+    ),
     "no arrays": (lambda path: shard(path, {}), "complete without"),
     "too large": (huge, r"declares|readable"),
+    "larger than its file": (cut, "declares"),
+    "an attribute less": (wordless, "Attribute not found"),
     "another type": (lambda path: shard(path, RIGHT | {"values": ("i4", ("place",))}), "'values' is int32"),
     "text for numbers": (lambda path: shard(path, RIGHT | {"values": ("S1", ("place",))}), "'values' is"),
     "other dimensions": (lambda path: shard(path, RIGHT | {"values": ("f8", ())}), "'values' is float64 along"),
@@ -139,7 +160,7 @@ DATASETS = {
 }  # fmt: skip
 
 
-@pytest.mark.timeout(60)
+@pytest.mark.timeout(120)
 @pytest.mark.parametrize("kind", DATASETS)
 def test_a_strange_dataset_is_refused(tmp_path, capsys, kind):
     path = tmp_path / "plain.nc"

@@ -1,7 +1,7 @@
 """A study without physics, as small as one can be that has everything: shared, inner, integer and status variables."""
 
 import os
-import time
+from time import sleep
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -24,7 +24,7 @@ def case(parameters, *, seed, population):
         n_edges += 1
     if how.startswith("until ") and not os.path.exists(how.removeprefix("until ")):
         raise FileNotFoundError(how)
-    time.sleep(parameters["pause"])
+    sleep(parameters["pause"])
     edges = stable_rng(seed, "network").integers(0, 5, (n_edges, 2))
     if how == "other edges":
         edges = edges + 1
