@@ -34,6 +34,7 @@ from critflow.workflow.profiles import Cluster
 FanOut = Callable[[Sequence[Batch]], Iterator[tuple[Batch, list[work.Outcome] | None]]]
 
 _WITHOUT_WORKERS = 60.0  # seconds: a worker that died is replaced sooner
+_FETCHED_WITHIN = 10.0  # seconds: results are a few words
 
 
 class Interruption:
@@ -103,14 +104,20 @@ def _through_dask(
         except queue.Empty:
             watch.look()
             continue
-        _, group = running.pop(str(future.key))
+        _, group = running[str(future.key)]
         try:
-            seconds, plain = future.result()
+            seconds, plain = future.result(timeout=_FETCHED_WITHIN)
+        except TimeoutError:  # the worker died before it gave the result away, and another computes it again
+            future.add_done_callback(ended.put)
+            watch.look()
+            continue
         except KilledWorker:
+            del running[str(future.key)]
             yield from ((batch, None) for batch in group)
             continue
         except CancelledError as error:
             raise EnvironmentFailure("the scheduler went away: run the same command again to resume") from error
+        del running[str(future.key)]
         groups.note(len(plain), seconds)
         outcomes = iter(_outcomes(plain))
         for batch in group:

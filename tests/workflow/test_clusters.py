@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 import xarray as xr
-from distributed import LocalCluster
+from distributed import Future, LocalCluster
 from distributed.security import Security
 
 from critflow.cli import main
@@ -112,6 +112,23 @@ def test_workers_that_do_not_start_get_a_second_chance(tmp_path, capsys, monkeyp
     monkeypatch.setattr("critflow.workflow.clusters.LocalCluster", start)
     assert run(tmp_path, "--workers", "1", "--set", "seeds=0") == code
     assert ("cannot start 1 worker processes (a nanny lost its worker)" in capsys.readouterr().err) == (code == 6)
+
+
+def test_a_result_that_went_with_its_worker_is_waited_for_while_the_run_looks_on(tmp_path, right, monkeypatch):
+    """Its task runs again when there are workers, for which the run itself may have to see."""
+    lost, result = [], Future.result
+
+    def first_lost(future, timeout=None):
+        assert timeout is not None
+        if not lost:
+            lost.append(future)
+            raise TimeoutError
+        return result(future, timeout)
+
+    monkeypatch.setattr("critflow.workflow.fanout.Future.result", first_lost)
+    assert run(tmp_path, "--workers", "1") == 0
+    assert lost
+    assert bits(tmp_path) == right
 
 
 STRANGERS = {  # what a worker has, as code that it runs when it starts: what the command says about it
