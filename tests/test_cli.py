@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import signal
 import subprocess
 import sys
 import types
@@ -295,3 +296,13 @@ def test_the_module_is_the_command(tmp_path):
     told = subprocess.run(words, capture_output=True, text=True, timeout=100)
     assert told.returncode == 0, told.stderr
     assert (tmp_path / "out" / "tiny.nc").exists()
+
+
+def test_an_interrupt_while_the_command_is_imported_says_nothing():
+    code = (
+        "import os, signal, critflow.__main__ as command\n"
+        "command.import_module = lambda name: os.kill(os.getpid(), signal.SIGINT)\n"
+        "command.main()"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
+    assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
