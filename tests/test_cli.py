@@ -55,6 +55,7 @@ def test_a_run_by_name_writes_its_folder_and_says_so(here, capsys):
             "claims.md",
             "claims.json",
             "summary.json",
+            "manifest.json",
             "shards",
             "shards.index",
             "study.json",

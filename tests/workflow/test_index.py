@@ -87,14 +87,14 @@ def test_an_index_cut_at_any_byte_counts_the_same(folder):
     whole, table = folder.index.read_bytes(), folder.selection()[1].study.table_digest
     right = read_index(folder.index)
     case_id, entry = list(right.items())[-1]
-    status = int(entry.split()[-1].partition(":")[0])
+    stored = Stored(case_id, int(entry.split(" ")[3]), "code")
     try:
         for length in range(len(whole)):
             folder.index.write_bytes(whole[:length])
             assert read_index(folder.index).items() <= right.items()
             if length % 10 == 0:  # shards are opened
                 assert folder_status(folder).total == {"done": 7, "failed": 1}
-            append_to_index(folder.index, folder.shards, table, [(case_id, status, "code")])
+            append_to_index(folder.index, folder.shards, table, [stored])
             assert case_id in read_index(folder.index)
     finally:
         folder.index.write_bytes(whole)
