@@ -5,8 +5,9 @@ overhead     10,000 cases of some milliseconds: the time of a whole `critflow ru
              what it leaves out is planning, the worker's start, scheduling, transport, the log, the index, the merge.
 efficiency   two workers beside two independent serial runs of one half of the cases each, started together, each on a
              core of its own: what is left of the second core.  Needs two quiet cores.
-scale        planning, dry run, status and merge at 1,000, 10,000 and 100,000 shards, and the dry run at 1,000,000
-             cases: seconds, seconds for each thousand cases, which stay level where all is linear, and peak memory.
+scale        planning, dry run, status, merge and verify at 1,000, 10,000 and 100,000 shards, and the dry run at
+             1,000,000 cases: seconds, seconds for each thousand cases, which stay level where all is linear, and peak
+             memory; then the whole command `critflow status`.
 
 Not a part of the tests: times belong to a quiet machine.
 """
@@ -122,6 +123,7 @@ from critflow.workflow.plan import select
 from critflow.workflow.provenance import code_version
 from critflow.workflow.run import missing_cases
 from critflow.workflow.status import folder_status
+from critflow.workflow.verify import verify_folder
 
 def timed(what, count, call):
     start = time.perf_counter()
@@ -148,15 +150,18 @@ append_to_index(folder.index, folder.shards, loaded.study.table_digest, stored)
 timed("status", count, lambda: folder_status(folder))
 timed("dry run", count, lambda: missing_cases(selection, folder))
 timed("merge", count, lambda: write_dataset(selection, folder.shards, folder.dataset("timed"), ""))
+timed("verify", count, lambda: verify_folder(folder))
 """
 
 
 def scale(study: Path, scratch: Path) -> None:
     print("scale: cases, what, and the most memory until then")
     for seeds in (500, 5_000, 50_000):
-        print(
-            python(SCALE, str(study), str(scratch / f"scale{seeds}"), str(seeds)).communicate()[0], end="", flush=True
-        )
+        folder = str(scratch / f"scale{seeds}")
+        print(python(SCALE, str(study), folder, str(seeds)).communicate()[0], end="", flush=True)
+        start = time.perf_counter()
+        python(COMMAND, "status", folder).communicate()
+        print(f"  {2 * seeds:>9,} critflow status, the whole command {time.perf_counter() - start:.2f} s", flush=True)
     print(python(SCALE, str(study), str(scratch / "none"), "500000", "dry").communicate()[0], end="")
 
 
