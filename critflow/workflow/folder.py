@@ -124,7 +124,7 @@ class Folder:
 
     def selection(self) -> tuple[StudyFile, Selection]:
         """The study and the settings of the last run here."""
-        note = self._read_note()
+        note = self._note_of_a_run()
         file = note["file"]
         loaded = load_study(note["study"]) if file is None else load_file(self.path / file)
         parameters, axes = _settings(note)
@@ -142,7 +142,7 @@ class Folder:
 
     def noted(self) -> Noted:
         """The last run here; its study is loaded only when something that it is made of is not as it was then."""
-        note = self._read_note()
+        note = self._note_of_a_run()
         path = named_studies().get(note["study"]) if note["file"] is None else self.path / note["file"]
         same = note["code"].startswith(f"{library_version()}, ")
         if path is None or not same or not is_unchanged(path, note["files"]):
@@ -166,10 +166,13 @@ class Folder:
         }
         write_text(self.note, _note_text(note))
 
-    def _read_note(self) -> dict:
-        """What a run wrote of itself, when it is whole and says what a run says."""
+    def _note_of_a_run(self) -> dict:
         if not self.note.exists():
             raise StudyError(f"{self.path} is not a results folder: it has no study.json, which `critflow run` writes")
+        return self._read_note()
+
+    def _read_note(self) -> dict:
+        """What a run wrote of itself, when it is whole and says what a run says."""
         try:
             if not self.note.is_file():
                 raise ValueError("it is not a file")
