@@ -21,7 +21,7 @@ PLAIN = {
     "raises": "acts",
     "unprintable": "Unprintable",
     "outside": "Outside: outside",
-    "surrogate": r"\udc80 and \0",
+    "surrogate": r"ValueError: \udc80 and \0",
     "talkative": "xxx",
     "exits": "SystemExit: 3",
     "returns_function": "dtype object",
