@@ -29,7 +29,7 @@ from critflow.workflow.status import folder_status, status_lines, status_plain
 FAILED_CASES = 3
 DAMAGED = 4
 INTERRUPTED = 130
-_MOST_REASONS = 20  # lines of reasons; failures may all differ
+_MOST_REASONS = 20  # lines of reasons, or of damage: all cases may differ
 EXIT_CODES = (
     (Interrupted, INTERRUPTED),
     (InputError, 2),
@@ -161,8 +161,7 @@ def run(
     if dry_run:
         missing = engine.missing_cases(selection, folder)
         todo = sorted(missing.todo + missing.failed) if retry_failed else missing.todo
-        for line in missing.damage:
-            print("critflow:", line, file=sys.stderr)
+        _print_damage(missing.damage, folder)
         again = reasons_to_compute(selection, folder.shards, todo, missing.why, missing.others)
         cases = f"{len(todo)} of {count} cases to compute"
         print(f"{loaded.study.name}: {sizes}, {cases}, into {folder.path}")
@@ -222,8 +221,7 @@ def status(
     print("\n".join(status_lines(found)))
     _print_reasons(again)
     _print_reasons(older)
-    for line in found.damage:
-        print("critflow:", line, file=sys.stderr)
+    _print_damage(found.damage, results)
 
 
 @app.command()
@@ -271,6 +269,14 @@ def show(
         if outcome in (Status.failed, Status.missing):
             raise InputError(f"{labels} has no configuration: {outcome.message}")
         print(_part("critflow.workflow.show").show_configuration(case, out or Path(f"{labels}.png")))
+
+
+def _print_damage(damage: Sequence[str], folder: Folder) -> None:
+    for line in damage[:_MOST_REASONS]:
+        print("critflow:", line, file=sys.stderr)
+    if len(damage) > _MOST_REASONS:
+        more = f"and {len(damage) - _MOST_REASONS} more are damaged"
+        print(f"critflow: {more}: critflow verify {folder.path} names all", file=sys.stderr)
 
 
 def _print_reasons(reasons: Sequence[Reason]) -> None:

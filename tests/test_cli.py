@@ -307,3 +307,18 @@ def test_an_interrupt_while_the_command_is_imported_says_nothing():
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
     assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
+
+
+def test_much_damage_is_told_in_few_lines(here, capsys):
+    words = ["run", "tiny", "--workers", "0", "--set", "seeds=0:15"]
+    assert main(words) == 0
+    for shard in (here / "results" / "tiny" / "shards").glob("*.nc"):
+        shard.write_bytes(b"")
+    (here / "results" / "tiny" / "shards.index").unlink()
+    for command, more in ((["status", "results/tiny"], "verify results/tiny names all"), (words, "again too")):
+        capsys.readouterr()
+        assert main(command) == 0
+        err = capsys.readouterr().err
+        assert err.count("its seal is missing") == 20
+        assert "and 10 more" in err
+        assert more in err

@@ -32,7 +32,13 @@ STUDY_MODULE = "critflow_study_"  # how modules of study files are called while 
 VOLATILE = ("history",)  # attributes of a dataset that differ between two runs of the same code
 
 _PACKAGE = Path(__file__).parents[1]
-_NOT_NUMBERS = ("cli.py", "plot.py")  # modules at the top that change no number
+_NOT_NUMBERS = (
+    "__init__.py",
+    "__main__.py",
+    "cli.py",
+    "plot.py",
+    "public.py",
+)  # modules at the top that change no number
 _NUMBERS_BELOW = ("workflow/seeds.py", "workflow/study.py")
 _ENVIRONMENT = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pymetis")  # what numbers may depend on
 _MOST_CHECKSUMS = 100  # of single shards in a dataset: more would drown what else its head says

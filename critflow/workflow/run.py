@@ -36,6 +36,7 @@ from critflow.workflow.status import folder_status
 from critflow.workflow.store import read_ending
 from critflow.workflow.supervise import supervised
 
+_MOST_SAID = 20  # lines about damaged shards
 _SAMPLE = 100  # stored shards whose sizes are looked at
 _RESUME = "run the same command again to resume"
 
@@ -88,8 +89,10 @@ def run_study(
         kept = set(range(count)).difference(todo)
         room.look((selection.case_at(place).id for place in islice(kept, _SAMPLE)), computed=False)
         with RunProgress(loaded.study.name, loaded.study.axes[0].noun, len(batches)) as progress:
-            for line in missing.damage:
+            for line in missing.damage[:_MOST_SAID]:
                 progress.say(f"{line}: computing the case again")
+            if len(missing.damage) > _MOST_SAID:
+                progress.say(f"and {len(missing.damage) - _MOST_SAID} more: computing these cases again too")
             if batches:
                 failed += _compute(loaded, selection, folder, batches, workers, cluster, limits, progress, room)
         attempts.forget(folder.shards)
