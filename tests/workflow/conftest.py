@@ -52,7 +52,8 @@ def start():
 
 
 def _words(folder, settings, workers, more):
-    return ["run", str(TINY), "--out", str(folder), "--workers", str(workers), *(f"--set={s}" for s in settings), *more]
+    here = [] if workers is None else [f"--workers={workers}"]
+    return ["run", str(TINY), "--out", str(folder), *here, *(f"--set={s}" for s in settings), *more]
 
 
 # The one volatile attribute, and what says how the tree stood that the tests run in, which may change meanwhile.

@@ -312,7 +312,7 @@ def test_jobs_that_end_are_submitted_again(tmp_path, right, slurm):
     killer.start()
     assert slurm("", "--set", "pause=0.3") == 0
     killer.join(timeout=10)
-    assert len(slurm.jobs()) == 4
+    assert len(slurm.jobs()) > 2
     assert bits(tmp_path / "out") == right
 
 

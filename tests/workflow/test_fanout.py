@@ -48,7 +48,7 @@ def handed_out(tmp_path):
 
 
 def test_the_end_of_a_scheduler_ends_the_run(handed_out):
-    def cancelled():
+    def cancelled(timeout):
         raise CancelledError
 
     with pytest.raises(EnvironmentFailure, match="the scheduler went away"):

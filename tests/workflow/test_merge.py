@@ -11,6 +11,7 @@ import xarray as xr
 from critflow.result import EnvironmentFailure, IntegrityError, Status
 from critflow.workflow import Axis, Study, Variable, merge, verify
 from critflow.workflow.folder import Folder
+from critflow.workflow.manifest import write_manifest
 from critflow.workflow.plan import select
 from critflow.workflow.schema import merge as merged
 from critflow.workflow.store import write_shard
@@ -78,6 +79,7 @@ def test_verify_holds_a_slab_and_not_the_dataset(tmp_path, monkeypatch):
         arrays = LARGE.computed(one.parameters, one.values)
         write_shard(folder.shards, LARGE, one, Status(int(arrays.pop("status"))), arrays)
     merge.write_dataset(selection, folder.shards, folder.dataset("large"), "")
+    write_manifest(tmp_path, {}, [])
     monkeypatch.setattr(Folder, "selection", lambda folder: (None, selection))
     assert verify.verify_folder(folder) == (400, [], False)
     tracemalloc.start()

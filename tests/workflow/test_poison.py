@@ -96,7 +96,7 @@ def test_a_case_that_ends_its_worker_is_tried_again_and_one_that_raises_is_not(t
 def test_a_worker_that_does_not_answer_is_restarted(tmp_path, monkeypatch):
     """A stopped process has no clock of its own; the scheduler misses its heartbeat."""
     monkeypatch.setattr(supervise, "ATTEMPTS", 1)
-    monkeypatch.setattr(limits, "GRACE", 3.0)
+    monkeypatch.setattr(limits, "GRACE", 5.0)
     assert main(words(tmp_path, ["stops"], "--workers=1", "--time-limit=1")) == 3
     assert_only_the_bad_ones_failed(tmp_path, {"stops": "without a word"})
 

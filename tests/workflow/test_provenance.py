@@ -190,7 +190,7 @@ def test_a_changed_table_is_no_damage(tmp_path, capsys, study, stamps, index):
 
 
 def test_status_loads_no_study_that_is_as_it_was(tmp_path, capsys, study, monkeypatch):
-    path = study("import time", "import time\nfrom ._beside import nothing")
+    path = study("import os", "import os\nfrom ._beside import nothing")
     beside = path.with_name("_beside.py")
     beside.write_text("nothing = None")
     assert main(["run", str(path), "--out", str(tmp_path / "out"), "--workers=0", "--set=trouble=1-random"]) == 3
@@ -224,7 +224,7 @@ def test_status_reports_other_code_and_forces_nothing(tmp_path, capsys, study, s
     assert main(run) == 0
     before, first = stamps(tmp_path / "out"), code_version(load_file(study()).study)
     assert told(capsys, tmp_path / "out") == {}
-    study("import time", "import time  # a change that changes no number")
+    study("import os", "import os  # a change that changes no number")
     now = code_version(load_file(tmp_path / "study" / "tiny.py").study)
     assert now != first
     found = told(capsys, tmp_path / "out")

@@ -65,7 +65,7 @@ def test_any_order_of_the_cases_gives_the_same_dataset(tmp_path, run, undisturbe
 def test_a_scheduler_elsewhere_gives_the_same_dataset(tmp_path, run, undisturbed, contents):
     """Its workers have several threads, which must take turns with the netCDF library."""
     with LocalCluster(n_workers=1, threads_per_worker=3, scheduler_kwargs=NO_DASHBOARD) as cluster:
-        assert run(tmp_path / "out", more=("--scheduler", cluster.scheduler_address, "--insecure")) == 0
+        assert run(tmp_path / "out", workers=None, more=("--scheduler", cluster.scheduler_address, "--insecure")) == 0
     assert contents(tmp_path / "out" / "tiny.nc") == contents(undisturbed())
 
 

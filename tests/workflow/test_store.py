@@ -39,7 +39,7 @@ def test_what_is_written_comes_back(tmp_path, tiny, case, path):
 
 def test_nothing_is_there_before(tmp_path, tiny, case):
     assert store.read_shard(tmp_path, tiny.study, case) is None
-    assert store.read_status(tmp_path, tiny.study, case, verify=False) is Status.missing
+    assert store.read_ending(tmp_path, tiny.study, case, verify=False).status is Status.missing
 
 
 def test_a_file_cut_anywhere_is_recognised(tmp_path, tiny, case, path):
@@ -49,7 +49,7 @@ def test_a_file_cut_anywhere_is_recognised(tmp_path, tiny, case, path):
         path.write_bytes(whole[:length])
         for verify in (True, False):
             with pytest.raises(IntegrityError):
-                store.read_status(tmp_path, tiny.study, case, verify=verify)
+                store.read_ending(tmp_path, tiny.study, case, verify=verify)
         with pytest.raises(IntegrityError):
             store.read_shard(tmp_path, tiny.study, case)
 
@@ -59,7 +59,7 @@ def test_every_flipped_byte_is_recognised(tmp_path, tiny, case, path):
     for at in range(len(whole)):
         path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
         with pytest.raises(IntegrityError, match=r"checksum|seal"):
-            store.read_status(tmp_path, tiny.study, case, verify=True)
+            store.read_ending(tmp_path, tiny.study, case, verify=True)
 
 
 def test_another_schema_is_recognised(tmp_path, tiny, case, path, monkeypatch):
