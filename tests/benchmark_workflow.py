@@ -3,8 +3,8 @@
 overhead     10,000 cases of some milliseconds: the time of a whole `critflow run` with one worker beside that of a
              plain loop which computes and stores the same cases (`run_batch` in one process).  The loop is the base:
              what it leaves out is planning, the worker's start, scheduling, transport, the log, the index, the merge.
-efficiency   two workers beside two independent serial runs of one half of the cases each, started together, each on a
-             core of its own: what is left of the second core.  Needs two quiet cores.
+efficiency   two workers beside two independent serial runs (`--workers 0`) of one half of the cases each, started
+             together, each on a core of its own: for those 10,000 cases, and for the ensemble.  Needs two quiet cores.
 scale        planning, dry run, status, merge and verify at 1,000, 10,000 and 100,000 shards, and the dry run at
              1,000,000 cases: seconds, seconds for each thousand cases, which stay level where all is linear, and peak
              memory; then the whole command `critflow status`.
@@ -57,6 +57,7 @@ job = Job("loop", sys.argv[1], loaded.digest, sys.argv[2], dict(selection.parame
 run_batch(job, [case.values for case in selection.cases()])
 print(time.perf_counter() - start)
 """
+CASES = 10_000
 COMMAND = "import sys; from critflow.cli import main; sys.exit(main())"
 
 
@@ -86,28 +87,32 @@ def overhead(study: Path, scratch: Path) -> None:
     whole = seconds_of_run(study, scratch / "run", 1)
     after = seconds_of_loop(study, scratch / "loop2")
     base = (before + after) / 2
-    print(f"overhead: 10,000 cases, computed and stored in a plain loop {before:.1f} s and {after:.1f} s")
+    each = (whole - fixed - base) / CASES
+    print(f"overhead: {CASES:,} cases, computed and stored in a plain loop {before:.1f} s and {after:.1f} s")
     print(f"  critflow run --workers 1: {whole:.1f} s, of which a run of two cases takes {fixed:.1f} s")
-    print(
-        f"  {100 * (whole - base) / base:.1f} % with start and end, {100 * (whole - fixed - base) / base:.1f} % a case"
-    )
+    print(f"  {1000 * each:.2f} ms a case, {100 * each * CASES / base:.1f} %; 5 % of cases of {20_000 * each:.0f} ms")
 
 
 def efficiency(study: Path, scratch: Path) -> None:
     """The slower of two independent runs of one half each is what two cores can do at best."""
-    start = time.perf_counter()
-    halves = [
-        python(LOOP, str(study), str(scratch / f"half{core}"), f"seeds={2500 * core}:{2500 * core + 2500}", core=core)
-        for core in range(2)
-    ]
-    for half in halves:
-        half.communicate()
-    independent = time.perf_counter() - start
-    fixed = seconds_of_run(study, scratch / "fixed2", 2, "seeds=0:1")
-    together = seconds_of_run(study, scratch / "two", 2)
-    print(f"efficiency: two independent loops of 5,000 cases {independent:.1f} s, two workers {together:.1f} s")
-    print(f"  {100 * independent / together:.1f} %; without start and end ({fixed:.1f} s) ", end="")
-    print(f"{100 * independent / (together - fixed):.1f} %")
+    for name, seeds in (("timed", 5_000), ("ensemble", 100)):
+        what = study if name == "timed" else Path("ensemble")
+        start = time.perf_counter()
+        halves = []
+        for core in range(2):
+            chosen = f"--set=seeds={seeds * core // 2}:{seeds * (core + 1) // 2}"
+            folder = str(scratch / f"{name}{core}")
+            words = ("run", str(what), "--out", folder, "--workers", "0", chosen)
+            halves.append(python(COMMAND, *words, core=core))
+        for half in halves:
+            half.communicate()
+            assert half.returncode == 0
+        independent = time.perf_counter() - start
+        together = seconds_of_run(what, scratch / f"{name}-two", 2)
+        print(
+            f"efficiency: {name}, two serial runs of a half {independent:.1f} s, two workers {together:.1f} s", end=""
+        )
+        print(f": {100 * independent / together:.1f} %", flush=True)
 
 
 SCALE = """

@@ -18,6 +18,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
+from functools import cached_property
 from hashlib import sha256
 from typing import Any
 
@@ -37,7 +38,7 @@ class Case:
     values: Mapping[str, int | str]
     variables: tuple[str, ...] = ()  # what is stored of it; all where none is named
 
-    @property
+    @cached_property
     def identity(self) -> str:
         """All that tells the case from others, as JSON."""
         identity = [self.study, self.version, dict(self.parameters), dict(self.values)]
@@ -45,7 +46,7 @@ class Case:
             identity.append(self.variables)
         return json.dumps(identity, sort_keys=True)
 
-    @property
+    @cached_property
     def id(self) -> str:
         """Readable name and hash of the identity, so that other axis values never change it."""
         return f"{self.readable}-{sha256(self.identity.encode()).hexdigest()[:16]}"

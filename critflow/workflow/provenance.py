@@ -49,6 +49,7 @@ def code_version(study: Study) -> str:
     return f"{library_version()}, study {_study_digest(study)}"
 
 
+@cache
 def library_version() -> str:
     """Version and digest of the library's numbers, with which every `code_version` begins."""
     return f"critflow {version('critflow')} {_library_digest()}"
