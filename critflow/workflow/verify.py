@@ -107,7 +107,8 @@ def _contradictions(selection: Selection, shards: _Shards, dataset: xr.Dataset, 
         yield f"{path}: no shard holds {unknown}: {_ANEW}"
     wrong = {name for name, variable in declared.items() if not _alike(variable, whole, dataset)}
     wrong |= {str(name) for name, label in labels.variables.items() if not _same(label, dataset.variables.get(name))}
-    for variable, place, array in merged(whole, shards.read, Origins(selection.study)):
+    origins = Origins(selection.study)
+    for variable, place, array in merged(whole, shards.read, origins):
         if variable.name not in wrong and not shards.problems():
             held = dataset.variables[variable.name][place].values
             if not np.array_equal(array, held, equal_nan=held.dtype.kind == "f"):
@@ -119,6 +120,9 @@ def _contradictions(selection: Selection, shards: _Shards, dataset: xr.Dataset, 
             yield f"{path}: {name} is not what the shards hold: {_ANEW}"
         elif _plain(right) != _plain(dataset.variables[name].attrs):
             yield f"{path}: the attributes of {name} are not those of the study: {_ANEW}"
+    for name, origin in origins.attributes().items():
+        if not wrong and dataset.attrs.get(name, "") != origin:
+            yield f"{path}: its {name} is not what the shards say: {_ANEW}"
 
 
 def _alike(variable: Variable, whole: Table, dataset: xr.Dataset) -> bool:

@@ -132,6 +132,7 @@ KINDS = {
         "another": another_dataset,
         "other units": resealed(lambda file: file["total"].setncattr("units", "m")),
         "other settings": resealed(lambda file: file.setncattr("parameters", "{}")),
+        "other origins": resealed(lambda file: file.setncattr("shards_sha256", "0" * 64)),
         "one array more": resealed(lambda file: file.createVariable("more", "i4", ("seed",))),
     },
     "study.json": COMMON | {"attribute": flip(b"seed"), "another": another_note},
