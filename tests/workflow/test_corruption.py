@@ -19,7 +19,7 @@ from critflow.workflow.index import read_index
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
 from critflow.workflow.status import folder_status
-from critflow.workflow.store import SCHEMA_VERSION, append_seal, shard_path
+from critflow.workflow.store import _SEAL_LENGTH, SCHEMA_VERSION, append_seal, shard_path
 
 PLAIN = Path(__file__).with_name("plain_study.py")
 CASES = select(load_file(PLAIN).study).cases()
@@ -130,6 +130,7 @@ KINDS = {
     | {
         "attribute": flip(b"long_name"),
         "another": another_dataset,
+        "unsealed": lambda path: os.truncate(path, path.stat().st_size - _SEAL_LENGTH),
         "other units": resealed(lambda file: file["total"].setncattr("units", "m")),
         "other settings": resealed(lambda file: file.setncattr("parameters", "{}")),
         "other origins": resealed(lambda file: file.setncattr("shards_sha256", "0" * 64)),
