@@ -58,6 +58,13 @@ def flip(part):
     return damage
 
 
+def flip_last_number(path):
+    """One bit of the data, which stand just before the seal: only the checksum can tell."""
+    whole = bytearray(path.read_bytes())
+    whole[-_SEAL_LENGTH - 1] ^= 1
+    path.write_bytes(whole)
+
+
 def as_folder(path):
     path.unlink()
     path.mkdir()
@@ -125,7 +132,7 @@ def another_note(path):
 
 
 KINDS = {
-    "shard": COMMON | {"attribute": flip(b"status"), "another": another_case},
+    "shard": COMMON | {"attribute": flip(b"status"), "another": another_case, "last number": flip_last_number},
     "dataset": COMMON
     | {
         "attribute": flip(b"long_name"),
