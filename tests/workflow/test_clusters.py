@@ -110,7 +110,7 @@ def test_workers_that_do_not_start_get_a_second_chance(tmp_path, capsys, monkeyp
         return LocalCluster(**options)
 
     monkeypatch.setattr("critflow.workflow.clusters.LocalCluster", start)
-    assert run(tmp_path, "--workers", "1", "--set", "seeds=0") == code
+    assert run(tmp_path, "--workers", "3", "--set", "seeds=0") == code  # one batch: more than one would have no work
     assert ("cannot start 1 worker processes (a nanny lost its worker)" in capsys.readouterr().err) == (code == 6)
 
 

@@ -207,3 +207,23 @@ def test_a_run_in_which_nothing_happens_is_ended(tmp_path, monkeypatch):
     now += 20.0
     with pytest.raises(EnvironmentFailure, match="no worker did anything for 100 s"):
         watch.look()
+
+
+def test_in_the_process_of_the_command_no_case_is_timed(tmp_path, monkeypatch):
+    """Its end would be the end of the run."""
+    monkeypatch.setattr("critflow.workflow.batch.attempt", lambda *_: pytest.fail("timed"))
+    assert main(words(tmp_path, ["none"], "--workers=0")) == 0
+
+
+def test_a_report_that_failed_cases_spoil_does_not_hide_them(tmp_path, capsys):
+    source = Path(__file__).with_name("plain_study.py").read_text()
+    claims = "return [Claim", "assert ds.total.notnull().all(); return [Claim"
+    changes = {"broken: set[int] = set()": "broken = {1}", claims[0]: claims[1]}
+    for old, new in changes.items():
+        assert old in source
+        source = source.replace(old, new)
+    (tmp_path / "plain.py").write_text(source)
+    assert main(["run", str(tmp_path / "plain.py"), "--out", str(tmp_path / "out"), "--workers=0"]) == 3
+    err = capsys.readouterr().err
+    assert "the claims could not be made" in err
+    assert "1 case failed" in err
