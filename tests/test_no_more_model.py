@@ -9,6 +9,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from critflow import (
     CriticalManifold,
@@ -30,8 +31,8 @@ from critflow.objectives import OBJECTIVES, pure_shear
 from critflow.supremum import largest_modulus, modulus_bound
 from critflow.workflow.batch import Job, run_batch
 from critflow.workflow.load import load_study
+from critflow.workflow.merge import write_dataset
 from critflow.workflow.plan import select
-from critflow.workflow.schema import merge
 
 NETWORKS = {"planar": voronoi_network(60, seed=1), "foam": foam_network(60, seed=1)}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]
@@ -169,7 +170,8 @@ def stored(name, words, folder):
     job = Job(str(folder), str(loaded.path), loaded.digest, str(folder), selection.parameters, selection.study.selected)
     for batch in selection.batches():
         run_batch(job, [case.values for case in batch])
-    return merge(selection, folder)
+    write_dataset(selection, folder, folder / "stored.nc", "")
+    return xr.load_dataset(folder / "stored.nc")
 
 
 STUDIES = {"ensemble": "n_vertices=60", "three_dimensions": "n_vertices=60"}

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Mapping
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,19 +14,12 @@ from critflow.result import IntegrityError, Status
 from critflow.workflow.plan import Case, Selection
 from critflow.workflow.provenance import Origins, code_version, dataset_versions, source_tree
 from critflow.workflow.seeds import SEED_ENTROPY
-from critflow.workflow.store import SCHEMA_VERSION, Shard, read_shard
+from critflow.workflow.store import SCHEMA_VERSION, Shard
 from critflow.workflow.study import Variable
 
 Reader = Callable[[Case], Shard | None]
 
 KEYWORDS = ("rigidity transition", "spring networks", "force density", "prestress stability")
-
-
-def merge(selection: Selection, shards: Path) -> xr.Dataset:
-    """All cases of the selection in one dataset; failed and missing ones are filled and say so in `status`."""
-    table, origins = Table(selection), Origins(selection.study)
-    table.take(partial(read_shard, shards, selection.study), origins)
-    return table.labelled().assign_attrs(told(origins.attributes()))
 
 
 class Table:
@@ -93,11 +84,6 @@ class Table:
             self.arrays[variable.name] = np.full(shape, variable.filler, variable.dtype)
         return self.arrays[variable.name]
 
-    def labelled(self) -> xr.Dataset:
-        """Everything with its names, units and meanings."""
-        data = {v.name: (v.dims, self.array(v), variable_attributes(v)) for v in self.selection.study.variables}
-        return _encoded(self.labels().assign(data))
-
     def labels(self) -> xr.Dataset:
         """The dataset without its data: coordinates and attributes."""
         study, parameters = self.selection.study, self.selection.parameters
@@ -143,10 +129,8 @@ class Table:
 
 
 def _encoded(dataset: xr.Dataset) -> xr.Dataset:
-    for name, labelled in dataset.variables.items():
-        # xarray would add a fill value to float coordinates, and turn integers with one into floats on reading.
-        fills = name in dataset.data_vars and labelled.dtype.kind == "f"
-        labelled.encoding["_FillValue"] = labelled.dtype.type(np.nan) if fills else None
+    for labelled in dataset.variables.values():
+        labelled.encoding["_FillValue"] = None  # xarray would add one to coordinates of decimals
         if labelled.dtype.kind == "U":
             # Characters, not strings of variable length: those crash the library when a file is opened twice.
             labelled.encoding["dtype"] = "S1"

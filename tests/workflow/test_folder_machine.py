@@ -14,6 +14,7 @@ import xarray as xr
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from in_memory import merge
 
 from critflow.result import IntegrityError, Status
 from critflow.workflow import run as engine
@@ -22,7 +23,6 @@ from critflow.workflow.errors import Interrupted
 from critflow.workflow.folder import Folder
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import Selection
-from critflow.workflow.schema import merge
 from critflow.workflow.status import folder_status
 
 LOADED = load_file(Path(__file__).with_name("plain_study.py"))

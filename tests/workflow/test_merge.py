@@ -7,13 +7,13 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from in_memory import merge as merged
 
 from critflow.result import EnvironmentFailure, IntegrityError, Status
 from critflow.workflow import Axis, Study, Variable, merge, verify
 from critflow.workflow.folder import Folder
 from critflow.workflow.manifest import write_manifest
 from critflow.workflow.plan import select
-from critflow.workflow.schema import merge as merged
 from critflow.workflow.store import write_shard
 
 

@@ -17,13 +17,13 @@ import psutil
 import pytest
 import xarray as xr
 from distributed import LocalCluster
+from in_memory import merge
 
 from critflow.result import IntegrityError, Status
 from critflow.workflow.clusters import NO_DASHBOARD, _local_client
 from critflow.workflow.folder import Folder
 from critflow.workflow.limits import Limits
 from critflow.workflow.plan import select
-from critflow.workflow.schema import merge
 from critflow.workflow.store import read_shard, shard_path
 
 SLOW = ("seeds=0:10", "pause=0.5")  # seconds long, to be stopped in the middle on the busiest machine
