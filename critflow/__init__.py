@@ -1,36 +1,124 @@
 """critflow: design spring networks that sit exactly at the rigidity transition."""
 
-import sys
-from importlib import import_module
 from importlib.metadata import version
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from critflow.public import *  # noqa: F403 (its names are the public ones)
+from critflow.critical.curvature import StereographicChart, gaussian_curvature, principal_curvatures, surface_geometry
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.stress_hessian import flat_directions, stress_hessian
+from critflow.design.from_lengths import critical_from_lengths
+from critflow.design.isogonal import face_modes, isogonal_modes
+from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound
+from critflow.design.optimize import optimize
+from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
+from critflow.mechanics.equilibrium import equilibrium
+from critflow.mechanics.hessian import bond_operator, geometric_split, hookean_split
+from critflow.mechanics.laws import Hookean, PowerLaw, SpringLaw, WormLike
+from critflow.mechanics.moduli import elastic_moduli, fit_stiffening, linear_response, transition_moduli
+from critflow.mechanics.moduli_bounds import transition_bounds
+from critflow.mechanics.perimeters import cells_of, critical_from_perimeters, perimeter_moduli, perimeter_state
+from critflow.mechanics.springs import spring_state
+from critflow.mechanics.stiffening import stiffening
+from critflow.mechanics.strain_path import strain_path
+from critflow.networks.lattices import (
+    cubic_network,
+    diamond_network,
+    honeycomb_network,
+    kagome_network,
+    square_network,
+    triangular_network,
+)
+from critflow.networks.network import Network
+from critflow.networks.random_networks import (
+    foam_network,
+    random_sequential_addition,
+    three_bar_linkage,
+    voronoi_network,
+    voronoi_of,
+)
+from critflow.result import (
+    CritflowError,
+    EnvironmentFailure,
+    InputError,
+    IntegrityError,
+    NetworkError,
+    Solution,
+    SolveError,
+    Stats,
+    Status,
+    StudyError,
+)
+from critflow.rigidity.counts import certify, rigidity, zero_modes
+from critflow.rigidity.second_order import second_order_rigidity
+from critflow.rigidity.stress_space import StressSpace, stresses_of
 
 __version__ = version("critflow")
 
-_FUNCTIONS = ("equilibrium", "optimize", "rigidity")  # public names that are also those of their modules
-
-
-class _Package(ModuleType):
-    """The public names come when the first of them is asked for: the command counts shards without any physics."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") and name != "__all__":
-            raise AttributeError(f"module 'critflow' has no attribute {name!r}")
-        public = import_module("critflow.public")
-        vars(self).update({each: getattr(public, each) for each in public.__all__})
-        vars(self)["__all__"] = [*public.__all__, "__version__"]
-        return super().__getattribute__(name)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not (name in _FUNCTIONS and isinstance(value, ModuleType)):  # as importing critflow.rigidity does
-            super().__setattr__(name, value)
-
-    def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *self.__all__})
-
-
-sys.modules[__name__].__class__ = _Package
+__all__ = [
+    "CritflowError",
+    "CriticalConfiguration",
+    "CriticalManifold",
+    "EnvironmentFailure",
+    "Hookean",
+    "InputError",
+    "IntegrityError",
+    "Network",
+    "NetworkError",
+    "PowerLaw",
+    "SignedStress",
+    "Solution",
+    "SolveError",
+    "SpringLaw",
+    "Stability",
+    "Stats",
+    "Status",
+    "StereographicChart",
+    "StressSpace",
+    "StudyError",
+    "WormLike",
+    "__version__",
+    "bond_operator",
+    "bulk_modulus_bound",
+    "cells_of",
+    "certify",
+    "critical_from_lengths",
+    "critical_from_perimeters",
+    "cubic_network",
+    "diamond_network",
+    "elastic_moduli",
+    "equilibrium",
+    "face_modes",
+    "fit_stiffening",
+    "flat_directions",
+    "foam_network",
+    "gaussian_curvature",
+    "geometric_split",
+    "honeycomb_network",
+    "hookean_split",
+    "isogonal_modes",
+    "kagome_network",
+    "linear_response",
+    "modulus_bound",
+    "optimize",
+    "perimeter_moduli",
+    "perimeter_state",
+    "principal_curvatures",
+    "random_sequential_addition",
+    "rigidity",
+    "second_order_rigidity",
+    "signed_stress",
+    "spring_state",
+    "square_network",
+    "stability",
+    "stiffening",
+    "strain_path",
+    "stress_hessian",
+    "stresses_of",
+    "surface_geometry",
+    "three_bar_linkage",
+    "transition_bounds",
+    "transition_moduli",
+    "triangular_network",
+    "voronoi_network",
+    "voronoi_of",
+    "zero_modes",
+]

@@ -25,10 +25,10 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
-from critflow.linalg import FixedPattern
-from critflow.moduli import linear_response
-from critflow.objectives import OBJECTIVES, pure_shear
-from critflow.supremum import largest_modulus, modulus_bound
+from critflow.critical.objectives import OBJECTIVES, pure_shear
+from critflow.design.modulus_bounds import largest_modulus, modulus_bound
+from critflow.linalg.matrices import FixedPattern
+from critflow.mechanics.moduli import linear_response
 from critflow.workflow.batch import Job, run_batch
 from critflow.workflow.load import load_study
 from critflow.workflow.merge import write_dataset
@@ -37,7 +37,7 @@ from critflow.workflow.plan import select
 NETWORKS = {"planar": voronoi_network(60, seed=1), "foam": foam_network(60, seed=1)}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]
 # The package calls functions by the names of these modules.
-OPTIMIZE, PATH = sys.modules["critflow.optimize"], sys.modules["critflow.path"]
+OPTIMIZE, PATH = sys.modules["critflow.design.optimize"], sys.modules["critflow.mechanics.strain_path"]
 
 
 @pytest.fixture(params=NETWORKS)

@@ -43,6 +43,8 @@ def named_studies() -> dict[str, Path]:
     """Every study that can be run by name, the first one found for each name."""
     found: dict[str, Path] = {}
     for folder in study_folders():
+        for path in sorted([*folder.glob("*/study.py"), *folder.glob("benchmarks/*/study.py")]):
+            found.setdefault(path.parent.name, path)
         for path in sorted(folder.glob("*.py")):
             if not path.name.startswith("_"):
                 found.setdefault(path.stem, path)
@@ -79,9 +81,9 @@ def load_file(path: Path) -> StudyFile:
     with _loading:
         loaded = _loaded.get(path)
         if loaded is None or not loaded.is_current():
-            name = f"{STUDY_MODULE}{path.stem}_{_digest(source)[:16]}_{next(_numbers)}"
-            module = _execute(name, path, source)
-            files = {Path(file) for part in _parts(name) if (file := getattr(part, "__file__", None))}
+            root = f"{STUDY_MODULE}{path.stem}_{_digest(source)[:16]}_{next(_numbers)}"
+            module = _execute(root, path, source)
+            files = {Path(file) for part in _parts(root) if (file := getattr(part, "__file__", None))}
             digests = {file: _digest(file.read_bytes()) for file in files - {path}}
             loaded = _loaded[path] = _Loaded(module, {path: _digest(source), **digests})
         module = loaded.module
@@ -145,18 +147,35 @@ def _source(path: Path) -> bytes:
         raise kind(f"cannot read the study file {path}: {error.strerror}: {hint}") from error
 
 
-def _execute(name: str, path: Path, source: bytes) -> ModuleType:
+def _execute(root: str, path: Path, source: bytes) -> ModuleType:
+    """Run the source of a study as a module of the package that its folder belongs to, or as a package of its own.
+
+    The package gets a private name, so that two versions of a study can be loaded in one process.
+    """
+    top = path.parent
+    while (top / "__init__.py").exists() and (top.parent / "__init__.py").exists():
+        top = top.parent
+    if (top / "__init__.py").exists():
+        package = ModuleType(root)
+        package.__path__ = [str(top)]
+        sys.modules[root] = package
+        name = ".".join([root, *path.relative_to(top).with_suffix("").parts])
+    else:
+        name = root
     module = ModuleType(name)
     module.__file__ = str(path)
-    # A study may keep its figures and claims beside it: `from ._name import ...` looks in its own folder.
-    module.__package__, module.__path__ = name, [str(path.parent)]
+    # A study may keep its figures and claims beside it: `from .report import ...` looks in its own folder.
+    if name == root:
+        module.__package__, module.__path__ = name, [str(path.parent)]
+    else:
+        module.__package__ = name.rpartition(".")[0]
     sys.modules[name] = module  # before it runs: dataclasses look their module up
     write_bytecode = sys.dont_write_bytecode
     sys.dont_write_bytecode = True  # nothing is left beside the studies of a user
     try:
         exec(compile(source, path, "exec"), vars(module))
     except (Exception, SystemExit) as error:
-        for part in _parts(name):
+        for part in _parts(root):
             del sys.modules[part.__name__]
         reason = str(error) if isinstance(error, StudyError) else f"{type(error).__name__}: {error}"
         place = f"the study file {path}{_line(error, path)}"

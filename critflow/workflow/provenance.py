@@ -32,14 +32,8 @@ STUDY_MODULE = "critflow_study_"  # how modules of study files are called while 
 VOLATILE = ("history",)  # attributes of a dataset that differ between two runs of the same code
 
 _PACKAGE = Path(__file__).parents[1]
-_NOT_NUMBERS = (
-    "__init__.py",
-    "__main__.py",
-    "cli.py",
-    "plot.py",
-    "public.py",
-)  # modules at the top that change no number
 _NUMBERS_BELOW = ("workflow/seeds.py", "workflow/study.py")
+_NOT_NUMBERS = ("cli.py", "plot.py", "workflow", "studies")  # parts of the package that change no number
 _ENVIRONMENT = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pymetis")  # what numbers may depend on
 _MOST_CHECKSUMS = 100  # of single shards in a dataset: more would drown what else its head says
 
@@ -162,9 +156,13 @@ def _counted(counter: Counter[str]) -> str:
 
 @cache
 def _library_digest() -> str:
-    files = [path for path in sorted(_PACKAGE.glob("*.py")) if path.name not in _NOT_NUMBERS]
+    files = [path for path in sorted(_PACKAGE.rglob("[!_]*.py")) if _relative(path).parts[0] not in _NOT_NUMBERS]
     files += [_PACKAGE / name for name in _NUMBERS_BELOW]
-    return _digest({path.name: path for path in files})
+    return _digest({_relative(path).as_posix(): path for path in files})
+
+
+def _relative(path: Path) -> Path:
+    return path.relative_to(_PACKAGE)
 
 
 def _study_digest(study: Study) -> str:

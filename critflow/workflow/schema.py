@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from critflow.backends import available_backends
+from critflow.linalg.backends import available_backends
 from critflow.result import IntegrityError, Status
 from critflow.workflow.plan import Case, Selection
 from critflow.workflow.provenance import Origins, code_version, dataset_versions, source_tree

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from critflow.manifold import CriticalConfiguration
-from critflow.moduli import transition_moduli
-from critflow.network import Network
+from critflow.critical.manifold import CriticalConfiguration
+from critflow.design.modulus_bounds import bulk_modulus_bound
+from critflow.mechanics.moduli import transition_moduli
+from critflow.networks.network import Network
 from critflow.plot import network_figure
 from critflow.result import InputError, Status
-from critflow.rigidity import certify
-from critflow.supremum import bulk_modulus_bound
+from critflow.rigidity.counts import certify
 
 if TYPE_CHECKING:
     import xarray as xr

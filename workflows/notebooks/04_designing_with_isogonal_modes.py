@@ -25,10 +25,10 @@ from critflow import (
     strain_path,
     transition_moduli,
 )
-from critflow.isogonal import affine_bulk_modulus
-from critflow.network import planar_faces
+from critflow.design.isogonal import affine_bulk_modulus
+from critflow.networks.network import planar_faces
 from critflow.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions
-from critflow.structure import length_variance, tension_variance
+from critflow.rigidity.structure import length_variance, tension_variance
 
 
 def dataset_path(default="results/ensemble/ensemble.nc"):

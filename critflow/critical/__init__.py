@@ -1,0 +1,1 @@
+"""The critical manifold: stress to configuration, objectives, curvature, stress Hessian."""

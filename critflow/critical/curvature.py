@@ -1,0 +1,323 @@
+"""The critical manifold as a surface in the space of h = |L|²/2: chart, metric and curvature, at any size.
+
+The surface is h(σ) (`SelfStressParamaterization_Lsqr`).  Stress is normal to it, and B = ∂h/∂σ holds the rest:
+tangents B V, metric VᵀB²V and second fundamental form −VᵀB V/|σ| in any chart σ(s) with V = ∂σ/∂s (`TangentSpace`,
+`Metric`, `2FF`).  The sign is that of Σ_α σ_α ∂²h_α/∂s∂s/|σ|, since σᵀB = 0 gives σᵀ∂B = −B; the paper prints the
+opposite one.
+
+In a chart about the point itself V is an orthonormal basis of σ^⊥, and −VᵀBV x = κ|σ| VᵀB²V x makes the principal
+directions eigenvectors of B and the radii of curvature 1/κ the eigenvalues of −|σ|B on σ^⊥.  B has rank N_b − 1 where
+there is one self-stress and P is definite; then all radii are positive and the manifold is convex.  B and its inverse
+on σ^⊥ are sparse solves, so that neither N_b × N_b matrices nor generalised eigenproblems are needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+
+from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
+from critflow.linalg.matrices import Factor, Saddle, block_laplacian, edge_blocks, laplacian
+from critflow.networks.network import Array, edge_values
+from critflow.result import InputError, Solution, Stats, Status
+
+# Largest dense matrix that is made when asked for, in bytes: 10,000 rows and columns take 0.8 GB.
+DENSE_LIMIT = 10**9
+
+# Softness of the edges, relative to that of the prestress, at which determinants are extrapolated to zero.
+_SOFT = 1e-6
+
+
+def dense(operator: LinearOperator) -> Array:
+    """The matrix of an operator, column by column; raises `InputError` where it would take more than a gigabyte."""
+    rows, columns = operator.shape
+    if 8 * rows * columns > DENSE_LIMIT:
+        raise InputError(
+            f"a dense {rows} × {columns} matrix takes {8e-9 * rows * columns:.3g} GB: apply the operator instead, or "
+            "ask for a few principal curvatures"
+        )
+    return operator @ np.eye(columns)
+
+
+@dataclass(frozen=True, eq=False)
+class StereographicChart:
+    """Unit stresses by N_b − 1 coordinates s about a pole σ⁰ (`projection`); s = 0 is the pole itself.
+
+    The basis v of the pole's complement is the last N_b − 1 columns of the reflection 1 − 2uuᵀ that takes the pole to
+    an end of the first axis: it depends on the pole alone and costs no more than one vector.
+    """
+
+    pole: Array  # (N_b,), of unit norm
+    mirror: Array  # u, (N_b,), of unit norm
+
+    @classmethod
+    def about(cls, pole: ArrayLike) -> StereographicChart:
+        """The chart about a stress (N_b,) of any scale."""
+        sigma = edge_values(pole, np.size(pole), "pole", positive=False)
+        if not sigma.any():
+            raise InputError("the pole of the chart must not be zero everywhere")
+        unit = sigma / np.linalg.norm(sigma)
+        mirror = unit.copy()
+        mirror[0] += np.copysign(1.0, unit[0])  # the end of the axis that lies farther away, so that nothing cancels
+        return cls(unit, mirror / np.linalg.norm(mirror))
+
+    def _spread(self, s: Array) -> Array:
+        """v s, (N_b,)."""
+        padded = np.concatenate([[0.0], np.ravel(s)])
+        return padded - 2 * (self.mirror @ padded) * self.mirror
+
+    def _collect(self, w: Array) -> Array:
+        """vᵀ w, (N_b − 1,)."""
+        flat = np.ravel(w)
+        return (flat - 2 * (self.mirror @ flat) * self.mirror)[1:]
+
+    @property
+    def basis(self) -> LinearOperator:
+        """v, (N_b, N_b − 1): orthonormal and orthogonal to the pole."""
+        n = len(self.pole)
+        return LinearOperator((n, n - 1), matvec=self._spread, rmatvec=self._collect, dtype=float)
+
+    def sigma(self, s: ArrayLike) -> Array:
+        """σ(s), of unit norm, (N_b,)."""
+        at = self._checked(s)
+        quarter = float(at @ at) / 4
+        return (self._spread(at) + (1 - quarter) * self.pole) / (1 + quarter)
+
+    def coordinates(self, sigma: ArrayLike) -> Array:
+        """s of a stress (N_b,) of any scale; raises `InputError` for the antipode of the pole, which has none."""
+        stress = edge_values(sigma, len(self.pole), "sigma", positive=False)
+        size = float(np.linalg.norm(stress))
+        height = size + float(self.pole @ stress)
+        if not height > 1e-14 * size:
+            raise InputError("zero and the antipode of the pole have no coordinates: choose the pole nearer the stress")
+        return 2 * self._collect(stress) / height
+
+    def derivative(self, s: ArrayLike) -> LinearOperator:
+        """V = ∂σ/∂s, (N_b, N_b − 1) (`projectionDeriv`)."""
+        at, half = self._checked(s), (self.pole + self.sigma(s)) / 2
+        scale = 1 / (1 + float(at @ at) / 4)
+        return LinearOperator(
+            (len(self.pole), len(at)),
+            matvec=lambda ds: scale * (self._spread(ds) - (at @ np.ravel(ds)) * half),
+            rmatvec=lambda w: scale * (self._collect(w) - (half @ np.ravel(w)) * at),
+            dtype=float,
+        )
+
+    def _checked(self, s: ArrayLike) -> Array:
+        at = np.asarray(s, dtype=float)
+        if at.shape != (len(self.pole) - 1,) or not np.isfinite(at).all():
+            raise InputError(
+                f"s must be {len(self.pole) - 1} finite numbers, not an array of shape {at.shape}: one coordinate less "
+                "than edges"
+            )
+        return at
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceGeometry:
+    """The manifold at one point of a chart, as operators; `dense` makes matrices of them.
+
+    sigma     unit normal σ(s), (N_b,)
+    response  B of that stress, (N_b, N_b)
+    chart     V = ∂σ/∂s, (N_b, N_b − 1)
+    """
+
+    sigma: Array
+    response: LinearOperator
+    chart: LinearOperator
+
+    @cached_property
+    def tangents(self) -> LinearOperator:
+        """T = ∂h/∂s = B V, (N_b, N_b − 1) (`TangentSpace`)."""
+        return self.response @ self.chart
+
+    @cached_property
+    def metric(self) -> LinearOperator:
+        """TᵀT = VᵀB²V (`Metric`)."""
+        return self.tangents.T @ self.tangents
+
+    @cached_property
+    def second_fundamental_form(self) -> LinearOperator:
+        """Σ_α σ_α ∂²h_α/∂s∂s = −VᵀBV for |σ| = 1 (`2FF`, with the sign that finite differences have)."""
+        return -(self.chart.T @ self.tangents)
+
+
+def surface_geometry(manifold: CriticalManifold, chart: StereographicChart, s: ArrayLike) -> SurfaceGeometry:
+    """Tangents, metric and second fundamental form at chart coordinates s (N_b − 1,).
+
+    Raises `InputError` for coordinates of another shape and `SolveError` where the stress has no configuration.
+    """
+    sigma, V = chart.sigma(s), chart.derivative(s)
+    return SurfaceGeometry(sigma, unit_response(manifold, manifold.configuration(sigma)), V)
+
+
+def unit_response(manifold: CriticalManifold, configuration: CriticalConfiguration) -> LinearOperator:
+    """|σ|B, (N_b, N_b): the response B to stresses of unit norm, which no longer depends on the scale of σ."""
+    # h(σ) does not change with the scale of σ, so B = ∂h/∂σ goes as its inverse.
+    return manifold.response(configuration) * float(np.linalg.norm(configuration.sigma))
+
+
+@dataclass(frozen=True, eq=False)
+class PrincipalCurvatures:
+    """Curvatures κ of the manifold towards its normal σ, by growing size (n,), and what they were found with.
+
+    radii       1/κ, eigenvalues of −|σ|B on σ^⊥, in units of h
+    directions  (n, N_b) unit vectors: principal directions among the h, and the stresses that move along them
+    residuals   |−|σ|B w − w/κ| κ of each, or of the inverse: bounds of the relative errors
+    """
+
+    radii: Array
+    directions: Array
+    residuals: Array
+
+    @property
+    def curvatures(self) -> Array:
+        """κ, (n,), in units of 1/h."""
+        return 1 / self.radii
+
+
+def principal_curvatures(
+    manifold: CriticalManifold,
+    sigma: ArrayLike,
+    k: int | None = None,
+    end: str = "flat",
+    *,
+    tolerance: float = 1e-8,
+    throw: bool = True,
+) -> Solution[PrincipalCurvatures]:
+    """Principal curvatures at a stress (N_b,): all N_b − 1 by dense matrices, or the k at one end by sparse solves.
+
+    end  "flat" for the largest radii |1/κ|, by B; "sharp" for the smallest, by its inverse on σ^⊥
+
+    `Status.singular` where P(σ) is singular, `Status.edge_collapse` where an edge has no length and B less than N_b − 1
+    directions, `Status.stalled` where a residual exceeds `tolerance`; values are then NaN.
+    """
+    if end not in ("flat", "sharp"):
+        raise InputError(f"end must be 'flat' or 'sharp', not {end!r}")
+    n = manifold.network.n_edges
+    if k is not None and not 0 < k < n - 1:
+        raise InputError(f"k = {k} must lie between 1 and {n - 2}: leave it out for all {n - 1} curvatures")
+    found = manifold.solve(sigma)
+    status, residual = found.status, found.stats.residual
+    value = PrincipalCurvatures(*(np.full(shape, np.nan) for shape in ((k or n - 1,), (k or n - 1, n), (k or n - 1,))))
+    method = "dense" if k is None else "Lanczos"
+    if found.ok and not found.value.lengths.min() > COLLAPSED * found.value.lengths.mean():
+        status = Status.edge_collapse
+    elif found.ok:
+        try:
+            candidate = _all(manifold, found.value) if k is None else _few(manifold, found.value, k, end)
+        except ArpackNoConvergence:
+            status = Status.stalled
+        else:
+            residual = float(candidate.residuals.max())
+            status = Status.ok if residual < tolerance else Status.stalled
+            value = candidate if status is Status.ok else value
+    details = {"note": _NOTES[status]} if status in _NOTES else {}
+    solution = Solution(value, status, Stats(method, residual=residual, details=details))
+    return solution.or_raise("the principal curvatures were not found") if throw else solution
+
+
+_NOTES = {
+    Status.edge_collapse: "an edge without length leaves the manifold no tangent plane here: move the stress away",
+    Status.stalled: "some curvatures are infinite, as with several self-stresses, or lost in rounding: ask for a few "
+    "at the flat end",
+}
+
+
+def _all(manifold: CriticalManifold, configuration: CriticalConfiguration) -> PrincipalCurvatures:
+    """Every one, by the eigenvalues of −|σ|B in an orthonormal basis of σ^⊥."""
+    v = StereographicChart.about(configuration.sigma).basis
+    B = unit_response(manifold, configuration)
+    small = dense(-(v.T @ B @ v))
+    radii, vectors = scipy.linalg.eigh((small + small.T) / 2)
+    order = np.argsort(-np.abs(radii))
+    w = np.array([v @ vector for vector in vectors.T[order]])
+    return PrincipalCurvatures(radii[order], w, _residuals(-B, w, radii[order]))
+
+
+def _few(manifold: CriticalManifold, configuration: CriticalConfiguration, k: int, end: str) -> PrincipalCurvatures:
+    """The k flattest or sharpest, by Lanczos iteration with −|σ|B or its inverse."""
+    n = manifold.network.n_edges
+    operator = -unit_response(manifold, configuration) if end == "flat" else inverse_response(manifold, configuration)
+    # A start without symmetry, and the same always.
+    start = np.mod(0.6180339887498949 * np.arange(n), 1.0) - 0.5
+    values, vectors = eigsh(operator, k=k, which="LM", v0=start)
+    radii = values if end == "flat" else 1 / values
+    order = np.argsort(-np.abs(radii))
+    w = vectors.T[order]
+    return PrincipalCurvatures(radii[order], w, _residuals(operator, w, values[order]))
+
+
+def _residuals(operator: LinearOperator, vectors: Array, values: Array) -> Array:
+    return np.array(
+        [np.linalg.norm(operator @ w - value * w) / abs(value) for w, value in zip(vectors, values, strict=True)]
+    )
+
+
+def inverse_response(manifold: CriticalManifold, configuration: CriticalConfiguration) -> LinearOperator:
+    """The inverse of −|σ|B on σ^⊥, zero along σ, (N_b, N_b): the shape operator of the manifold.
+
+    −B w = h means P u = Rᵀw and R u = h with u = −ẋ: one saddle system, whose multipliers are −w.
+    """
+    network, size = manifold.network, float(np.linalg.norm(configuration.sigma))
+    normal = configuration.sigma / size
+    saddle = Saddle(network).factorize(configuration.sigma, configuration.bond_vectors)
+    forces = np.zeros((len(network.free), network.dimension))
+
+    def apply(h: Array) -> Array:
+        flat = np.ravel(h)
+        w = -saddle.solve(forces, flat - (normal @ flat) * normal)[1] / size
+        return w - (normal @ w) * normal
+
+    n = network.n_edges
+    return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
+
+
+@dataclass(frozen=True)
+class GaussianCurvature:
+    """The product K of all N_b − 1 principal curvatures: log|K|, and how many of them are negative."""
+
+    log_size: float
+    n_negative: int
+
+
+def gaussian_curvature(
+    manifold: CriticalManifold, sigma: ArrayLike, *, throw: bool = True
+) -> Solution[GaussianCurvature]:
+    """K = 1/det(−|σ|B on σ^⊥) at a stress (N_b,), by sparse factors alone; `stats.residual` bounds the error of log|K|.
+
+    Edges of softness δ add RᵀR/δ to the prestress, and det(P⊗1 + RᵀR/δ)/det(P⊗1) = Π(r_i + δ)/δ^(N_b − 1) with the
+    radii r_i, σ giving a factor of one: log K follows by extrapolation to δ = 0.  Inertia counts the signs: negative
+    curvatures and negative directions of the stiffened matrix together are the d times those of P.
+    """
+    network = manifold.network
+    found = manifold.solve(sigma)
+    if not found.ok:
+        solution = Solution(GaussianCurvature(np.nan, 0), found.status, Stats("determinants"))
+        return solution.or_raise("no curvature for this stress") if throw else solution
+    stress, L, n = found.value.sigma, found.value.bond_vectors, network.n_edges
+    prestress = laplacian(network).factorize(stress)
+    pattern = block_laplacian(network)
+    softness = _SOFT * float(np.mean(L**2) / np.mean(np.abs(stress)))
+    logs = []
+    for soft in softness * np.array([1.0, 2.0, 4.0]):
+        stiffened = pattern.factorize(edge_blocks(np.full(n, 1 / soft), L, stress))
+        logs.append(_log_size(stiffened) - network.dimension * _log_size(prestress) + (n - 1) * np.log(soft))
+    # Values at δ, 2δ and 4δ cancel the first two orders; the step between the orders bounds what is left.
+    linear, quadratic = 2 * logs[0] - logs[1], (8 * logs[0] - 6 * logs[1] + logs[2]) / 3
+    rounding = 4 * np.finfo(float).eps / _SOFT * np.sqrt(n)
+    value = GaussianCurvature(
+        float(-quadratic - (n - 1) * np.log(np.linalg.norm(stress))),
+        network.dimension * prestress.n_negative - stiffened.n_negative,
+    )
+    return Solution(value, Status.ok, Stats("determinants", 3, 3, float(abs(quadratic - linear) + rounding)))
+
+
+def _log_size(factor: Factor) -> float:
+    """log|det| of a factorised matrix."""
+    return float(np.log(np.abs(factor.pivots)).sum())

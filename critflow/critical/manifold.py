@@ -1,0 +1,300 @@
+"""The critical manifold: every stress σ has one configuration, and derivatives cost one more solve.
+
+Force balance gᵀ(σ ∘ L) = 0 is linear in the coordinates, P x = −gᵀ(σ ∘ b) with the σ-weighted Laplacian P
+(`FDM1`, `PrestressMatrix`), one N_v × N_v matrix for all directions.  σ > 0 makes P positive definite; with mixed
+signs its inertia separates the sheets of the manifold, and a singular P has no configuration.
+
+`balance` is the plain solve inside every optimisation.  `solve` refines it and bounds its error; where rounding may
+have taken all digits it says so instead of giving numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import LinearOperator
+
+from critflow.linalg.condensed import CondensedSaddle, positive
+from critflow.linalg.matrices import Factor, FixedPattern, Saddle, block_laplacian, laplacian
+from critflow.networks.network import Array, Network, edge_values
+from critflow.precision.double_double import Extended, two_product
+from critflow.precision.refinement import Refined, Refinement
+from critflow.result import InputError, NetworkError, Solution, Stats, Status
+
+# An edge shorter than this part of the mean length counts as collapsed.
+COLLAPSED = 1e-8
+
+# Part of the mean stress that P is shifted by where pivots vanish though no eigenvalue may, and where two such shifts
+# have different inertias, the distance of an eigenvalue from zero.
+_BESIDE = 1e-9
+
+# From so many edges on systems of stresses and displacements are cheaper condensed.
+_CONDENSED = 100_000
+
+# A stress with Σσ² = N_b to so much counts as scaled.
+_SCALED = 4e-15
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalConfiguration:
+    """A network in balance under a stress: σ (N_b,), coordinates x (N_v, d) and bond vectors L (N_b, d).
+
+    σ is the force density (tension per length) with Σσ² = N_b; it is defined up to that scale.
+
+    error_bound  bound on the error of every coordinate, against the exact configuration of the stress that was given,
+                 before it was scaled; NaN where none is known
+    bond_errors  (N_b,) bounds on |δL_α| likewise: L is known relative to its own length, not to that of the cell
+    """
+
+    network: Network
+    sigma: Array
+    coordinates: Array
+    bond_vectors: Array
+    error_bound: float = np.nan
+    bond_errors: Array = field(default=None, repr=False)  # type: ignore[arg-type]
+
+    def __post_init__(self) -> None:
+        if self.bond_errors is None:
+            object.__setattr__(self, "bond_errors", np.full(self.network.n_edges, np.nan))
+
+    @cached_property
+    def lengths(self) -> Array:
+        """|L_α|, (N_b,)."""
+        return np.linalg.norm(self.bond_vectors, axis=1)
+
+    @property
+    def tensions(self) -> Array:
+        """τ_α = σ_α |L_α|, (N_b,), up to the scale of σ (`ForceDensity`)."""
+        return self.sigma * self.lengths
+
+    @cached_property
+    def residual(self) -> float:
+        """Largest unbalanced force |gᵀ(σ ∘ L)| over the mean tension, or NaN without any (`ForceBalanceLsqr`)."""
+        force = self.network.divergence @ (self.sigma[:, None] * self.bond_vectors)
+        mean = float(np.abs(self.tensions).mean())
+        return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
+
+    def springs_of(self, network: Network) -> Network:
+        """The network itself if this is a configuration of it, whatever its stiffnesses, else an `InputError`."""
+        same = self.network
+        if network is not same and not (
+            np.array_equal(network.edges, same.edges)
+            and np.array_equal(network.boundary_vectors, same.boundary_vectors)
+        ):
+            raise InputError("the configuration belongs to another network: its edges or its cell are not the same")
+        return network
+
+
+def critical_configuration(network: Network, sigma: Array, coordinates: Array) -> CriticalConfiguration:
+    """Join a stress and coordinates that balance, with the scale set to Σσ² = N_b."""
+    sigma = sigma * np.sqrt(network.n_edges / np.sum(sigma**2))
+    return CriticalConfiguration(network, sigma, coordinates, network.bond_vectors(coordinates))
+
+
+def _scaled(stress: Array) -> Extended:
+    """A stress (N_b,), of any size, to Σσ² = N_b, and what rounding that takes away; a scaled one stays as it is."""
+    power = int(np.frexp(np.abs(stress).max())[1])
+    whole = np.ldexp(stress, -power)
+    scale = np.sqrt(len(stress) / np.sum(whole**2))
+    half = np.ldexp(0.5, power)
+    return two_product(whole, 2 * half if abs(0.5 * scale - half) < _SCALED * half else scale)
+
+
+def require_one_self_stress(network: Network, instead: str) -> None:
+    """Refuse networks whose counts alone give several self-stresses, N_s ≥ N_b − d n_free > 1."""
+    certain = network.n_edges - network.dimension * len(network.free)
+    if certain > 1:
+        raise InputError(f"this holds for one self-stress and the network has at least {certain}: {instead}")
+
+
+class CriticalManifold:
+    """The map σ → configuration of one network, its pull-back and its tangents.
+
+    It also keeps the symbolic analysis of the network's other matrices, made when first asked for; functions that
+    take a network and a manifold alike are faster with the manifold when they are called more than once.
+
+    prestress  the pattern of P; every factorisation makes earlier factors stale
+    backend    sparse solver of all of them (`critflow.linalg.backends`)
+    """
+
+    def __init__(self, network: Network, backend: str = "auto"):
+        self.network, self.backend = network, backend
+        self.prestress = laplacian(network, backend)
+        self._g, self._b = network.free_incidence, network.boundary_vectors
+        # gᵀ(σ ∘ b) is linear in σ and only few edges carry b, so it is one thin product per direction.
+        self._load = [
+            sp.csr_array(network.divergence @ sp.diags_array(self._b[:, k])) for k in range(network.dimension)
+        ]
+        for load in self._load:
+            load.eliminate_zeros()
+        self._check_held()
+
+    @classmethod
+    def of(cls, network: Network | CriticalManifold) -> CriticalManifold:
+        """The manifold itself, or that of a network."""
+        return network if isinstance(network, CriticalManifold) else cls(network)
+
+    @cached_property
+    def saddle(self) -> Saddle:
+        """Systems of stresses and displacements together."""
+        return Saddle(self.network, self.backend)
+
+    @cached_property
+    def condensed(self) -> CondensedSaddle:
+        """The same systems for stresses that are all positive."""
+        return CondensedSaddle(self.network, self.backend)
+
+    def system(self, sigma: Array) -> Saddle | CondensedSaddle:
+        """Systems of stresses and displacements in the form that is cheaper for σ (N_b,)."""
+        if self.network.n_edges >= _CONDENSED and positive(sigma):
+            return self.condensed
+        return self.saddle
+
+    @cached_property
+    def hessian(self) -> FixedPattern:
+        """The pattern of the elastic Hessian, of the network and all its strained copies."""
+        return block_laplacian(self.network, self.backend)
+
+    @cached_property
+    def refinement(self) -> Refinement:
+        """Corrects configurations to the last digit and bounds what is left."""
+        return Refinement(self.network)
+
+    def configuration(self, sigma: ArrayLike, throw: bool = True) -> CriticalConfiguration:
+        """The configuration x(σ) in balance under σ (`SelfStressParamaterization_coords`); σ of any sign.
+
+        Raises `NetworkError` for a σ that is not finite or wrongly sized, `SolveError` where P(σ) is singular or too
+        near it for any digit to be certain.
+        """
+        return self.solve(sigma, throw).value
+
+    def solve(self, stress: ArrayLike, throw: bool = False) -> Solution[CriticalConfiguration]:
+        """As `configuration`, with status, number of negative pivots, Skeel's condition and bounds on all errors.
+
+        Coordinates are NaN where P is singular (`Status.singular`), or so near it, or its entries so far apart, that
+        rounding may have taken every digit (`Status.ill_conditioned`).
+        """
+        given = edge_values(stress, self.network.n_edges, "sigma", positive=False)
+        if not given.any():
+            raise NetworkError("sigma is zero on every edge: give each edge a force density, positive for tension")
+        # The balance is that of the stress as given: scaling rounds it, and a nearly singular P would show that.
+        exact = _scaled(given)
+        sigma = exact.high
+        free, _, factor = self.balance(sigma)
+        n_negative, status = factor.n_negative, Status.ok
+        refined = self.refinement(exact, factor, free)
+        if not refined.certain:
+            refined, n_negative, status = self._beside(exact, refined)
+        x = self.network.all_coordinates(refined.x)
+        if status is not Status.ok:
+            x[:] = np.nan
+        value = CriticalConfiguration(self.network, sigma, x, refined.L, refined.error, refined.L_errors)
+        stats = Stats(
+            "force density",
+            refined.steps,
+            1 + refined.steps,
+            value.residual,
+            {"negative_pivots": n_negative},
+            refined.condition,
+            refined.error,
+        )
+        solution = Solution(value, status, stats)
+        return solution.or_raise("no configuration for this stress") if throw else solution
+
+    def _beside(self, sigma: Extended, failed: Refined) -> tuple[Refined, int, Status]:
+        """What P + δ as a factor of P makes of a stress, the negative pivots and the status, where P itself fails.
+
+        A pivot may vanish though no eigenvalue does, if the signs are mixed.
+        """
+        stress, refined = sigma.high, failed
+        status = Status.ill_conditioned if self._tied(stress) else Status.singular
+        n_negative = 0 if (stress >= 0).all() else len(self.network.free)
+        if (stress > 0).any() and (stress < 0).any():
+            shift = _BESIDE * float(np.mean(np.abs(stress)))
+            below = self.prestress.factorize(stress, -shift)
+            sound, n_negative = below.sound, below.n_negative
+            above = self.prestress.factorize(stress, shift)
+            if sound and above.sound and above.n_negative == n_negative:
+                refined = self.refinement(sigma, above, self._placed(stress, above)[0])
+            else:
+                status = Status.singular
+        if refined.certain:
+            return refined, n_negative, Status.ok
+        nothing, lost = np.full_like(self._b, np.nan), np.full_like(refined.x, np.nan)
+        return replace(refined, x=lost, L=nothing, error=np.nan, L_errors=nothing[:, 0]), n_negative, status
+
+    def _tied(self, sigma: Array) -> bool:
+        """Whether edges with a stress join every vertex to a fixed one."""
+        fixed = np.setdiff1d(np.arange(self.network.n_vertices), self.network.free)
+        joined = [*self.network.edges[sigma != 0].T, fixed[:-1], fixed[1:]]
+        ends = np.concatenate(joined[::2]), np.concatenate(joined[1::2])
+        graph = sp.coo_array((np.ones(len(ends[0])), ends), shape=(self.network.n_vertices,) * 2)
+        return bool(connected_components(graph, directed=False)[0] == 1)
+
+    def balance(self, sigma: Array) -> tuple[Array, Array, Factor]:
+        """Free coordinates, bond vectors L(σ) and the factor of P, unchecked: the inner step of every optimisation."""
+        factor = self.prestress.factorize(sigma)
+        return *self._placed(sigma, factor), factor
+
+    def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
+        x = np.empty((self._g.shape[1], len(self._load)))
+        for axis, load in enumerate(self._load):
+            x[:, axis] = factor.solve(load @ sigma)
+        np.negative(x, out=x)
+        return x, self._g @ x + self._b
+
+    def _difference(self, factor: Factor, edge_vectors: Array) -> Array:
+        """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
+        return self._g @ factor.solve(self.network.divergence @ edge_vectors)
+
+    def pull_back(self, L: Array, factor: Factor, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
+        """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
+        gy = self._difference(factor, dO_dL)
+        return dO_dsigma - np.einsum("ad,ad->a", L, gy), gy
+
+    def tangent(self, L: Array, factor: Factor, dsigma: Array) -> Array:
+        """Change of the bond vectors along σ̇: L̇ = −g P⁻¹ gᵀ(σ̇ ∘ L) (`SelfStressParamaterization_BondVectorDeriv`)."""
+        return -self._difference(factor, dsigma[:, None] * L)
+
+    def pull_back_tangent(
+        self, factor: Factor, L: Array, dL: Array, gy: Array, dsigma: Array, second: tuple[Array, Array]
+    ) -> Array:
+        """Derivative of `pull_back` along (σ̇, L̇): the exact Hessian-vector product of an objective.
+
+        second  derivatives along (σ̇, L̇) of (∂O/∂σ, ∂O/∂L)
+        """
+        ddO_dsigma, ddO_dL = second
+        dgy = self._difference(factor, ddO_dL - dsigma[:, None] * gy)
+        return ddO_dsigma - np.einsum("ad,ad->a", dL, gy) - np.einsum("ad,ad->a", L, dgy)
+
+    def response(self, configuration: CriticalConfiguration) -> LinearOperator:
+        """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).
+
+        B is symmetric and σᵀ B = 0: the stress is normal to the manifold (`TangentVectors`).
+        """
+        L = configuration.bond_vectors
+        # Its own pattern, so that no later factorisation makes the operator stale.
+        factor = laplacian(self.network).factorize_signed(configuration.sigma)
+
+        def apply(dsigma: Array) -> Array:
+            return np.einsum("ad,ad->a", L, self.tangent(L, factor, np.ravel(dsigma)))
+
+        n = self.network.n_edges
+        return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
+
+    def _check_held(self) -> None:
+        """Refuse networks with parts that collapse under every stress: nothing pulls them open."""
+        # A stress without any symmetry, so that a vanishing edge is no accident.
+        generic = np.mod(0.6180339887498949 * np.arange(self.network.n_edges), 1.0) + 1.0
+        lengths = np.linalg.norm(self.balance(generic)[1], axis=1)
+        loose = np.flatnonzero(~(lengths > COLLAPSED * lengths.max()))
+        if len(loose):
+            raise NetworkError(
+                f"{len(loose)} of {len(lengths)} edges, edge {int(loose[0])} among them, have no length under any "
+                "stress: they hang on a single edge or do not wrap around the cell; remove them"
+            )

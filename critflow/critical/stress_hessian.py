@@ -1,0 +1,89 @@
+"""How flat an objective is over the stresses: its exact Hessian, and the directions in which it does not change.
+
+At the largest bulk modulus the Hessian ∂²B_0/∂σ∂σ is negative semidefinite.  Its null space is σ itself, because the
+configuration does not depend on the scale of σ, and σ̇ = −σ e/|L| for every isogonal mode e, which keeps the tensions:
+N_v/2 directions for a periodic network of three edges a vertex, of which the paper counts N_v/2 − 1, those that
+change the configuration (`BulkModulusHessian`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator
+
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.objectives import Objective, named_objective
+from critflow.networks.network import Array
+from critflow.result import InputError
+
+# Edges up to which the Hessian is made dense: 32 MB, some seconds.
+_DENSE = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class FlatDirections:
+    """The directions in stress along which an objective does not change to second order.
+
+    directions   orthonormal σ̇ of zero curvature, (n_flat, N_b); σ/|σ| lies in their span
+    eigenvalues  of the Hessian at Σσ² = N_b, ascending, (N_b,)
+    gap          largest |eigenvalue| counted as zero and the next one, relative to the largest of all
+    """
+
+    directions: Array
+    eigenvalues: Array
+    gap: tuple[float, float]
+
+    @property
+    def n_flat(self) -> int:
+        """The nullity, scaling of σ included."""
+        return len(self.directions)
+
+
+def stress_hessian(critical: CriticalConfiguration, objective: str | Objective = "bulk_modulus") -> LinearOperator:
+    """∂²O/∂σ∂σ at Σσ² = N_b, configuration following σ, as an operator (N_b, N_b) (`BulkModulusHessian`).
+
+    A product costs two solves on the factor of P; the matrix itself is never formed.
+    """
+    network = critical.network
+    # Its own manifold, so that no later factorisation makes the operator stale.
+    manifold = CriticalManifold(network)
+    goal = named_objective(network, objective) if isinstance(objective, str) else objective
+    sigma = manifold.configuration(critical.sigma).sigma
+    _, L, factor = manifold.balance(sigma)
+    _, partials = goal.evaluate(sigma, L)
+    _, gy = manifold.pull_back(L, factor, *partials)
+
+    def apply(direction: Array) -> Array:
+        dsigma = np.ravel(direction)
+        dL = manifold.tangent(L, factor, dsigma)
+        second = goal.differential(sigma, L, dsigma, dL)
+        return manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second)
+
+    n = network.n_edges
+    return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
+
+
+def flat_directions(
+    critical: CriticalConfiguration, objective: str | Objective = "bulk_modulus", tolerance: float = 1e-9
+) -> FlatDirections:
+    """Null space of the Hessian of an objective over stress, by all its eigenvalues.
+
+    tolerance  eigenvalues of at most this part of the largest are zero
+
+    Meant for an optimum: elsewhere ∂²O/∂σ∂σ σ = −dO/dσ, so that not even the scaling of σ is flat.  Raises
+    `InputError` for networks of more than 2,000 edges.
+    """
+    n = critical.network.n_edges
+    if n > _DENSE:
+        raise InputError(
+            f"all eigenvalues are found up to {_DENSE} edges, not for {n}: use the products of stress_hessian()"
+        )
+    operator = stress_hessian(critical, objective)
+    columns = operator @ np.eye(n)
+    eigenvalues, vectors = np.linalg.eigh(0.5 * (columns + columns.T))
+    size = np.abs(eigenvalues) / np.abs(eigenvalues).max()
+    zero = size <= tolerance
+    gap = (float(size[zero].max(initial=0.0)), float(size[~zero].min(initial=np.inf)))
+    return FlatDirections(vectors[:, zero].T, eigenvalues, gap)

@@ -1,0 +1,1 @@
+"""Optimisation over critical configurations, closed-form bounds, rest lengths, isogonal modes, tensegrity."""

@@ -1,0 +1,1 @@
+"""Sparse linear algebra: matrices with a fixed pattern, their factors, and the solver back ends."""

@@ -1,0 +1,1 @@
+"""Spring laws, equilibrium, strain paths, moduli, stiffening coefficients, perimeters."""

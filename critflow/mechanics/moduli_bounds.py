@@ -1,0 +1,81 @@
+"""Bounds on the errors of moduli at the transition, from those of the configuration and of the arithmetic.
+
+What the modulus gains or loses from errors δL of the bond vectors and from the rounding of σ follows from its partial
+derivatives, to first order, and the second order is bounded as well; what its sums lose is measured in extended
+precision.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from critflow.critical.manifold import CriticalConfiguration
+from critflow.critical.objectives import TransitionModulus, dilation, pure_shear, transition_modulus
+from critflow.mechanics.moduli import Moduli
+from critflow.networks.network import Array
+from critflow.precision.double_double import Extended, add, divide, extended, multiply, total, two_product
+
+_EPS = float(np.finfo(float).eps)
+
+
+def transition_bounds(critical: CriticalConfiguration) -> Moduli:
+    """Bounds on the errors of `transition_moduli`, against the exact moduli of the stress that was solved for.
+
+    NaN where the configuration has no bounds of its own, and infinite where those are too wide to tell anything.
+    """
+    d = critical.network.dimension
+    bulk, shear = (
+        transition_modulus_bound(transition_modulus(critical.network, A), critical)
+        for A in (dilation(d), pure_shear(d))
+    )
+    return Moduli(bulk, shear, shear)
+
+
+def transition_modulus_bound(goal: TransitionModulus, critical: CriticalConfiguration) -> float:
+    """The bound on the error of one modulus μ_A = w²/(Vc), w = Σσḣ, c = Σσ²|L|²/k, at a configuration."""
+    sigma, L, dL = critical.sigma, critical.bond_vectors, critical.bond_errors
+    size, AL = np.abs(sigma), L @ goal.symmetric
+    length, stretch = critical.lengths, np.linalg.norm(AL, axis=1)
+    hdot = np.abs(np.einsum("ad,ad->a", L, AL))
+    work, cost = sigma @ np.einsum("ad,ad->a", L, AL), sigma**2 @ (length**2 / goal.stiffness)
+    ratio = float(work / cost)
+
+    value, (dO_dsigma, dO_dL) = goal.evaluate(sigma, L)
+    # σ is the rounded copy of the stress that was solved for.
+    first = np.linalg.norm(dO_dL, axis=1) @ dL + 0.5 * _EPS * (np.abs(dO_dsigma) @ size)
+    # f = w²/c changes by its first order and, exactly, (δw − f_w δc/2)²/(c + δc) more; w and c are quadratic in L.
+    bent_work = float(np.linalg.norm(goal.symmetric, 2) * (size @ dL**2))
+    bent_cost = float((sigma**2 / goal.stiffness) @ dL**2)
+    dwork = 2 * (size * stretch) @ dL + 0.5 * _EPS * (size @ hdot) + bent_work
+    dcost = 2 * (sigma**2 * length / goal.stiffness) @ dL + _EPS * cost + bent_cost
+    if dcost >= cost:
+        return np.inf
+    second = 2 * abs(ratio) * bent_work + ratio**2 * bent_cost + (dwork + abs(ratio) * dcost) ** 2 / (cost - dcost)
+    return float(first + second / goal.volume + _lost_in_sums(goal, value, sigma, L) + _given(critical, value))
+
+
+def _lost_in_sums(goal: TransitionModulus, value: float, sigma: Array, L: Array) -> float:
+    """|μ − w²/(Vc)| with w and c of the same σ and L in extended precision."""
+    stress, components = extended(sigma), [np.ascontiguousarray(axis) for axis in L.T]
+    A = goal.symmetric
+    hdot, square = (Extended(np.zeros_like(sigma), np.zeros_like(sigma)) for _ in range(2))
+    for i, j in np.ndindex(A.shape):
+        product = two_product(components[i], components[j])
+        if A[i, j]:
+            hdot = add(hdot, multiply(extended(np.full_like(sigma, A[i, j])), product))
+        if i == j:
+            square = add(square, product)
+    tension = multiply(multiply(stress, stress), square)
+    work = total(multiply(stress, hdot))
+    cost = total(divide(tension, extended(goal.stiffness)))
+    w, c, V = (Extended(*map(np.atleast_1d, pair)) for pair in (work, cost, (goal.volume, 0.0)))
+    exact = divide(multiply(w, w), multiply(c, V))
+    return float(abs((value - exact.high[0]) - exact.low[0]))
+
+
+def _given(critical: CriticalConfiguration, value: float) -> float:
+    """What the rounding of the volume, a determinant, and of the strain, 1/d, make of a modulus."""
+    cell = critical.network.cell
+    assert cell is not None, "a network without a cell has no modulus"
+    skew = float(np.prod(np.linalg.norm(cell, axis=1))) / critical.network.volume
+    return _EPS * abs(value) * (2 + 2 * len(cell) * skew)

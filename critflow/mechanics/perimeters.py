@@ -1,0 +1,290 @@
+"""Cells with perimeter springs, a vertex model without area term: K couples all edges of a cell.
+
+E = ½ Σ_c κ_c (p_c − p0_c)² with perimeters p = A|L|, A (N_c, N_b) being 1 where an edge is a side of a cell.  Tensions
+of the cells T = κ(p − p0) add up on their sides, τ = Aᵀ T, σ = τ/|L|, and
+    K_{αβ} = Σ_c κ_c A_cα A_cβ/(|L_α||L_β|) − δ_{αβ} σ_α/|L_α|²      (`ModifiedStiffness`)
+has entries off its diagonal exactly where two edges share a cell.  With A = 1 these are Hookean springs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+
+from critflow.critical.manifold import CriticalConfiguration, critical_configuration
+from critflow.critical.objectives import dilation, pure_shear
+from critflow.linalg.matrices import Factor, FixedPattern, pair_laplacian
+from critflow.mechanics.equilibrium import equilibrium
+from critflow.mechanics.moduli import FLOPPY, Moduli, linear_response, self_stress_moduli
+from critflow.mechanics.springs import ElasticState, embedded
+from critflow.networks.network import Array, Network
+from critflow.precision.double_double import Extended, lengths
+from critflow.precision.residual import exact_sums
+from critflow.result import InputError, Solution, Stats, Status
+from critflow.rigidity.counts import rigidity_matrix
+from critflow.solvers.cone import fit_perimeters
+
+# Edges shorter than this part of the mean length have collapsed, as far as the cone program can tell.
+_COLLAPSED = 1e-5
+# Stiffness of perimeters, in units of the mean tension over the mean perimeter, that polishing holds them with.
+_HELD = 100.0
+_EPS = float(np.finfo(float).eps)
+# Relative error of perimeters and forces that polishing must reach.
+_FITTED = 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Cells of a network: sides A (N_c, N_b) sparse, A ≥ 0, and the stiffness κ (N_c,) of their perimeters."""
+
+    network: Network
+    sides: sp.csr_array
+    stiffness: Array
+
+    @cached_property
+    def overlap(self) -> sp.coo_array:
+        """Aᵀ diag(κ) A, (N_b, N_b): which edges share a cell, and how stiffly."""
+        return sp.coo_array(self.sides.T @ sp.diags_array(self.stiffness) @ self.sides)
+
+
+def cells_of(network: Network, stiffness: ArrayLike = 1.0, sides: sp.sparray | ArrayLike | None = None) -> Cells:
+    """The faces of a network as cells, or cells of given sides A (N_c, N_b), with stiffness κ (N_c,) or one for all.
+
+    Raises `InputError` where faces are unknown, a side is negative, or an edge belongs to no cell.
+    """
+    if sides is None:
+        faces = network.faces
+        if faces is None:
+            raise InputError("the faces of this network are not known: give `faces`, for example from `planar_faces`")
+        owner = np.repeat(np.arange(faces.n_faces), faces.sizes)
+        sides = sp.csr_array((np.ones(len(owner)), (owner, faces.edges)), shape=(faces.n_faces, network.n_edges))
+    A = sp.csr_array(sides, dtype=float)
+    if A.ndim != 2 or A.shape[1] != network.n_edges:
+        raise InputError(f"sides must have shape (N_c, {network.n_edges}), not {A.shape}: one row a cell")
+    A.sum_duplicates()
+    A.eliminate_zeros()
+    if not (np.isfinite(A.data) & (A.data > 0)).all():
+        raise InputError("sides must not be negative: an entry says how often an edge counts in a perimeter")
+    bare = np.flatnonzero(np.asarray(A.sum(axis=0)) == 0)
+    if len(bare):
+        raise InputError(f"edge {bare[0]} belongs to no cell, so nothing holds it: make it a side of one")
+    return Cells(
+        network, A, _positive(stiffness if np.ndim(stiffness) else np.full(A.shape[0], stiffness), A, "stiffness")
+    )
+
+
+def _positive(values: ArrayLike, sides: sp.csr_array, name: str) -> Array:
+    """Values per cell (N_c,), finite and positive, else an `InputError`."""
+    array = np.array(values, dtype=float)
+    if array.shape != sides.shape[:1]:
+        raise InputError(f"{name} must have one value per cell, shape {sides.shape[:1]}, not {array.shape}")
+    bad = np.flatnonzero(~(np.isfinite(array) & (array > 0)))
+    if len(bad):
+        raise InputError(f"{name} must be positive and finite in every cell, but {name}[{bad[0]}] = {array[bad[0]]}")
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class PerimeterState(ElasticState):
+    """Cells in a configuration: target perimeters p0 (N_c,), coordinates x (N_v, d) and bond vectors L (N_b, d)."""
+
+    network: Network
+    cells: Cells
+    targets: Array
+    coordinates: Array
+    bond_vectors: Array
+    edges_may_collapse: ClassVar[bool] = True
+
+    @cached_property
+    def perimeters(self) -> Array:
+        """p = A|L|, (N_c,)."""
+        return self.cells.sides @ self.lengths
+
+    @property
+    def cell_tensions(self) -> Array:
+        """T = κ(p − p0), (N_c,)."""
+        return self.cells.stiffness * (self.perimeters - self.targets)
+
+    @property
+    def energy(self) -> float:
+        return float(0.5 * np.sum(self.cells.stiffness * (self.perimeters - self.targets) ** 2))
+
+    @cached_property
+    def sigma(self) -> Array:
+        """Geometric stress σ = Aᵀ T/|L|, (N_b,), not normalised."""
+        return (self.cells.sides.T @ self.cell_tensions) / self.lengths
+
+    @property
+    def edge_stiffness(self) -> Array:
+        # A matrix without negative entries is at most the diagonal of its row sums.
+        return np.asarray(self.cells.overlap.sum(axis=1))
+
+    @property
+    def stiffness_scale(self) -> float:
+        return float(self.cells.stiffness.mean())
+
+    @property
+    def length_scale(self) -> float:
+        return float(self.targets.mean())
+
+    @property
+    def stress_rounding(self) -> Array:
+        A = self.cells.sides
+        return _EPS * (A.T @ (self.cells.stiffness * self.perimeters)) / self.lengths
+
+    def exact_stress(self, bond_vectors: Extended) -> Array:
+        A, length = self.cells.sides, lengths(bond_vectors)
+        return (A.T @ (self.cells.stiffness * exact_sums(A, length, self.targets))) / length.high
+
+    @property
+    def modified_stiffness(self) -> sp.coo_array:
+        """K = ∂²E/∂h∂h, (N_b, N_b) sparse."""
+        return self._couplings(self.sigma)
+
+    def _couplings(self, sigma: Array) -> sp.coo_array:
+        """K with stresses σ in its diagonal, in the order of the overlaps."""
+        pairs, length = self.cells.overlap, self.lengths
+        values = pairs.data / (length[pairs.row] * length[pairs.col])
+        same = pairs.row == pairs.col
+        values[same] -= (sigma / length**2)[pairs.row[same]]
+        return sp.coo_array((values, (pairs.row, pairs.col)), shape=pairs.shape)
+
+    def resistance(self, hdot: Array) -> tuple[Array, float]:
+        stress = self.modified_stiffness @ hdot
+        return stress, float(hdot @ stress)
+
+    def pattern(self) -> FixedPattern:
+        return pair_laplacian(self.network, (self.cells.overlap.row, self.cells.overlap.col))
+
+    def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
+        return self._factorize(pattern, self.sigma, shift)
+
+    def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
+        return self._factorize(pattern, np.maximum(self.sigma, 0.0), shift)
+
+    def _factorize(self, pattern: FixedPattern, sigma: Array, shift: float) -> Factor:
+        """R^hᵀ K R^h + P ⊗ 1 + shift·1 with the stresses σ."""
+        K, L = self._couplings(sigma), self.bond_vectors
+        blocks = K.data[:, None, None] * L[K.row, :, None] * L[K.col, None, :]
+        same = np.flatnonzero(K.row == K.col)
+        blocks[same] += sigma[K.row[same], None, None] * np.eye(L.shape[1])
+        return pattern.factorize(blocks.ravel(), shift)
+
+    def affine_rates(self) -> list[Array]:
+        """ṗ = A (L·AL/|L|), (N_c,), under dilation and under pure shear."""
+        L, d = self.bond_vectors, self.network.dimension
+        return [self.cells.sides @ (np.sum(L * (L @ A), axis=1) / self.lengths) for A in (dilation(d), pure_shear(d))]
+
+
+def perimeter_state(cells: Cells, targets: ArrayLike, coordinates: ArrayLike) -> PerimeterState:
+    """Cells of target perimeters p0 (N_c,) at coordinates (N_v, d)."""
+    p0 = _positive(targets, cells.sides, "targets")
+    return PerimeterState(cells.network, cells, p0, *embedded(cells.network, coordinates))
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalPerimeters:
+    """A critical configuration whose edge tensions come from cells: σ|L| ∝ Aᵀ T, cell tensions T (N_c,) of mean 1."""
+
+    configuration: CriticalConfiguration
+    cells: Cells
+    cell_tensions: Array
+
+    def at_rest(self) -> PerimeterState:
+        """The cells with their perimeters as targets, p0 = p."""
+        critical = self.configuration
+        p0 = self.cells.sides @ critical.lengths
+        return PerimeterState(critical.network, self.cells, p0, critical.coordinates, critical.bond_vectors)
+
+    @property
+    def shape_index(self) -> Array:
+        """p/√⟨a⟩, (N_c,), with the mean area ⟨a⟩ = V/N_c of cells that tile the plane."""
+        return self.at_rest().perimeters / np.sqrt(self.configuration.network.volume / len(self.cell_tensions))
+
+    def moduli(self) -> Moduli:
+        """B_0 and G_0 by μ_A = (1/V) (Σ_c T_c ṗ_c)²/Σ_c T_c²/κ_c (`GenericModulus` with this K)."""
+        volume, rates = self.configuration.network.volume, self.at_rest().affine_rates()
+        return self_stress_moduli(self.cell_tensions[None], 1 / self.cells.stiffness, rates, volume)
+
+
+def critical_from_perimeters(cells: Cells, targets: ArrayLike, throw: bool = True) -> Solution[CriticalPerimeters]:
+    """The all-tension critical configuration with perimeters proportional to p0 (N_c,), which shrinking them leads to.
+
+    A cone program finds it; `stats.details["ratio"]` is p/p0.  Where cells stay slack (`Status.slack_edges`) or edges
+    shrink to nothing, since no perimeter holds a single edge (`Status.edge_collapse`), the ratio and the cell tensions
+    are good, the coordinates have the accuracy of the program, about 1e-6, or are one choice of several where cells
+    are slack; `stats.details` names the culprits.
+    """
+    network, p0 = cells.network, _positive(targets, cells.sides, "targets")
+    cone = fit_perimeters(network, cells.sides, p0, 1e-12)
+    x, T, error, status = cone.coordinates, cone.multipliers, np.nan, Status.ok
+    length = np.linalg.norm(network.bond_vectors(x), axis=1)
+    slack, collapsed = np.flatnonzero(~cone.stressed), np.flatnonzero(length < _COLLAPSED * length.mean())
+    details = {"ratio": cone.ratio, "slack_cells": slack, "collapsed_edges": collapsed}
+    if not cone.solved:
+        status, x, T = Status.stalled, np.full_like(x, np.nan), np.full_like(T, np.nan)
+    elif len(slack):
+        status = Status.slack_edges
+        details["note"] = f"cells {', '.join(map(str, slack))} are slack: narrow the spread of the perimeters"
+    elif len(collapsed):
+        status = Status.edge_collapse
+        details["note"] = f"edges {', '.join(map(str, collapsed))} shrink to zero length: their ends want to meet"
+    else:
+        x, T, error = _polish(cells, p0, x, T)
+        status = Status.ok if error < _FITTED else Status.stalled
+    length = np.linalg.norm(network.bond_vectors(x), axis=1)
+    # Of an edge without length only the tension is known.
+    sigma = (cells.sides.T @ T) / np.maximum(length, np.finfo(float).eps * length.mean())
+    value = CriticalPerimeters(critical_configuration(network, sigma, x), cells, T / T.mean())
+    solution = Solution(value, status, Stats("conic", cone.iterations, cone.iterations, error, details))
+    return solution.or_raise("these perimeters have no all-tension critical configuration") if throw else solution
+
+
+def _polish(cells: Cells, p0: Array, x: Array, T: Array) -> tuple[Array, Array, float]:
+    """From solver accuracy to rounding by the method of multipliers: stiff perimeters relax to λ p0 − T/ρ, T follows.
+
+    Returns coordinates, cell tensions of mean 1, and the largest relative error of perimeters and forces.
+    """
+    held = Cells(cells.network, cells.sides, np.full(len(p0), _HELD / float(np.mean(p0))))
+    state = perimeter_state(held, p0, x)
+    pattern, best = state.pattern(), (x, T, np.inf)
+    for _ in range(40):
+        T = T / T.mean()
+        ratio = float(T @ state.perimeters / (T @ p0))
+        force = cells.network.divergence @ (((cells.sides.T @ T) / state.lengths)[:, None] * state.bond_vectors)
+        error = max(float(np.abs(state.perimeters / (ratio * p0) - 1).max()), float(np.abs(force).max()))
+        if not error < 0.7 * best[2]:
+            break
+        best = (state.coordinates, T, error)
+        state = replace(state, targets=ratio * p0 - T / held.stiffness)
+        state = equilibrium(state, tolerance=1e-17, max_steps=10, pattern=pattern, throw=False).value
+        T = state.cell_tensions
+    return best
+
+
+def perimeter_moduli(state: PerimeterState, tolerance: float = 1e-9) -> Solution[Moduli]:
+    """Relaxed B and G of cells in equilibrium, on either side of the transition, as `elastic_moduli` has them.
+
+    Without tension they come from the self-stresses of the cells, found by dense algebra; if there is none the
+    cells are floppy: moduli exactly 0 and `Status.floppy`.  Raises `InputError` when the forces do not balance.
+    """
+    scale = state.stiffness_scale * state.length_scale
+    if state.max_force > tolerance * scale:
+        raise InputError(
+            f"the cells are not in equilibrium, a force of {state.max_force:.2g} is left: call equilibrium() first"
+        )
+    if np.abs(state.cell_tensions).max() > tolerance * scale:
+        return linear_response(state)[0]
+    left, values, _ = np.linalg.svd((state.cells.sides @ rigidity_matrix(state.network, state.coordinates)).toarray())
+    rank = int(np.count_nonzero(values > 1e-6 * values[0]))
+    stats = Stats("self-stress", 1, 1, details={"n_self_stresses": len(left) - rank})
+    if rank == len(left):
+        return Solution(FLOPPY, Status.floppy, stats)
+    stresses, flexibility = left[:, rank:].T, 1 / state.cells.stiffness
+    value = self_stress_moduli(stresses, flexibility, state.affine_rates(), state.network.volume)
+    return Solution(value, Status.ok, stats)

@@ -1,0 +1,241 @@
+"""Springs past the transition: their energy, forces and Hessian in a configuration.
+
+Any energy E of the lengths has σ = ∂E/∂h, K = ∂²E/∂h² with h = |L|²/2, and the Hessian R^hᵀ K R^h + P(σ) ⊗ 1
+(`GenericHessian`).  Springs of one law each have a diagonal K: σ_α = E'/|L| and K_α = (E'' − σ_α)/|L_α|²
+(`ForceDensity`, `ModifiedStiffness`); Hookean ones E = ½ Σ k(|L| − ℓ)² (`HookeanEnergy`).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from critflow.linalg.matrices import Factor, FixedPattern, block_laplacian, edge_blocks
+from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
+from critflow.networks.network import Array, Network, edge_values
+from critflow.precision.double_double import Extended, subtract, two_product
+from critflow.precision.residual import Distance, distance, square_lengths
+from critflow.result import InputError
+
+
+class ElasticState(ABC):
+    """A configuration with an energy that depends on lengths alone: coordinates x (N_v, d), bond vectors L (N_b, d).
+
+    L is kept beside x because it is known to a relative rounding, while differences of coordinates carry the rounding
+    of the box size; near the transition the forces live on that difference.
+    """
+
+    network: Network
+    coordinates: Array
+    bond_vectors: Array
+    # Whether an edge may pull its ends together until they meet, because nothing holds its own length.
+    edges_may_collapse: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def energy(self) -> float:
+        """E; infinite where an edge is longer than it can be."""
+
+    @property
+    @abstractmethod
+    def sigma(self) -> Array:
+        """Geometric stress σ = ∂E/∂h, (N_b,), not normalised."""
+
+    @property
+    @abstractmethod
+    def edge_stiffness(self) -> Array:
+        """Stiffnesses (N_b,) that bound the resistance of the edges to a change of |L|."""
+
+    @property
+    @abstractmethod
+    def stiffness_scale(self) -> float:
+        """Mean stiffness, times the largest factor that an edge has stiffened by: times a length, a unit of force."""
+
+    @property
+    @abstractmethod
+    def length_scale(self) -> float:
+        """Mean length at rest."""
+
+    @property
+    @abstractmethod
+    def stress_rounding(self) -> Array:
+        """What σ, (N_b,), misses because lengths and bond vectors are rounded, a difference of lengths that it is."""
+
+    @abstractmethod
+    def exact_stress(self, bond_vectors: Extended) -> Array:
+        """σ (N_b,) of other bond vectors (N_b, d), to all its digits."""
+
+    @abstractmethod
+    def resistance(self, hdot: Array) -> tuple[Array, float]:
+        """K ḣ, (N_b,), and ḣᵀ K ḣ for a change ḣ of h, (N_b,)."""
+
+    @abstractmethod
+    def pattern(self) -> FixedPattern:
+        """The pattern of the Hessian, of this state and all others of the same graph."""
+
+    @abstractmethod
+    def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
+        """Factorise H + shift·1."""
+
+    @abstractmethod
+    def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
+        """Factorise H + shift·1 without what makes H indefinite."""
+
+    @cached_property
+    def lengths(self) -> Array:
+        """|L|, (N_b,)."""
+        return np.linalg.norm(self.bond_vectors, axis=1)
+
+    @cached_property
+    def forces(self) -> Array:
+        """Unbalanced forces −∂E/∂x on the free vertices, (n_free, d) (`Equilibrium`, `ForceBalance`)."""
+        return -np.asarray(self.network.divergence @ (self.sigma[:, None] * self.bond_vectors))
+
+    @property
+    def max_force(self) -> float:
+        """Largest component of the unbalanced forces, in units of k times length."""
+        return float(np.abs(self.forces).max(initial=0.0))
+
+    @property
+    def largest_stiffness(self) -> float:
+        """A bound on the largest eigenvalue of the Hessian where edges are not much compressed."""
+        at_vertex = np.bincount(self.network.edges.ravel(), np.repeat(self.edge_stiffness, 2))
+        return 2 * float(at_vertex.max())
+
+    def distance(self, factor: Factor, held: bool = False) -> Distance:
+        """What leads from here to the exact equilibrium, by a factor of the Hessian at or near this state.
+
+        held  whether the factor holds floppy modes
+        """
+
+        def solve(forces: Array) -> Array:
+            return factor.solve(forces.ravel()).reshape(forces.shape)
+
+        return distance(self.network, self.coordinates, self.exact_stress, solve, held)
+
+    def moved(self: State, displacement: Array) -> State:
+        """The state after displacing the free vertices by u (n_free, d)."""
+        x = self.coordinates.copy()
+        x[self.network.free] += displacement
+        L = self.bond_vectors + self.network.free_incidence @ displacement
+        return replace(self, coordinates=x, bond_vectors=L)  # type: ignore[type-var]
+
+    def deformed(self: State, gradient: Array) -> State:
+        """The state after the affine deformation F of boundary and vertices, with the same springs."""
+        return replace(  # type: ignore[type-var]
+            self,
+            network=self.network.deformed(gradient),
+            coordinates=self.coordinates @ gradient.T,
+            bond_vectors=self.bond_vectors @ gradient.T,
+        )
+
+
+State = TypeVar("State", bound=ElasticState)
+
+
+@dataclass(frozen=True, eq=False)
+class SpringState(ElasticState):
+    """Springs in a configuration: rest lengths ℓ (N_b,), coordinates x (N_v, d), bond vectors L (N_b, d), their law."""
+
+    network: Network
+    rest_lengths: Array
+    coordinates: Array
+    bond_vectors: Array
+    law: SpringLaw = HOOKEAN
+
+    @cached_property
+    def extension(self) -> Array:
+        """|L| − ℓ, (N_b,)."""
+        return self.lengths - self.rest_lengths
+
+    @property
+    def energy(self) -> float:
+        """E, the sum over the springs (`EnergyConstraints`), in units of k times length squared."""
+        return float(np.sum(self.law.energy(self.extension, self.rest_lengths, self.network.stiffness)))
+
+    @cached_property
+    def sigma(self) -> Array:
+        """Geometric stress σ = ∂E/∂h = E'/|L|, (N_b,), not normalised."""
+        return self.law.tension(self.extension, self.rest_lengths, self.network.stiffness) / self.lengths
+
+    @property
+    def edge_stiffness(self) -> Array:
+        """E'', (N_b,)."""
+        return self.law.stiffness(self.extension, self.rest_lengths, self.network.stiffness)
+
+    @cached_property
+    def modified_stiffness(self) -> Array:
+        """K = ∂²E/∂h² = (E'' − σ)/|L|², (N_b,)."""
+        return (self.edge_stiffness - self.sigma) / self.lengths**2
+
+    @property
+    def stiffness_scale(self) -> float:
+        k, now = self.network.stiffness, self.edge_stiffness
+        # An edge that its law has stiffened brings more rounding.
+        return float(k.mean()) * (1.0 if now is k else max(1.0, float(np.max(now / k))))
+
+    @property
+    def length_scale(self) -> float:
+        return float(self.rest_lengths.mean())
+
+    @property
+    def stress_rounding(self) -> Array:
+        return _EPS * self.edge_stiffness
+
+    def exact_stress(self, bond_vectors: Extended) -> Array:
+        rest = self.rest_lengths
+        square = square_lengths(bond_vectors)
+        length = np.sqrt(square.high)
+        extension = subtract(square, two_product(rest, rest)).high / (length + rest)
+        return self.law.tension(extension, rest, self.network.stiffness) / length
+
+    def resistance(self, hdot: Array) -> tuple[Array, float]:
+        K = self.modified_stiffness
+        return K * hdot, float(K @ hdot**2)
+
+    def pattern(self) -> FixedPattern:
+        return block_laplacian(self.network)
+
+    def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
+        return pattern.factorize(edge_blocks(self.modified_stiffness, self.bond_vectors, self.sigma), shift)
+
+    def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
+        # Without what compressed edges take away, E'' n nᵀ + max(σ, 0)(1 − n nᵀ).
+        tension = np.maximum(self.sigma, 0.0)
+        along = (np.maximum(self.edge_stiffness, 0.0) - tension) / self.lengths**2
+        return pattern.factorize(edge_blocks(along, self.bond_vectors, tension), shift)
+
+
+_EPS = float(np.finfo(float).eps)
+
+# Stiffness, in units of k, that keeps floppy modes in place: they feel no force, so it changes nothing else.
+FLOPPY_REST = 1e-11
+
+
+def spring_state(
+    network: Network, rest_lengths: ArrayLike, coordinates: ArrayLike, law: SpringLaw = HOOKEAN
+) -> SpringState:
+    """Springs of positive rest lengths ℓ (N_b,) at coordinates (N_v, d).  Raises `NetworkError` or `InputError`."""
+    rest = edge_values(rest_lengths, network.n_edges, "rest_lengths")
+    x, L = embedded(network, coordinates)
+    return SpringState(network, rest, x, L, checked_law(law, rest, network.stiffness))
+
+
+def embedded(network: Network, coordinates: ArrayLike) -> tuple[Array, Array]:
+    """Coordinates (N_v, d) that give every edge a length, else an `InputError`, and their bond vectors."""
+    x = np.array(coordinates, dtype=float)
+    if x.shape != (network.n_vertices, network.dimension) or not np.isfinite(x).all():
+        raise InputError(
+            f"coordinates must be finite and of shape {(network.n_vertices, network.dimension)}, not {x.shape}"
+        )
+    L = network.bond_vectors(x)
+    length = np.linalg.norm(L, axis=1)
+    if not length.min() > 0:
+        edge = int(length.argmin())
+        raise InputError(f"edge {edge} has no length, so its spring has no direction: move its ends apart")
+    return x, L

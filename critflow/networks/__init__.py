@@ -1,0 +1,1 @@
+"""Networks: edges, image offsets, cell and pins; regular lattices and random networks."""

@@ -1,0 +1,1 @@
+"""Double-double arithmetic, iterative refinement and error bounds."""

@@ -1,0 +1,1 @@
+"""Rigidity: counts, first and second order, uniqueness, self-stress spaces, structure."""

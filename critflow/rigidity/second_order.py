@@ -1,0 +1,335 @@
+"""Rigid to first order, by prestress, to second order: what holds a configuration whose lengths leave motions free.
+
+For self-stresses σ_I and unit zero modes z, q_I(z) = Σ_α σ_Iα |(g z)_α|² = zᵀP(σ_I)z (`SecondOrderRigidity`).
+  second-order rigid   no z makes all q_I(z) vanish
+  prestress stable     one stress Σ a_I σ_I has Σ a_I q_I(z) > 0 for all z, which is stronger
+With one self-stress the two are the same.  With several, a stress that stabilises is found by a linear program (all
+edges in tension), by the inertia of one factorisation, or by a semidefinite program; what shows that there is none is
+a matrix X ⪰ 0 on the zero modes with ⟨P(σ_I), X⟩ = 0 for all I.  Then either a zero mode escapes, all q_I(z) = 0, or
+the next relaxation proves that none does; where neither is found the answer is None.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+from scipy.optimize import linprog
+
+from critflow.linalg.matrices import Saddle
+from critflow.networks.network import Array, Network
+from critflow.result import Solution, Stats, Status
+from critflow.rigidity.counts import LARGEST, Rigidity, rigidity, zero_modes
+from critflow.solvers.semidefinite import fourth_order_bound, second_order_relaxation
+
+# In units of the largest |q_I(z)|: what is a positive answer, and what is zero to rounding.
+_POSITIVE = 1e-7
+_ZERO = 1e-10
+
+# Stiffness, in those units, from which on a mode counts as resisted by a stress that is nowhere negative.
+_FACE = 1e-4
+
+# Zero modes that a semidefinite program sees at once, and that the second relaxation can take.
+_PROGRAM = 40
+_FOURTH_ORDER = 8
+
+# Entries of the self-stresses up to which the linear program is tried.
+_LINEAR_PROGRAM = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class SecondOrderRigidity:
+    """How rigid a configuration is, and what shows it; `print` says it in a sentence.
+
+    counts              Maxwell–Calladine counts, self-stresses and the gap of singular values behind them
+    first_order_rigid   no zero mode but the translations of a periodic network
+    prestress_stable    some self-stress stabilises all zero modes; None: undecided
+    second_order_rigid  no zero mode escapes all self-stresses; None: undecided
+    stress              a stabilising self-stress of unit norm, (N_b,); None where none was found or needed
+    escape              a unit zero mode with q_I = 0 for all I, (N_v, d); None where none was found or none exists
+    least_stiffness     least Σσ|g z|² over unit zero modes z for that stress; NaN where only its sign was found
+    reason              what decided, or why nothing did
+    """
+
+    counts: Rigidity
+    first_order_rigid: bool | None
+    prestress_stable: bool | None
+    second_order_rigid: bool | None
+    stress: Array | None = None
+    escape: Array | None = None
+    least_stiffness: float = np.nan
+    reason: str = ""
+
+    def __str__(self) -> str:
+        c = self.counts
+        order = {
+            (True, True, True): "rigid to first order",
+            (False, True, True): "prestress stable, so rigid to second order",
+            (False, False, True): "rigid to second order, but no prestress stabilises it",
+            (False, False, False): "flexible to second order",
+            (False, False, None): "not prestress stable, and undecided whether rigid to second order",
+        }.get((self.first_order_rigid, self.prestress_stable, self.second_order_rigid), "undecided")  # type: ignore[arg-type]
+        return (
+            f"{order}: {self.reason} ({c.n_self_stresses} self-stresses, {c.n_zero_modes} zero modes of which "
+            f"{c.n_trivial} trivial, singular values {c.largest_zero:.1e} | {c.smallest_nonzero:.1e})"
+        )
+
+
+def second_order_rigidity(
+    network: Network, coordinates: ArrayLike, tolerance: float = 1e-6
+) -> Solution[SecondOrderRigidity]:
+    """Decide how rigid a configuration (N_v, d) is, with a certificate for each answer.
+
+    tolerance  singular values of R below count as zero, as in `rigidity`
+
+    `Status.floppy` for a configuration without self-stress, `Status.singular` where the counts cannot be trusted,
+    `Status.stalled` where second-order rigidity stays undecided; `stats.details["note"]` says why.  Dense matrices of
+    zero modes are made up to 160 MB; a larger network is decided where one factorisation does it.
+    """
+    counted = rigidity(network, coordinates, tolerance, vectors=False)
+    counts = counted.value
+    if counted.status is Status.singular:
+        return _uncertain(counted)
+    if counts.first_order_rigid:
+        reason = f"every motion{' but a translation' if counts.n_trivial else ''} changes a length"
+        return _answer(SecondOrderRigidity(counts, True, True, True, reason=reason), Status.ok)
+    fits = _modes_fit(network, counts)
+    if counts.n_self_stresses == 0:
+        escape = zero_modes(network, coordinates, tolerance).value.modes[0] if fits else None
+        reason = "without a self-stress every zero mode goes on to second order"
+        return _answer(SecondOrderRigidity(counts, False, False, False, escape=escape, reason=reason), Status.floppy)
+    if counts.n_self_stresses * network.n_edges > LARGEST:
+        reason = f"{counts.n_self_stresses} self-stresses are more than fit in memory: take a part of the network"
+        return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.stalled)
+
+    counted = rigidity(network, coordinates, tolerance)
+    counts = counted.value
+    if counted.status is Status.singular:
+        return _uncertain(counted)
+    quick = _quickly(network, counts, network.bond_vectors(np.asarray(coordinates, dtype=float)))
+    if quick is not None:
+        return _answer(quick, Status.ok)
+    if not fits:
+        n_modes = counts.n_zero_modes - counts.n_trivial
+        reason = f"{n_modes} zero modes are too many for a dense search: take a part of the network"
+        return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.stalled)
+    modes = zero_modes(network, coordinates, tolerance).value.modes
+    value = _by_forms(counts, modes, _forms(network, counts.self_stresses, modes))
+    return _answer(value, Status.stalled if value.second_order_rigid is None else Status.ok)
+
+
+def _answer(value: SecondOrderRigidity, status: Status) -> Solution[SecondOrderRigidity]:
+    return Solution(value, status, Stats("second order", details={"note": value.reason}))
+
+
+def _uncertain(counted: Solution[Rigidity]) -> Solution[SecondOrderRigidity]:
+    value = SecondOrderRigidity(counted.value, None, None, None, reason=counted.stats.details["note"])
+    return _answer(value, Status.singular)
+
+
+def _modes_fit(network: Network, counts: Rigidity) -> bool:
+    n_modes = counts.n_zero_modes - counts.n_trivial
+    tallest = max(network.dimension * max(network.n_vertices, network.n_edges), counts.n_self_stresses * n_modes)
+    return n_modes * tallest <= LARGEST
+
+
+def _quickly(network: Network, counts: Rigidity, L: Array) -> SecondOrderRigidity | None:
+    """What sparse factorisations and a linear program alone can show: that some stress stabilises."""
+    S = counts.self_stresses
+    if len(S) == 1:
+        if not counts.prestress_stable:
+            return None
+        return SecondOrderRigidity(counts, False, True, True, S[0], reason="its only self-stress stabilises it")
+    # The self-stress nearest to equal force densities is often in tension as it stands.
+    sigma = S.sum(axis=1) @ S
+    if not sigma.min() > _POSITIVE * np.abs(sigma).max():
+        found = _tension(S) if S.size <= _LINEAR_PROGRAM else None
+        if found is None or not Saddle(network).stable(found, L):
+            return None
+        sigma = found
+    sigma = sigma / np.linalg.norm(sigma)
+    slack = int(np.count_nonzero(sigma <= _POSITIVE * sigma.max()))
+    tense = f"{slack} slack edges and the others in tension" if slack else "every edge in tension"
+    return SecondOrderRigidity(counts, False, True, True, sigma, reason=f"a self-stress with {tense} stabilises it")
+
+
+def _tension(S: Array) -> Array | None:
+    """A self-stress Σ a_I σ_I >= 0 that is positive on as many edges as any, or None.
+
+    Maximise Σ s over 0 <= s <= 1, s <= σ: a cone of stresses has a member that reaches 1 wherever one is positive.
+    """
+    n_stresses, n_edges = S.shape
+    cost = np.concatenate([np.zeros(n_stresses), -np.ones(n_edges)])
+    below = sp.hstack([sp.csr_array(-S.T), sp.eye_array(n_edges)], format="csr")
+    bounds = [(None, None)] * n_stresses + [(0.0, 1.0)] * n_edges
+    answer = linprog(cost, A_ub=below, b_ub=np.zeros(n_edges), bounds=bounds, method="highs")
+    if answer.status != 0 or not -answer.fun > 0.5:
+        return None
+    return np.asarray(answer.x[:n_stresses] @ S)
+
+
+def _forms(network: Network, stresses: Array, modes: Array) -> Array:
+    """Q_I = Zᵀ P(σ_I) Z on the zero modes Z, (N_s, n, n)."""
+    stretch = np.concatenate([np.asarray(network.incidence @ modes[:, :, k].T) for k in range(network.dimension)])
+    weights = np.tile(stresses, network.dimension)
+    return np.stack([stretch.T @ (w[:, None] * stretch) for w in weights])
+
+
+def _by_forms(counts: Rigidity, modes: Array, forms: Array) -> SecondOrderRigidity:
+    """Decide by the quadratic forms of all self-stresses on all zero modes."""
+    scale = max(float(np.abs(np.linalg.eigvalsh(Q)).max()) for Q in forms)
+    if not scale > _ZERO * np.abs(counts.self_stresses).max():
+        reason = "no self-stress resists any zero mode"
+        return SecondOrderRigidity(counts, False, False, False, escape=modes[0], reason=reason)
+    unit = forms / scale
+    if len(forms) == 1:
+        return _one_stress(counts, modes, unit[0], scale)
+
+    found = _program(unit)
+    if found.least > _POSITIVE:
+        reason = f"a combination of its {len(forms)} self-stresses stabilises it"
+        sigma = found.multipliers @ counts.self_stresses
+        return SecondOrderRigidity(counts, False, True, True, sigma, None, scale * found.least, reason)
+    z = _common_zero(unit, found.obstruction)
+    if z is not None:
+        reason = "a zero mode escapes all self-stresses"
+        return SecondOrderRigidity(counts, False, False, False, escape=np.tensordot(z, modes, 1), reason=reason)
+    X = found.obstruction
+    if X is None or not np.linalg.norm(np.tensordot(unit, X, 2)) < _POSITIVE:
+        reason = "no self-stress was found that stabilises it, and no zero mode that escapes them all"
+        return SecondOrderRigidity(counts, False, None, None, reason=reason)
+    if _none_escapes(unit, found.support):
+        reason = "no zero mode escapes all self-stresses, as a relaxation of fourth order proves"
+        return SecondOrderRigidity(counts, False, False, True, reason=reason)
+    reason = "no zero mode was found that escapes all self-stresses, nor a proof that none does"
+    return SecondOrderRigidity(counts, False, False, None, reason=reason)
+
+
+def _one_stress(counts: Rigidity, modes: Array, Q: Array, scale: float) -> SecondOrderRigidity:
+    """With one self-stress the eigenvalues of its form decide."""
+    values, vectors = np.linalg.eigh(Q)
+    for sign, least in ((1.0, values[0]), (-1.0, -values[-1])):
+        if least > _POSITIVE:
+            sigma, reason = sign * counts.self_stresses[0], "its only self-stress stabilises it"
+            return SecondOrderRigidity(counts, False, True, True, sigma, None, scale * float(least), reason)
+    nearest = int(np.abs(values).argmin())
+    if abs(values[nearest]) < _ZERO:
+        z, reason = vectors[:, nearest], "its only self-stress does not resist some zero mode"
+    elif values[0] < 0 < values[-1]:
+        z = np.sqrt(values[-1]) * vectors[:, 0] + np.sqrt(-values[0]) * vectors[:, -1]
+        z, reason = z / np.linalg.norm(z), "its only self-stress pushes some zero modes and pulls others"
+    else:
+        reason = f"the least stiffness of a zero mode, {scale * abs(values[nearest]):.1e}, is zero to rounding or not"
+        return SecondOrderRigidity(counts, False, None, None, reason=reason)
+    escape = np.tensordot(z, modes, 1)
+    return SecondOrderRigidity(counts, False, False, False, escape=escape, reason=reason)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The best stress found, Σ a_I σ_I with |a| = 1, and what speaks against any.
+
+    least        λ_min(Σ a_I Q_I) over all modes
+    obstruction  X ⪰ 0 of trace 1 with the least |⟨Q_I, X⟩|, or None
+    support      multipliers of the last program: where nothing stabilises, those of a stress that resists what it can
+    """
+
+    multipliers: Array
+    least: float
+    obstruction: Array | None
+    support: Array
+
+
+def _program(forms: Array) -> _Search:
+    """Look for the multipliers with the largest λ_min(Σ a_I Q_I) by semidefinite programs.
+
+    The program sees the modes through a subspace W that grows by the modes its answer left unstable, so that many
+    modes cost no more than the few that matter.
+    """
+    n = forms.shape[1]
+    # The first guess: the stress that resists all modes together.
+    best, least = np.trace(forms, axis1=1, axis2=2), -np.inf
+    best = best / (np.linalg.norm(best) or 1.0)
+    W = np.eye(n) if n <= _PROGRAM else _softest(forms, best, _PROGRAM // 2)
+    while True:
+        relaxed = second_order_relaxation(np.einsum("ik,aij,jl->akl", W, forms, W, optimize=True))
+        a, X = relaxed.multipliers, W @ relaxed.moments @ W.T
+        if not relaxed.solved:
+            return _Search(best, least, None, a)
+        norm = float(np.linalg.norm(a))
+        if norm > _POSITIVE:
+            values, vectors = np.linalg.eigh(np.tensordot(a / norm, forms, 1))
+            if values[0] > least:
+                best, least = a / norm, float(values[0])
+        if least > _POSITIVE or relaxed.bound < _POSITIVE or W.shape[1] == n:
+            return _Search(best, least, X, a)
+        if W.shape[1] > 2 * _PROGRAM:
+            return _Search(best, least, None, a)
+        W = np.linalg.qr(np.hstack([W, vectors[:, :5]]))[0]
+
+
+def _softest(forms: Array, a: Array, count: int) -> Array:
+    """The modes that the stress with multipliers a resists least, (n, count)."""
+    return np.linalg.eigh(np.tensordot(a, forms, 1))[1][:, :count]
+
+
+def _none_escapes(forms: Array, support: Array) -> bool:
+    """Whether the fourth-order relaxation proves that the forms have no common zero.
+
+    A stress that is nowhere negative and does work on a mode keeps it, so only the modes without such work remain.
+    """
+    values, vectors = np.linalg.eigh(np.tensordot(support, forms, 1))
+    below = max(-float(values[0]), 1e-12)
+    face, certain = vectors, 10 * _POSITIVE
+    if below < _ZERO:
+        # What an escaping mode may still have outside the face is at most √(below/_FACE).
+        face, certain = vectors[:, values < _FACE], 10 * np.sqrt(below / _FACE)
+    if not 0 < face.shape[1] <= _FOURTH_ORDER:
+        return False
+    bound = fourth_order_bound(np.einsum("ik,aij,jl->akl", face, forms, face, optimize=True))
+    return bool(bound > certain)
+
+
+def _common_zero(forms: Array, X: Array | None, n_starts: int = 40) -> Array | None:
+    """A unit z with zᵀQ_I z = 0 for all I, by Levenberg–Marquardt from several starts; None where none was found.
+
+    Every such z lies in the range of an X of the largest rank, so starts are drawn from there first.
+    """
+    n = forms.shape[1]
+    rng = np.random.default_rng(0)
+    starts = rng.standard_normal((n_starts, n))
+    if X is not None:
+        values, vectors = np.linalg.eigh(X)
+        inside = vectors * np.sqrt(np.maximum(values, 0.0))
+        starts = np.concatenate([inside.T[::-1][:n_starts], starts @ inside.T, starts])
+    for start in starts:
+        z = _descend(forms, start)
+        if z is not None:
+            return z
+    return None
+
+
+def _descend(forms: Array, start: Array, max_steps: int = 200) -> Array | None:
+    norm = float(np.linalg.norm(start))
+    if norm < _ZERO:
+        return None
+    z, damping = start / norm, 1e-3
+    q = forms @ z @ z
+    for _ in range(max_steps):
+        size = float(np.linalg.norm(q))
+        if size < 1e-3 * _ZERO:
+            break
+        slope = 2 * (forms @ z - np.outer(q, z))
+        step = slope.T @ np.linalg.solve(slope @ slope.T + damping * np.eye(len(q)), q)
+        trial = (z - step) / np.linalg.norm(z - step)
+        trial_q = forms @ trial @ trial
+        if np.linalg.norm(trial_q) < size:
+            z, q, damping = trial, trial_q, 0.1 * damping
+        else:
+            damping *= 10
+        if damping > 1e6:
+            break
+        damping = max(damping, 1e-14)
+    return z if np.linalg.norm(q) < _ZERO else None

@@ -1,0 +1,82 @@
+"""All stresses of one configuration: how many-to-one the map σ → configuration is.
+
+Every σ' that balances on the same bond vectors, gᵀ(σ' ∘ L) = 0, has the same configuration, since P(σ') x = −gᵀ(σ' ∘ b)
+has one solution wherever P(σ') is regular.  So the stresses of a configuration are its N_s-dimensional space of
+self-stresses, less those with a singular P.  With N_s = 1, as generic underconstrained networks have it, the map is
+one-to-one up to the scale of σ; overconstrained networks have N_s > 1 (`SelfStressParamaterization_bondvecs`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from critflow.critical.manifold import CriticalConfiguration, critical_configuration
+from critflow.networks.network import Array, edge_values
+from critflow.result import InputError, Solution, Stats
+from critflow.rigidity.counts import Rigidity, rigidity
+
+
+@dataclass(frozen=True, eq=False)
+class StressSpace:
+    """The stresses that share a configuration.
+
+    basis  orthonormal geometric stresses, (N_s, N_b); the first is that of the configuration itself, scaled to |σ| = 1
+    gap    largest singular value of the rigidity matrix that was counted as zero, and the next one
+    """
+
+    critical: CriticalConfiguration
+    basis: Array
+    gap: tuple[float, float]
+
+    @property
+    def dimension(self) -> int:
+        """N_s: independent stresses that give this configuration."""
+        return len(self.basis)
+
+    @property
+    def one_to_one(self) -> bool:
+        """Whether no other stress, but for its scale, gives this configuration."""
+        return self.dimension == 1
+
+    def distance(self, sigma: ArrayLike) -> float:
+        """Sine of the angle between a stress (N_b,) and the space: 0 if it gives this configuration."""
+        stress = edge_values(sigma, self.basis.shape[1], "sigma", positive=False)
+        size = float(np.linalg.norm(stress))
+        if size == 0:
+            raise InputError("sigma is zero on every edge, which is no stress: give one that is not")
+        return float(np.linalg.norm(stress - (self.basis @ stress) @ self.basis)) / size
+
+    def walk(self, amplitudes: ArrayLike) -> CriticalConfiguration:
+        """The same configuration under the stress Σ a_m basis_m, at any amplitudes a (N_s,) but all zero."""
+        a = np.asarray(amplitudes, dtype=float)
+        if a.shape != (self.dimension,) or not np.isfinite(a).all() or not a.any():
+            raise InputError(f"a stress needs {self.dimension} finite amplitudes, not all zero, of shape {a.shape}")
+        return critical_configuration(self.critical.network, a @ self.basis, self.critical.coordinates)
+
+
+def stresses_of(critical: CriticalConfiguration, tolerance: float | None = None) -> Solution[StressSpace]:
+    """The space of all stresses that give the same configuration as a critical one.
+
+    `stats.residual` is the distance of its own σ from the space that was found.  `Status.singular` where an edge has
+    no length or the count cannot be trusted, and `Status.floppy` where the coordinates admit no self-stress, so that
+    σ cannot balance.
+    """
+    counts = rigidity(critical.network, critical.coordinates, tolerance)
+    found = counts.value
+    space = StressSpace(critical, _led_by(critical.sigma, found), (found.largest_zero, found.smallest_nonzero))
+    distance = space.distance(critical.sigma) if counts.ok else np.nan
+    return Solution(space, counts.status, Stats("counts", 1, 1, distance, dict(counts.stats.details)))
+
+
+def _led_by(sigma: Array, found: Rigidity) -> Array:
+    """An orthonormal basis of the self-stresses whose first member is the part of σ among them."""
+    basis = found.self_stresses
+    if len(basis) == 0:
+        return basis
+    # Rotate the basis so that its first member is along σ: a QR of σ's components does it.
+    rotation = np.linalg.qr(np.column_stack([basis @ sigma, np.eye(len(basis))]))[0]
+    turned = rotation.T @ basis
+    return turned * np.sign(turned[0] @ sigma or 1.0)

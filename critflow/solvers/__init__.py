@@ -1,0 +1,1 @@
+"""Minimisers, cone programs and semidefinite programs: functions of vectors."""

@@ -1,0 +1,367 @@
+"""The failure map: its references against dense numpy, its judge against fabricated answers, and the study, small."""
+
+import json
+import sys
+import warnings
+from decimal import Decimal, localcontext
+
+import numpy as np
+import pytest
+import xarray as xr
+from problems import TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS, random_stress
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Status,
+    bulk_modulus_bound,
+    critical_from_lengths,
+    linear_response,
+    stiffening,
+    triangular_network,
+    voronoi_network,
+)
+from critflow.cli import main
+from critflow.mechanics.equilibrium import equilibrium
+from critflow.mechanics.springs import SpringState
+from critflow.workflow.load import load_study
+
+STUDY = load_study("failure_map").study
+
+
+def beside(ending):
+    """A module beside the study, which is loaded under a name of its own."""
+    folder = STUDY.case.__globals__["asked"].__module__.rpartition(".")[0]
+    return sys.modules[f"{folder}.{ending}"]
+
+
+reference, judge = beside("reference"), beside("judge")
+problems, questions, report, percolation = (
+    beside(name) for name in ("problems", "questions", "report", "percolation_report")
+)
+Outcome, Violation = judge.Outcome, judge.Violation
+
+
+# References
+
+
+@pytest.fixture(scope="module")
+def network():
+    return voronoi_network(12, 3, hard_core=0.5)
+
+
+@pytest.fixture(scope="module")
+def manifold(network):
+    return CriticalManifold(network)
+
+
+def test_decimal_systems_are_solved_and_singular_ones_are_not():
+    rng = np.random.default_rng(0)
+    matrix, right = rng.standard_normal((2, 9, 9))
+    matrix[0, 0] = 0.0  # needs an exchange of rows
+    with localcontext(prec=60):
+        found = reference.solved(reference.decimals(matrix), reference.decimals(right))
+        left = reference.decimals(matrix) @ found - reference.decimals(right)
+    np.testing.assert_allclose(found.astype(float), np.linalg.solve(matrix, right), rtol=1e-12)
+    assert reference.largest(left) < 1e-55
+    matrix[1] = matrix[0]
+    with pytest.raises(reference.Unknown), localcontext(prec=60):
+        reference.solved(reference.decimals(matrix), reference.decimals(right))
+
+
+def test_too_few_digits_are_noticed_and_made_up_for():
+    """Two vertices held together by σ = 1e40: 20 digits lose what holds them from outside."""
+    sigma = np.array([1e40, 1e-40])
+
+    @reference.precise
+    def ends():
+        a, b = reference.decimals(sigma)
+        matrix = np.array([[a + b, -a], [-a, a + b]], dtype=object)
+        return reference.solved(matrix, np.array([[Decimal(0)], [b]], dtype=object))
+
+    # (a + b) x = a y and (a + b) y − a x = b have y = (a + b)/(2a + b), x = a/(2a + b).
+    np.testing.assert_allclose(ends(digits=20).astype(float).ravel(), [0.5, 0.5], rtol=1e-15)
+
+
+def test_digits_that_rounding_took_are_noticed():
+    """The Hilbert matrix of order 8 takes ten digits of thirty-five, and thirty are wanted."""
+    with localcontext(prec=100):
+        hilbert = np.array([[1 / Decimal(i + j + 1) for j in range(8)] for i in range(8)], dtype=object)
+        right = hilbert.sum(axis=1)[:, None]
+    with pytest.raises(reference.Unknown), localcontext(prec=35):
+        reference.solved(hilbert, right)
+    with localcontext(prec=60):
+        assert reference.distance(np.ones((8, 1)), reference.solved(hilbert, right)) < 1e-40
+
+
+def test_the_distance_between_doubles_and_decimals_is_exact():
+    truth = np.array([Decimal(1), Decimal("2.000000000000000000000000000001")])
+    assert reference.distance([1.0, 2.0], truth) == 1e-30
+    assert reference.distance([np.nan, 2.0], truth) == np.inf
+    with localcontext(prec=100):
+        apart = reference.decimals([[0.0], [2.1]]) - np.array([[Decimal(0)], reference.decimals([0.1])])
+    assert reference.distance([[0.1], [2.1]], apart, moved=True) < 1e-50
+
+
+def test_the_largest_bulk_modulus_agrees_with_the_library(network):
+    assert float(reference.largest_bulk_modulus(network)) == pytest.approx(bulk_modulus_bound(network), rel=1e-13)
+
+
+def test_configurations_agree_with_dense_numpy(network):
+    sigma = random_stress(network.n_edges, 1)
+    exact = reference.configuration(network, sigma)
+    g, b = network.free_incidence.toarray(), network.boundary_vectors
+    free = np.linalg.solve(g.T @ (sigma[:, None] * g), -g.T @ (sigma[:, None] * b))
+    np.testing.assert_allclose(exact.coordinates[network.free].astype(float), free, atol=1e-13)
+    np.testing.assert_allclose(exact.bond_vectors.astype(float), g @ free + b, atol=1e-13)
+    L = g @ free + b
+    cost = network.volume * np.sum(sigma**2 * np.sum(L**2, axis=1))
+    expected = np.sum(sigma * np.sum(L**2, axis=1)) ** 2 / (4 * cost), np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / cost
+    np.testing.assert_allclose(reference.transition_moduli(network, exact).astype(float), expected, rtol=1e-12)
+
+
+def test_references_past_the_transition_agree_with_the_library_where_that_is_easy(network, manifold):
+    critical = manifold.configuration(random_stress(network.n_edges, 1))
+    exact = reference.configuration(network, critical.sigma)
+    easy = stiffening(network, critical).value
+    np.testing.assert_allclose(reference.stiffening(network, exact).astype(float), list(vars(easy).values()), rtol=1e-9)
+    start = SpringState(network, critical.lengths, critical.coordinates, critical.bond_vectors)
+    state = equilibrium(start.deformed(1.05 * np.eye(2))).value
+    there = reference.equilibrium(state.network, state.rest_lengths, state.coordinates)
+    assert reference.distance(state.coordinates, there.coordinates) < 1e-12
+    found = reference.linear_response(state.network, there.bond_vectors, state.rest_lengths)
+    easy = linear_response(state)[0].value
+    np.testing.assert_allclose(found.astype(float), list(vars(easy).values()), rtol=1e-9)
+
+
+def test_critical_lengths_are_found_or_said_to_be_slack(network, manifold):
+    lengths = 1 + 0.05 * np.random.default_rng(2).standard_normal(network.n_edges)
+    found = critical_from_lengths(manifold, lengths).value
+    exact = reference.critical_from_lengths(network, lengths, found.sigma, found.coordinates)
+    ratio = np.linalg.norm(exact.bond_vectors.astype(float), axis=1) / lengths
+    np.testing.assert_allclose(ratio, ratio.mean(), rtol=1e-14)
+    force = network.divergence @ (exact.sigma[:, None] * exact.bond_vectors).astype(float)
+    assert np.abs(force).max() < 1e-14
+
+
+def test_springs_at_rest_of_the_triangular_lattice():
+    lattice = triangular_network(3, 3)
+    found = reference.moduli_at_rest(lattice, lattice.positions).astype(float)
+    np.testing.assert_allclose(found, [TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS], rtol=1e-14)
+
+
+# The judge
+
+
+def answer(values=(1.0,), bounds=np.nan, status=Status.ok, **more):
+    return lambda: judge.Answer(status, values, bounds, **more)
+
+
+def off(error, scale=1.0):
+    return lambda _: (error, scale)
+
+
+def refusing():
+    raise InputError("no")
+
+
+def breaking():
+    raise ZeroDivisionError("no")
+
+
+def warning():
+    warnings.warn("careful", RuntimeWarning, stacklevel=1)
+    return answer()()
+
+
+def not_known(_):
+    raise reference.Unknown("no")
+
+
+@pytest.mark.parametrize(
+    "ask, compare, outcome, violation",
+    [
+        (answer(bounds=1e-15), off(1e-16), Outcome.exact, Violation.none),
+        (answer(bounds=1e-5), off(1e-6), Outcome.bounded, Violation.none),
+        (answer(), off(1e-10), Outcome.tolerated, Violation.none),
+        (answer(), off(1e-6, 1e4), Outcome.tolerated, Violation.none),
+        (answer(status=Status.singular, values=(np.nan,)), off(1.0), Outcome.said, Violation.none),
+        (refusing, off(0.0), Outcome.refused, Violation.none),
+        (answer(), not_known, Outcome.unknown, Violation.none),
+        (answer(bounds=1e-16), off(2e-16), Outcome.violation, Violation.above_bound),
+        (answer(bounds=0.0), off(1.0), Outcome.violation, Violation.above_bound),
+        (answer(values=(1.0, 2.0), bounds=(1.0, 1e-9)), off([0.5, 1e-8]), Outcome.violation, Violation.above_bound),
+        (answer(), off(1e-6), Outcome.violation, Violation.above_tolerance),
+        (answer(), off(np.inf), Outcome.violation, Violation.above_tolerance),
+        (answer(values=(np.nan,)), off(0.0), Outcome.violation, Violation.not_finite),
+        (warning, off(0.0), Outcome.violation, Violation.warning),
+        (breaking, off(0.0), Outcome.violation, Violation.exception),
+        (answer(proper=(Status.floppy,)), off(0.0), Outcome.violation, Violation.status),
+        (answer(status=Status.floppy, proper=(Status.floppy,)), off(0.0), Outcome.exact, Violation.none),
+    ],
+)
+def test_every_kind_of_answer_is_judged(ask, compare, outcome, violation):
+    judgement = judge.judged(ask, compare)
+    assert (judgement.outcome, judgement.violation) == (outcome, violation)
+
+
+def test_of_several_numbers_the_one_nearest_to_its_bound_is_kept():
+    judgement = judge.weighed([1e-6, 1e-8], [1e-3, 2e-8], 2.0)
+    assert (judgement.error, judgement.bound) == (0.5e-8, 1e-8)
+
+
+# The problems
+
+
+def test_the_prestress_matrix_is_singular_where_it_is_said_to_be():
+    difficulty = problems.DIFFICULTIES["near_singular"]
+    least = []
+    for strength in (1e-3, 0.0, -1e-3):
+        problem = difficulty.problem(strength, 0, 12)
+        g = problem.network.free_incidence.toarray()
+        least.append(np.linalg.eigvalsh(g.T @ (problem.sigma[:, None] * g))[0])
+    assert least[0] > 1e-6
+    assert abs(least[1]) < 1e-13
+    assert least[2] < -1e-6
+
+
+def test_straight_lines_carry_a_stress_each():
+    problem = problems.DIFFICULTIES["straight_lines"].problem(2, 0, 12)
+    network = problem.network
+    L = network.bond_vectors(problem.critical.coordinates)
+    # The tensions of one line balance at every vertex, whatever those of the others are.
+    R = problems.CriticalManifold(network).network.divergence
+    lines = np.linalg.svd((R.toarray()[:, None, :] * L.T[None]).reshape(-1, network.n_edges))[1]
+    assert network.n_edges - np.count_nonzero(lines > 1e-9) == 4
+    np.testing.assert_allclose(np.linalg.norm(L, axis=1), 0.5, rtol=0.5)
+
+
+def test_a_floppy_network_must_say_so(monkeypatch):
+    problem = problems.DIFFICULTIES["extra_edges"].problem(-2, 0, 12)
+    assert questions.asked("elastic_moduli", problem).outcome is Outcome.exact
+    real = questions.elastic_moduli
+
+    def confident(*arguments):
+        solution = real(*arguments)
+        return type(solution)(solution.value, Status.ok, solution.stats)
+
+    monkeypatch.setattr(questions, "elastic_moduli", confident)
+    assert questions.asked("elastic_moduli", problem).violation is Violation.status
+
+
+def test_an_optimum_that_is_none_is_found_out(monkeypatch):
+    problem = problems.DIFFICULTIES["threshold"].problem(0.5, 1, 16)
+    real = questions.optimize
+
+    def careless(*arguments, **more):
+        solution = real(*arguments, **{**more, "tolerance": 1e-3})
+        return type(solution)(solution.value, Status.ok, solution.stats)
+
+    monkeypatch.setattr(questions, "optimize", careless)
+    judgement = questions.asked("shear_modulus_lbfgs", problem)
+    assert judgement.violation is Violation.above_tolerance
+    assert judgement.error < 0.1
+
+
+# The study
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("failures")
+    settings = (
+        "difficulties=percolation,near_singular,small_strain,extra_edges,stress_spread", "seeds=0:1", "n_vertices=12",
+        "n_steps=4", "timed_vertices=40",
+        "quantities=configuration,transition_moduli,rigidity,equilibrium_newton,shear_modulus_auto", "sizes=20,40",
+        "networks=3,2", "spreads=0.02,0.1,0.5",
+    )  # fmt: skip
+    words = [word for setting in settings for word in ("--set", setting)]
+    assert main(["run", "failure_map", "--workers", "0", "--out", str(folder), *words]) == 0
+    with xr.open_dataset(folder / "failure_map.nc") as dataset:
+        return dataset.load(), folder
+
+
+def test_the_study_writes_its_figures_and_claims(small):
+    dataset, folder = small
+    for name in ("failure_map", "error_bounds", "assembly", "percolation"):
+        assert (folder / "figures" / f"{name}.png").stat().st_size > 10_000
+    claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
+    wrong = int((dataset.outcome == Outcome.violation).sum())
+    assert claims["violations"]["value"].startswith(f"{wrong} of ")
+    assert claims["violations"]["verdict"] == ("differs" if wrong else "holds")
+    assert {"bounds", "answered", "assembly", "percolation-threshold", "percolation-size"} <= set(claims)
+    assert json.loads((folder / "summary.json").read_text())["violations"] == wrong
+
+
+def test_every_point_that_was_asked_has_an_outcome(small):
+    dataset, _ = small
+    refused = dataset.sel(difficulty="extra_edges", quantity="transition_moduli", seed=0).outcome.values[-1]
+    assert refused == Outcome.refused
+    for name in ("near_singular", "small_strain", "extra_edges"):
+        for quantity in map(str, dataset["quantity"].values):
+            asked = quantity in problems.DIFFICULTIES[name].quantities
+            outcomes = dataset.outcome.sel(difficulty=name, quantity=quantity).values
+            assert (outcomes != Outcome.absent).all() == asked
+    curve = dataset.sel(difficulty="percolation", seed=0)
+    assert (curve.networks_solved.values == [[3], [2]]).all()
+    assert (curve.percolating.sel(spread=0.02) == 1).all()
+    assert (curve.stressed_fraction.sel(spread=0.5) < 1).all()
+
+
+def test_assemblies_are_compared_where_stresses_are_far_apart(small):
+    dataset, _ = small
+    error = dataset.assembly_error.sel(seed=0, difficulty="stress_spread")
+    assert (error.sel(assembly="without subtraction") < 1e-14).all()
+    refined, plain = error.sel(assembly="refined factor").values, error.sel(assembly="plain factor").values
+    assert (refined[~np.isnan(refined)] < 1e-15).all()
+    assert np.isnan(refined).tolist() == [False, False, False, True]
+    assert plain[0] < 1e-14 and plain[2] > 1e-6
+    assert dataset.assembly_error.sel(difficulty="small_strain").isnull().all()
+    (claim,) = (claim for claim in report.claims(dataset) if claim.key == "assembly")
+    strengths = dataset.strength.sel(difficulty="stress_spread").values
+    assert f"right to p = {strengths[3]:g}, a refined factor to p = {strengths[2]:g}" in claim.value
+    assert f"silently wrong from p = {strengths[2]:g};" in claim.value
+
+
+def test_a_fabricated_violation_is_counted(small):
+    dataset, _ = small
+    # Nothing else is wrong in this copy.
+    clean = dataset.copy(deep=True)
+    clean.outcome.values[clean.outcome.values == Outcome.violation] = Outcome.said
+    claims = {claim.key: claim for claim in report.claims(clean)}
+    assert (claims["violations"].verdict, claims["violations"].value[:2]) == ("holds", "0 ")
+    place = {"difficulty": "small_strain", "quantity": "equilibrium_newton", "seed": 0, "step": 1}
+    clean.outcome.loc[place], clean.violation.loc[place] = Outcome.violation, Violation.above_bound
+    claims = {claim.key: claim for claim in report.claims(clean)}
+    assert claims["violations"].verdict == "differs"
+    assert "1 small_strain/equilibrium_newton (above bound)" in claims["violations"].value
+    # Strains keep the order in which they were asked.
+    assert "1 SILENT WRONG ANSWERS" in report.map_figure(clean).texts[0].get_text()
+
+
+def test_the_half_point_and_its_power_are_recovered():
+    spreads, sizes = np.linspace(0.05, 0.5, 46), np.array([50, 500])
+    half = 0.8 * sizes**-0.25
+    full = np.exp(-np.log(2) * (spreads / half[:, None]) ** 4)
+    found = np.array([percolation.half_point(spreads, row) for row in full])
+    np.testing.assert_allclose(found, half, atol=1e-3)
+    assert percolation.threshold_power(sizes, half) == pytest.approx(-0.25, rel=1e-12)
+    assert np.isnan(percolation.half_point(spreads, np.ones(46)))
+    assert np.isnan(percolation.threshold_power(sizes, np.array([0.2, np.nan])))
+
+
+@pytest.mark.parametrize(
+    "setting, sentence",
+    [
+        ("quantities=colour", "no quantity"),
+        ("assemblies=none", "no assembly"),
+        ("difficulties=smalest", "did you mean 'smallest'"),
+        ("networks=3", "every one of `sizes`"),
+        ("n_steps=1", "at least 2"),
+        ("n_vertices=7", "n_vertices"),
+    ],
+)
+def test_bad_settings_are_refused_before_anything_runs(setting, sentence, tmp_path, capsys):
+    assert main(["run", "failure_map", "--out", str(tmp_path / "out"), "--set", setting]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,321 @@
+"""Speed against accuracy: how contestants are timed and judged, how fronts are read, and the study end to end, small.
+
+No test asks how long anything took on this machine.
+"""
+
+import json
+import os
+import sys
+import time
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import scipy
+import xarray as xr
+
+from critflow import CriticalManifold, critical_from_lengths, voronoi_network
+from critflow.cli import main
+from critflow.result import Status
+from critflow.workflow.load import load_study
+
+study = load_study("speed_accuracy").study
+
+
+def beside(name):
+    """A module of the files beside the study."""
+    return sys.modules[f"{study.case.__module__.split('.')[0]}.benchmarks.{name}"]
+
+
+contests, report, references = beside("timing"), beside("speed_accuracy.report"), beside("speed_accuracy.reference")
+TASKS = beside("speed_accuracy.tasks").TASKS
+
+
+CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+
+# Timing
+
+
+def fake(name, run, levels=(0.0, 1.0, 2.0), **more):
+    return contests.Contestant(name, run, lambda answer: contests.Verdict(answer, iterations=3), levels, **more)
+
+
+def broken(level):
+    if level == 1.0:
+        raise ZeroDivisionError("by a peer")
+    return 0.1
+
+
+def slow(level):
+    time.sleep(0.02)
+    return 0.1
+
+
+def test_who_raises_has_failed_and_who_is_slow_stops():
+    runs = []
+
+    def steady(level):
+        runs.append(level)
+        return 10.0**-level
+
+    entrants = [
+        fake("steady", steady),
+        fake("broken", broken),
+        fake("slow", slow),
+        fake("gone", broken, package="no-x"),
+    ]
+    timings = {(t.contestant.name, t.level): t for t in contests.contest(entrants, repeats=4, patience=0.01)}
+    assert len(timings) == 12
+    for level in range(3):
+        timing = timings["steady", level]
+        assert (timing.verdict.error, timing.verdict.status, timing.verdict.iterations) == (10.0**-level, Status.ok, 3)
+        assert len(timing.seconds) == 4
+        assert timing.quartiles[0] <= timing.median <= timing.quartiles[1]
+        assert timings["gone", level].verdict.status is Status.missing
+        assert "pip install 'critflow[peers]'" in timings["gone", level].note
+    # One round is judged and not timed.
+    assert sorted(runs) == [0.0] * 5 + [1.0] * 5 + [2.0] * 5
+    assert [timings["broken", level].verdict.status for level in range(3)] == [Status.ok, Status.failed, Status.ok]
+    assert timings["broken", 1].note == "ZeroDivisionError: by a peer"
+    assert np.isnan(timings["broken", 1].median)
+    assert [len(timings["slow", level].seconds) for level in range(3)] == [1, 0, 0]
+    assert timings["slow", 0].median >= 0.02
+    assert [timings["slow", level].verdict.status for level in (1, 2)] == [Status.missing] * 2
+
+
+def test_no_round_begins_after_the_budget():
+    (timing,) = contests.contest([fake("slow", slow, (0.0,))], repeats=9, patience=9.0, budget=0.0)
+    assert len(timing.seconds) == 1
+
+
+@pytest.mark.skipif(not CORES, reason="only Linux keeps a process on a core")
+def test_all_runs_are_on_one_core_and_none_is_taken_away():
+    within = []
+    contests.contest([fake("any", lambda level: within.append(len(os.sched_getaffinity(0))) or 0.0, (0.0,))], repeats=1)
+    assert within == [1, 1]
+    assert os.sched_getaffinity(0) == CORES
+
+
+# Reading fronts
+
+
+def curve(name, points, own=True, cut=False):
+    seconds, errors = np.array(points, dtype=float).T
+    return report.Curve(name, own, cut, seconds, seconds, seconds, errors)
+
+
+def test_the_front_is_what_no_point_beats():
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        # Few values, so that there are ties.
+        seconds, errors = rng.integers(1, 6, (2, 12)).astype(float)
+        front = report.pareto_front(seconds, errors)
+        points = set(zip(seconds, errors, strict=True))
+        beaten = {p for p in points if any(q != p and q[0] <= p[0] and q[1] <= p[1] for q in points)}
+        assert [(seconds[n], errors[n]) for n in front] == sorted(points - beaten)
+
+
+@pytest.mark.parametrize(
+    "own, rival, ratios",
+    [
+        ([(1, 1e-9)], [(2, 1e-4), (8, 1e-8)], [0.5, 0.125]),
+        ([(1, 1e-4), (9, 1e-9)], [(3, 1e-6)], [3.0]),
+        # Within a digit of the best is as good as the best; further away is not.
+        ([(1, 5e-9)], [(2, 1e-9)], [0.5]),
+        ([(1, 5e-8)], [(2, 1e-9)], [np.inf]),
+        # A digit is not given away where one's best is better.
+        ([(1, 5e-9), (4, 1e-12)], [(2, 1e-9)], [2.0]),
+        # What is beaten by its own better points, or no answer at all, does not count.
+        ([(1, 1e-9)], [(0.1, 0.5), (2, 1e-8), (3, 1e-7)], [0.5]),
+    ],
+)
+def test_how_far_one_is_behind_another(own, rival, ratios):
+    found, _ = report.behind([curve("own", own)], [curve("rival", rival, own=False)], 1e-2)
+    np.testing.assert_allclose(found, ratios, rtol=1e-12)
+
+
+def test_who_was_not_asked_for_more_is_not_behind():
+    rival = curve("rival", [(3, 1e-5), (4, 1e-15)], own=False)
+    for cut, ratios in ((False, [1 / 3, np.inf]), (True, [1 / 3])):
+        found, points = report.behind([curve("own", [(1, 1e-9)], cut=cut)], [rival], 1e-2)
+        np.testing.assert_allclose(found, ratios, rtol=1e-12)
+        assert [n for _, n in points] == [0, 1][: len(ratios)]
+
+
+def test_a_choice_is_measured_at_every_accuracy_that_it_reaches():
+    chosen, other = curve("auto", [(4, 1e-12)]), curve("lbfgs", [(1, 1e-4), (3, 1e-7), (9, 1e-15)])
+    assert report.detour(chosen, [chosen, other], 1e-2) == 4.0
+    assert report.detour(other, [chosen, other], 1e-2) == pytest.approx(9 / 4)
+    # What is of no use is not waited for.
+    assert report.detour(chosen, [chosen, other], 1e-6) == pytest.approx(4 / 3)
+    assert report.gain(chosen, other) == 0.0
+    assert report.gain(other, chosen) == pytest.approx(4 / 9)
+
+
+# References
+
+
+exact = np.vectorize(Fraction, otypes=[object])
+
+
+def rational(manifold, sigma):
+    """Bond vectors and dB_0/dσ for k = 1, exactly: the definition of B_0, differentiated through P x = −gᵀ(σ ∘ b)."""
+    network, s = manifold.network, sigma
+    g, b = exact(network.free_incidence.toarray()), exact(network.boundary_vectors)
+    P = g.T @ (s[:, None] * g)
+    inverse = exact(np.eye(len(P)))
+    for k in range(len(P)):
+        scale = P[k, k]
+        P[k], inverse[k] = P[k] / scale, inverse[k] / scale
+        for row in range(len(P)):
+            if row != k:
+                part = P[row, k]
+                P[row], inverse[row] = P[row] - part * P[k], inverse[row] - part * inverse[k]
+    L = b - g @ (inverse @ (g.T @ (s[:, None] * b)))
+    # Forward: L̇_β = −(g P⁻¹ gᵀ)_βα L_α for each σ_α, and the quotient rule.
+    spread = g @ inverse @ g.T
+    square = (L * L).sum(axis=1)
+    work, cost = (s * square).sum(), (s * s * square).sum()
+    slope = np.empty_like(s)
+    for alpha in range(len(s)):
+        dsquare = -2 * (L * (spread[:, alpha, None] * L[alpha])).sum(axis=1)
+        dwork, dcost = square[alpha] + (s * dsquare).sum(), 2 * s[alpha] * square[alpha] + (s * s * dsquare).sum()
+        slope[alpha] = (2 * work * dwork / cost - work**2 * dcost / cost**2) / (4 * Fraction(network.volume))
+    return L, slope
+
+
+def test_the_reference_has_thirty_digits():
+    manifold = CriticalManifold(voronoi_network(16, 3))
+    sigma = np.abs(np.random.default_rng(2).standard_normal(24)) + 0.1
+    for found, right in zip(references.refined(manifold, sigma), rational(manifold, exact(sigma)), strict=True):
+        wrong = exact(found.high) + exact(found.low) - right
+        assert float(np.abs(wrong).max() / np.abs(right).max()) < 1e-28
+
+
+def test_the_stress_of_rest_lengths_gives_them_back():
+    lengths_task = beside("speed_accuracy.lengths")
+    manifold = CriticalManifold(voronoi_network(16, 3))
+    lengths = 1 + 0.05 * np.random.default_rng(1).standard_normal(24)
+    best = lengths_task.reference(manifold, lengths)
+    L, _ = rational(manifold, exact(best.high) + exact(best.low))
+    ratios = (L * L).sum(axis=1) / exact(lengths) ** 2
+    assert float(np.abs(ratios / ratios[0] - 1).max()) < 1e-24
+    # The library's answer is that to rounding, whatever its scale.
+    found = critical_from_lengths(manifold, lengths).value.sigma
+    judge = lengths_task._judge(best)
+    assert judge(lengths_task._Answer(7 * found)).error < 1e-12
+    worse = found.copy()
+    worse[5] += 1e-6 * found.mean()
+    # The comparison of scales gives back a part of one edge in 24.
+    assert judge(lengths_task._Answer(worse)).error == pytest.approx(1e-6, rel=0.3)
+
+
+def test_slack_edges_have_no_reference():
+    manifold = CriticalManifold(voronoi_network(100, 0))
+    lengths = np.exp(np.random.default_rng(0).standard_normal(150))
+    assert beside("speed_accuracy.lengths").reference(manifold, lengths) is None
+
+
+# The study
+
+ASKED = ("auto", "newton", "cone", "solve", "splu", "dense Cholesky", "SciPy L-BFGS-B", "pyamg CG", "jax_fdm")
+
+
+@pytest.mark.parametrize("word", [word for word in TASKS if not word.endswith("pinned")])
+def test_tasks_name_their_contestants(word):
+    task = TASKS[word]
+    entrants = task.contestants(min(40, task.sizes[0]), 1)
+    names = [contestant.name for contestant in entrants]
+    assert max(len(contestant.levels) for contestant in entrants) <= len(study.parameters["levels"])
+    assert len(names) == len(set(names))
+    assert set(names) <= set(task.names)
+    assert task.default in names
+    assert task.title and task.error
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("speed")
+    words = [
+        "tasks=configuration,gradient,length_variance,tension_variance,bulk_modulus,rest_lengths,length_variance_pinned",
+        "n_vertices=40,2000000", f"contestants={','.join(ASKED)}", "levels=0,3,7,10",
+        "repeats=1", "budget=0.01",
+    ]  # fmt: skip
+    settings = [part for word in words for part in ("--set", word)]
+    assert main(["run", "speed_accuracy", "--workers", "0", "--out", str(folder), *settings]) == 0
+    with xr.open_dataset(folder / "speed_accuracy.nc") as dataset:
+        return dataset.load(), folder
+
+
+def test_every_point_has_its_time_error_and_outcome(small):
+    dataset = small[0].sel(n_vertices=40)
+    ran = dataset.outcome != Status.missing
+    assert (ran == np.isfinite(dataset.error)).all()
+    assert (ran == np.isfinite(dataset.seconds)).all()
+    assert ((dataset.repeats_done > 0) == ran).all()
+    assert (dataset.seconds_low <= dataset.seconds).where(ran, True).all()
+    assert (dataset.seconds <= dataset.seconds_high).where(ran, True).all()
+    best = dataset.error.sel(contestant="auto").min("level")
+    limits = {
+        "configuration": 1e-12, "gradient": 1e-12, "length_variance": 1e-24, "tension_variance": 1e-8,
+        "bulk_modulus": 1e-28, "rest_lengths": 1e-12, "length_variance_pinned": 1e-24,
+    }  # fmt: skip
+    for word, limit in limits.items():
+        assert 0 <= float(best.sel(task=word)) < limit, word
+    # Tighter tolerances leave smaller errors.
+    newton = dataset.error.sel(contestant="newton", task="tension_variance")
+    assert (newton.diff("level") < 0).all()
+    assert dataset.iterations.sel(contestant="newton", task="tension_variance").diff("level").min() > 0
+
+
+def test_who_takes_part_and_who_is_missing(small):
+    dataset = small[0]
+    parts = dataset.sel(n_vertices=40)
+    assert (parts.presence.sel(contestant="auto") == 1).all()
+    assert parts.presence.sel(contestant="splu", task="configuration") == 2
+    assert parts.presence.sel(contestant="splu", task="bulk_modulus") == 0
+    numbers = parts.package_version.sel(contestant="splu", task="configuration").values
+    assert list(numbers) == [int(number) for number in scipy.__version__.split(".")[:3]]
+    for name, word, package in (("pyamg CG", "gradient", "pyamg"), ("jax_fdm", "length_variance_pinned", "jax-fdm")):
+        version = contests.installed(package)
+        part = parts.sel(contestant=name, task=word)
+        assert int(part.presence) == (2 if version else 3)
+        assert (part.outcome != Status.missing).any() == bool(version)
+        known = [claim["key"] for claim in json.loads((small[1] / "claims.json").read_text())]
+        assert (f"speed-accuracy-missing-{name.replace(' ', '-')}" in known) == (not version)
+    # Beyond the sizes of a task nothing is run, and nothing takes time.
+    beyond = dataset.sel(n_vertices=2_000_000)
+    assert (beyond.status == Status.ok).all()
+    assert (beyond.outcome == Status.missing).all()
+    assert (beyond.presence == 0).all()
+
+
+def test_it_has_its_charts_claims_and_fronts(small):
+    dataset, folder = small
+    for name in ("speed_accuracy", "speed_accuracy_sizes"):
+        assert (folder / "figures" / f"{name}.png").stat().st_size > 20_000
+    claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
+    assert {f"speed-accuracy-{word}" for word in dataset.task.values} < set(claims)
+    assert claims["speed-accuracy-auto"]["verdict"] in ("holds", "differs")
+    tasks = json.loads((folder / "summary.json").read_text())["tasks"]
+    assert set(tasks) == set(dataset.task.values)
+    for of_task in tasks.values():
+        front = of_task["sizes"]["40"]["front"]
+        assert [point[1] for point in front] == sorted(point[1] for point in front)
+        assert of_task["sizes"]["40"]["auto_over_front"] >= 1
+
+
+@pytest.mark.parametrize(
+    "setting, sentence",
+    [
+        ("contestants=auto,lammps", "no contestant 'lammps'"),
+        ("repeats=0", "repeats=0 must be positive"),
+        ("patience=0", "must be positive"),
+        ("budget=-1", "must"),
+        ("n_vertices=7", "n_vertices"),
+    ],
+)
+def test_bad_settings_are_refused_before_anything_runs(setting, sentence, tmp_path, capsys):
+    assert main(["run", "speed_accuracy", "--out", str(tmp_path / "out"), "--set", setting]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,297 @@
+"""Chart, metric and curvature against finite differences, dense formulas and the closed form of the linkage."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+import scipy.linalg
+from problems import dense_response, random_stress
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    SolveError,
+    Status,
+    StereographicChart,
+    gaussian_curvature,
+    principal_curvatures,
+    surface_geometry,
+    three_bar_linkage,
+    voronoi_network,
+)
+from critflow.critical.curvature import dense, inverse_response, unit_response
+
+
+def half_squares(manifold, sigma):
+    return 0.5 * manifold.configuration(sigma).lengths ** 2
+
+
+def signed_lengths(sigma, span=3.0):
+    """Where the linkage lies along its line: r_α = D (1/σ_α)/Σ(1/σ), negative for edges that point back."""
+    return span / sigma / np.sum(1 / sigma)
+
+
+def linkage_curvature(sigma, span=3.0):
+    """K = D/((r₁r₂r₃)³ (Σr⁻²)²) of the level set Σ ±√(2h) = D, from the adjugate of its Hessian."""
+    r = signed_lengths(np.asarray(sigma, dtype=float), span)
+    return span / (np.prod(r) ** 3 * np.sum(r**-2.0) ** 2)
+
+
+@pytest.fixture(
+    params=[
+        ("linkage", three_bar_linkage(), [1.0, 1.0, 1.0], [0.2, -0.3]),
+        ("linkage, branch", three_bar_linkage(), [1.0, -2.0, 0.5], [0.1, 0.2]),
+        ("voronoi", voronoi_network(8, seed=1), np.ones(12), np.linspace(-0.2, 0.3, 11)),
+    ],
+    ids=lambda case: case[0],
+)
+def place(request):
+    _, network, pole, s = request.param
+    return CriticalManifold(network), StereographicChart.about(pole), np.array(s)
+
+
+# The chart
+
+
+def test_the_chart_covers_the_unit_sphere(place):
+    _, chart, s = place
+    np.testing.assert_allclose(np.linalg.norm(chart.sigma(s)), 1.0, rtol=1e-14)
+    np.testing.assert_allclose(chart.sigma(0 * s), chart.pole, rtol=0, atol=1e-15)
+    step = 1e-6
+    numeric = [(chart.sigma(s + step * e) - chart.sigma(s - step * e)) / (2 * step) for e in np.eye(len(s))]
+    np.testing.assert_allclose(dense(chart.derivative(s)), np.transpose(numeric), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("pole", [[2.0, 1.0, -3.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], np.arange(1.0, 30.0)], ids=str)
+def test_the_basis_completes_the_pole(pole):
+    chart = StereographicChart.about(pole)
+    frame = np.column_stack([chart.pole, dense(chart.basis)])
+    np.testing.assert_allclose(frame.T @ frame, np.eye(len(chart.pole)), rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(dense(StereographicChart.about(pole).basis), frame[:, 1:])
+
+
+def test_the_transposes_belong_to_their_operators(place):
+    manifold, chart, s = place
+    geometry = surface_geometry(manifold, chart, s)
+    for operator in (chart.basis, chart.derivative(s), geometry.tangents):
+        np.testing.assert_allclose(
+            dense(operator.T), dense(operator).T, rtol=0, atol=1e-13 * np.abs(dense(operator)).max()
+        )
+
+
+def test_the_chart_is_conformal(place):
+    _, chart, s = place
+    V = dense(chart.derivative(s))
+    np.testing.assert_allclose(V.T @ V, np.eye(len(s)) / (1 + s @ s / 4) ** 2, rtol=0, atol=1e-14)
+
+
+def test_coordinates_invert_the_chart(place):
+    _, chart, s = place
+    np.testing.assert_allclose(chart.coordinates(7.0 * chart.sigma(3 * s)), 3 * s, rtol=0, atol=1e-14)
+    with pytest.raises(InputError, match="antipode"):
+        chart.coordinates(-2 * chart.pole)
+
+
+# Metric and second fundamental form
+
+
+def test_tangents_and_metric_match_finite_differences(place):
+    manifold, chart, s = place
+    geometry = surface_geometry(manifold, chart, s)
+    tangents, metric = dense(geometry.tangents), dense(geometry.metric)
+    step = 1e-5
+    numeric = np.transpose(
+        [
+            (half_squares(manifold, chart.sigma(s + step * e)) - half_squares(manifold, chart.sigma(s - step * e)))
+            / (2 * step)
+            for e in np.eye(len(s))
+        ]
+    )
+    scale = np.abs(tangents).max()
+    # Central differences of step 1e-5 leave about 1e-10 of curvature and rounding.
+    np.testing.assert_allclose(tangents, numeric, rtol=0, atol=1e-7 * scale)
+    np.testing.assert_allclose(metric, numeric.T @ numeric, rtol=0, atol=1e-6 * scale**2)
+    np.testing.assert_allclose(chart.sigma(s) @ tangents, 0.0, rtol=0, atol=1e-12 * scale)
+
+
+def test_second_fundamental_form_matches_finite_differences(place):
+    manifold, chart, s = place
+    geometry, normal, step, n = surface_geometry(manifold, chart, s), chart.sigma(s), 2e-4, len(s)
+    numeric = np.empty((n, n))
+    for i, a in enumerate(np.eye(n)):
+        for j, b in enumerate(np.eye(n)):
+            ahead = half_squares(manifold, chart.sigma(s + step * (a + b)))
+            aside = half_squares(manifold, chart.sigma(s + step * (a - b)))
+            behind = half_squares(manifold, chart.sigma(s - step * (a + b)))
+            other = half_squares(manifold, chart.sigma(s - step * (a - b)))
+            numeric[i, j] = normal @ (ahead - aside - other + behind) / (4 * step**2)
+    form = dense(geometry.second_fundamental_form)
+    np.testing.assert_allclose(form, form.T, rtol=0, atol=1e-12 * np.abs(form).max())
+    np.testing.assert_allclose(form, numeric, rtol=0, atol=1e-4 * np.abs(form).max())
+
+
+def test_operators_agree_with_dense_formulas():
+    manifold = CriticalManifold(voronoi_network(100, seed=3))
+    n = manifold.network.n_edges
+    chart = StereographicChart.about(random_stress(n, 1))
+    s = 0.02 * np.random.default_rng(2).standard_normal(n - 1)
+    geometry = surface_geometry(manifold, chart, s)
+    V = dense(chart.derivative(s))
+    # |σ|B has the scale of a unit stress.
+    B = dense_response(manifold.network, chart.sigma(s))
+    scale = np.abs(B).max()
+    np.testing.assert_allclose(dense(geometry.response), B, rtol=0, atol=1e-13 * scale)
+    np.testing.assert_allclose(dense(geometry.tangents), B @ V, rtol=0, atol=1e-13 * scale)
+    np.testing.assert_allclose(dense(geometry.metric), V.T @ B @ B @ V, rtol=0, atol=1e-12 * scale**2)
+    np.testing.assert_allclose(dense(geometry.second_fundamental_form), -V.T @ B @ V, rtol=0, atol=1e-13 * scale)
+
+
+# Principal curvatures
+
+
+def test_principal_curvatures_are_those_of_the_two_forms():
+    """In any chart, eigenvalues of the second fundamental form against the metric: here a chart about another point."""
+    manifold = CriticalManifold(voronoi_network(30, seed=2))
+    n = manifold.network.n_edges
+    chart = StereographicChart.about(random_stress(n, 3))
+    s = 0.02 * np.random.default_rng(4).standard_normal(n - 1)
+    geometry = surface_geometry(manifold, chart, s)
+    form = dense(geometry.second_fundamental_form)
+    known = scipy.linalg.eigh((form + form.T) / 2, dense(geometry.metric), eigvals_only=True)
+    found = principal_curvatures(manifold, chart.sigma(s)).value
+    # The metric squares the condition of B, about 1e3 here.
+    np.testing.assert_allclose(np.sort(found.curvatures), known, rtol=1e-8)
+
+
+@pytest.mark.parametrize("sigma", [[1, 1, 1], [0.3, 2, 1], [-0.2, 1, 1], [3, -0.4, 2], [-2, 1, 1], [1, 1, -3]], ids=str)
+def test_the_linkage_curves_as_its_level_set(sigma):
+    sigma = np.array(sigma, dtype=float)
+    r = signed_lengths(sigma)
+    manifold = CriticalManifold(three_bar_linkage())
+    # The level set of f = Σ ±√(2h) has gradient 1/r and Hessian −1/r³, on the side that σ points to.
+    normal = sigma / np.linalg.norm(sigma)
+    plane = np.linalg.svd(normal[None])[2][1:].T
+    slope = normal @ (1 / r)
+    known = np.linalg.eigvalsh(plane.T @ np.diag(r**-3.0) @ plane / slope)
+    found = principal_curvatures(manifold, sigma).value
+    np.testing.assert_allclose(np.sort(found.curvatures), np.sort(known), rtol=1e-11)
+    np.testing.assert_allclose(np.prod(found.curvatures), linkage_curvature(sigma), rtol=1e-11)
+    # Rigid where both curve the same way, which is where P is definite.
+    rigid = sigma[0] * sigma[1] + sigma[1] * sigma[2] + sigma[2] * sigma[0] > 0
+    assert (linkage_curvature(sigma) > 0) == rigid
+    both = gaussian_curvature(manifold, sigma)
+    assert both.status is Status.ok
+    assert abs(both.value.log_size - np.log(abs(linkage_curvature(sigma)))) < both.stats.residual < 1e-8
+    assert both.value.n_negative == np.count_nonzero(found.radii < 0) == (0 if rigid else 1)
+
+
+def test_a_positive_stress_has_positive_curvatures_only():
+    """P > 0 makes h·σ least at the configuration: the manifold bounds a convex set of lengths."""
+    manifold = CriticalManifold(voronoi_network(40, seed=5))
+    found = principal_curvatures(manifold, random_stress(manifold.network.n_edges, 6))
+    assert found.status is Status.ok and found.value.radii.min() > 0
+    assert gaussian_curvature(manifold, random_stress(manifold.network.n_edges, 6)).value.n_negative == 0
+
+
+@pytest.mark.parametrize("compressed", [1, 3, 8])
+def test_inertia_counts_negative_curvatures(compressed):
+    manifold = CriticalManifold(voronoi_network(40, seed=7))
+    sigma = random_stress(manifold.network.n_edges, 8)
+    sigma[:: len(sigma) // compressed] *= -4
+    all_of_them = principal_curvatures(manifold, sigma).value.radii
+    counted = gaussian_curvature(manifold, sigma)
+    assert manifold.solve(sigma).stats.details["negative_pivots"] > 0
+    assert counted.value.n_negative == np.count_nonzero(all_of_them < 0) > 0
+    assert abs(counted.value.log_size + np.log(np.abs(all_of_them)).sum()) < counted.stats.residual < 1e-5
+
+
+def test_few_curvatures_at_both_ends_agree_with_all():
+    manifold = CriticalManifold(voronoi_network(100, seed=3))
+    sigma = random_stress(manifold.network.n_edges, 4)
+    every = principal_curvatures(manifold, sigma).value
+    for end, part in (("flat", slice(None, 6)), ("sharp", slice(-6, None))):
+        few = principal_curvatures(manifold, sigma, k=6, end=end).value
+        np.testing.assert_allclose(few.radii, every.radii[part], rtol=1e-12)
+        overlap = np.abs(np.einsum("ne,ne->n", few.directions, every.directions[part]))
+        np.testing.assert_allclose(overlap, 1.0, rtol=0, atol=1e-9)
+
+
+def test_the_inverse_undoes_the_response():
+    manifold = CriticalManifold(voronoi_network(200, seed=1))
+    configuration = manifold.configuration(random_stress(manifold.network.n_edges, 2))
+    normal = configuration.sigma / np.linalg.norm(configuration.sigma)
+    B, inverse = unit_response(manifold, configuration), inverse_response(manifold, configuration)
+    h = np.random.default_rng(3).standard_normal(len(normal))
+    h -= (normal @ h) * normal
+    np.testing.assert_allclose(-(B @ (inverse @ h)), h, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(inverse @ normal, 0.0, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("n_vertices", [1000, 10_000])
+def test_large_networks_need_no_dense_matrix(n_vertices):
+    manifold = CriticalManifold(voronoi_network(n_vertices, seed=1))
+    n = manifold.network.n_edges
+    sigma = random_stress(n, 5)
+    chart = StereographicChart.about(np.ones(n))
+    tracemalloc.start()
+    geometry = surface_geometry(manifold, chart, chart.coordinates(sigma))
+    x = np.random.default_rng(6).standard_normal(n - 1)
+    stretch, bend = x @ (geometry.metric @ x), x @ (geometry.second_fundamental_form @ x)
+    ends = [principal_curvatures(manifold, sigma, k=2, end=end).value for end in ("flat", "sharp")]
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert stretch == pytest.approx(float(np.sum((geometry.tangents @ x) ** 2)), rel=1e-12)
+    # The curvature in any direction lies between those at the two ends.
+    assert 1 / ends[0].radii[0] < bend / stretch < 1 / ends[1].radii[-1]
+    # Less than ten thousand numbers an edge, wherever the network is large enough for that to say something.
+    assert peak < 8 * 1000 * n
+    assert max(found.residuals.max() for found in ends) < 1e-12
+    determinant = gaussian_curvature(manifold, sigma)
+    assert determinant.ok and determinant.stats.residual < 1e-4
+
+
+# What is refused
+
+
+def test_dense_matrices_that_do_not_fit_are_refused_at_once():
+    chart = StereographicChart.about(np.ones(150_000))
+    with pytest.raises(InputError, match=r"dense 150000 × 149999 matrix takes 180 GB: apply the operator"):
+        dense(chart.basis)
+
+
+def test_no_curvature_where_there_is_no_configuration_or_no_tangent_plane():
+    manifold = CriticalManifold(three_bar_linkage())
+    # σ₁σ₂ + σ₂σ₃ + σ₃σ₁ = 0 makes P singular; an edge of vanishing stress takes the length of all others.
+    for sigma, status in (([2, 2, -1], Status.singular), ([1e-10, 1, 1], Status.edge_collapse)):
+        found = principal_curvatures(manifold, sigma, throw=False)
+        assert found.status is status and np.isnan(found.value.curvatures).all()
+        with pytest.raises(SolveError, match="move"):
+            principal_curvatures(manifold, sigma)
+    assert gaussian_curvature(manifold, [2, 2, -1], throw=False).status is Status.singular
+    with pytest.raises(SolveError, match="move it away"):
+        gaussian_curvature(manifold, [2, 2, -1])
+
+
+def test_more_than_one_self_stress_leaves_curvatures_infinite():
+    """Six edges from one free vertex to pins: four self-stresses, so that B has rank two."""
+    angle = np.arange(6) + 0.1 * np.arange(6) ** 2
+    pins = {i + 1: [np.cos(a), np.sin(a)] for i, a in enumerate(angle)}
+    manifold = CriticalManifold(Network([[0, i + 1] for i in range(6)], pins=pins))
+    found = principal_curvatures(manifold, random_stress(6, 1), throw=False)
+    assert found.status is Status.stalled and "several self-stresses" in found.stats.details["note"]
+    flat = principal_curvatures(manifold, random_stress(6, 1), k=2)
+    assert flat.ok and flat.value.radii.min() > 0
+
+
+def test_bad_charts_are_refused():
+    with pytest.raises(InputError, match="must not be zero"):
+        StereographicChart.about(np.zeros(3))
+    manifold, chart = CriticalManifold(three_bar_linkage()), StereographicChart.about(np.ones(3))
+    for s in (np.zeros(3), [0.0, np.nan]):
+        with pytest.raises(InputError, match="one coordinate less than edges"):
+            surface_geometry(manifold, chart, s)
+    with pytest.raises(InputError, match="'flat' or 'sharp'"):
+        principal_curvatures(manifold, np.ones(3), end="round")
+    with pytest.raises(InputError, match="between 1 and 1"):
+        principal_curvatures(manifold, np.ones(3), k=2)

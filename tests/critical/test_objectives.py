@@ -1,0 +1,248 @@
+"""Objectives: values against their formulas, gradients and Hessians by Taylor remainders through the manifold."""
+
+import numpy as np
+import pytest
+from problems import (
+    HONEYCOMB_BULK_MODULUS,
+    NETWORKS,
+    dense_bond_vectors,
+    modulus_by_formula,
+    oblique,
+    random_stress,
+    voronoi_3d,
+    with_random_stiffness,
+)
+
+from critflow import CriticalManifold, InputError, honeycomb_network, transition_moduli, voronoi_network
+from critflow.critical.objectives import (
+    OBJECTIVES,
+    ConstrainedModulus,
+    TransitionModulus,
+    dilation,
+    named_objective,
+    pure_shear,
+    transition_modulus,
+)
+from critflow.design.stress_objective import Landscape
+
+PERIODIC = {
+    "random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=1), 2),
+    "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=2), 3)),
+    "3D": lambda: with_random_stiffness(voronoi_3d(), 4),
+}
+STRESSES = {"positive": 1.0, "signed": -0.3}
+
+
+def stress(network, sign):
+    sigma = random_stress(network.n_edges, 5)
+    sigma[::6] *= sign
+    return sigma
+
+
+def value_and_gradient(network, goal, sigma):
+    """O and dO/dσ at a stress."""
+    manifold = CriticalManifold(network)
+    _, L, factor = manifold.balance(sigma)
+    value, partials = goal.evaluate(sigma, L)
+    return value, manifold.pull_back(L, factor, *partials)[0]
+
+
+def hessian_product(network, goal, sigma, direction):
+    manifold = CriticalManifold(network)
+    _, L, factor = manifold.balance(sigma)
+    _, partials = goal.evaluate(sigma, L)
+    _, gy = manifold.pull_back(L, factor, *partials)
+    dL = manifold.tangent(L, factor, direction)
+    second = goal.differential(sigma, L, direction, dL)
+    return manifold.pull_back_tangent(factor, L, dL, gy, direction, second)
+
+
+def taylor_slopes(function, x, direction, gradient, product):
+    """Orders with which the remainders after the linear and the quadratic term vanish: 2 and 3."""
+    steps = 2.0 ** -np.arange(6, 11)
+    value = function(x)
+    first = [function(x + h * direction) - value - h * gradient @ direction for h in steps]
+    second = [r - 0.5 * h**2 * product @ direction for r, h in zip(first, steps, strict=True)]
+    return [np.polyfit(np.log(steps), np.log(np.abs(r)), 1)[0] for r in (first, second)]
+
+
+# Fitted over five halvings of the step the slopes lie this close to 2 and 3; a wrong term makes them 1 and 2.
+SLOPE = 0.1
+
+
+@pytest.mark.parametrize("sign", STRESSES.values(), ids=STRESSES)
+@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("name", PERIODIC)
+def test_gradient_and_hessian_by_taylor_remainders(name, objective, sign):
+    network = PERIODIC[name]()
+    goal = named_objective(network, objective)
+    sigma = stress(network, sign)
+    direction = 0.1 * np.random.default_rng(6).standard_normal(network.n_edges)
+
+    def function(s):
+        return goal.evaluate(s, dense_bond_vectors(network, s))[0]
+
+    value, gradient = value_and_gradient(network, goal, sigma)
+    assert value == pytest.approx(function(sigma), rel=1e-11)
+    product = hessian_product(network, goal, sigma, direction)
+    slopes = taylor_slopes(function, sigma, direction, gradient, product)
+    assert slopes == pytest.approx([2, 3], abs=SLOPE)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_a_wrong_gradient_fails_the_same_check(objective):
+    network = PERIODIC["random stiffness"]()
+    goal = named_objective(network, objective)
+    sigma = stress(network, 1.0)
+    direction = 0.1 * np.random.default_rng(6).standard_normal(network.n_edges)
+    _, gradient = value_and_gradient(network, goal, sigma)
+    product = hessian_product(network, goal, sigma, direction)
+
+    def function(s):
+        return goal.evaluate(s, dense_bond_vectors(network, s))[0]
+
+    wrong = gradient.copy()
+    wrong[int(np.argmax(np.abs(gradient * direction)))] *= 1.1
+    assert taylor_slopes(function, sigma, direction, wrong, product)[0] < 2 - SLOPE
+    assert taylor_slopes(function, sigma, direction, gradient, 1.1 * product)[1] < 3 - SLOPE
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("name", PERIODIC)
+def test_what_is_minimised_by_taylor_remainders(name, objective):
+    # The same in θ = log σ, with the sign of a maximisation, as the minimisers see it.
+    network = PERIODIC[name]()
+    goal = named_objective(network, objective)
+    landscape = Landscape(CriticalManifold(network), goal)
+    x = np.log(stress(network, 1.0))
+    # So long that the smallest cubic remainder still stands a hundred times above the rounding of the value.
+    size = 0.1 if objective == "shear_modulus" else 0.4  # its barrier is steep
+    direction = size * np.random.default_rng(17).standard_normal(network.n_edges)
+
+    def function(theta):
+        sigma = np.exp(theta)
+        value = goal.evaluate(sigma, dense_bond_vectors(network, sigma))[0]
+        return -value if goal.maximise else value
+
+    point = landscape.at(x)
+    product = landscape.curvature(point, direction)
+    assert point.value == pytest.approx(function(x), rel=1e-11)
+    assert taylor_slopes(function, x, direction, point.gradient, product) == pytest.approx([2, 3], abs=SLOPE)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("name", PERIODIC)
+def test_hessians_are_symmetric_and_objectives_scale_free(name, objective):
+    network = PERIODIC[name]()
+    goal = named_objective(network, objective)
+    sigma = stress(network, 1.0)
+    value, gradient = value_and_gradient(network, goal, sigma)
+    scale = np.abs(gradient).max() * sigma.max()
+    assert abs(gradient @ sigma) < 1e-12 * scale * len(sigma)
+    assert value_and_gradient(network, goal, 7 * sigma)[0] == pytest.approx(value, rel=1e-11)
+    # Scale invariance once more: H σ = −∇O.
+    np.testing.assert_allclose(
+        hessian_product(network, goal, sigma, sigma), -gradient, rtol=0, atol=1e-10 * np.abs(gradient).max()
+    )
+    rng = np.random.default_rng(8)
+    u, v = rng.standard_normal((2, network.n_edges))
+    Hu, Hv = hessian_product(network, goal, sigma, u), hessian_product(network, goal, sigma, v)
+    assert u @ Hv == pytest.approx(v @ Hu, rel=1e-10, abs=1e-10 * np.linalg.norm(Hu) * np.linalg.norm(v))
+
+
+@pytest.mark.parametrize("name", PERIODIC)
+def test_values_by_their_formulas(name):
+    network = PERIODIC[name]()
+    d = network.dimension
+    sigma = stress(network, 1.0)
+    L = dense_bond_vectors(network, sigma)
+    length = np.sqrt(np.sum(L**2, axis=1))
+    tension = sigma * length
+    expected = {
+        "length_variance": np.mean(length**2) / np.mean(length) ** 2 - 1,
+        "tension_variance": np.mean(tension**2) / np.mean(tension) ** 2 - 1,
+        "bulk_modulus": modulus_by_formula(network, sigma, L, np.eye(d) / d),
+    }
+    A = np.zeros((d, d))
+    A[0, 1] = 0.7
+    A[1, 0] = 0.3
+    scaled = sigma * np.sqrt(len(sigma) / np.sum(sigma**2))
+    expected["shear_modulus"] = modulus_by_formula(network, sigma, L, A) - np.mean((scaled / 0.2) ** -10)
+    for objective, value in expected.items():
+        found = named_objective(network, objective, threshold=0.2).evaluate(sigma, L)[0]
+        assert found == pytest.approx(value, rel=1e-12)
+
+
+def test_bulk_and_shear_by_the_papers_formulas():
+    network = with_random_stiffness(voronoi_network(60, seed=1), 3)
+    configuration = CriticalManifold(network).configuration(random_stress(90, 2))
+    s, L, k = configuration.sigma, configuration.bond_vectors, network.stiffness
+    square = np.sum(L**2, axis=1)
+    cost = np.sum(s**2 * square / k)
+    moduli = transition_moduli(configuration)
+    assert moduli.bulk == pytest.approx(np.sum(s * square) ** 2 / cost / (4 * 60), rel=1e-13)
+    assert moduli.shear == pytest.approx(np.sum(s * L[:, 0] * L[:, 1]) ** 2 / cost / 60, rel=1e-12)
+    # At the transition there is no stress yet for the two conventions to differ by.
+    assert moduli.shear_stress_corrected == moduli.shear
+
+
+def test_honeycomb_moduli():
+    for k in (1.0, 2.5):
+        network = honeycomb_network(3, 4, edge_length=0.7).with_stiffness(k)
+        moduli = transition_moduli(CriticalManifold(network).configuration(np.ones(36)))
+        # In two dimensions B has the unit of k: the edge length is nothing.
+        assert moduli.bulk == pytest.approx(k * HONEYCOMB_BULK_MODULUS, rel=1e-13)
+        assert moduli.shear == pytest.approx(0.0, abs=1e-25)
+
+
+def test_only_the_symmetric_part_of_a_strain_counts():
+    network = PERIODIC["3D"]()
+    A = np.random.default_rng(1).standard_normal((3, 3))
+    L, sigma = dense_bond_vectors(network, np.ones(network.n_edges)), np.ones(network.n_edges)
+    one = transition_modulus(network, A).evaluate(sigma, L)[0]
+    assert transition_modulus(network, 0.5 * (A + A.T)).evaluate(sigma, L)[0] == pytest.approx(one, rel=1e-13)
+    assert modulus_by_formula(network, sigma, L, A) == pytest.approx(one, rel=1e-12)
+    np.testing.assert_array_equal(dilation(3), np.eye(3) / 3)
+    np.testing.assert_array_equal(pure_shear(2), [[0, 0.5], [0.5, 0]])
+
+
+def test_the_barrier_rises_as_the_tenth_power():
+    goal = ConstrainedModulus(TransitionModulus(pure_shear(2), np.ones(4), 1.0), threshold=0.1)
+    # Stresses of mean square one, so that s = σ.
+    sigma = np.array([0.05, 0.1, 1.0, 1.0])
+    sigma[2:] = np.sqrt((4 - np.sum(sigma[:2] ** 2)) / 2)
+    L = np.array([[1.0, 0.0]] * 4)
+    expected = -(2.0**10 + 1.0 + 2 * (sigma[2] / 0.1) ** -10) / 4
+    assert goal.evaluate(sigma, L)[0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_known_diagonal_is_the_steep_part_of_the_barrier():
+    # One small stress: its own second derivative in log σ is all barrier, 100 (s/r)^(−10)/N_b to a few percent.
+    network = PERIODIC["random stiffness"]()
+    goal = named_objective(network, "shear_modulus")
+    sigma = np.ones(network.n_edges)
+    sigma[9] = 0.05
+    landscape = Landscape(CriticalManifold(network), goal)
+    point = landscape.at(np.log(sigma))
+    unit = np.zeros(network.n_edges)
+    unit[9] = 1.0
+    assert landscape.stiff_diagonal(point)[9] == pytest.approx(landscape.curvature(point, unit)[9], rel=0.05)
+    assert np.min(landscape.stiff_diagonal(point)) >= 0
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES[:2])
+def test_variances_need_no_cell(objective):
+    network = NETWORKS["pinned grid"]()
+    value, gradient = value_and_gradient(network, named_objective(network, objective), np.ones(network.n_edges))
+    assert value > 0
+    assert np.isfinite(gradient).all()
+
+
+def test_bad_objectives_are_refused():
+    network = honeycomb_network(2, 2)
+    with pytest.raises(InputError, match="length_variance, tension_variance, bulk_modulus, shear_modulus"):
+        named_objective(network, "bulk")
+    with pytest.raises(InputError, match="threshold"):
+        named_objective(network, "shear_modulus", threshold=-1.0)
+    with pytest.raises(InputError, match="2 × 2"):
+        transition_modulus(network, np.eye(3))

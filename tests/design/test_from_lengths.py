@@ -1,0 +1,254 @@
+"""Rest lengths → critical configuration, by the cone program and by straining."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from problems import NETWORKS, dense_bond_vectors, dense_free, voronoi_3d
+
+from critflow import (
+    CriticalManifold,
+    SolveError,
+    Status,
+    critical_from_lengths,
+    honeycomb_network,
+    optimize,
+    three_bar_linkage,
+    voronoi_network,
+)
+from critflow.design.from_lengths import stressed_fraction
+from critflow.linalg.matrices import Saddle
+from critflow.solvers.cone import fit_lengths, polish
+
+NETWORK = voronoi_network(100, seed=1)
+
+
+def lengths(spread: float, seed: int = 0, n_edges: int = 150) -> np.ndarray:
+    return 1 + spread * np.random.default_rng(seed).standard_normal(n_edges)
+
+
+@pytest.mark.parametrize("spread, seed", [(0.0, 0), (0.05, 1), (0.1, 2)])
+def test_lengths_are_proportional_and_forces_balance(spread, seed):
+    target = lengths(spread, seed)
+    solution = critical_from_lengths(NETWORK, target)
+    assert solution.status is Status.ok
+    assert len(solution.stats.details["slack_edges"]) == 0
+    assert solution.value.residual < 1e-12
+    assert (solution.value.sigma > 0).all()
+    ratio = solution.value.lengths / target
+    np.testing.assert_allclose(ratio, ratio.mean(), rtol=1e-12)
+    assert ratio.mean() == pytest.approx(solution.stats.details["ratio"], rel=1e-8)
+    # The stresses alone give it back: what differs is rounding times the condition of P, below 1e3.
+    np.testing.assert_allclose(
+        solution.value.bond_vectors, dense_bond_vectors(NETWORK, solution.value.sigma), rtol=0, atol=1e-12
+    )
+
+
+def test_every_configuration_is_found_again_from_its_own_lengths():
+    # Uniqueness: an all-tension configuration is the only one with its length ratios.
+    sigma = np.exp(0.5 * np.random.default_rng(3).standard_normal(150))
+    configuration = CriticalManifold(NETWORK).configuration(sigma)
+    solution = critical_from_lengths(NETWORK, 5 * configuration.lengths)
+    assert solution.status is Status.ok
+    assert solution.stats.details["ratio"] == pytest.approx(0.2, rel=1e-9)
+    # Its self-stress is unique; positions along soft modes are known to 1e-12 over the smallest curvature.
+    np.testing.assert_allclose(solution.value.sigma, configuration.sigma, rtol=1e-9)
+    np.testing.assert_allclose(solution.value.bond_vectors, configuration.bond_vectors, rtol=0, atol=1e-9)
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 100), n_cells=st.integers(10, 30))
+def test_uniqueness_on_any_network(seed, n_cells):
+    network = voronoi_network(2 * n_cells, seed=seed)
+    sigma = np.exp(0.3 * np.random.default_rng(seed).standard_normal(network.n_edges))
+    configuration = CriticalManifold(network).configuration(sigma)
+    solution = critical_from_lengths(network, configuration.lengths)
+    assert solution.status is Status.ok
+    assert solution.value.residual < 1e-12
+    np.testing.assert_allclose(solution.value.lengths, configuration.lengths, rtol=1e-11)
+
+
+def test_unit_lengths_give_the_least_length_variance():
+    solution = critical_from_lengths(NETWORK, np.ones(150))
+    assert solution.status is Status.ok
+    best = optimize(NETWORK, "length_variance", "newton").value
+    np.testing.assert_allclose(solution.value.sigma, best.sigma, rtol=1e-8)
+
+
+def test_honeycomb_lengths():
+    solution = critical_from_lengths(honeycomb_network(3, 3), np.full(27, 2.0))
+    assert solution.status is Status.ok
+    np.testing.assert_allclose(solution.value.lengths, 1.0, rtol=1e-12)
+    assert solution.stats.details["ratio"] == pytest.approx(0.5, rel=1e-9)
+
+
+def test_linkage_lengths():
+    solution = critical_from_lengths(three_bar_linkage(), [1.0, 2.0, 3.0])
+    assert solution.status is Status.ok
+    np.testing.assert_allclose(solution.value.bond_vectors[:, 0], [0.5, 1.0, 1.5], rtol=1e-12)
+    # Equal tensions in a row.
+    np.testing.assert_allclose(solution.value.tensions, solution.value.tensions.mean(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_slack_edges_are_named(seed):
+    target = lengths(0.3, seed)
+    solution = critical_from_lengths(NETWORK, target, throw=False)
+    assert solution.status is Status.slack_edges
+    slack = solution.stats.details["slack_edges"]
+    assert len(slack) > 0
+    np.testing.assert_array_equal(solution.value.sigma[slack], 0)
+    stressed = np.setdiff1d(np.arange(150), slack)
+    assert (solution.value.sigma[stressed] > 0).all()
+    assert stressed_fraction(solution.value.sigma) == pytest.approx(1 - len(slack) / 150, rel=1e-14)
+    ratio = solution.value.lengths / target
+    np.testing.assert_allclose(ratio[stressed], ratio[stressed].mean(), rtol=1e-12)
+    # A slack edge has room to spare.
+    assert (ratio[slack] < ratio[stressed].mean()).all()
+    g, _ = dense_free(NETWORK)
+    force = g.T @ (solution.value.sigma[:, None] * solution.value.bond_vectors)
+    assert np.abs(force).max() < 1e-12 * np.abs(solution.value.tensions).mean()
+    assert f"{len(slack)} of 150 edges are slack, edge {slack[0]}" in solution.stats.details["note"]
+    with pytest.raises(SolveError, match="slack"):
+        critical_from_lengths(NETWORK, target)
+
+
+@pytest.mark.parametrize("name", ["voronoi 3D", "pinned grid"])
+def test_slack_edges_with_pins_and_in_three_dimensions(name):
+    network = voronoi_3d() if name == "voronoi 3D" else NETWORKS[name]()
+    solution = critical_from_lengths(network, np.ones(network.n_edges), throw=False)
+    assert solution.status is Status.slack_edges
+    assert solution.value.residual < 1e-12
+    slack = solution.stats.details["slack_edges"]
+    stressed = np.setdiff1d(np.arange(network.n_edges), slack)
+    length = solution.value.lengths
+    np.testing.assert_allclose(length[stressed], length[stressed].mean(), rtol=1e-11)
+    assert (length[slack] < length[stressed].mean() * (1 + 1e-9)).all()
+    np.testing.assert_allclose(
+        network.bond_vectors(solution.value.coordinates), solution.value.bond_vectors, rtol=0, atol=1e-12
+    )
+
+
+def test_no_other_configuration_has_a_smaller_largest_ratio():
+    # The cone program minimises max |L|/ℓ; neighbours of its answer on the manifold all have more.
+    target = lengths(0.1, 4)
+    cone = fit_lengths(NETWORK, target, tolerance=1e-12)
+    assert cone.solved
+    assert cone.stressed.all()
+    rng = np.random.default_rng(1)
+    manifold = CriticalManifold(NETWORK)
+    for _ in range(20):
+        other = manifold.configuration(cone.sigma * np.exp(0.1 * rng.standard_normal(150)))
+        assert np.max(other.lengths / target) > cone.ratio * (1 - 1e-8)
+
+
+def test_polishing_converges_quadratically():
+    target = lengths(0.1, 4)
+    cone = fit_lengths(NETWORK, target, tolerance=1e-8)
+    x, sigma, error, steps = polish(Saddle(NETWORK), NETWORK, target, cone.coordinates, cone.sigma)
+    assert error < 1e-13
+    assert 1 <= steps <= 3
+    np.testing.assert_allclose(np.linalg.norm(NETWORK.bond_vectors(x), axis=1) / target, cone.ratio, rtol=1e-6)
+    assert (sigma > 0).all()
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.05, 0.1])
+def test_newton_goes_on_where_the_cone_program_is_rough(spread):
+    # Without the border the steps stall where R only nearly has a left null vector: in seven of eight such networks.
+    for seed in range(3):
+        network = voronoi_network(1000, seed=seed)
+        target = np.exp(lengths(spread, seed, network.n_edges) - 1)
+        cone = fit_lengths(network, target, tolerance=1e-6)
+        L = network.bond_vectors(cone.coordinates)
+        assert np.ptp(np.linalg.norm(L, axis=1) / target) > 1e-4 * cone.ratio
+        x, sigma, error, steps = polish(Saddle(network), network, target, cone.coordinates, cone.sigma)
+        assert (sigma > 0).all()
+        assert error < 1e-13
+        assert steps <= 6
+        exact = critical_from_lengths(network, target)
+        apart = np.abs(network.bond_vectors(x) - exact.value.bond_vectors).max()
+        assert apart < 5 * np.finfo(float).eps * np.abs(x).max() + exact.stats.error_bound
+
+
+@pytest.mark.parametrize(
+    "n_vertices, spread, seed, tolerances",
+    [(100, 0.05, 0, [1e-6]), (100, 0.1, 14, [1e-6, 1e-12]), (100, 0.3, 0, [1e-12]), (30, 0.0, 4, [1e-6, 1e-12])],
+)
+def test_the_cone_program_is_solved_as_well_as_it_must(monkeypatch, n_vertices, spread, seed, tolerances):
+    asked = []
+
+    def fit(network, target, tolerance):
+        asked.append(tolerance)
+        return fit_lengths(network, target, tolerance)
+
+    monkeypatch.setattr("critflow.design.from_lengths.fit_lengths", fit)
+    network = voronoi_network(n_vertices, seed=seed)
+    target = np.exp(spread * np.random.default_rng(seed).standard_normal(network.n_edges))
+    solution = critical_from_lengths(network, target, throw=False)
+    assert asked == tolerances
+    assert solution.status is (Status.ok if tolerances == [1e-6] else Status.slack_edges)
+
+
+def test_straining_converges_to_the_cone_program():
+    target = lengths(0.05)
+    exact = critical_from_lengths(NETWORK, target).value
+    distances = []
+    for threshold in (1e-6, 1e-8, 1e-10):
+        solution = critical_from_lengths(
+            NETWORK, target, "strain", strain_step=0.1 * np.sqrt(threshold), energy_threshold=threshold
+        )
+        assert solution.status is Status.ok
+        assert solution.stats.details["energy"] >= threshold
+        assert solution.value.residual < 1e-12
+        distances.append(np.abs(solution.value.lengths - exact.lengths).max())
+    # Energy ∝ (strain past the transition)², and lengths are off in proportion to that strain.
+    assert np.array(distances[1:]) / distances[:-1] == pytest.approx([0.1, 0.1], rel=0.15)
+
+
+def test_straining_with_newton_ends_where_fire_ends():
+    network = voronoi_network(20, seed=1)
+    target = lengths(0.05, 3, 30)
+    ends = {
+        relaxation: critical_from_lengths(
+            network, target, "strain", relaxation=relaxation, strain_step=0.02, energy_threshold=1e-3
+        )
+        for relaxation in ("newton", "fire")
+    }
+    assert all(end.status is Status.ok for end in ends.values())
+    newton, fire = ends["newton"], ends["fire"]
+    assert newton.stats.details["strain"] == pytest.approx(fire.stats.details["strain"], rel=1e-12)
+    # Both stop at forces of 1e-14; soft modes turn those into positions known to some 1e-10.
+    np.testing.assert_allclose(newton.value.bond_vectors, fire.value.bond_vectors, rtol=0, atol=1e-9)
+    for end in (newton, fire):
+        np.testing.assert_allclose(
+            network.bond_vectors(end.value.coordinates), end.value.bond_vectors, rtol=0, atol=1e-12
+        )
+    assert newton.value.residual < 1e-12
+
+
+def test_straining_through_slack_edges():
+    solution = critical_from_lengths(NETWORK, lengths(0.3), "strain", energy_threshold=1e-4, throw=False)
+    assert solution.status is Status.slack_edges
+    assert solution.value.residual < 1e-12
+    slack = solution.stats.details["slack_edges"]
+    by_cone = critical_from_lengths(NETWORK, lengths(0.3), throw=False).stats.details["slack_edges"]
+    # A little past the transition, springs that stayed slack are slightly compressed or carry none.
+    assert len(slack) and set(slack) <= set(by_cone)
+    assert (solution.value.sigma[slack] <= 1e-8).all()
+    L = NETWORK.bond_vectors(solution.value.coordinates)
+    np.testing.assert_allclose(L, solution.value.bond_vectors, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("shortest", [1e-9, 1e-12, 1e-20, 1e-100])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_lengths_that_coordinates_cannot_hold(shortest, seed):
+    """No warning escapes, and the cone program is not asked."""
+    network = voronoi_network(16, seed=seed)
+    for edge in (0, 7):
+        lengths = np.minimum(1, 1 / (0.5 + np.random.default_rng(seed).random(24)))
+        lengths[edge] = shortest
+        solution = critical_from_lengths(network, lengths, throw=False)
+        assert solution.status is Status.stalled
+        assert f"edge {edge} is to be so short" in solution.stats.details["note"]
+        assert np.isnan(solution.value.coordinates).all()
+        assert critical_from_lengths(network, lengths, "strain", throw=False).ok

@@ -1,0 +1,370 @@
+"""The largest modulus over stresses of any sign: a bound that nothing passes, a configuration that attains it."""
+
+import numpy as np
+import pytest
+from problems import (
+    dense_bond_vectors,
+    modulus_by_formula,
+    oblique,
+    square_octagon,
+    triangular_lattice,
+    voronoi_3d,
+    with_random_stiffness,
+)
+from scipy.optimize import minimize_scalar
+from test_objectives import SLOPE, taylor_slopes
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    SolveError,
+    Status,
+    bulk_modulus_bound,
+    honeycomb_network,
+    modulus_bound,
+    optimize,
+    voronoi_network,
+)
+from critflow.critical.objectives import Objective, dilation, pure_shear, transition_modulus
+from critflow.design.modulus_bounds import largest_modulus, least_compressed_length
+from critflow.design.stress_objective import SignedLandscape
+
+J = np.array([[0.0, -1.0], [1.0, 0.0]])
+NETWORKS = {
+    "voronoi": lambda: voronoi_network(100, seed=1),
+    "random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
+    "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=3), 4)),
+    "square-octagon": lambda: square_octagon(),
+}
+STRAINS = {
+    "dilation": dilation(2),
+    "pure shear": pure_shear(2),
+    "simple shear": np.array([[0.0, 1.0], [0.0, 0.0]]),
+    "uniaxial": np.diag([1.0, 0.0]),
+    "any": np.array([[0.3, -0.8], [0.5, 0.1]]),
+}
+
+
+@pytest.mark.parametrize("strain", STRAINS.values(), ids=STRAINS)
+@pytest.mark.parametrize("name", NETWORKS)
+def test_the_bound_by_its_formula(name, strain):
+    network = NETWORKS[name]()
+    k, A = network.stiffness, 0.5 * (strain + strain.T)
+    L = dense_bond_vectors(network, k)
+
+    def cost(w):
+        return np.sum(k[:, None] * (L @ (A + w * J).T) ** 2) / abs(np.linalg.det(network.cell))
+
+    # A parabola in ω: three values give its least one exactly.
+    low, middle, high = cost(-1.0), cost(0.0), cost(1.0)
+    least = middle - (high - low) ** 2 / (8 * (high + low - 2 * middle))
+    assert modulus_bound(network, strain) == pytest.approx(least, rel=1e-12)
+    # An independent minimiser finds no lower one; its own error is 1e-8 in ω, so 1e-15 in the value.
+    assert minimize_scalar(cost).fun == pytest.approx(least, rel=1e-13)
+
+
+ATTAINED = [
+    (network, strain)
+    for network in ("voronoi", "random stiffness", "oblique")
+    for strain in ("dilation", "pure shear", "simple shear", "any")
+] + [("square-octagon", "dilation"), ("square-octagon", "any"), ("oblique", "uniaxial")]
+
+
+@pytest.mark.parametrize("name, strain", ATTAINED)
+def test_a_configuration_attains_the_bound(name, strain):
+    network, strain = NETWORKS[name](), STRAINS[strain]
+    solution = largest_modulus(network, strain)
+    assert solution.status is Status.ok
+    critical, bound = solution.value, modulus_bound(network, strain)
+    # Balance in units of the tensions; the coordinates come from a linear solve of their own.
+    assert critical.residual < 1e-12
+    np.testing.assert_allclose(
+        critical.bond_vectors, network.bond_vectors(critical.coordinates), rtol=0, atol=1e-13 * np.sqrt(network.volume)
+    )
+    A = 0.5 * (strain + strain.T)
+    assert modulus_by_formula(network, critical.sigma, critical.bond_vectors, A) == pytest.approx(bound, rel=1e-12)
+    # The stress alone has this configuration, whatever the inertia of its prestress matrix.
+    dense = dense_bond_vectors(network, critical.sigma)
+    np.testing.assert_allclose(dense, critical.bond_vectors, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "name, strain, status",
+    [
+        # The forces of a uniaxial strain are all but parallel, so nothing closes across them.
+        ("random stiffness", "uniaxial", Status.singular),
+        # By symmetry links along the axes carry a force at right angles to them, so that they have no length.
+        ("square-octagon", "pure shear", Status.edge_collapse),
+    ],
+)
+def test_a_bound_that_is_only_approached_has_no_configuration(name, strain, status):
+    network = NETWORKS[name]()
+    solution = largest_modulus(network, STRAINS[strain])
+    assert solution.status is status
+    assert np.isnan(solution.value.coordinates).all()
+    assert np.isnan(solution.value.sigma).all()
+    assert solution.stats.details["objective"] == modulus_bound(network, STRAINS[strain])
+    with pytest.raises(SolveError, match="no optimum"):
+        optimize(network, transition_modulus(network, STRAINS[strain]), signs="any")
+
+
+def test_it_is_the_nearest_of_those_that_attain_the_bound():
+    network = voronoi_network(40, seed=5)
+    start = dense_bond_vectors(network, network.stiffness)
+    near = largest_modulus(network, pure_shear(2)).value
+    # Isogonal changes of it attain the bound as well; all lie farther from the configuration at σ = k.
+    force = near.sigma[:, None] * near.bond_vectors
+    unit = force / np.linalg.norm(force, axis=1)[:, None]
+    g = network.free_incidence.toarray()
+    across = np.hstack([(unit @ J.T)[:, [axis]] * g for axis in (0, 1)])
+    _, values, right = np.linalg.svd(across)
+    modes = right[np.count_nonzero(values > 1e-10) :]
+    assert len(modes) == network.n_vertices // 2 - 1
+    distance = np.sum((near.bond_vectors - start) ** 2)
+    for mode in modes:
+        change = g @ mode.reshape(2, -1).T
+        # At the nearest one the distance has no slope along any of them.
+        assert np.sum((near.bond_vectors - start) * change) == pytest.approx(0, abs=1e-11)
+        assert np.sum((near.bond_vectors + 0.1 * change - start) ** 2) > distance
+
+
+@pytest.mark.parametrize("strain", ["pure shear", "any"])
+def test_no_stress_of_any_sign_exceeds_the_bound(strain):
+    network, A = voronoi_network(40, seed=2), STRAINS[strain]
+    manifold, goal = CriticalManifold(network), transition_modulus(network, A)
+    bound = modulus_bound(manifold, A)
+    rng = np.random.default_rng(5)
+    values = []
+    for _ in range(2000):
+        sigma = rng.standard_normal(network.n_edges)
+        _, L, _ = manifold.balance(sigma)
+        values.append(goal.evaluate(sigma, L)[0])
+    assert max(values) < bound
+    # The bound is no empty one: an ascent comes close to it.
+    ascended = optimize(network, goal, "lbfgs", signs="any", max_steps=2000, throw=False)
+    assert 0.9 * bound < ascended.stats.details["objective"] < bound
+
+
+@pytest.mark.parametrize("name", ["voronoi", "oblique"])
+def test_no_attaining_configuration_has_less_compression(name):
+    network = NETWORKS[name]()
+    least = least_compressed_length(network, pure_shear(2))
+    near = largest_modulus(network, pure_shear(2)).value
+    force = near.sigma[:, None] * near.bond_vectors
+    unit = force / np.linalg.norm(force, axis=1)[:, None]
+    g = network.free_incidence.toarray()
+    _, values, right = np.linalg.svd(np.hstack([(unit @ J.T)[:, [axis]] * g for axis in (0, 1)]))
+    modes = right[np.count_nonzero(values > 1e-10) :]
+    elongations = modes @ np.hstack([unit[:, [axis]] * g for axis in (0, 1)]).T
+    lengths = np.einsum("ad,ad->a", unit, near.bond_vectors)
+
+    def compressed(amplitudes):
+        return np.maximum(-(lengths + amplitudes @ elongations), 0).sum()
+
+    # A convex function of the amplitudes: descents from everywhere end above the program's value, and reach it.
+    rng = np.random.default_rng(3)
+    ends = []
+    for start in (np.zeros(len(modes)), 5 * rng.standard_normal(len(modes))):
+        a, best = start, compressed(start)
+        for step in range(4000):
+            slope = -elongations[:, lengths + a @ elongations < 0].sum(axis=1)
+            a = a - 3.0 / np.sqrt(1 + step) * slope / np.linalg.norm(slope)
+            best = min(best, compressed(a))
+        ends.append(best)
+    assert min(ends) > least * (1 - 1e-9)
+    # Subgradients converge slowly.
+    assert min(ends) == pytest.approx(least, rel=0.02)
+    assert least_compressed_length(network.deformed(2 * np.eye(2)), pure_shear(2)) == pytest.approx(2 * least, rel=1e-9)
+
+
+def test_a_dilation_needs_no_compression():
+    assert least_compressed_length(voronoi_network(60, seed=1), dilation(2)) == pytest.approx(0, abs=1e-9)
+    with pytest.raises(InputError, match="two dimensions"):
+        least_compressed_length(voronoi_3d(), dilation(3))
+
+
+def test_stresses_of_both_signs_keep_their_digits():
+    # P has 500 negative eigenvalues here; unrefined, the coordinates are off by 1e-10.
+    manifold = CriticalManifold(voronoi_network(1000, seed=1))
+    critical = largest_modulus(manifold, pure_shear(2)).value
+    again = manifold.solve(critical.sigma)
+    assert again.stats.details["negative_pivots"] > 400
+    np.testing.assert_allclose(again.value.bond_vectors, critical.bond_vectors, rtol=0, atol=2e-11)
+
+
+def test_rotating_the_strain_axes_rotates_the_answer():
+    # Pure shear at 45° to another pure shear; together with the dilation they span all strains.
+    network = voronoi_network(60, seed=3)
+    for angle in (0.3, 1.1):
+        R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        turned = modulus_bound(network.deformed(R), R @ pure_shear(2) @ R.T)
+        assert turned == pytest.approx(modulus_bound(network, pure_shear(2)), rel=1e-12)
+    # Rotations cost nothing.
+    assert modulus_bound(network, pure_shear(2) + 0.7 * J) == pytest.approx(modulus_bound(network, pure_shear(2)))
+
+
+def test_bounds_of_lattices_are_affine_moduli():
+    # Where σ = k leaves the moments isotropic, W vanishes: the bound is the affine modulus (1/V)Σk|A L*|².
+    honeycomb = honeycomb_network(3, 3)
+    assert modulus_bound(honeycomb, pure_shear(2)) == pytest.approx(bulk_modulus_bound(honeycomb), rel=1e-13)
+    triangular, _ = triangular_lattice()
+    affine = 0.25 * triangular.n_edges / triangular.volume
+    assert modulus_bound(triangular, pure_shear(2)) == pytest.approx(affine, rel=1e-13)
+
+
+def test_three_dimensions_have_the_bound_but_for_dilations_no_configuration():
+    network = with_random_stiffness(voronoi_3d(), 1)
+    bound = modulus_bound(network, pure_shear(3))
+    manifold, goal = CriticalManifold(network), transition_modulus(network, pure_shear(3))
+    rng = np.random.default_rng(6)
+    for _ in range(200):
+        sigma = rng.standard_normal(network.n_edges)
+        assert goal.evaluate(sigma, manifold.balance(sigma)[1])[0] < bound
+    with pytest.raises(InputError, match="three dimensions"):
+        largest_modulus(network, pure_shear(3))
+    assert largest_modulus(network, dilation(3)).stats.details["gap"] == pytest.approx(0, abs=1e-13)
+
+
+# Through optimize
+
+
+def test_optimize_gives_it_when_compression_is_allowed():
+    network = voronoi_network(60, seed=1)
+    bound = modulus_bound(network, pure_shear(2))
+    for method in ("auto", "closed_form"):
+        solution = optimize(network, "shear_modulus", method, signs="any")
+        assert solution.stats.method == "closed_form"
+        assert solution.stats.details["objective"] == pytest.approx(bound, rel=1e-12)
+        assert (solution.value.sigma < 0).any()
+    with pytest.raises(InputError, match=r"compresses \d+ edges: allow it with signs='any'"):
+        optimize(network, transition_modulus(network, pure_shear(2)), "closed_form")
+    with pytest.raises(InputError, match="without a penalty"):
+        optimize(network, "shear_modulus", "closed_form")
+    with pytest.raises(InputError, match="'positive' or 'any'"):
+        optimize(network, "bulk_modulus", signs="both")
+
+
+@pytest.mark.parametrize("method", ["lbfgs", "newton", "fire"])
+def test_an_ascent_over_both_signs_rises_and_tells_its_way(method):
+    network = voronoi_network(100, seed=1)
+    way = []
+    solution = optimize(
+        network,
+        "shear_modulus",
+        method,
+        signs="any",
+        max_steps=300,
+        observe=lambda step, value, sigma, L: way.append((step, value, sigma.copy(), L.copy())),
+        throw=False,
+    )
+    assert solution.status is Status.step_limit
+    steps, values = np.array([point[0] for point in way]), np.array([point[1] for point in way])
+    np.testing.assert_array_equal(steps, np.arange(len(way)))
+    if method != "fire":  # which is a dynamics with inertia
+        assert (np.diff(values) >= -1e-12).all()
+    assert values[-1] > 50 * values[0]
+    # What is told is so: values, stresses, bond vectors and inertia belong together.
+    negative = []
+    for _, value, sigma, L in way[::20]:
+        assert np.sum(sigma**2) == pytest.approx(network.n_edges, rel=1e-12)
+        np.testing.assert_allclose(dense_bond_vectors(network, sigma), L, rtol=0, atol=1e-9)
+        assert modulus_by_formula(network, sigma, L, pure_shear(2)) == pytest.approx(value, rel=1e-9)
+    for _, _, sigma, _ in way:
+        g = network.free_incidence.toarray()
+        negative.append(np.count_nonzero(np.linalg.eigvalsh(g.T @ (sigma[:, None] * g)) < 0))
+    details = solution.stats.details
+    assert details["crossings"] == list(np.flatnonzero(np.diff(negative)) + 1)
+    assert details["negative_pivots"] == negative[-1]
+    assert 0 < details["nearest_singular"] < 1
+    # Values grow by long edges and compressed ones.
+    assert (way[-1][2] < 0).any()
+
+
+def test_who_observes_may_end_the_ascent():
+    network = voronoi_network(40, seed=1)
+    seen = []
+
+    def enough(step, value, sigma, L):
+        seen.append(value)
+        return value > 0.05
+
+    solution = optimize(network, "shear_modulus", "lbfgs", signs="any", observe=enough, throw=False)
+    assert solution.status is Status.step_limit
+    assert solution.stats.details["objective"] == seen[-1] > 0.05
+    assert max(seen[:-1]) <= 0.05
+
+
+class Extent(Objective):
+    """1 − (1 + Σ|L|²)^(−1/20): it grows, ever more slowly, with lengths that have no largest."""
+
+    maximise = True
+
+    def evaluate(self, sigma, L):
+        size = 1 + np.sum(L**2)
+        return 1 - size**-0.05, (np.zeros_like(sigma), 0.1 * L * size**-1.05)
+
+    def differential(self, sigma, L, dsigma, dL):
+        raise NotImplementedError("no method of second order is asked")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_ascent_to_a_singular_matrix_has_a_limit(seed):
+    # The square opens without end as a link's stress comes to minus that of the sides.
+    network = square_octagon()
+    start = np.array([1.0, 1.1, 0.9, 1.0, -0.5, 0.5]) * (1 + 1e-3 * np.random.default_rng(seed).standard_normal(6))
+    values = []
+    solution = optimize(
+        network,
+        Extent(),
+        "lbfgs",
+        signs="any",
+        start=start,
+        observe=lambda step, value, sigma, L: values.append((value, np.linalg.norm(L, axis=1).max())),
+        throw=False,
+    )
+    details = solution.stats.details
+    assert solution.status is Status.singular
+    assert details["nearest_singular"] < 1e-9
+    # Lengths grow by orders of magnitude while the value converges, and its limit is returned.
+    (_, before), (late, after) = values[len(values) // 2], values[-1]
+    assert after > 10 * before > 100 * np.sqrt(network.volume)
+    assert details["objective"] == late < 1
+    assert "without end" in details["note"]
+    # The configuration is one on the way, good to its digits, with less than that value.
+    assert solution.value.residual < 1e-6
+    assert 0 < Extent().evaluate(solution.value.sigma, solution.value.bond_vectors)[0] < late
+
+
+def test_an_ascent_from_a_singular_start_says_so():
+    network = square_octagon()
+    # Sides and links that pull against each other, t_x = −s: the matrix has no inverse.
+    sigma = np.array([1.0, 1.0, 1.0, 1.0, -1.0, 0.5])
+    solution = optimize(
+        network, transition_modulus(network, np.diag([1.0, 0.0])), "lbfgs", signs="any", start=sigma, throw=False
+    )
+    assert solution.status is Status.singular
+    assert np.isnan(solution.value.coordinates).all()
+    with pytest.raises(SolveError, match="singular"):
+        optimize(network, transition_modulus(network, np.diag([1.0, 0.0])), "lbfgs", signs="any", start=sigma)
+
+
+def test_what_is_minimised_over_both_signs_by_taylor_remainders():
+    network = voronoi_network(40, seed=1)
+    goal = transition_modulus(network, pure_shear(2))
+    landscape = SignedLandscape(CriticalManifold(network), goal)
+    rng = np.random.default_rng(8)
+    # Of another scale than the landscape's own, and with compressed edges; P stays far from singular.
+    x = 3.0 * (0.5 + rng.random(network.n_edges))
+    x[::9] *= -0.1
+    x = landscape.unknowns(x)
+    direction = 0.5 * rng.standard_normal(network.n_edges)
+
+    def function(sigma):
+        return -goal.evaluate(sigma, dense_bond_vectors(network, sigma))[0]
+
+    point = landscape.at(x)
+    product = landscape.curvature(point, direction)
+    assert taylor_slopes(function, x, direction, point.gradient, product) == pytest.approx([2, 3], abs=SLOPE)
+    # The value does not change with the scale, so the gradient has nothing along σ and scales against it.
+    assert point.gradient @ x == pytest.approx(0, abs=1e-13)
+    np.testing.assert_allclose(landscape.curvature(landscape.at(x), x), -point.gradient, rtol=0, atol=1e-12)

@@ -1,0 +1,397 @@
+"""Optimisation: proven optima, table of methods × objectives, and optima that are not attained."""
+
+import numpy as np
+import pytest
+from problems import (
+    HONEYCOMB_BULK_MODULUS,
+    NETWORKS,
+    dense_bond_vectors,
+    modulus_by_formula,
+    oblique,
+    random_stress,
+    voronoi_3d,
+    with_random_stiffness,
+)
+from scipy.optimize import minimize
+from test_objectives import hessian_product, value_and_gradient
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    SolveError,
+    Status,
+    bulk_modulus_bound,
+    honeycomb_network,
+    optimize,
+    transition_moduli,
+    voronoi_network,
+)
+from critflow.critical.objectives import LengthVariance, dilation, named_objective, pure_shear, transition_modulus
+from critflow.design.stress_objective import Landscape
+from critflow.solvers.minimize import lbfgs
+
+NETWORK = voronoi_network(100, seed=1)
+
+
+def random_start(seed: int, n_edges: int = 150) -> np.ndarray:
+    return np.abs(np.random.default_rng(seed).standard_normal(n_edges))
+
+
+def projected_gradient(network, objective, sigma) -> float:
+    """The largest component of dO/dσ at Σσ² = N_b; scale invariance makes it tangent to that sphere."""
+    goal = named_objective(network, objective)
+    return float(np.abs(value_and_gradient(network, goal, sigma)[1]).max())
+
+
+METHODS = {
+    "bulk_modulus": ("auto", "closed_form", "lbfgs", "newton", "fire"),
+    "length_variance": ("auto", "conic", "lbfgs", "newton"),
+    "tension_variance": ("auto", "lbfgs", "newton", "fire"),
+    "shear_modulus": ("auto", "lbfgs", "newton"),
+}
+TABLE = [(objective, method) for objective, methods in METHODS.items() for method in methods]
+
+
+@pytest.mark.parametrize("objective, method", TABLE)
+def test_every_method_ends_where_the_gradient_vanishes(objective, method):
+    solution = optimize(NETWORK, objective, method)
+    assert solution.status is Status.ok
+    assert solution.value.residual < 1e-12
+    assert np.sum(solution.value.sigma**2) == pytest.approx(150, rel=1e-13)
+    assert (solution.value.sigma > 0).all()
+    assert solution.stats.residual < 1e-12
+    # Evaluated anew, from the stored stresses; they carry rounding of their own.
+    assert projected_gradient(NETWORK, objective, solution.value.sigma) < 1.1e-12
+    L = dense_bond_vectors(NETWORK, solution.value.sigma)
+    value = named_objective(NETWORK, objective).evaluate(solution.value.sigma, L)[0]
+    assert solution.stats.details["objective"] == pytest.approx(value, rel=1e-11, abs=1e-18)
+
+
+@pytest.mark.parametrize("name", ["voronoi 3D", "oblique", "random stiffness"])
+@pytest.mark.parametrize("objective", ["bulk_modulus", "shear_modulus"])
+def test_every_kind_of_network(objective, name):
+    network = {
+        "voronoi 3D": lambda: with_random_stiffness(voronoi_3d(), 1),
+        "oblique": lambda: oblique(voronoi_network(40, seed=3)),
+        "random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
+    }[name]()
+    solution = optimize(network, objective, "lbfgs")
+    assert solution.status is Status.ok
+    assert solution.value.residual < 1e-12
+    assert projected_gradient(network, objective, solution.value.sigma) < 1.1e-12
+
+
+# Largest bulk modulus
+
+
+@pytest.mark.parametrize(
+    "method, start",
+    [(method, start) for method in ("lbfgs", "fire", "newton", "closed_form") for start in (1, 2)],
+)
+def test_largest_bulk_modulus_equals_its_bound(method, start):
+    solution = optimize(NETWORK, "bulk_modulus", method, start=random_start(start))
+    assert solution.status is Status.ok
+    assert transition_moduli(solution.value).bulk == pytest.approx(bulk_modulus_bound(NETWORK), rel=1e-12)
+    L = dense_bond_vectors(NETWORK, solution.value.sigma)
+    by_formula = modulus_by_formula(NETWORK, solution.value.sigma, L, np.eye(2) / 2)
+    assert by_formula == pytest.approx(bulk_modulus_bound(NETWORK), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["voronoi, random stiffness", "voronoi 3D", "oblique"])
+def test_the_bound_by_its_formula_and_by_its_force_network(name):
+    network = NETWORKS[name]()
+    d, k = network.dimension, network.stiffness
+    L_star = dense_bond_vectors(network, k)
+    bound = np.sum(k[:, None] * L_star**2) / (d**2 * abs(np.linalg.det(network.cell)))
+    assert bulk_modulus_bound(network) == pytest.approx(bound, rel=1e-13)
+    for method in ("closed_form", "lbfgs"):
+        solution = optimize(network, "bulk_modulus", method, start=random_stress(network.n_edges, 1))
+        assert solution.status is Status.ok
+        # Equality in Cauchy–Schwarz: the forces σL are those of σ = k, whatever the lengths are.
+        force = solution.value.sigma[:, None] * solution.value.bond_vectors
+        expected = k[:, None] * L_star
+        scale = np.sum(force * expected) / np.sum(expected**2)
+        # A gradient of 1e-12 leaves the place uncertain by 1e-12 over the smallest curvature.
+        np.testing.assert_allclose(force / scale, expected, rtol=0, atol=1e-9)
+        assert transition_moduli(solution.value).bulk == pytest.approx(bound, rel=1e-12)
+    assert optimize(network, "bulk_modulus").stats.details["gap"] == pytest.approx(0, abs=1e-13)
+
+
+def test_honeycomb_attains_its_bound():
+    assert bulk_modulus_bound(honeycomb_network(4, 3)) == pytest.approx(HONEYCOMB_BULK_MODULUS, rel=1e-13)
+
+
+@pytest.mark.parametrize("method, start", [("closed_form", None), ("lbfgs", 3)])
+def test_the_maximum_is_flat_in_half_as_many_directions_as_vertices(method, start):
+    network = NETWORK
+    solution = optimize(network, "bulk_modulus", method, start=None if start is None else random_start(start))
+    assert solution.status is Status.ok
+    sigma = solution.value.sigma
+    goal = transition_modulus(network, dilation(2))
+    columns = [hessian_product(network, goal, sigma, direction) for direction in np.diag(sigma)]
+    H = sigma[:, None] * np.stack(columns, axis=1)
+    np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-12)
+    eigenvalues = np.sort(np.abs(np.linalg.eigvalsh(H)))
+    # Scaling of σ and N_v/2 − 1 isogonal directions.  A gradient of up to 1e-12 turns the eigenvalues by as much.
+    assert eigenvalues[49] < 1e-12
+    assert eigenvalues[50] > 1e3 * eigenvalues[49]
+    assert np.linalg.eigvalsh(H).max() < 1e-12
+
+
+def test_signed_stresses_stay_below_the_bound():
+    network, bound = voronoi_network(40, seed=2), bulk_modulus_bound(voronoi_network(40, seed=2))
+    rng = np.random.default_rng(4)
+    manifold = CriticalManifold(network)
+    for _ in range(50):
+        solution = manifold.solve(rng.standard_normal(60))
+        assert solution.status is Status.ok
+        assert transition_moduli(solution.value).bulk < bound
+
+
+# Variances
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_equal_lengths_are_reached_by_the_cone_program(seed):
+    network = voronoi_network(100, seed=seed)
+    solution = optimize(network, "length_variance", "conic")
+    assert solution.status is Status.ok
+    # The squared rounding of a length, 1e-32 times 100, leaves much room below the 1e-18 asked for.
+    assert solution.stats.details["objective"] < 1e-26
+    L = dense_bond_vectors(network, solution.value.sigma)
+    np.testing.assert_allclose(np.linalg.norm(L, axis=1), solution.value.lengths.mean(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["lbfgs", "newton"])
+def test_equal_lengths_are_reached_by_descent(method):
+    solution = optimize(NETWORK, "length_variance", method, start=random_start(5) + 0.05)
+    assert solution.status is Status.ok
+    assert solution.stats.details["objective"] < 1e-18
+    expected = optimize(NETWORK, "length_variance", "conic").value
+    # V_L is quadratic in the distance, so a gradient of 1e-12 leaves lengths uncertain by about 1e-9.
+    np.testing.assert_allclose(solution.value.lengths, expected.lengths, rtol=1e-8)
+
+
+def test_least_tension_variance_is_the_same_from_every_start():
+    solutions = [optimize(NETWORK, "tension_variance", start=random_start(seed)) for seed in range(5)]
+    assert all(solution.status is Status.ok for solution in solutions)
+    values = np.array([solution.stats.details["objective"] for solution in solutions])
+    np.testing.assert_allclose(values, values[0], rtol=0, atol=1e-12)
+    assert 0.01 < values[0] < 0.02
+
+
+def contracted(network: Network, collapsed: np.ndarray, centre: int) -> tuple[Network, np.ndarray]:
+    """The network with edges of zero length around one vertex contracted, and +1 where an edge leaves such a leaf."""
+    edges, offsets = network.edges.copy(), network.offsets.copy()
+    kept = np.setdiff1d(np.arange(network.n_edges), collapsed)
+    outward = []
+    for edge in collapsed:
+        tail, head = network.edges[edge]
+        leaf, shift = (tail, network.offsets[edge]) if head == centre else (head, -network.offsets[edge])
+        # x_leaf = x_centre + shift, in cells.
+        outward.append(1.0 * (network.edges[kept, 0] == leaf) - 1.0 * (network.edges[kept, 1] == leaf))
+        offsets[network.edges[:, 1] == leaf] += shift
+        offsets[network.edges[:, 0] == leaf] -= shift
+        edges[edges == leaf] = centre
+    index = np.unique(edges[kept], return_inverse=True)[1].reshape(-1, 2)
+    return Network(index, offsets[kept], network.cell), np.array(outward)
+
+
+COLLAPSING = voronoi_network(40, seed=47, hard_core=0.65)
+
+
+def test_an_infimum_that_collapses_edges_names_them_and_has_its_value():
+    solution = optimize(COLLAPSING, "tension_variance", throw=False)
+    assert solution.status is Status.edge_collapse
+    collapsed = solution.stats.details["collapsed_edges"]
+    np.testing.assert_array_equal(collapsed, [33, 38])
+    assert "edges 33, 38 shrink to zero length" in solution.stats.details["note"]
+    # The limit itself: three vertices become one, and an edge without length carries what its leaf's others pull.
+    centre = int(np.intersect1d(*COLLAPSING.edges[collapsed])[0])
+    point, outward = contracted(COLLAPSING, collapsed, centre)
+
+    def variance(theta):
+        sigma = np.exp(theta)
+        force = sigma[:, None] * dense_bond_vectors(point, sigma)
+        tension = np.concatenate([np.linalg.norm(force, axis=1), np.linalg.norm(outward @ force, axis=1)])
+        return np.mean(tension**2) / np.mean(tension) ** 2 - 1
+
+    start = np.log(np.delete(solution.value.sigma, collapsed))
+    found = minimize(variance, start, method="L-BFGS-B", options={"ftol": 1e-14, "gtol": 1e-9, "maxfun": 20000})
+    limit = solution.stats.details["objective"]
+    # Descent by finite differences, and a collapse stopped at 1e-4 of the mean length, agree to 1e-7.
+    assert limit == pytest.approx(found.fun, abs=1e-7)
+    assert abs(limit - found.fun) < solution.stats.details["uncertainty"] < 1e-4
+    # The configuration returned is a sound one on the way, a little above the infimum.
+    assert solution.value.residual < 1e-12
+    tension = solution.value.tensions
+    assert limit < np.mean(tension**2) / np.mean(tension) ** 2 - 1 < limit + 1e-3
+    with pytest.raises(SolveError, match="edges 33, 38 shrink to zero length"):
+        optimize(COLLAPSING, "tension_variance")
+
+
+@pytest.mark.parametrize("method", ["lbfgs", "newton"])
+def test_a_collapse_has_one_value_by_every_method_and_start(method):
+    expected = optimize(COLLAPSING, "tension_variance", throw=False).stats.details["objective"]
+    solution = optimize(COLLAPSING, "tension_variance", method, start=random_start(1, 60) + 0.1, throw=False)
+    assert solution.status is Status.edge_collapse
+    assert solution.stats.details["objective"] == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize("method", ["lbfgs", "newton"])
+def test_a_collapse_names_the_same_edges_from_every_start(method):
+    solution = optimize(COLLAPSING, "tension_variance", method, start=random_start(1, 60) + 0.1, throw=False)
+    assert solution.status is Status.edge_collapse
+    # An edge that was still on its way to an ordinary length may be named beside them.
+    assert {33, 38} <= set(solution.stats.details["collapsed_edges"].tolist())
+
+
+def test_the_uncertainty_of_a_limit_covers_its_error():
+    # This network has two infima, each with edges of its own that vanish; a start leads to the one or the other.
+    network = voronoi_network(50, seed=2, hard_core=0.5)
+    found: dict[tuple[int, ...], list[tuple[float, float]]] = {}
+    for method in ("lbfgs", "newton"):
+        for start in (None, *(random_start(seed, 75) + 0.1 for seed in (1, 2, 3))):
+            solution = optimize(network, "tension_variance", method, start=start, throw=False)
+            assert solution.status is Status.edge_collapse
+            details = solution.stats.details
+            found.setdefault(tuple(details["collapsed_edges"]), []).append(
+                (details["objective"], details["uncertainty"])
+            )
+    assert len(found) >= 2
+    for limits in found.values():
+        values, uncertainties = np.transpose(limits)
+        assert np.ptp(values) <= 2 * uncertainties.max()
+
+
+# Shear modulus
+
+
+def test_the_barrier_holds_stresses_up():
+    for threshold in (0.05, 0.1, 0.2):
+        solution = optimize(NETWORK, "shear_modulus", threshold=threshold)
+        assert solution.status is Status.ok
+        assert solution.value.sigma.min() > 0.7 * threshold
+        shear = modulus_by_formula(NETWORK, solution.value.sigma, solution.value.bond_vectors, pure_shear(2))
+        penalty = np.mean((solution.value.sigma / threshold) ** -10.0)
+        assert solution.stats.details["objective"] == pytest.approx(shear - penalty, rel=1e-11)
+
+
+def test_many_starts_return_the_best():
+    solution = optimize(NETWORK, "shear_modulus", starts=4, rng=np.random.default_rng(3))
+    assert solution.status is Status.ok
+    values = solution.stats.details["starts"]
+    assert len(values) == 4
+    assert solution.stats.details["objective"] == np.max(values)
+    assert solution.stats.details["start"] == np.argmax(values)
+    alone = optimize(NETWORK, "shear_modulus").stats.details["objective"]
+    assert values[0] == alone
+    least = optimize(NETWORK, "tension_variance", starts=2, rng=np.random.default_rng(3))
+    assert least.stats.details["objective"] == np.min(least.stats.details["starts"])
+
+
+def test_an_objective_of_ones_own():
+    solution = optimize(NETWORK, LengthVariance(), "lbfgs")
+    assert solution.status is Status.ok
+    named = optimize(NETWORK, "length_variance", "lbfgs")
+    np.testing.assert_array_equal(solution.value.sigma, named.value.sigma)
+    strain = np.array([[0.5, 0.0], [0.0, -0.5]])
+    goal = transition_modulus(NETWORK, strain)
+    upper = optimize(NETWORK, goal, "lbfgs", max_steps=5, throw=False)
+    assert upper.status is Status.step_limit
+    assert upper.stats.details["objective"] > goal.evaluate(np.ones(150), dense_bond_vectors(NETWORK, np.ones(150)))[0]
+
+
+def test_step_limits_are_a_status():
+    for method in ("fire", "lbfgs", "newton"):
+        solution = optimize(NETWORK, "tension_variance", method, max_steps=2, throw=False)
+        assert solution.status is Status.step_limit
+        assert solution.stats.iterations == 2
+        assert solution.value.residual < 1e-12
+        with pytest.raises(SolveError, match="raise max_steps"):
+            optimize(NETWORK, "tension_variance", method, max_steps=2)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_fire_stays_off_the_wall_of_the_barrier(seed):
+    # It has no line search; without a limit on its moves the first one goes over the wall.
+    start = random_start(seed) + 0.05
+    by_fire = optimize(NETWORK, "shear_modulus", "fire", start=start, throw=False)
+    assert by_fire.status is Status.ok
+    expected = optimize(NETWORK, "shear_modulus", "lbfgs", start=start).stats.details["objective"]
+    assert by_fire.stats.details["objective"] == pytest.approx(expected, rel=1e-12)
+
+
+def test_least_length_variance_of_slack_networks_has_a_value():
+    # Where equal lengths would leave edges slack, the infimum still has a value, which descent finds.
+    network = oblique(voronoi_network(40, seed=3))
+    by_cone = optimize(network, "length_variance", "conic", throw=False)
+    assert by_cone.status is Status.slack_edges
+    assert len(by_cone.stats.details["slack_edges"])
+    solution = optimize(network, "length_variance", throw=False)
+    assert solution.status is Status.slack_edges
+    assert solution.value.residual < 1e-12
+    # Descent in the logarithms of the stresses alone gets there in thousands of steps.
+    details, variance = solution.stats.details, LengthVariance()
+    manifold = CriticalManifold(network)
+
+    def along(x):
+        sigma = np.exp(x)
+        return variance.evaluate(sigma, manifold.balance(sigma)[1])[0]
+
+    slow = minimize(along, np.zeros(network.n_edges), method="L-BFGS-B", options={"maxfun": 60_000, "maxiter": 2_000})
+    assert details["objective"] - details["uncertainty"] < slow.fun
+    assert details["objective"] < slow.fun + 1e-5
+
+
+def test_the_log_stress_landscape_keeps_the_scale():
+    landscape = Landscape(CriticalManifold(NETWORK), LengthVariance())
+    x = np.log(random_start(1))
+    np.testing.assert_allclose(landscape.sigma(x + 500), landscape.sigma(x), rtol=1e-12)
+    assert abs(landscape.at(x).gradient.sum()) < 1e-14
+
+
+def test_bad_arguments_say_what_to_do():
+    with pytest.raises(InputError, match="random generator"):
+        optimize(NETWORK, "shear_modulus", starts=3)
+    with pytest.raises(InputError, match="stiffness of the network"):
+        optimize(NETWORK, transition_modulus(NETWORK.with_stiffness(2), dilation(2)), "closed_form")
+
+
+def steepest_way_up(manifold, goal, x):
+    """Largest curvature of the objective along log-stresses, against the largest of all, by differences of slopes."""
+    sign = 1.0 if goal.maximise else -1.0
+
+    def slope(theta):
+        sigma = np.exp(theta - theta.mean())
+        _, L, factor = manifold.balance(sigma)
+        return sigma * manifold.pull_back(L, factor, *goal.evaluate(sigma, L)[1])[0]
+
+    steps = 1e-5 * np.eye(len(x))
+    hessian = np.array([slope(x + step) - slope(x - step) for step in steps]) / 2e-5
+    curvatures = np.linalg.eigvalsh(sign * (hessian + hessian.T) / 2)
+    return curvatures[-1] / np.abs(curvatures).max()
+
+
+@pytest.mark.parametrize(
+    "n_vertices, seed, threshold, method", [(20, 5, 0.03, "auto"), (20, 5, 0.03, "newton"), (16, 0, 0.03, "lbfgs")]
+)
+def test_a_saddle_on_the_way_is_left(n_vertices, seed, threshold, method):
+    manifold = CriticalManifold(voronoi_network(n_vertices, seed))
+    goal = named_objective(manifold.network, "shear_modulus", 0.03)
+    # Where the slope alone leads from σ = 1 the modulus is stationary and curves up along some direction.
+    alone = lbfgs(Landscape(manifold, goal), np.zeros(manifold.network.n_edges), 1e-12, 3_000).point
+    assert alone.residual < 1e-12
+    assert steepest_way_up(manifold, goal, alone.x) > 1e-3
+    solution = optimize(manifold, goal, method)
+    assert solution.stats.details["saddles"] == 1
+    assert solution.stats.details["objective"] > -alone.value * (1 + 1e-3)
+    assert steepest_way_up(manifold, goal, np.log(solution.value.sigma)) < 1e-6
+
+
+def test_equal_lengths_take_a_descent_where_a_rough_answer_will_do():
+    network = voronoi_network(1_000, seed=1)
+    rough = optimize(network, "length_variance", tolerance=1e-4)
+    assert rough.stats.method == "auto" and 1e-12 < rough.stats.details["objective"] < 1e-2
+    assert optimize(network, "length_variance").stats.method == "conic"

@@ -1,0 +1,259 @@
+"""Tensegrities with known stresses and stability: Snelson's X, prisms, a pentagon, a lattice under pressure."""
+
+import numpy as np
+import pytest
+from problems import dense_free, random_stress
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    SolveError,
+    Status,
+    rigidity,
+    signed_stress,
+    square_network,
+    stability,
+    voronoi_network,
+)
+from critflow.critical.manifold import critical_configuration
+
+GOLDEN = (1 + np.sqrt(5)) / 2
+
+
+def snelson_x(pins=(0, 1)) -> tuple[Network, np.ndarray]:
+    """A square of four cables with two struts crossing; the self-stress is 1 on cables, −1 on struts."""
+    x = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    edges = [[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3]]
+    return Network(edges, pins={i: x[i] for i in pins}, positions=x), np.array([1, 1, 1, 1, -1, -1])
+
+
+def prism(twist: float, n: int = 3, height: float = 1.3, pinned: int = 0) -> tuple[Network, np.ndarray]:
+    """A prism of n struts on a pinned polygon, its upper one turned by `twist` from the feet of the struts.
+
+    Cables: the upper polygon, and from each foot to the vertex that the next strut carries; edges between pins are left
+    out.  A stress exists at twist π/2 + π/n alone, with vertical cables 2 sin(π/n) times the polygon's.
+    """
+    angle = 2 * np.pi * np.arange(n) / n
+    lower = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    upper = np.stack([np.cos(angle + twist), np.sin(angle + twist), height + 0 * angle], axis=1)
+    i, x = np.arange(n), np.concatenate([lower, upper])
+    edges = np.concatenate(
+        [np.stack(pair, axis=1) for pair in ((n + i, n + (i + 1) % n), ((i + 1) % n, n + i), (i, n + i))]
+    )
+    signs = np.repeat([1, 1, -1], n)
+    pins = {k: x[k] for k in range(n + pinned)}
+    return Network(edges, pins=pins, positions=x), signs
+
+
+def pentagon() -> tuple[Network, np.ndarray]:
+    """All edges between the corners of a regular pentagon: cables around, struts across."""
+    angle = 2 * np.pi * np.arange(5) / 5
+    x = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    edges = [(i, (i + 1) % 5) for i in range(5)] + [(i, (i + 2) % 5) for i in range(5)]
+    return Network(edges, pins={0: x[0], 1: x[1]}, positions=x), np.repeat([1, -1], 5)
+
+
+def braced_squares(n: int) -> tuple[Network, np.ndarray]:
+    """The square lattice of cables with a strut along one diagonal of every square."""
+    plain = square_network(n, n)
+    cells = np.array(list(np.ndindex(n, n)))
+    image, there = np.divmod(cells + 1, n)
+    struts = np.stack([np.arange(n * n), there @ [n, 1]], axis=1)
+    network = Network(
+        np.concatenate([plain.edges, struts]), np.concatenate([plain.offsets, image]), plain.cell,
+        positions=plain.positions,
+    )  # fmt: skip
+    return network, np.repeat([1, 1, -1], n * n)
+
+
+def balance_error(network, x, sigma):
+    g, _ = dense_free(network)
+    L = network.bond_vectors(x)
+    return np.abs(g.T @ (sigma[:, None] * L)).max()
+
+
+@pytest.mark.parametrize("pins", [(0, 1), (0, 1, 2)])
+def test_snelson_x(pins):
+    network, signs = snelson_x(pins)
+    found = signed_stress(network, network.positions, signs)
+    assert found.status is Status.ok
+    np.testing.assert_allclose(found.value.critical.sigma, signs, atol=1e-12)
+    assert found.value.least == pytest.approx(1, rel=1e-12)
+    held = stability(found.value.critical)
+    assert held.super_stable and held.prestress_stable
+    # Two pins leave the affine maps that fix their line.
+    assert (held.n_negative, held.n_null, held.n_affine) == (0, 3 - len(pins), 3 - len(pins))
+
+
+def test_the_x_with_cables_and_struts_exchanged_is_rigid_but_not_super_stable():
+    network, signs = snelson_x()
+    found = signed_stress(network, network.positions, -signs)
+    np.testing.assert_allclose(found.value.critical.sigma, -signs, atol=1e-12)
+    held = stability(found.value.critical)
+    assert held.n_negative == 1 and not held.super_stable
+    # Without any flex there is nothing for the stress to stabilise.
+    assert held.prestress_stable
+    assert rigidity(network, network.positions).value.n_zero_modes == 0
+
+
+def test_the_map_makes_the_x_where_the_pins_span_the_plane():
+    network, signs = snelson_x((0, 1, 2))
+    there = CriticalManifold(network).solve(signs.astype(float))
+    assert there.status is Status.ok and there.stats.details["negative_pivots"] == 0
+    np.testing.assert_allclose(there.value.coordinates, network.positions, atol=1e-14)
+    few, _ = snelson_x((0, 1))
+    assert CriticalManifold(few).solve(signs.astype(float)).status is Status.singular
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 6])
+def test_prisms_have_a_stress_at_one_twist_only(n):
+    right = np.pi / 2 + np.pi / n
+    network, signs = prism(right, n)
+    found = signed_stress(network, network.positions, signs)
+    assert found.status is Status.ok
+    ratio = 2 * np.sin(np.pi / n)
+    expected = np.repeat([1, ratio, -ratio], n)
+    sigma = found.value.critical.sigma
+    np.testing.assert_allclose(sigma / sigma[0], expected, atol=1e-10)
+    assert found.value.critical.residual < 1e-13
+    held = stability(found.value.critical)
+    assert held.super_stable and held.prestress_stable and held.n_affine == 1
+    for wrong in (right - 0.02, right + 0.02, right - 1.0):
+        network, signs = prism(wrong, n)
+        refused = signed_stress(network, network.positions, signs, throw=False)
+        assert refused.status is Status.floppy and refused.value.critical is None
+
+
+def test_a_prism_comes_back_from_its_stress():
+    network, signs = prism(5 * np.pi / 6, pinned=1)
+    found = signed_stress(network, network.positions, signs).value.critical
+    there = CriticalManifold(network).solve(found.sigma)
+    # Four pins, not in a plane: P is positive definite although a third of the stresses are negative.
+    assert there.status is Status.ok and there.stats.details["negative_pivots"] == 0
+    np.testing.assert_allclose(there.value.coordinates, network.positions, atol=1e-12)
+    assert stability(found).n_null == 0 and stability(found).super_stable
+
+
+@pytest.mark.parametrize("twist", [1.0, 2.0, 2.6, 3.0])
+def test_the_reason_is_a_motion_that_loosens(twist):
+    network, signs = prism(twist)
+    found = signed_stress(network, network.positions, signs, throw=False)
+    motion = found.value.motion
+    np.testing.assert_array_equal(motion[:3], 0)
+    L = network.bond_vectors(network.positions)
+    elongation = np.sum(L * (network.incidence @ motion), axis=1)
+    # No cable stretches and no strut shortens, some do the opposite: virtual work rules every such stress out.
+    loosening = -signs * elongation
+    assert loosening.min() > -1e-9 and loosening.max() == pytest.approx(1, rel=1e-9)
+    np.testing.assert_array_equal(found.value.loosened, np.flatnonzero(loosening > 1e-7))
+    assert f"edge {found.value.loosened[0]} " in found.stats.details["note"]
+    with pytest.raises(SolveError, match="no self-stress has these signs: a motion loosens"):
+        signed_stress(network, network.positions, signs)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_bars_do_either(side):
+    # Turned a little too far one way a brace must pull, the other way it must push; a bar does what is needed.
+    network, signs = prism(5 * np.pi / 6 + 0.05 * side)
+    braced = Network(np.concatenate([network.edges, [[0, 4]]]), pins=network.pins, positions=network.positions)
+    found = {sign: signed_stress(braced, network.positions, np.append(signs, sign), throw=False) for sign in (-1, 0, 1)}
+    needed = int(np.sign(found[0].value.critical.sigma[-1]))
+    assert found[0].status is found[needed].status is Status.ok
+    assert found[-needed].status is Status.floppy
+    # The brace runs from foot 0 to the vertex ahead, so it pulls back what has turned too far.
+    assert needed == side
+
+
+def test_pentagon():
+    # Balance on the circle: sides 1, diagonals −q with q = (1 − cos 72°)/(1 − cos 144°) = 1/φ².
+    network, signs = pentagon()
+    found = signed_stress(network, network.positions, signs).value
+    sigma = found.critical.sigma
+    np.testing.assert_array_equal(np.sign(sigma), signs)
+    # The least stress can be as large as that one's; overconstrained, it need not be that one.
+    assert found.least >= GOLDEN**-2 - 1e-9
+    assert balance_error(network, network.positions, sigma) < 1e-13
+    symmetric = np.where(signs > 0, 1.0, -(GOLDEN**-2))
+    assert balance_error(network, network.positions, symmetric) < 1e-14
+    assert stability(critical_configuration(network, symmetric, network.positions)).super_stable
+    # Cables across and struts around have the opposite stress, which holds nothing.
+    turned = signed_stress(network, network.positions, -signs).value.critical
+    assert not stability(turned).super_stable
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 7])
+def test_a_lattice_with_struts_loses_its_stability_where_its_softest_wave_does(n):
+    """P on plane waves: 4 − 2cos k_x − 2cos k_y − 2q(1 − cos(k_x + k_y)) vanishes first at k_x = k_y = 2π/n."""
+    network, signs = braced_squares(n)
+    k = 2 * np.pi * np.arange(n) / n
+    kx, ky = (axis.ravel()[1:] for axis in np.meshgrid(k, k))
+    diagonal = 1 - np.cos(kx + ky)
+    critical = np.min((2 - np.cos(kx) - np.cos(ky))[diagonal > 1e-9] / diagonal[diagonal > 1e-9])
+    manifold = CriticalManifold(network)
+    for q in (0.3 * critical, critical * (1 - 1e-5), critical * (1 + 1e-5), 1.9 * critical):
+        solution = manifold.solve(np.where(signs > 0, 1.0, -q))
+        waves = 4 - 2 * np.cos(kx) - 2 * np.cos(ky) - 2 * q * diagonal
+        assert solution.status is Status.ok
+        assert solution.stats.details["negative_pivots"] == np.count_nonzero(waves < 0)
+        held = stability(solution.value)
+        assert held.n_negative == np.count_nonzero(waves < 0) and held.n_null == held.n_affine == 0
+        assert held.super_stable == (q < critical)
+        # The squares stay squares: the stress of every line is its own.
+        np.testing.assert_allclose(solution.value.lengths[signs > 0], 1.0, rtol=1e-8)
+    assert signed_stress(network, network.positions, signs).value.least == pytest.approx(1, rel=1e-9)
+
+
+def test_a_given_configuration_gives_its_stress_back():
+    # Underconstrained, so the stress is the only one: signs of a solution lead to the solution.
+    network = voronoi_network(40, seed=1)
+    sigma = random_stress(network.n_edges, 4)
+    sigma[[3, 17]] *= -0.05
+    critical = CriticalManifold(network).configuration(sigma)
+    found = signed_stress(network, critical.coordinates, np.sign(sigma)).value
+    np.testing.assert_allclose(found.critical.sigma, critical.sigma, rtol=1e-9)
+    assert found.least == pytest.approx(np.abs(sigma).min() / np.abs(sigma).max(), rel=1e-9)
+    assert signed_stress(network, critical.coordinates, np.ones(60), throw=False).status is Status.floppy
+
+
+def test_all_tension_is_super_stable():
+    network = voronoi_network(40, seed=2)
+    held = stability(CriticalManifold(network).configuration(random_stress(network.n_edges, 4)))
+    assert held.super_stable and held.prestress_stable and held.n_negative == held.n_null == 0
+
+
+def test_an_affine_flex_is_no_super_stability():
+    # A cross of two straight lines, each stressed on its own, turns like scissors: an affine map that keeps all lengths
+    # although P has no zero eigenvalue but that of the affine maps.
+    x = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    network = Network([[0, 2], [2, 1], [2, 3], [2, 4], [3, 4]], pins={0: x[0], 1: x[1]}, positions=x)
+    critical = signed_stress(network, x, [1, 1, 1, 1, -1]).value.critical
+    np.testing.assert_allclose(critical.sigma / critical.sigma[2], [1, 1, 1, 1, -0.5], atol=1e-12)
+    held = stability(critical)
+    assert (held.n_negative, held.n_null, held.n_affine) == (0, 1, 1)
+    assert not held.super_stable and not held.prestress_stable
+
+
+def test_a_frame_that_turns_about_one_pin_is_still_super_stable():
+    # Rigid motions about the pins keep lengths as they must, and are no flex.
+    network, signs = snelson_x((0,))
+    held = stability(signed_stress(network, network.positions, signs).value.critical)
+    assert (held.n_negative, held.n_null, held.n_affine) == (0, 2, 2)
+    assert held.super_stable and not held.prestress_stable
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"signs": np.ones(5)}, r"\+1 \(cable\)"),
+        ({"signs": np.zeros(6)}, "not all 0"),
+        ({"signs": 0.5 * np.ones(6)}, r"-1 \(strut\)"),
+        ({"coordinates": np.zeros((3, 2))}, r"shape \(4, 2\)"),
+        ({"coordinates": np.full((4, 2), np.nan)}, "finite"),
+        ({"coordinates": np.array([[0, 0], [1, 0], [1, 1], [1, 1.0]])}, "edge 2 has no length"),
+    ],
+)
+def test_bad_input(change, message):
+    network, signs = snelson_x()
+    with pytest.raises(InputError, match=message):
+        signed_stress(**({"network": network, "coordinates": network.positions, "signs": signs} | change))

@@ -1,0 +1,251 @@
+"""Every installed sparse solver against dense algebra: solutions, inertia and verdicts are the same whoever solves."""
+
+import numpy as np
+import pytest
+from problems import random_stress
+
+from critflow import CriticalManifold, InputError, voronoi_network
+from critflow.linalg import backends
+from critflow.linalg.backends import CROSSOVERS, available_backends, choose_backend
+from critflow.linalg.matrices import FixedPattern, Saddle, StaleFactorError, block_laplacian, edge_blocks, laplacian
+
+BACKENDS = available_backends()
+DOUBLE = [name for name in BACKENDS if name != "single"]
+
+
+def sparse_symmetric(size, seed):
+    """About five entries a row, of both signs."""
+    rng = np.random.default_rng(seed)
+    A = np.where(rng.random((size, size)) < 2.5 / size, rng.standard_normal((size, size)), 0.0)
+    return A + A.T
+
+
+def network_matrix(kind, sign=1.0):
+    """A matrix of a network, dense, as `test_linalg` checks it against incidence matrices."""
+    network = voronoi_network(200, seed=3)
+    sigma = random_stress(network.n_edges, 4)
+    sigma[::7] *= sign
+    L = np.random.default_rng(5).standard_normal((network.n_edges, 2))
+    if kind == "Laplacian":
+        pattern, values = laplacian(network, "qdldl"), sigma
+    else:
+        pattern, values = block_laplacian(network, "qdldl"), edge_blocks(np.ones(network.n_edges), L, sigma)
+    return pattern.factorize(values).multiply(np.eye(pattern.size))
+
+
+definite = sparse_symmetric(60, 1)
+REGULAR = {
+    "one number": np.array([[-2.0]]),
+    "diagonal": np.diag([3.0, -1.0, 2.0, 5.0]),
+    "dense and definite": definite[:8, :8] @ definite[:8, :8] + np.eye(8),
+    "sparse and definite": definite + np.diag(1.0 + np.abs(definite).sum(axis=1)),
+    "indefinite, dominant": definite + np.diag((-1.0) ** np.arange(60) * (1.0 + np.abs(definite).sum(axis=1))),
+    "indefinite": sparse_symmetric(80, 2) + np.diag(np.random.default_rng(6).standard_normal(80)),
+    "quasi-definite": np.block([[np.eye(20), definite[:20, 20:60]], [definite[20:60, :20], -0.1 * np.eye(40)]]),
+    "Laplacian": network_matrix("Laplacian"),
+    "Laplacian of both signs": network_matrix("Laplacian", -0.7),
+    "Hessian": network_matrix("Hessian"),
+}
+# All of them have a vanishing or lost pivot on every ordering; the second and the third are not singular.
+WITHOUT_PIVOTS = {
+    "ones": np.ones((2, 2)),
+    "zero diagonal": np.array([[0.0, 1.0], [1.0, 0.0]]),
+    "zero diagonal of three": np.array([[0.0, 1.0, 2.0], [1.0, 0.0, 3.0], [2.0, 3.0, 0.0]]),
+    "zero": np.zeros((3, 3)),
+    "a row of zeros": np.diag([1.0, 0.0, 2.0]),
+    "lost in rounding": np.array([[1.0, 1.0], [1.0, 1.0 + 1e-16]]),
+    "below rounding": np.diag([1.0, -1e-20]),
+    "low rank": np.outer(np.arange(1.0, 5), np.arange(1.0, 5)) + np.ones((4, 4)),
+    "ring of springs, free to move": 2 * np.eye(9) - np.roll(np.eye(9), 1, 0) - np.roll(np.eye(9), -1, 0),
+    "not a number": np.array([[1.0, np.nan], [np.nan, 1.0]]),
+    "infinite": np.diag([1.0, np.inf]),
+}
+
+
+def pattern_of(A, backend):
+    """The pattern of a dense symmetric matrix, and its values."""
+    rows, cols = np.nonzero(np.triu(A != 0))
+    pattern = FixedPattern(len(A), len(rows), [(rows, cols, np.arange(len(rows)), 1.0)], backend)
+    return pattern, A[rows, cols]
+
+
+def factor_of(A, backend):
+    pattern, values = pattern_of(A, backend)
+    return pattern.factorize(values)
+
+
+@pytest.mark.parametrize("matrix", REGULAR)
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_solutions_and_inertia(backend, matrix):
+    A = REGULAR[matrix]
+    factor = factor_of(A, backend)
+    assert factor.backend == backend
+    assert factor.sound and not factor.singular
+    assert factor.n_negative == np.count_nonzero(np.linalg.eigvalsh(A) < 0)
+    assert factor.indefinite == (factor.n_negative > 0)
+    assert len(factor.pivots) == len(A)
+    # |det A| is the product of the pivots, in whatever order; single precision gives six digits of each.
+    accuracy = 1e-4 if backend == "single" else 1e-9
+    assert np.sum(np.log(np.abs(factor.pivots))) == pytest.approx(np.linalg.slogdet(A)[1], rel=accuracy, abs=accuracy)
+    right = np.random.default_rng(7).standard_normal((len(A), 3))
+    x = np.linalg.solve(A, right)
+    # Without pivoting an indefinite matrix loses what its elimination grows, here below a factor of 1000.
+    atol = 1e3 * np.linalg.cond(A) * np.finfo(float).eps * np.abs(x).max()
+    np.testing.assert_allclose(factor.solve(right), x, rtol=0, atol=atol)
+    np.testing.assert_allclose(factor.multiply(x), right, rtol=0, atol=atol * np.abs(A).sum(axis=1).max())
+    for column in range(3):
+        np.testing.assert_array_equal(factor.solve(right[:, column]), factor.solve(right)[:, column])
+
+
+@pytest.mark.parametrize("matrix", WITHOUT_PIVOTS)
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_lost_pivot_is_told(backend, matrix):
+    A = WITHOUT_PIVOTS[matrix]
+    factor = factor_of(A, backend)
+    assert factor.singular and factor.indefinite
+    if matrix in {"zero diagonal", "zero", "a row of zeros", "not a number"}:
+        assert not factor.sound
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_small_pivots_are_not_lost(backend):
+    # In single precision they are, and it says so.
+    assert factor_of(np.diag([1.0, 1e-10]), backend).singular == (backend == "single")
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_vanishing_pivot_of_a_regular_matrix(backend):
+    A = WITHOUT_PIVOTS["zero diagonal"]
+    pattern, values = pattern_of(A, backend)
+    factor = pattern.factorize_signed(values)
+    right = np.array([2.0, 3.0])
+    if backend == "single":
+        # The pivots beside zero, of size 10⁻⁹, are beyond single precision: no answer, and no wrong one.
+        assert not np.isfinite(factor.solve(right)).all() or np.allclose(factor.solve(right), [3.0, 2.0], atol=1e-12)
+        return
+    assert not factor.singular and factor.n_negative == 1
+    np.testing.assert_allclose(factor.solve(right), [3.0, 2.0], rtol=0, atol=1e-14)
+
+
+def test_single_precision_gives_no_answer_beyond_its_reach():
+    # Condition 10¹⁰: refinement does not contract.
+    n = 12
+    hilbert = 1.0 / (1.0 + np.add.outer(np.arange(n), np.arange(n))) + 1e-10 * np.eye(n)
+    factor = factor_of(hilbert, "single")
+    assert factor.singular
+    assert np.isnan(factor.solve(np.ones(n))).all()
+    np.testing.assert_array_equal(factor.solve(np.zeros(n)), np.zeros(n))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_new_factorisation_equals_a_first_one(backend):
+    network = voronoi_network(300, seed=2)
+    first, second = random_stress(network.n_edges, 1), random_stress(network.n_edges, 2)
+    second[::9] *= -0.5
+    used, fresh = laplacian(network, backend), laplacian(network, backend)
+    used.factorize(-first)
+    stale = used.factorize(first)
+    right = np.random.default_rng(3).standard_normal((used.size, 2))
+    again = used.factorize(second)
+    # The same input gives the same bits, whatever came before.
+    np.testing.assert_array_equal(again.solve(right), fresh.factorize(second).solve(right))
+    np.testing.assert_array_equal(again.pivots, used.factorize(second).pivots)
+    for use in (stale.solve, stale.multiply, again.solve):
+        with pytest.raises(StaleFactorError, match="factorise it again"):
+            use(right)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_failed_factorisation_is_forgotten(backend):
+    pattern, values = pattern_of(REGULAR["sparse and definite"], backend)
+    right = np.arange(float(pattern.size))
+    expected = pattern.factorize(values).solve(right)
+    assert pattern.factorize(np.full_like(values, np.nan)).singular
+    assert pattern.factorize(0.0 * values).singular
+    again = pattern.factorize(values)
+    assert again.sound and not again.singular
+    np.testing.assert_array_equal(again.solve(right), expected)
+
+
+@pytest.mark.parametrize("matrix", ["zero", "ones", "not a number", "infinite"])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_no_answer_where_there_is_none(backend, matrix):
+    A = WITHOUT_PIVOTS[matrix]
+    x = factor_of(A, backend).solve(np.ones(len(A)))
+    # qdldl stops without a word, and leaves the verdict to its pivots.
+    assert backend == "qdldl" or np.isnan(x).all()
+
+
+@pytest.mark.parametrize("sign", [1.0, -0.6], ids=["positive", "signed"])
+@pytest.mark.parametrize("backend", DOUBLE)
+def test_configurations_do_not_depend_on_the_solver(backend, sign):
+    network = voronoi_network(500, seed=8)
+    sigma = random_stress(network.n_edges, 9)
+    sigma[::11] *= sign
+    manifold = CriticalManifold(network, backend)
+    assert CriticalManifold.of(manifold) is manifold
+    assert manifold.hessian.backend == backend
+    expected, solution = CriticalManifold(network, "qdldl").solve(sigma), manifold.solve(sigma)
+    assert solution.status is expected.status
+    assert solution.stats.details == expected.stats.details
+    # Mixed signs make P ill-conditioned (10⁴ here); residuals are at rounding for both.
+    np.testing.assert_allclose(solution.value.coordinates, expected.value.coordinates, rtol=0, atol=1e-9)
+    assert solution.value.residual < 1e-11
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_saddle_systems(backend):
+    network = voronoi_network(300, seed=1)
+    sigma = random_stress(network.n_edges, 4)
+    L = CriticalManifold(network).configuration(sigma).bond_vectors
+    forces = np.random.default_rng(5).standard_normal((len(network.free), 2))
+    elongations = np.zeros(network.n_edges)
+    expected = Saddle(network, "qdldl").factorize(sigma, L).solve(forces, elongations)
+    saddle = Saddle(network, backend)
+    u, multipliers, error = saddle.factorize(sigma, L).solve(forces, elongations)
+    if backend == "single":
+        # The regularisation of 10⁻⁷ is beyond its reach.
+        assert not error < 1e-3
+        return
+    assert error < 1e-12
+    np.testing.assert_allclose(u, expected[0], rtol=0, atol=1e-9)
+    # The multipliers are free by a multiple of σ.
+    change = multipliers - expected[1]
+    change -= (change @ sigma) / (sigma @ sigma) * sigma
+    np.testing.assert_allclose(change, 0, rtol=0, atol=1e-9)
+    assert saddle.stable(sigma, L) and not saddle.stable(-sigma, L)
+
+
+INSTALLED = [set(), {"metis"}, {"pardiso"}, {"metis", "pardiso"}]
+
+
+@pytest.fixture(params=INSTALLED, ids=lambda names: " and ".join(sorted(names)) or "nothing")
+def extras(request, monkeypatch):
+    """Pretend that exactly these optional solvers are installed."""
+    monkeypatch.setattr(backends, "pymetis", object() if "metis" in request.param else None)
+    monkeypatch.setattr(backends, "MKL", object() if "pardiso" in request.param else None)
+    return request.param
+
+
+def test_the_choice_by_size(extras):
+    assert set(available_backends()) == {"qdldl", "superlu", "single"} | extras
+    best = "pardiso" if "pardiso" in extras else "metis" if "metis" in extras else "superlu"
+    for n_entries in np.logspace(0, 8, 200).astype(int):
+        chosen = choose_backend("auto", n_entries)
+        assert chosen == ("qdldl" if n_entries <= CROSSOVERS[best] else best)
+    for name in available_backends():
+        assert choose_backend(name, 5) == choose_backend(name, 10**8) == name
+
+
+def test_what_is_missing_is_said(extras):
+    for name in {"metis", "pardiso"} - extras:
+        with pytest.raises(InputError, match=rf"'{name}' is not installed: pip install 'critflow\[fast\]'"):
+            laplacian(voronoi_network(20, seed=1), name)
+    with pytest.raises(InputError, match=r"no backend 'umfpack': choose 'auto' or one of .*qdldl.*critflow\[fast\]"):
+        CriticalManifold(voronoi_network(20, seed=1), backend="umfpack")
+
+
+def test_small_networks_use_qdldl():
+    network = voronoi_network(1000, seed=1)
+    assert laplacian(network).backend == block_laplacian(network).backend == "qdldl"
+    assert block_laplacian(network).factorize(np.ones(3 * network.n_edges)).backend == "qdldl"

@@ -1,0 +1,179 @@
+"""Equilibria: every error bound holds and is tight, however soft the network; the errors come from fifty digits."""
+
+import sys
+
+import fifty_digits
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from problems import oblique, random_stress, voronoi_3d, with_random_stiffness
+
+from critflow import (
+    CriticalManifold,
+    Status,
+    cells_of,
+    equilibrium,
+    honeycomb_network,
+    perimeter_state,
+    spring_state,
+    voronoi_network,
+)
+from critflow.precision.double_double import Extended
+from critflow.precision.residual import exact_bond_vectors, exact_forces, exact_sums
+
+NETWORKS = {
+    "voronoi": lambda: voronoi_network(12, seed=6),
+    "stiffness": lambda: with_random_stiffness(voronoi_network(12, seed=2), 1),
+    "oblique": lambda: oblique(voronoi_network(12, seed=3)),
+    "honeycomb": lambda: honeycomb_network(2, 2),
+}
+STRAINS = 10.0 ** -np.arange(1, 13)
+
+
+def strained(network, gamma, seed=1):
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
+    state = spring_state(network, critical.lengths, critical.coordinates)
+    return state.deformed((1 + gamma) ** (1 / network.dimension) * np.eye(network.dimension))
+
+
+def errors(state):
+    """Largest error of a coordinate and of a component of a bond vector."""
+    x, L = fifty_digits.equilibrium(state)
+    free = fifty_digits.decimals(state.coordinates[state.network.free])
+    return float(np.abs(free - x).max()), float(np.abs(fifty_digits.decimals(state.bond_vectors) - L).max())
+
+
+def exact_correction(state):
+    """What leads from a state to the exact equilibrium, by factors made anew."""
+    error = np.zeros((len(state.network.free), state.network.dimension))
+    factor = state.factorize(state.pattern())
+    for _ in range(8):
+        L = exact_bond_vectors(state.network, state.coordinates, error)
+        force = exact_forces(state.network, state.exact_stress(L), L)
+        error = error + factor.solve(force.ravel()).reshape(error.shape)
+    return error
+
+
+def test_newton_ends_on_the_exact_equilibrium():
+    ratios = []
+    for name, make in NETWORKS.items():
+        for gamma in STRAINS[:: 1 if name == "voronoi" else 4]:
+            solution = equilibrium(strained(make(), gamma))
+            assert solution.status is Status.ok
+            coordinates, bonds = errors(solution.value)
+            bound = solution.stats.error_bound
+            assert max(coordinates, bonds) <= bound, (name, gamma)
+            # Half a rounding of coordinates, that is all.
+            assert bound <= 2 * np.finfo(float).eps * np.abs(solution.value.coordinates).max(), (name, gamma)
+            ratios.append(bound / coordinates)
+    assert np.median(ratios) < 3
+
+
+@pytest.mark.parametrize("method, tolerance", [("fire", 1e-6), ("fire", 1e-10), ("fire", 1e-13)])
+@pytest.mark.parametrize("gamma", [0.1, 1e-2, 1e-3])
+def test_fire_knows_how_far_it_is_off(method, tolerance, gamma):
+    start = strained(NETWORKS["voronoi"](), gamma)
+    solution = equilibrium(start, method, tolerance)
+    assert solution.status is Status.ok
+    error, bound = max(errors(solution.value)), solution.stats.error_bound
+    assert error <= bound <= 2 * error
+    # The answer is FIRE's own, as far off as its force allows.
+    assert error > 1e-2 * tolerance
+
+
+def test_a_small_force_is_not_a_small_error():
+    start = strained(NETWORKS["voronoi"](), 1e-4)
+    fire = equilibrium(start, "fire", 1e-9)
+    assert fire.value.max_force < 1e-9 * fire.value.length_scale
+    error = max(errors(fire.value))
+    assert 1e-7 < error <= fire.stats.error_bound <= 2 * error
+
+
+@pytest.mark.parametrize("gamma", [1e-1, 1e-5, 1e-10])
+def test_bounds_of_larger_networks(gamma):
+    # The reference is Newton's method in extended precision with factors made anew, which the decimals above check.
+    for network in (voronoi_network(300, seed=1), voronoi_3d(20)):
+        solution = equilibrium(strained(network, gamma))
+        error = np.abs(exact_correction(solution.value)).max()
+        assert error <= solution.stats.error_bound <= 4 * error
+
+
+@pytest.mark.parametrize("method", ["auto", "newton"])
+@pytest.mark.parametrize("n_vertices", [40, 300])
+def test_rough_tolerances_are_not_ill_conditioned(n_vertices, method):
+    network = voronoi_network(n_vertices, seed=1)
+    for tolerance in 10.0 ** -np.arange(2, 15):
+        solution = equilibrium(strained(network, 1e-3), method, tolerance)
+        assert solution.status is Status.ok, tolerance
+        assert solution.stats.method == "newton"
+        error = np.abs(exact_correction(solution.value)).max()
+        # Newton's method ends on the equilibrium anyway.
+        assert error <= solution.stats.error_bound < 4 * np.finfo(float).eps * np.abs(solution.value.coordinates).max()
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])
+def test_rough_answers_of_fire_know_how_rough_they_are(tolerance):
+    start = strained(voronoi_network(40, seed=1), 1e-3)
+    solution = equilibrium(start, "fire", tolerance)
+    assert solution.status is Status.ok
+    assert "note" not in solution.stats.details
+    exact = equilibrium(start)
+    state = solution.value
+    assert state.max_force < tolerance * state.length_scale
+    error = max(
+        np.abs(state.coordinates - exact.value.coordinates).max(),
+        np.abs(state.bond_vectors - exact.value.bond_vectors).max(),
+    )
+    assert error > 1e-4
+    assert error - exact.stats.error_bound <= solution.stats.error_bound <= 1.01 * error
+
+
+# From a first answer that is too rough, as the start itself is near the transition, Newton's method has to go on.
+@pytest.mark.parametrize(
+    "gamma, tolerance, near, needed", [(0.1, 1e-2, 1e-8, 4), (1e-8, 1e-8, 1e-8, 1), (0.1, 1e-2, 1, 3)]
+)
+def test_no_more_steps_than_allowed(monkeypatch, gamma, tolerance, near, needed):
+    monkeypatch.setattr(sys.modules["critflow.mechanics.equilibrium"], "_NEAR", near)
+    start = strained(voronoi_network(40, seed=1), gamma)
+    assert equilibrium(start, tolerance=tolerance).stats.iterations == needed
+    for most in range(needed):
+        solution = equilibrium(start, tolerance=tolerance, max_steps=most, throw=False)
+        assert solution.status is Status.step_limit
+        assert solution.stats.iterations == most
+
+
+def test_the_condition_is_that_of_the_hessian():
+    for gamma in (1e-1, 1e-4, 1e-8):
+        solution = equilibrium(strained(NETWORKS["stiffness"](), gamma))
+        state = solution.value
+        H = state.factorize(state.pattern()).multiply(np.eye(state.forces.size))
+        assert solution.stats.condition == pytest.approx(np.linalg.cond(H), rel=4)
+        assert solution.stats.condition > 0.3 * np.linalg.cond(H)
+
+
+@pytest.mark.parametrize("gamma", [1e-1, 1e-4, 1e-8])
+def test_cells_with_one_side_are_springs(gamma):
+    # Sides of weight 0.3 and targets 0.3 ℓ: sums must be exact for weights that are no integers, too.
+    network = voronoi_network(12, seed=6)
+    state = strained(network, gamma)
+    sides = 0.3 * np.eye(network.n_edges)
+    cells = perimeter_state(cells_of(state.network, 1.0, sides), sides @ state.rest_lengths, state.coordinates)
+    solution = equilibrium(cells)
+    assert solution.status is Status.ok
+    # p0 = 0.3 ℓ is rounded, which moves the equilibrium by as much and not more.
+    springs = equilibrium(state).value
+    assert np.abs(solution.value.coordinates - springs.coordinates).max() < 1e-13
+    assert solution.stats.error_bound < 1e-15
+
+
+def test_sums_lose_nothing():
+    rng = np.random.default_rng(1)
+    high = rng.standard_normal(40)
+    low = 1e-17 * rng.standard_normal(40)
+    weights = rng.uniform(0.1, 3.0, (5, 40))
+    goal = weights @ high
+    expected = fifty_digits.decimals(weights) @ (
+        fifty_digits.decimals(high) + fifty_digits.decimals(low)
+    ) - fifty_digits.decimals(goal)
+    found = exact_sums(sp.csr_array(weights), Extended(high, low), goal)
+    np.testing.assert_allclose(found, expected.astype(float), rtol=1e-6, atol=1e-23)

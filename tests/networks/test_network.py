@@ -1,0 +1,177 @@
+"""The network: boundary vectors, copies, parts and faces."""
+
+import pickle
+
+import numpy as np
+import pytest
+from problems import (
+    NETWORKS,
+    PERIODIC,
+    dense_free,
+    dense_incidence,
+    oblique,
+    pinned_grid,
+    random_stress,
+    square_octagon,
+)
+
+from critflow import CriticalManifold, Network, NetworkError, honeycomb_network, three_bar_linkage, voronoi_network
+from critflow.networks.network import edge_values, planar_faces
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_bond_vectors_are_differences_plus_boundary(name):
+    network = NETWORKS[name]()
+    x = np.random.default_rng(0).standard_normal((network.n_vertices, network.dimension))
+    for vertex, position in network.pins.items():
+        x[vertex] = position
+    expected = x[network.edges[:, 1]] - x[network.edges[:, 0]]
+    if network.cell is not None:
+        expected = expected + network.offsets @ network.cell
+    # A periodic network is grounded at vertex 0, which the library may put at the origin.
+    found = network.bond_vectors(x if network.pins else x - x[0])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+
+
+def test_bond_vectors_with_free_coordinates_only():
+    network = pinned_grid()
+    g, b = dense_free(network)
+    free = np.random.default_rng(1).standard_normal((g.shape[1], 2))
+    np.testing.assert_allclose(network.bond_vectors(network.all_coordinates(free)), g @ free + b, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_incidence_against_a_dense_one(name):
+    network = NETWORKS[name]()
+    g = dense_incidence(network)
+    np.testing.assert_array_equal(network.incidence.toarray(), g)
+    np.testing.assert_array_equal(network.divergence.toarray(), g[:, network.free].T)
+
+
+@pytest.mark.parametrize("name", PERIODIC)
+def test_bond_vectors_ignore_a_common_translation(name):
+    network = NETWORKS[name]()
+    x = np.random.default_rng(2).standard_normal((network.n_vertices, network.dimension))
+    shifted = x + np.arange(1.0, 1 + network.dimension)
+    np.testing.assert_allclose(network.bond_vectors(shifted), network.bond_vectors(x), rtol=0, atol=1e-13)
+
+
+def test_an_edge_to_its_own_image_has_the_cell_vector():
+    edges, offsets = [[0, 0], [0, 1], [1, 0], [0, 1]], [[1, 0], [0, 0], [0, 1], [1, 0]]
+    network = Network(edges, offsets, [[2.0, 0.0], [0.5, 1.0]])
+    L = CriticalManifold(network).configuration([1.0, 3.0, 2.0, 1.0]).bond_vectors
+    np.testing.assert_array_equal(L[0], [2.0, 0.0])
+    # The self-image edge pulls its vertex both ways alike, so its stress moves nothing.
+    M = CriticalManifold(network).configuration([9.0, 3.0, 2.0, 1.0]).bond_vectors
+    np.testing.assert_allclose(M, L, rtol=0, atol=1e-14)
+
+
+def test_deformation_maps_boundary_and_pins():
+    F = np.array([[1.1, 0.3], [-0.2, 0.9]])
+    for network in (voronoi_network(20, seed=1), pinned_grid()):
+        np.testing.assert_allclose(
+            network.deformed(F).boundary_vectors, network.boundary_vectors @ F.T, rtol=0, atol=1e-14
+        )
+    assert voronoi_network(20, seed=1).deformed(F).volume == pytest.approx(20 * np.linalg.det(F), rel=1e-14)
+
+
+def test_networks_are_frozen_and_do_not_share_memory_with_their_input():
+    edges = np.array([[0, 1], [1, 0], [0, 1]])
+    network = Network(edges, [[0, 0], [1, 0], [0, 1]], np.eye(2))
+    edges[:] = 0
+    assert network.edges.tolist() == [[0, 1], [1, 0], [0, 1]]
+    for array in (network.edges, network.offsets, network.cell, network.stiffness):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 2
+    with pytest.raises(AttributeError):
+        network.cell = np.eye(2)
+
+
+def test_stiffness_is_one_number_or_one_per_edge():
+    network = square_octagon()
+    np.testing.assert_array_equal(network.stiffness, np.ones(6))
+    np.testing.assert_array_equal(network.with_stiffness(3).stiffness, np.full(6, 3.0))
+    np.testing.assert_array_equal(network.with_stiffness(np.arange(1, 7)).stiffness, np.arange(1, 7))
+
+
+def test_a_part_keeps_its_edges_geometry():
+    network = voronoi_network(40, seed=1)
+    configuration = CriticalManifold(network).configuration(random_stress(60, 1))
+    edge = 7
+    kept = np.ones(60, bool)
+    kept[edge] = False
+    part, vertices = network.part(kept)
+    assert part.n_edges == 59
+    np.testing.assert_allclose(
+        part.bond_vectors(configuration.coordinates[vertices]), configuration.bond_vectors[kept], rtol=0, atol=1e-13
+    )
+
+
+@pytest.mark.parametrize(
+    "network, sizes",
+    [
+        (honeycomb_network(3, 4), np.full(12, 6)),
+        (honeycomb_network(1, 1), np.array([6])),
+        (voronoi_network(100, seed=1), None),
+        (oblique(voronoi_network(40, seed=2)), None),
+    ],
+    ids=["honeycomb", "one hexagon", "voronoi", "oblique"],
+)
+def test_faces_are_closed_left_handed_and_fill_the_cell(network, sizes):
+    L = network.bond_vectors(network.positions)
+    faces = planar_faces(network.edges, L, network.n_vertices)
+    # Euler on the torus: N_v − N_b + N_f = 0.
+    assert faces.n_faces == network.n_edges - network.n_vertices
+    assert faces.sizes.sum() == 2 * network.n_edges
+    if sizes is not None:
+        np.testing.assert_array_equal(faces.sizes, sizes)
+    area = 0.0
+    for f in range(faces.n_faces):
+        walk = slice(faces.starts[f], faces.starts[f + 1])
+        sides = faces.signs[walk, None] * L[faces.edges[walk]]
+        np.testing.assert_allclose(sides.sum(axis=0), 0, atol=1e-12)
+        corner = np.cumsum(sides, axis=0)
+        signed = 0.5 * np.sum(corner[:, 0] * sides[:, 1] - corner[:, 1] * sides[:, 0])
+        assert signed > 0
+        area += signed
+    assert area == pytest.approx(network.volume, rel=1e-12)
+    # Each edge is walked once in each direction.
+    for sign in (-1, 1):
+        np.testing.assert_array_equal(np.sort(faces.edges[faces.signs == sign]), np.arange(network.n_edges))
+
+
+def test_a_face_walk_passes_from_vertex_to_vertex():
+    network = voronoi_network(60, seed=3)
+    faces = network.faces
+    for f in range(faces.n_faces):
+        walk = slice(faces.starts[f], faces.starts[f + 1])
+        ends = [
+            e if s > 0 else e[::-1] for e, s in zip(network.edges[faces.edges[walk]], faces.signs[walk], strict=True)
+        ]
+        for here, there in zip(ends, ends[1:] + ends[:1], strict=True):
+            assert here[1] == there[0]
+
+
+def test_volume_needs_a_cell():
+    with pytest.raises(NetworkError, match="give it a cell"):
+        _ = three_bar_linkage().volume
+
+
+def test_edge_values_name_the_first_bad_edge():
+    with pytest.raises(NetworkError, match=r"sigma\[2\] = -1"):
+        edge_values([1, 1, -1, np.nan], 4, "sigma")
+    np.testing.assert_array_equal(edge_values([1, -1, 2], 3, "sigma", positive=False), [1.0, -1.0, 2.0])
+
+
+def test_faces_are_looked_for_when_they_are_asked_for():
+    faces = voronoi_network(60, seed=3).faces
+    assert "edges" not in vars(faces)
+    again = pickle.loads(pickle.dumps(faces))
+    network = voronoi_network(60, seed=3)
+    expected = planar_faces(network.edges, network.bond_vectors(network.positions), 60)
+    for found in (faces, again):
+        for name in ("edges", "signs", "starts"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert "edges" in vars(faces)
+    with pytest.raises(AttributeError, match="corners"):
+        _ = faces.corners

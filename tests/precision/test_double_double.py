@@ -1,0 +1,111 @@
+"""Extended precision against rational numbers."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from exact import configuration, fractions
+from problems import NETWORKS, random_stress
+
+from critflow import CriticalManifold
+from critflow.precision.double_double import (
+    Extended,
+    ExtendedGeometry,
+    add,
+    divide,
+    extended,
+    lengths,
+    multiply,
+    square_root,
+    subtract,
+    total,
+    two_product,
+    two_sum,
+)
+
+# 2⁻¹⁰⁰: 30 digits, a few roundings of 32 digits.
+DIGITS = Fraction(1, 2**100)
+
+
+def numbers(seed: int, n: int = 200) -> np.ndarray:
+    """Numbers of both signs over twelve decades."""
+    rng = np.random.default_rng(seed)
+    return rng.choice([-1.0, 1.0], n) * 10 ** rng.uniform(-6, 6, n)
+
+
+def pairs(seed: int) -> Extended:
+    """Numbers whose low parts count."""
+    high = numbers(seed)
+    return two_sum(high, 2.0**-54 * high * np.random.default_rng(seed + 100).uniform(-1, 1, len(high)))
+
+
+def exact(a: Extended) -> np.ndarray:
+    return fractions(a.high) + fractions(a.low)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sums_and_products_of_doubles_lose_nothing(seed):
+    a, b = numbers(seed), numbers(seed + 10)
+    assert (exact(two_sum(a, b)) == fractions(a) + fractions(b)).all()
+    assert (exact(two_sum(a, -a * (1 + 2e-16))) == fractions(a) + fractions(-a * (1 + 2e-16))).all()
+    assert (exact(two_product(a, b)) == fractions(a) * fractions(b)).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_arithmetic_keeps_thirty_digits(seed):
+    a, b = pairs(seed), pairs(seed + 10)
+    x, y = exact(a), exact(b)
+    for found, expected, size in [
+        (add(a, b), x + y, np.abs(x) + np.abs(y)),
+        (subtract(a, b), x - y, np.abs(x) + np.abs(y)),
+        (multiply(a, b), x * y, np.abs(x * y)),
+        (divide(a, b), x / y, np.abs(x / y)),
+    ]:
+        assert (np.abs(exact(found) - expected) <= DIGITS * size).all()
+        # High parts are the numbers rounded.
+        assert (np.abs(found.low) <= np.spacing(np.abs(found.high))).all()
+    positive = Extended(*(np.sign(a.high) * part for part in a))
+    assert (np.abs(exact(square_root(positive)) ** 2 / exact(positive) - 1) <= 4 * DIGITS).all()
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 200])
+def test_sums_of_many_numbers(n):
+    a = Extended(*(part[:n] for part in pairs(4)))
+    high, low = total(a)
+    assert abs(Fraction(high) + Fraction(low) - sum(exact(a))) <= DIGITS * sum(np.abs(exact(a)))
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "own images", "pinned grid", "sheared"])
+def test_bond_vectors_and_residuals(name):
+    network = NETWORKS[name]()
+    rng = np.random.default_rng(3)
+    geometry, b = ExtendedGeometry(network), network.boundary_vectors
+    shape, sigma = (len(network.free), network.dimension), random_stress(network.n_edges, 5)
+    if name == "own images":
+        # A large stress of an edge to its own image, which pulls at nothing.
+        sigma[6] = 1e12
+    high = 5 * rng.standard_normal(shape)
+    x = two_sum(high, 1e-17 * rng.standard_normal(shape))
+    g = fractions(network.free_incidence.toarray())
+    L = geometry.bond_vectors(x, b)
+    expected = g @ exact(x) + fractions(b)
+    size = Fraction(float(2 * np.abs(high).max() + np.abs(b).max()))
+    assert np.abs(exact(L) - expected).max() <= DIGITS * size
+    force = geometry.divergence(multiply(extended(sigma[:, None]), L))
+    weight = fractions(abs(network.divergence) @ sigma)[:, None]
+    assert (np.abs(exact(force) - g.T @ (fractions(sigma)[:, None] * expected)) <= DIGITS * size * weight).all()
+    found = exact(lengths(L)) ** 2
+    assert (np.abs(found - (expected**2).sum(axis=1)) <= DIGITS * (found + size * size)).all()
+
+
+def test_a_residual_says_how_far_a_solution_is():
+    # P⁻¹ gᵀ(σ ∘ L) at rounded coordinates is their error, to leading order.
+    network = NETWORKS["tiny"]()
+    sigma = random_stress(network.n_edges, 1)
+    manifold = CriticalManifold(network)
+    x, _, factor = manifold.balance(sigma)
+    geometry = ExtendedGeometry(network)
+    L = geometry.bond_vectors(extended(x), network.boundary_vectors)
+    error = factor.solve(geometry.divergence(multiply(extended(sigma[:, None]), L)).high)
+    true = (fractions(x) - configuration(network, sigma)[0]).astype(float)
+    np.testing.assert_allclose(error, true, rtol=0, atol=1e-10 * np.abs(true).max())

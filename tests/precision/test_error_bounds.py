@@ -1,0 +1,300 @@
+"""No silent wrong answer: bounds are never below the true errors, nor far above, and what has no digits has a status.
+
+True errors come from rational arithmetic on the same floating-point input.
+"""
+
+from dataclasses import replace
+from fractions import Fraction
+from functools import cache
+
+import exact
+import numpy as np
+import pytest
+import scipy.linalg
+from problems import NETWORKS, random_stress, sheared, square_octagon
+
+from critflow import (
+    CriticalManifold,
+    Network,
+    SolveError,
+    Status,
+    critical_from_lengths,
+    honeycomb_network,
+    optimize,
+    three_bar_linkage,
+    transition_bounds,
+    transition_moduli,
+    voronoi_network,
+)
+from critflow.precision.double_double import extended
+from critflow.precision.refinement import Refinement
+
+NETWORK = voronoi_network(12, seed=1)
+PLAIN = honeycomb_network(2, 2)
+
+
+def wide(p: float, seed: int, network: Network = NETWORK, signed: bool = False) -> np.ndarray:
+    """Stresses over 10^±p."""
+    rng = np.random.default_rng(seed)
+    sigma = 10 ** (p * rng.uniform(-1, 1, network.n_edges))
+    return sigma * rng.choice([-1.0, 1.0], network.n_edges) if signed else sigma
+
+
+def towards_singular(network: Network, distance: float, seed: int) -> np.ndarray:
+    """Stresses on a line from positive ones, at that relative distance (< 0: past it) from the first singular P."""
+    rng = np.random.default_rng(seed)
+    start, end = random_stress(network.n_edges, seed), rng.standard_normal(network.n_edges)
+    g = network.free_incidence.toarray()
+    roots = scipy.linalg.eigvals(g.T @ (start[:, None] * g), -(g.T @ ((end - start)[:, None] * g)))
+    first = min(root.real for root in roots if abs(root.imag) < 1e-9 and 0 < root.real < 1)
+    return start + first * (1 - distance) * (end - start)
+
+
+def with_small_edges(decades: float, seed: int) -> np.ndarray:
+    """A third of the stresses is smaller by so many decades."""
+    sigma = random_stress(NETWORK.n_edges, seed)
+    sigma[np.random.default_rng(seed).random(NETWORK.n_edges) < 1 / 3] *= 10.0**-decades
+    return sigma
+
+
+def balanced_vertex(distance: float, seed: int) -> np.ndarray:
+    """Stresses of both signs whose sum at a vertex nearly vanishes, so that a pivot does."""
+    sigma = wide(1.0, seed, signed=True)
+    around = np.flatnonzero((NETWORK.edges == 4).any(axis=1))
+    sigma[around[0]] = -sigma[around[1:]].sum() * (1 + distance)
+    return sigma
+
+
+SEEDS = (1, 2, 3)
+DIFFICULTIES = {
+    **{f"wide {p}": [(NETWORK, wide(p, s)) for s in SEEDS] for p in (0.5, 2, 4, 6, 8, 10, 14, 20)},
+    **{f"signed {p}": [(NETWORK, wide(p, s, signed=True)) for s in SEEDS] for p in (0.5, 2, 4, 6, 8, 10)},
+    **{
+        f"singular {sign}1e-{q}": [(NETWORK, towards_singular(NETWORK, float(f"{sign}1e-{q}"), s)) for s in SEEDS]
+        for q in (1, 4, 8, 11, 12, 13, 14, 15, 16)
+        for sign in "+-"
+    },
+    **{f"small edges 1e-{q}": [(NETWORK, with_small_edges(q, s)) for s in SEEDS] for q in (4, 8, 12, 16, 30)},
+    **{f"small pivot 1e-{q}": [(NETWORK, balanced_vertex(10.0**-q, s)) for s in SEEDS] for q in (4, 8, 12, 15, 17)},
+    **{
+        # Symmetry keeps the vector on which P vanishes out of the forces; only a probe without symmetry sees it.
+        f"symmetric 1e-{q}": [
+            (square_octagon(), np.array([1.0, 1, 1, 1, -1 + 10.0**-q, 0.7])),
+            (three_bar_linkage(), np.array([1, 1, -0.5 * (1 + 10.0**-q)])),
+        ]
+        for q in (4, 8, 12, 14)
+    },
+    # An edge to its own image pulls at nothing, however great its stress.
+    "own images": [(NETWORKS["own images"](), np.array([1.0, 2, 3, 4, 5, 6, 1e14, 1e17]))],
+    "shear": [(sheared(NETWORK, 30.0), random_stress(18, 4))],
+    "pins": [(NETWORKS["pinned grid"](), random_stress(24, 4)), (NETWORKS["pinned star"](), random_stress(5, 4))],
+    "alike": [(PLAIN, np.ones(PLAIN.n_edges)), (NETWORK, np.full(18, 1e-200)), (NETWORK, np.full(18, -1e200))],
+}
+
+
+@cache
+def answers(name: str) -> list:
+    """Solutions of a difficulty, each with pairs of true errors and bounds."""
+    return [errors_and_bounds(network, sigma) for network, sigma in DIFFICULTIES[name]]
+
+
+def errors_and_bounds(network: Network, sigma: np.ndarray):
+    """The solution, and pairs of true error and bound: of the coordinates, and of each bond vector."""
+    solution = CriticalManifold(network).solve(sigma)
+    if not solution.ok:
+        assert np.isnan(solution.value.coordinates).all()
+        assert np.isnan(solution.value.bond_vectors).all()
+        return solution, []
+    x, L = exact.configuration(network, sigma)
+    value = solution.value
+    assert value.error_bound == solution.stats.error_bound
+    off = exact.fractions(value.bond_vectors) - L
+    found = [(exact.distance(value.coordinates[network.free], x), Fraction(value.error_bound))]
+    # Squares, since roots of rational numbers are none.
+    bonds = zip((off**2).sum(axis=1), exact.fractions(value.bond_errors) ** 2, strict=True)
+    return solution, [*found, *bonds]
+
+
+@pytest.mark.parametrize("name", DIFFICULTIES)
+def test_no_error_exceeds_its_bound(name):
+    for _, found in answers(name):
+        for error, bound in found:
+            assert error <= bound
+
+
+def test_bounds_are_close():
+    ratios = []
+    for name in DIFFICULTIES:
+        for _, found in answers(name):
+            ratios += [float(bound / error) for error, bound in found[:1] if error]
+            ratios += [float(bound / error) ** 0.5 for error, bound in found[1:] if error]
+    assert len(ratios) > 1000
+    # Nearly all of an error is the last rounding, which is known.
+    assert np.median(ratios) < 1.1
+    assert np.quantile(ratios, 0.9) < 100
+
+
+# Past these strengths double precision holds too few digits of P, by its condition, for any answer.
+HOPELESS = ["wide 10", "wide 14", "wide 20", "signed 10", "small edges 1e-16", "small edges 1e-30", "symmetric 1e-14"]
+HOPELESS += [f"singular {sign}1e-{q}" for q in (13, 14, 15, 16) for sign in "+-"]
+
+
+@pytest.mark.parametrize("name", [name for name in DIFFICULTIES if name not in HOPELESS])
+def test_what_can_be_answered_is(name):
+    assert [solution.status for solution, _ in answers(name)] == [Status.ok] * len(answers(name))
+
+
+@pytest.mark.parametrize("name", HOPELESS)
+def test_what_is_not_answered_says_why(name):
+    statuses = {solution.status for solution, _ in answers(name)}
+    assert statuses <= {Status.ok, Status.ill_conditioned, Status.singular}
+    if name in ("singular +1e-16", "singular -1e-16", "symmetric 1e-14", "wide 20"):
+        assert statuses != {Status.ok}
+
+
+def test_wide_stresses_are_no_singular_ones():
+    # Pivots spread as the stresses do; a positive stress that ties every vertex always has a configuration.
+    for p in (8, 14, 20, 60):
+        for seed in range(5):
+            solution = CriticalManifold(NETWORK).solve(wide(p, seed))
+            assert solution.status in (Status.ok, Status.ill_conditioned)
+    with pytest.raises(SolveError, match="rounding"):
+        CriticalManifold(NETWORK).configuration(wide(60, 0))
+
+
+def test_a_part_without_stress_is_singular():
+    sigma = np.ones(NETWORK.n_edges)
+    sigma[(NETWORK.edges == 5).any(axis=1)] = 0.0
+    solution = CriticalManifold(NETWORK).solve(sigma)
+    assert solution.status is Status.singular
+    assert np.isnan(solution.stats.error_bound)
+
+
+def test_short_edges_are_known_relative_to_themselves():
+    # An edge of stress 10⁹ is about 10⁻⁹ long; its digits are not lost in the coordinates, which are larger.
+    sigma = random_stress(18, 2)
+    sigma[7] = 1e9
+    value = CriticalManifold(NETWORK).configuration(sigma)
+    assert value.lengths[7] < 1e-8
+    assert value.bond_errors[7] < 3e-16 * value.lengths[7]
+    assert exact.distance(value.bond_vectors[7], exact.configuration(NETWORK, sigma)[1][7]) < 3e-16 * value.lengths[7]
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_the_condition_is_skeels(signed):
+    sigma = wide(1.0, 5, signed=signed)
+    solution = CriticalManifold(NETWORK).solve(sigma)
+    g = NETWORK.free_incidence.toarray()
+    inverse = np.abs(np.linalg.inv(g.T @ (sigma[:, None] * g)))
+    # |P| is bounded by twice its diagonal of |σ|, which is what is used.
+    skeel = (inverse @ (2 * np.abs(g).T @ np.abs(sigma))).max()
+    if signed:
+        assert skeel / 10 < solution.stats.condition <= skeel * (1 + 1e-9)
+    else:
+        assert solution.stats.condition == pytest.approx(skeel, rel=1e-9)
+
+
+def test_a_wrong_factor_is_refined_away_or_refused():
+    # A factor of another stress contracts errors slowly or not at all; the proof does not depend on it.
+    sigma = random_stress(18, 6)
+    manifold, refinement = CriticalManifold(NETWORK), Refinement(NETWORK)
+    x, L = exact.configuration(NETWORK, sigma)
+    for distance in (0.0, 1e-6, 1e-2, 0.3, 3.0, 30.0):
+        other = sigma * (1 + distance * np.random.default_rng(1).random(18))
+        start, _, factor = manifold.balance(other)
+        refined = refinement(extended(sigma), factor, start)
+        assert refined.certain == (distance < 1)
+        if refined.certain:
+            assert exact.distance(refined.x, x) <= refined.error
+            assert refined.error < 1e-15
+            assert exact.distance(refined.L, L) < 3e-16
+
+
+def test_moduli_at_the_transition_have_bounds():
+    ratios = []
+    for name in ("wide 0.5", "wide 4", "signed 2", "singular +1e-4", "singular -1e-11", "small edges 1e-8", "shear"):
+        for network, sigma in DIFFICULTIES[name]:
+            critical = CriticalManifold(network).configuration(sigma)
+            found, bounds = transition_moduli(critical), transition_bounds(critical)
+            bulk, shear = exact.moduli(network, sigma, exact.configuration(network, sigma)[1])
+            pairs = ((found.bulk, bounds.bulk, bulk), (found.shear, bounds.shear, shear))
+            for value, bound, true in pairs:
+                assert abs(Fraction(value) - true) <= Fraction(bound)
+                ratios.append(float(Fraction(bound) / abs(Fraction(value) - true)))
+    assert np.median(ratios) < 30
+
+
+def test_errors_as_large_as_lengths_leave_no_bound():
+    exactly = CriticalManifold(voronoi_network(20, seed=1)).configuration(np.ones(30))
+    for share, known in ((0.1, True), (0.5, False), (3.0, False)):
+        bounds = transition_bounds(replace(exactly, bond_errors=share * exactly.lengths))
+        assert bounds.bulk > 0 and np.isfinite(bounds.bulk) == known
+
+
+def test_a_modulus_that_vanishes_has_a_bound_of_second_order():
+    critical = CriticalManifold(honeycomb_network(3, 3)).configuration(np.ones(27))
+    assert 0 <= transition_moduli(critical).shear <= transition_bounds(critical).shear < 1e-30
+
+
+@pytest.mark.parametrize("name, floor", [("voronoi", 0.0), ("honeycomb", 1e-20)])
+def test_errors_of_bond_vectors_reach_the_moduli(name, floor):
+    # Bond vectors that are off by 10⁻⁶ move the moduli to first order, and the shear modulus of a honeycomb, which
+    # is zero, to second.
+    network = NETWORKS[name]()
+    exactly = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    before = transition_moduli(exactly)
+    for seed in range(5):
+        off = 1e-6 * np.random.default_rng(seed).standard_normal(exactly.bond_vectors.shape)
+        errors = (1 + 1e-9) * np.linalg.norm(off, axis=1)
+        moved = replace(exactly, bond_vectors=exactly.bond_vectors + off, bond_errors=errors)
+        after = transition_moduli(moved)
+        # Either of the two may be the one that is wrong.
+        for bounds in (transition_bounds(moved), transition_bounds(replace(exactly, bond_errors=errors))):
+            assert abs(after.bulk - before.bulk) <= bounds.bulk < 1e-5
+            assert floor < abs(after.shear - before.shear) <= bounds.shear < 1e-5
+
+
+def test_configurations_without_bounds_claim_none():
+    critical = CriticalManifold(NETWORK).configuration(np.ones(18))
+    plain = type(critical)(NETWORK, critical.sigma, critical.coordinates, critical.bond_vectors)
+    assert np.isnan(plain.error_bound) and np.isnan(plain.bond_errors).all()
+    assert np.isnan(transition_bounds(plain).bulk)
+
+
+@pytest.mark.parametrize("spread, seed", [(0.0, 0), (0.05, 1), (0.1, 2), (0.3, 0)])
+def test_lengths_lead_to_coordinates_within_the_bound(spread, seed):
+    # At a spread of 0.3 an edge is nearly slack, and errors are a hundred times larger.
+    lengths = 1 + spread * np.random.default_rng(seed).standard_normal(18)
+    network = voronoi_network(12, seed=seed)
+    solution = critical_from_lengths(network, lengths)
+    value = solution.value
+    true = exact.from_lengths(network, lengths, value.coordinates, value.sigma)
+    error = exact.distance(value.coordinates[network.free], true)
+    assert error <= solution.stats.error_bound < 10 * error
+    assert np.isfinite(solution.stats.condition)
+
+
+def test_slack_edges_leave_bounds_to_the_stressed_ones():
+    lengths = np.random.default_rng(0).uniform(0.2, 1.8, 60)
+    solution = critical_from_lengths(voronoi_network(40, seed=1), lengths, throw=False)
+    assert solution.status is Status.slack_edges
+    assert np.isnan(solution.stats.error_bound)
+    slack = solution.value.sigma == 0
+    assert np.isnan(solution.value.bond_errors[slack]).all()
+    assert (solution.value.bond_errors[~slack] < 1e-15).all()
+
+
+def test_optima_carry_bounds():
+    network = voronoi_network(16, seed=2)
+    bulk = optimize(network, "bulk_modulus")
+    true = exact.moduli(network, network.stiffness, exact.configuration(network, network.stiffness)[1])[0]
+    assert abs(Fraction(bulk.stats.details["objective"]) - true) <= Fraction(bulk.stats.details["value_error"])
+    assert bulk.stats.details["value_error"] < 1e-14
+    equal = optimize(network, "length_variance")
+    assert equal.stats.details["objective"] == equal.stats.details["value_error"] < 1e-20
+    descents = [optimize(network, "tension_variance"), optimize(network, "shear_modulus", "lbfgs")]
+    for solution in [bulk, equal, *descents]:
+        assert solution.value.error_bound <= solution.stats.error_bound < 1e-13
+        assert 1 < solution.stats.condition < 1e10
+    signed = optimize(network, "shear_modulus", "closed_form", signs="any").stats.details
+    assert abs(signed["bound"] - signed["objective"]) < signed["value_error"] < 1e-12

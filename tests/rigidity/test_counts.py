@@ -1,0 +1,375 @@
+"""Counts of self-stresses and zero modes, dense and sparse, against known networks."""
+
+import numpy as np
+import pytest
+from problems import NETWORKS, dense_free, random_stress, triangular_lattice, voronoi_3d
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    Status,
+    certify,
+    critical_from_lengths,
+    honeycomb_network,
+    rigidity,
+    three_bar_linkage,
+    voronoi_network,
+    zero_modes,
+)
+from critflow.rigidity.counts import rigidity_matrix
+
+
+def dense_matrix(network, x):
+    """The dense rigidity matrix, no vertex grounded, and the vertices of its columns."""
+    g, b = dense_free(network)
+    free = [i for i in range(network.n_vertices) if i not in network.pins]
+    L = g @ x[free] + b
+    unit = L / np.linalg.norm(L, axis=1)[:, None]
+    return np.einsum("ai,ad->aid", g, unit).reshape(len(g), -1), free
+
+
+def dense_counts(network, x):
+    """N_s and N_0 by singular values of the dense rigidity matrix."""
+    R, _ = dense_matrix(network, x)
+    rank = np.linalg.matrix_rank(R, tol=1e-8)
+    return len(R) - rank, R.shape[1] - rank
+
+
+def generic(network):
+    """Positions without any self-stress: those of a Voronoi tessellation have one, so they are moved."""
+    return network.positions + 0.05 * np.random.default_rng(1).standard_normal(network.positions.shape)
+
+
+@pytest.mark.parametrize("make", [lambda: voronoi_network(40, seed=1), voronoi_3d], ids=["2D", "3D"])
+def test_a_voronoi_tessellation_is_in_balance(make):
+    # Maxwell: the Delaunay tessellation is its reciprocal figure, so the tessellation itself carries a self-stress.
+    network = make()
+    solution = rigidity(network, network.positions)
+    assert solution.status is Status.ok
+    assert solution.value.n_self_stresses == 1
+    assert (solution.value.self_stresses > 0).all()
+    assert solution.value.rigid
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_critical_configurations(name):
+    network = NETWORKS[name]()
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
+    solution = rigidity(network, critical.coordinates)
+    assert solution.status is Status.ok
+    counts = solution.value
+    assert (counts.n_self_stresses, counts.n_zero_modes) == dense_counts(network, critical.coordinates)
+    # Maxwell–Calladine: N_0 − N_s = d N − N_b.
+    n_coordinates = network.dimension * (network.n_vertices - len(network.pins))
+    assert counts.n_zero_modes - counts.n_self_stresses == n_coordinates - network.n_edges
+    assert counts.n_trivial == (0 if network.pins else network.dimension)
+    assert counts.largest_zero < 1e-12 < 1e-4 < counts.smallest_nonzero
+    S = counts.self_stresses
+    np.testing.assert_allclose(S @ S.T, np.eye(len(S)), atol=1e-12)
+    # The stress that made it lies in the span, and each balances.
+    sigma = critical.sigma / np.linalg.norm(critical.sigma)
+    assert np.linalg.norm(S @ sigma) == pytest.approx(1, rel=1e-10)
+    for stress in S:
+        force = network.divergence @ (stress[:, None] * critical.bond_vectors)
+        assert np.abs(force).max() < 1e-12
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_one_self_stress_that_stabilises(seed):
+    network = voronoi_network(40, seed=seed)
+    counts = rigidity(network, CriticalManifold(network).configuration(np.ones(60)).coordinates).value
+    assert (counts.n_self_stresses, counts.n_zero_modes) == (1, 21)
+    assert counts.prestress_stable
+    assert counts.rigid
+    assert (counts.self_stresses > 0).all()
+
+
+def test_sparse_and_dense_counts_agree():
+    # 450 edges take the sparse branch; the dense reference is independent.
+    network = voronoi_network(300, seed=1)
+    critical = CriticalManifold(network).configuration(random_stress(450, 2))
+    solution = rigidity(network, critical.coordinates)
+    assert solution.status is Status.ok
+    counts = solution.value
+    assert (counts.n_self_stresses, counts.n_zero_modes) == dense_counts(network, critical.coordinates) == (1, 151)
+    assert counts.prestress_stable
+    np.testing.assert_allclose(
+        counts.self_stresses[0], critical.sigma / np.linalg.norm(critical.sigma), rtol=0, atol=1e-8
+    )
+    elsewhere = generic(network)
+    floppy = rigidity(network, elsewhere)
+    assert floppy.status is Status.floppy
+    assert dense_counts(network, elsewhere) == (0, 150)
+    assert (floppy.value.n_self_stresses, floppy.value.n_zero_modes) == (0, 150)
+
+
+@pytest.mark.parametrize("make", [lambda: voronoi_network(40, seed=1), voronoi_3d], ids=["2D", "3D"])
+def test_a_generic_embedding_is_floppy(make):
+    network = make()
+    solution = rigidity(network, generic(network))
+    assert solution.status is Status.floppy
+    counts = solution.value
+    assert counts.n_self_stresses == 0
+    assert counts.n_zero_modes == network.dimension * network.n_vertices - network.n_edges
+    assert counts.self_stresses.shape == (0, network.n_edges)
+    assert counts.prestress_stable is None
+    assert not counts.rigid
+
+
+def test_triangular_lattice_is_overconstrained():
+    network, x = triangular_lattice(4, 4)
+    counts = rigidity(network, x).value
+    # 48 edges, 32 coordinates, only the translations are free: N_s = 48 − 32 + 2.
+    assert (counts.n_self_stresses, counts.n_zero_modes) == (18, 2) == dense_counts(network, x)
+    assert counts.rigid
+    assert counts.prestress_stable is None
+
+
+def test_honeycomb_at_rest_is_critical():
+    network = honeycomb_network(4, 3)
+    counts = rigidity(network, network.positions).value
+    assert (counts.n_self_stresses, counts.n_zero_modes) == dense_counts(network, network.positions)
+    assert counts.n_self_stresses >= 1
+    uniform = np.full(36, 1 / 6)
+    assert np.linalg.norm(counts.self_stresses @ uniform) == pytest.approx(1, rel=1e-12)
+
+
+def test_linkage():
+    network = three_bar_linkage()
+    straight = CriticalManifold(network).configuration([1.0, 2.0, 3.0])
+    counts = rigidity(network, straight.coordinates)
+    assert counts.status is Status.ok
+    # On a line: one self-stress, and two sideways motions that it stabilises.
+    assert (counts.value.n_self_stresses, counts.value.n_zero_modes) == (1, 2)
+    assert counts.value.prestress_stable
+    bent = rigidity(network, network.positions)
+    assert bent.status is Status.floppy
+    assert bent.value.n_zero_modes == 1
+    # A branch point region: one bar pushes, balanced but unstable.
+    pushed = CriticalManifold(network).configuration([1.0, 1.0, -0.6])
+    assert not rigidity(network, pushed.coordinates).value.prestress_stable
+
+
+def test_counts_do_not_depend_on_where_the_network_lies():
+    network = voronoi_network(40, seed=1)
+    x = CriticalManifold(network).configuration(np.ones(60)).coordinates
+    counts = rigidity(network, x + np.array([0.3, -0.7]))
+    assert counts.status is Status.ok
+    assert counts.value.n_self_stresses == 1
+
+
+def test_the_matrix_is_the_derivative_of_lengths():
+    network = voronoi_3d()
+    x = CriticalManifold(network).configuration(np.ones(network.n_edges)).coordinates
+    R = rigidity_matrix(network, x).toarray()
+    direction = np.random.default_rng(1).standard_normal(x.shape)
+    direction[0] = 0
+    h = 1e-5
+    lengths = [np.linalg.norm(network.bond_vectors(x + s * h * direction), axis=1) for s in (-1, 1)]
+    np.testing.assert_allclose(
+        R @ direction[network.free].ravel(), (lengths[1] - lengths[0]) / (2 * h), rtol=0, atol=1e-8
+    )
+
+
+def test_an_edge_without_length_is_a_status():
+    network = Network([[0, 1], [1, 0], [0, 1]], [[0, 0], [1, 0], [0, 1]], np.eye(2))
+    solution = rigidity(network, np.array([[0.0, 0.0], [0.0, 0.0]]))
+    assert solution.status is Status.singular
+    assert "edge 0 has no length" in solution.stats.details["note"]
+
+
+def test_certificate():
+    network = voronoi_network(100, seed=1)
+    certificate = certify(critical_from_lengths(network, np.ones(150)).value)
+    assert certificate.residual < 1e-12
+    assert 0 < certificate.least_tension < 1
+    assert (certificate.n_self_stresses, certificate.n_zero_modes) == (1, 51)
+    assert certificate.gap[0] < 1e-12 < 1e-4 < certificate.gap[1]
+    assert certificate.rigid
+
+
+def test_a_forged_certificate_fails():
+    network = voronoi_network(100, seed=1)
+    critical = critical_from_lengths(network, np.ones(150)).value
+    x = critical.coordinates.copy()
+    x[5] += 0.01
+    moved = type(critical)(network, critical.sigma, x, network.bond_vectors(x))
+    certificate = certify(moved)
+    assert certificate.residual > 1e-4
+    assert certificate.n_self_stresses == 0
+    assert not certificate.rigid
+
+
+def square_lattice(n):
+    """n × n unit squares: each of the 2n closed lines carries a stress of its own and slides along itself."""
+    column, row = (axis.ravel() for axis in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    vertex, right, above = column * n + row, (column + 1) % n * n + row, column * n + (row + 1) % n
+    edges = np.concatenate([np.stack([vertex, right], axis=1), np.stack([vertex, above], axis=1)])
+    across = np.concatenate([np.stack([column == n - 1, 0 * row], 1), np.stack([0 * column, row == n - 1], 1)])
+    return Network(edges, across, n * np.eye(2)), np.stack([column, row], axis=1).astype(float)
+
+
+def critical_voronoi(n_vertices):
+    network = voronoi_network(n_vertices, seed=1)
+    return network, CriticalManifold(network).configuration(random_stress(network.n_edges, 2)).coordinates
+
+
+def pinned_in_space():
+    network = Network([[0, 3], [3, 4], [4, 1], [4, 2], [3, 2]], pins={0: [0, 0, 0], 1: [3, 0, 1], 2: [0, 2, 0]})
+    return network, np.array([[0, 0, 0], [3, 0, 1], [0, 2, 0], [1, 1, 1], [2, 1, 0]], float)
+
+
+# Below 400 edges the counts come from all singular values, above from the inertia of a sparse matrix.
+CONFIGURATIONS = {
+    "voronoi, 60 edges": lambda: critical_voronoi(40),
+    "voronoi, 450 edges": lambda: critical_voronoi(300),
+    "voronoi off the manifold, 450 edges": lambda: (
+        voronoi_network(300, seed=1),
+        generic(voronoi_network(300, seed=1)),
+    ),
+    "voronoi in space, 432 edges": lambda: (voronoi_3d(32), voronoi_3d(32).positions),
+    "honeycomb, 432 edges": lambda: (honeycomb_network(12, 12), honeycomb_network(12, 12).positions),
+    "square, 450 edges": lambda: square_lattice(15),
+    "triangular, 432 edges": lambda: triangular_lattice(12, 12),
+    "triangular, 48 edges": lambda: triangular_lattice(4, 4),
+    "linkage": lambda: (three_bar_linkage(), three_bar_linkage().positions),
+    "pinned in space": pinned_in_space,
+}
+
+
+@pytest.mark.parametrize("name", CONFIGURATIONS)
+def test_all_null_vectors_by_either_way(name):
+    network, x = CONFIGURATIONS[name]()
+    R, free = dense_matrix(network, x)
+    counts, found = rigidity(network, x).value, zero_modes(network, x)
+    assert found.status is Status.ok
+    n_stresses, n_modes = dense_counts(network, x)
+    assert (counts.n_self_stresses, counts.n_zero_modes) == (n_stresses, n_modes)
+    assert len(counts.self_stresses) == n_stresses
+    modes = found.value
+    everything = np.concatenate([modes.trivial, modes.modes])
+    assert (len(modes.trivial), len(everything)) == (counts.n_trivial, n_modes)
+    flat = everything.reshape(n_modes, network.n_vertices * network.dimension)
+    np.testing.assert_allclose(flat @ flat.T, np.eye(n_modes), rtol=0, atol=1e-12)
+    assert np.abs(everything[:, list(network.pins)]).max(initial=0.0) == 0.0
+    assert np.abs(R @ everything[:, free].reshape(n_modes, -1).T).max(initial=0.0) < 1e-11
+    # What only the translations move is told apart: the others move nothing on average.
+    if not network.pins:
+        assert np.abs(modes.modes.mean(axis=1)).max(initial=0.0) < 1e-13
+        np.testing.assert_allclose(modes.trivial - modes.trivial[:, :1], 0.0)
+    S = counts.self_stresses
+    np.testing.assert_allclose(S @ S.T, np.eye(n_stresses), rtol=0, atol=1e-12)
+    length = np.linalg.norm(network.bond_vectors(x), axis=1)
+    assert np.abs(R.T @ (S * length).T).max(initial=0.0) < 1e-11
+    # The gap is that of the grounded matrix.
+    values = np.linalg.svd(rigidity_matrix(network, x).toarray(), compute_uv=False)
+    smallest = values[values > 1e-6].min()
+    for gap in (counts, modes):
+        assert gap.largest_zero < 1e-11
+        assert gap.smallest_nonzero == pytest.approx(smallest, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["voronoi, 450 edges", "triangular, 432 edges", "voronoi, 60 edges"])
+def test_counts_alone_need_no_vectors(name):
+    network, x = CONFIGURATIONS[name]()
+    full, counts = rigidity(network, x).value, rigidity(network, x, vectors=False).value
+    assert (counts.n_self_stresses, counts.n_zero_modes) == (full.n_self_stresses, full.n_zero_modes)
+    assert counts.self_stresses.shape == (0, network.n_edges)
+    assert 0.99e-5 < counts.smallest_nonzero <= full.smallest_nonzero * (1 + 1e-12)
+    assert counts.first_order_rigid == full.first_order_rigid
+
+
+@pytest.mark.parametrize("n_vertices", [40, 300])
+def test_a_singular_value_near_the_tolerance_is_no_count(n_vertices):
+    network, x = critical_voronoi(n_vertices)
+    # The least singular value grows in proportion to the distance from the manifold.
+    away = 1e-3 * np.random.default_rng(3).standard_normal(x.shape)
+    slope = rigidity(network, x + away).value.smallest_nonzero
+    for aim, expected in (
+        (1e-9, Status.singular), (5e-7, Status.singular), (2e-6, Status.singular), (1e-4, Status.floppy),
+    ):  # fmt: skip
+        moved = x + aim / slope * away
+        solution = rigidity(network, moved)
+        assert solution.status is expected
+        near = (solution.value.largest_zero, solution.value.smallest_nonzero)
+        assert min(abs(s / aim - 1) for s in near) < 0.1
+        assert (zero_modes(network, moved).status is Status.singular) == (expected is Status.singular)
+        if expected is Status.singular:
+            assert solution.value.prestress_stable is None
+            why = "neither zero to rounding" if aim < 1e-7 else "choose a tolerance inside a gap"
+            assert why in solution.stats.details["note"]
+            assert rigidity(network, moved, tolerance=1e-4).status is Status.ok
+    # Whoever gives a tolerance means what lies below it.
+    near = x + 1e-9 / slope * away
+    assert rigidity(network, near, 1e-6).status is zero_modes(network, near, 1e-6).status is Status.ok
+    # Counts alone look upwards of the tolerance only.
+    assert rigidity(network, x + 2e-6 / slope * away, vectors=False).status is Status.singular
+
+
+@pytest.mark.parametrize("distance", [1e-9, -1e-9, 1e-11, -1e-11])
+def test_nearly_parallel_edges_are_not_counted_as_parallel(distance):
+    # Next to a singular P all edges are parallel but for this distance, and eight singular values are of its size.
+    network = voronoi_network(16, seed=0)
+    sigma, g = np.ones(network.n_edges), network.free_incidence.toarray()
+    resistance = g[5] @ np.linalg.solve(g.T @ g, g[5])
+    sigma[5] = (1 - 1 / resistance) * (1 - distance)
+    critical = CriticalManifold(network).configuration(sigma)
+    counts = rigidity(network, critical.coordinates)
+    assert counts.status is Status.singular
+    assert "neither zero to rounding" in counts.stats.details["note"]
+    assert not certify(critical).rigid
+
+
+def test_a_stress_that_mostly_pushes_may_stabilise():
+    # A string from a pin to a vertex that two steep struts hold: 2·0.1·5 = 1 balances it, and 1 + 1 − 5 − 5 < 0.
+    pins = {0: [0.0, 0.0], 3: [1.9, 1.0], 4: [1.9, -1.0]}
+    network = Network([[0, 1], [1, 2], [2, 3], [2, 4]], pins=pins)
+    x = np.array([pins[0], [1, 0], [2, 0], pins[3], pins[4]], float)
+    counts = rigidity(network, x).value
+    assert (counts.n_self_stresses, counts.n_zero_modes) == (1, 1)
+    assert counts.prestress_stable
+    np.testing.assert_allclose(counts.self_stresses[0], np.array([1, 1, -5, -5]) / np.sqrt(52), rtol=0, atol=1e-12)
+
+
+def test_what_does_not_fit_in_memory_is_refused_by_name():
+    wide = honeycomb_network(60, 60)
+    with pytest.raises(InputError, match=r"3599 zero modes .* GB, more than is made here: rigidity\(\) counts them"):
+        zero_modes(wide, wide.positions)
+    assert rigidity(wide, wide.positions).value.n_zero_modes == 3601
+    network, x = triangular_lattice(60, 60)
+    with pytest.raises(InputError, match=r"3602 self-stresses .* vectors=False counts them"):
+        rigidity(network, x)
+    assert rigidity(network, x, vectors=False).value.n_self_stresses == 3602
+
+
+def test_bad_input_is_refused():
+    network = three_bar_linkage()
+    for bad in (network.positions[:3], np.full((4, 2), np.nan)):
+        with pytest.raises(InputError, match="coordinates must be finite and of shape"):
+            rigidity(network, bad)
+        with pytest.raises(InputError, match="coordinates must be finite and of shape"):
+            zero_modes(network, bad)
+    with pytest.raises(InputError, match="tolerance must be positive"):
+        rigidity(network, network.positions, tolerance=0.0)
+    large, x = critical_voronoi(300)
+    with pytest.raises(InputError, match="raise the tolerance"):
+        rigidity(large, x, tolerance=1e-9)
+
+
+def test_zero_modes_of_an_edge_without_length():
+    network = Network([[0, 1], [1, 0], [0, 1]], [[0, 0], [1, 0], [0, 1]], np.eye(2))
+    solution = zero_modes(network, np.zeros((2, 2)))
+    assert solution.status is Status.singular
+    assert "edge 0 has no length" in solution.stats.details["note"]
+
+
+def test_a_certificate_with_several_self_stresses():
+    # The square lattice has one self-stress a line; with the uniform tension of all lines it is rigid.
+    n = 4
+    critical = CriticalManifold(square_lattice(n)[0]).configuration(np.ones(2 * n * n))
+    certificate = certify(critical)
+    assert certificate.n_self_stresses == 2 * n
+    assert certificate.rigid
+    loose = type(critical)(critical.network, -critical.sigma, critical.coordinates, critical.bond_vectors)
+    assert not certify(loose).rigid

@@ -1,0 +1,348 @@
+"""Second-order rigidity and prestress stability: closed forms, and every certificate checked by dense algebra."""
+
+import numpy as np
+import pytest
+from problems import dense_free, random_stress, relabelled, rewrapped, triangular_lattice, voronoi_3d
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    Status,
+    honeycomb_network,
+    second_order_rigidity,
+    three_bar_linkage,
+    voronoi_network,
+)
+from critflow.linalg.matrices import Saddle
+from critflow.rigidity import second_order
+
+ANSWERS = {
+    "first order": (True, True, True),
+    "prestress": (False, True, True),
+    "second order": (False, False, True),
+    "flexible": (False, False, False),
+    "undecided": (False, False, None),
+}
+
+
+def decide(network, x, expected):
+    """The answer, with everything that it rests on checked against dense matrices made here."""
+    solution = second_order_rigidity(network, x)
+    value = solution.value
+    answer = (value.first_order_rigid, value.prestress_stable, value.second_order_rigid)
+    assert answer == ANSWERS[expected], str(value)
+    g, b = dense_free(network)
+    free = [i for i in range(network.n_vertices) if i not in network.pins]
+    L = g @ x[free] + b
+    unit = L / np.linalg.norm(L, axis=1)[:, None]
+    R = np.einsum("ai,ad->aid", g, unit).reshape(len(g), -1)
+    left, s, right = np.linalg.svd(R)
+    rank = int((s > 1e-8).sum())
+    stresses = left.T[rank:] / np.linalg.norm(L, axis=1)
+    stresses /= np.linalg.norm(stresses, axis=1, keepdims=True)
+    Z = right[rank:].reshape(-1, len(free), network.dimension)
+    stretch = np.einsum("ai,nid->nad", g, Z)
+    if expected == "first order":
+        assert len(Z) == value.counts.n_trivial
+    if expected == "prestress":
+        assert solution.status is Status.ok
+        assert np.linalg.norm(value.stress) == pytest.approx(1)
+        assert np.abs(g.T @ (value.stress[:, None] * L)).max() < 1e-11
+        stiffness = np.linalg.eigvalsh(np.einsum("a,nad,mad->nm", value.stress, stretch, stretch))
+        # The translations cost nothing; all else does.
+        assert np.abs(stiffness[: value.counts.n_trivial]).max(initial=0.0) < 1e-10
+        assert stiffness[value.counts.n_trivial] > 1e-8
+        if np.isfinite(value.least_stiffness):
+            assert value.least_stiffness == pytest.approx(stiffness[value.counts.n_trivial], rel=1e-6)
+    else:
+        assert value.stress is None
+    if expected == "flexible":
+        assert solution.status is (Status.ok if value.counts.n_self_stresses else Status.floppy)
+        z = value.escape[free]
+        assert np.linalg.norm(value.escape) == pytest.approx(1)
+        assert np.abs(value.escape[list(network.pins)]).max(initial=0.0) == 0.0
+        assert np.abs(R @ z.ravel()).max() < 1e-9
+        work = np.sum((g @ z) ** 2, axis=1)
+        assert np.abs(stresses @ work).max(initial=0.0) < 1e-9
+        # It is no translation.
+        assert work.max() > 1e-3
+    else:
+        assert value.escape is None
+    return solution
+
+
+def chain(signed_lengths, dimension=2, shift=0.0):
+    """Bars in a row along x from the origin, each of a signed length; between pins, moved aside by `shift`."""
+    places = np.concatenate([[0.0], np.cumsum(signed_lengths)])
+    x = np.zeros((len(places), dimension))
+    x[:, 0], x[:, 1] = places, shift
+    n = len(signed_lengths)
+    return Network(np.stack([np.arange(n), np.arange(1, n + 1)], 1), pins={0: x[0], n: x[-1]}), x
+
+
+def joined(*parts):
+    """Pinned networks side by side as one."""
+    edges, pins, places, start = [], {}, [], 0
+    for network, x in parts:
+        edges.append(network.edges + start)
+        pins |= {start + i: p for i, p in network.pins.items()}
+        places.append(x)
+        start += len(x)
+    return Network(np.concatenate(edges), pins=pins), np.concatenate(places)
+
+
+def star(pins, dimension=2):
+    """One vertex at the origin, joined to pins on the x axis."""
+    x = np.zeros((1 + len(pins), dimension))
+    x[1:, 0] = pins
+    return Network([[0, i + 1] for i in range(len(pins))], pins={i + 1: p for i, p in enumerate(x[1:])}), x
+
+
+def saddle_of_two_stresses():
+    """Connelly and Whiteley's framework of seven joints in space, one triangle of it pinned.
+
+    Two self-stresses resist two zero modes by x² − y² and xy: no combination is definite, no motion escapes both.
+    """
+    points = [(0, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0), (1, 1, 0), (0, 1, 0), (1, 0, 0)]
+    edges = "03 05 06 14 16 23 24 34 35 45 46 56"
+    x = np.array(points, float)
+    return Network([[int(i) for i in e] for e in edges.split()], pins={i: x[i] for i in range(3)}, n_vertices=7), x
+
+
+# Signed lengths of bars in a row.
+ROWS = [
+    *([1, 1, 1], [2, 0.5, 3], [4, 1, -2], [4, -2, 1], [6, -1, -2], [-1, 5, -1], [1, 2], [3, -1], [1, 1, 1, 1]),
+    *([5, -1, 1, 1], [5, -1, -2, 1], [8, -1, -2, -1], [1, 1, 9, -1, -1], [9, -1, -1, -2, -1]),
+]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("lengths", ROWS, ids=str)
+def test_bars_in_a_row(lengths, dimension):
+    # σ = 1/ℓ along a positive span: P has as many negative eigenvalues as bars lie reversed, of all but one in total;
+    # so the only self-stress is definite where none or all but one are reversed, and else a branch point.
+    reversed_bars = sum(length < 0 for length in lengths)
+    assert sum(lengths) > 0
+    expected = "prestress" if reversed_bars in (0, len(lengths) - 1) else "flexible"
+    solution = decide(*chain(lengths, dimension), expected)
+    assert (solution.value.counts.n_self_stresses, solution.value.counts.n_trivial) == (1, 0)
+
+
+def test_the_linkage_on_its_manifold_and_off_it():
+    network = three_bar_linkage()
+    for sigma, expected in (([1, 2, 3], "prestress"), ([1, 1, -0.6], "flexible"), ([1, 1, -0.4], "prestress")):
+        decide(network, CriticalManifold(network).configuration(sigma).coordinates, expected)
+    bent = decide(network, network.positions, "flexible")
+    assert bent.status is Status.floppy
+    assert "without a self-stress" in bent.stats.details["note"]
+
+
+def test_a_triangle_of_legs_is_rigid_to_first_order():
+    pins = {1: [1.0, 0.0], 2: [-0.5, 0.9], 3: [-0.4, -0.8]}
+    x = np.array([[0.1, 0.0], *pins.values()])
+    network = Network([[0, 1], [0, 2], [0, 3]], pins=pins)
+    assert str(decide(network, x, "first order").value).startswith("rigid to first order: every motion changes")
+    # Two legs have no self-stress and yet hold.
+    two = Network([[0, 1], [0, 2]], pins={1: pins[1], 2: pins[2]})
+    assert decide(two, x[:3], "first order").value.counts.n_self_stresses == 0
+
+
+def test_lattices():
+    assert decide(*triangular_lattice(4, 4), "first order").value.counts.n_self_stresses == 18
+    honeycomb = honeycomb_network(4, 3)
+    decide(honeycomb, honeycomb.positions, "prestress")
+    # More than 400 edges are counted and tested by sparse matrices alone.
+    honeycomb = honeycomb_network(12, 12)
+    decide(honeycomb, honeycomb.positions, "prestress")
+
+
+@pytest.mark.parametrize("make", [lambda: voronoi_network(40, seed=1), voronoi_3d], ids=["2D", "3D"])
+def test_voronoi_networks(make):
+    network = make()
+    # The tessellation itself carries a self-stress (Maxwell); moved aside it has none.
+    decide(network, network.positions, "prestress")
+    moved = network.positions + 0.05 * np.random.default_rng(1).standard_normal(network.positions.shape)
+    decide(network, moved, "flexible")
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 3))
+    decide(network, critical.coordinates, "prestress")
+
+
+@pytest.mark.parametrize("spacing", [60, 3])
+def test_pushing_edges_of_a_disordered_network(spacing):
+    network = voronoi_network(100, seed=1)
+    sigma = np.ones(150)
+    sigma[::spacing] = -0.3
+    solution = CriticalManifold(network).solve(sigma)
+    # Few pushing edges leave P positive definite; many make it indefinite, also on the zero modes.
+    few = spacing == 60
+    assert (solution.stats.details["negative_pivots"] == 0) == few
+    decide(network, solution.value.coordinates, "prestress" if few else "flexible")
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_pins_in_one_line(dimension):
+    decide(*star([-1, 1, 2, -3, 5, -0.5], dimension), "prestress")
+    # All pins on one side: Σσp = 0 needs both signs, and Σσ ≠ 0 is possible as soon as two pins differ.
+    value = decide(*star([1, 2, 4], dimension), "prestress").value
+    # Zero modes are moves across the line, of stiffness Σσ; the best unit σ is 1 projected off p: √(3 − 49/21).
+    assert value.least_stiffness == pytest.approx(np.sqrt(3 - 49 / 21), rel=1e-6)
+    # Two bars to the same place cancel in the only self-stress.
+    decide(*star([1, 1], dimension), "flexible")
+
+
+def test_two_strings_of_which_none_holds_the_other():
+    both = joined(chain([1, 1, 1]), chain([1, 2, 1], shift=1.0))
+    value = decide(*both, "prestress").value
+    assert value.counts.n_self_stresses == 2
+    assert "every edge in tension" in value.reason
+    # Alone each leaves the other's modes without work, so both must carry stress.
+    assert np.linalg.norm(value.stress[:3]) > 0.1 and np.linalg.norm(value.stress[3:]) > 0.1
+    # A bar between them, at right angles to both, stays slack and is no hindrance.
+    network, x = both
+    tied = Network(np.concatenate([network.edges, [[1, 5]]]), pins=network.pins)
+    x = x.copy()
+    x[5, 0] = x[1, 0]
+    value = decide(tied, x, "prestress").value
+    assert "1 slack edges" in value.reason
+    assert abs(value.stress[6]) < 1e-12
+    # Strings that push in part need the semidefinite program.
+    folded = joined(chain([6, -1, -2]), chain([1, 2, 1], shift=1.0), chain([-1, 5, -1], shift=2.0))
+    value = decide(*folded, "prestress").value
+    assert "combination of its 3 self-stresses" in value.reason
+    # One of them at a branch point lets the whole go.
+    decide(*joined(chain([1, 1, 1]), chain([4, 1, -2], shift=1.0)), "flexible")
+
+
+def test_crossed_strings_in_space():
+    # Two strings across each other at a common vertex share it: each holds the middle, only both hold all.
+    pins = {0: [-2.0, 0, 0], 1: [2.0, 0, 0], 2: [0, -2.0, 0], 3: [0, 2.0, 0]}
+    x = np.array([*pins.values(), [0, 0, 0], [-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0]], float)
+    network = Network([[0, 5], [5, 4], [4, 6], [6, 1], [2, 7], [7, 4], [4, 8], [8, 3]], pins=pins)
+    value = decide(network, x, "prestress").value
+    assert value.counts.n_self_stresses == 2
+    assert value.counts.n_zero_modes == 9
+
+
+def test_the_best_combination_is_found():
+    # Two free vertices on strings of lengths 1 + 1: energies 2σ z²; the best unit (a, b) has a = b.
+    value = decide(*joined(chain([3, -1]), chain([3, -1], shift=1.0)), "prestress").value
+    one = decide(*chain([3, -1]), "prestress").value
+    # One bar pulls, one pushes: σ = (1/3, −1)/|…| with sum ±(2/3)/√(10/9); two together share the norm.
+    alone = (2 / 3) / np.sqrt(10 / 9)
+    assert value.least_stiffness == pytest.approx(alone / np.sqrt(2), rel=1e-6)
+    assert abs(one.stress.sum()) == pytest.approx(alone, rel=1e-12)
+
+
+def test_rigid_to_second_order_but_not_by_prestress():
+    value = decide(*saddle_of_two_stresses(), "second order").value
+    assert (value.counts.n_self_stresses, value.counts.n_zero_modes) == (2, 2)
+    assert "fourth order" in value.reason
+    # Beside a long string that a stress of its own holds, only the two modes remain to be proved.
+    network, x = chain(np.ones(9), 3, shift=3.0)
+    beside = joined(saddle_of_two_stresses(), (network, x))
+    assert decide(*beside, "second order").value.counts.n_zero_modes == 18
+    # With a branch point beside it a mode escapes.
+    decide(*joined(saddle_of_two_stresses(), chain([4, 1, -2], 3, shift=3.0)), "flexible")
+
+
+def test_what_is_not_known_is_none():
+    # Five such frameworks have ten modes, more than the fourth order is asked for; nothing escapes, nothing proves it.
+    solution = decide(*joined(*[saddle_of_two_stresses()] * 5), "undecided")
+    assert solution.status is Status.stalled
+    assert "nor a proof" in solution.stats.details["note"]
+    assert str(solution.value).startswith("not prestress stable, and undecided")
+
+
+def test_more_modes_than_one_program_sees():
+    # 30 strings that mostly push, two modes each: the subspace has to grow until all 30 stresses are found.
+    strings = [chain([6 + 0.1 * k, -1, -2], shift=1.0 * k) for k in range(30)]
+    value = decide(*joined(*strings), "prestress").value
+    assert (value.counts.n_self_stresses, value.counts.n_zero_modes) == (30, 60)
+    decide(*joined(*strings, chain([4, 1, -2], shift=40.0)), "flexible")
+
+
+@pytest.mark.parametrize("make", [saddle_of_two_stresses, lambda: chain([4, 1, -2]), lambda: star([1, 2, 4])])
+def test_names_do_not_matter(make):
+    network, x = make()
+    solution = second_order_rigidity(network, x)
+    value = solution.value
+    for seed in (1, 2):
+        copy, vertex, _, _ = relabelled(network, seed)
+        moved = np.empty_like(x)
+        moved[vertex] = x
+        other = second_order_rigidity(copy, moved)
+        assert other.status is solution.status
+        assert other.value.reason == value.reason
+        np.testing.assert_allclose(other.value.least_stiffness, value.least_stiffness, rtol=1e-6)
+
+
+def test_images_do_not_matter():
+    network = voronoi_network(40, seed=1)
+    critical = CriticalManifold(network).configuration(random_stress(60, 3))
+    copy = rewrapped(network, 4)
+    # The same vertices by other names lie elsewhere, and the stress finds them.
+    there = CriticalManifold(copy).configuration(critical.sigma)
+    value = decide(copy, there.coordinates, "prestress").value
+    np.testing.assert_allclose(value.stress, critical.sigma / np.sqrt(60), rtol=0, atol=1e-12)
+
+
+def test_counts_that_cannot_be_trusted_decide_nothing():
+    network, x = chain([1, 1, 1])
+    x[1, 1] = 1e-6
+    solution = second_order_rigidity(network, x)
+    assert solution.status is Status.singular
+    value = solution.value
+    assert (value.first_order_rigid, value.prestress_stable, value.second_order_rigid) == (None, None, None)
+    assert str(value).startswith("undecided: a singular value of")
+    loose = Network([[0, 1], [1, 0], [0, 1]], [[0, 0], [1, 0], [0, 1]], np.eye(2))
+    solution = second_order_rigidity(loose, np.zeros((2, 2)))
+    assert solution.status is Status.singular
+    assert "edge 0 has no length" in str(solution.value)
+
+
+def test_too_large_is_undecided_and_says_so(monkeypatch):
+    network, x = joined(chain([6, -1, -2]), chain([1, 2, 1], shift=1.0))
+    monkeypatch.setattr(second_order, "LARGEST", 20)
+    solution = second_order_rigidity(network, x)
+    assert solution.status is Status.stalled
+    assert (solution.value.prestress_stable, solution.value.second_order_rigid) == (None, None)
+    assert "4 zero modes are too many for a dense search" in str(solution.value)
+    # What a factorisation shows is shown at any size.
+    assert second_order_rigidity(*joined(chain([1, 1]), chain([1, 2], shift=1.0))).value.prestress_stable
+    monkeypatch.setattr(second_order, "LARGEST", 10)
+    assert "2 self-stresses are more than fit" in str(second_order_rigidity(network, x).value)
+
+
+def test_the_linear_program_is_not_always_needed(monkeypatch):
+    monkeypatch.setattr(second_order, "_LINEAR_PROGRAM", 0)
+    value = decide(*star([-1, 1, 2, -3, 4, -2]), "prestress").value
+    assert "every edge in tension" in value.reason
+
+
+@pytest.mark.parametrize("lengths", [[1, 1, 1], [6, -1, -2]])
+def test_eigenvalues_decide_where_a_factorisation_is_too_careful(monkeypatch, lengths):
+    monkeypatch.setattr(Saddle, "stable", lambda *_: False)
+    value = decide(*chain(lengths), "prestress").value
+    # The form of unit stresses on unit displacements across, P = gᵀ diag(σ) g of the two inner vertices.
+    s = np.sign(lengths[0] * np.prod(lengths)) / np.array(lengths) / np.linalg.norm(1 / np.array(lengths))
+    least = np.abs(np.linalg.eigvalsh([[s[0] + s[1], -s[1]], [-s[1], s[1] + s[2]]])).min()
+    assert value.least_stiffness == pytest.approx(least, rel=1e-10)
+
+
+def test_the_proof_that_none_escapes_fails_where_one_does():
+    # x² − y² and xz vanish together at x = y, z = 0, and with yz and xy added still along z.
+    forms = np.zeros((4, 3, 3))
+    forms[0, 0, 0], forms[0, 1, 1] = 1, -1
+    for form, (i, j) in zip(forms[1:], ((0, 2), (1, 2), (0, 1)), strict=True):
+        form[i, j] = form[j, i] = 0.5
+    assert not second_order._none_escapes(forms[:2], np.zeros(2))
+    assert not second_order._none_escapes(forms, np.zeros(4))
+    last = np.diag([-0.5, -0.5, 1.0])
+    assert second_order._none_escapes(np.concatenate([forms, last[None]]), np.zeros(5))
+
+
+def test_bad_input_is_refused():
+    network, x = chain([1, 1, 1])
+    with pytest.raises(InputError, match="coordinates must be finite and of shape"):
+        second_order_rigidity(network, x[:-1])

@@ -1,0 +1,215 @@
+"""All stresses of a configuration: dimension by counting, and that they all lead where they should."""
+
+import numpy as np
+import pytest
+from problems import NETWORKS, dense_free, pinned_grid, random_stress, square_octagon, with_random_stiffness
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    Status,
+    cubic_network,
+    elastic_moduli,
+    kagome_network,
+    optimize,
+    square_network,
+    stiffening,
+    stresses_of,
+    three_bar_linkage,
+    transition_moduli,
+    triangular_network,
+    voronoi_network,
+)
+from critflow.critical.manifold import CriticalConfiguration
+from critflow.critical.objectives import pure_shear, transition_modulus
+
+
+def braced_grid() -> Network:
+    """The pinned grid with both diagonals in every square: overconstrained, without a cell."""
+    plain = pinned_grid(5)
+    x = plain.positions
+    joined = {tuple(sorted(edge)) for edge in plain.edges.tolist()}
+    near = [(i, j) for i in range(len(x)) for j in range(i) if 1.1 < np.linalg.norm(x[i] - x[j]) < 1.75]
+    more = [pair for pair in near if tuple(sorted(pair)) not in joined and not set(pair) <= set(plain.pins)]
+    return Network(np.concatenate([plain.edges, more]), pins=plain.pins, positions=x)
+
+
+def dense_dimension(network, coordinates):
+    """Nullity of the balance matrix gᵀ diag(L), all directions stacked, by a dense singular value decomposition."""
+    g, _ = dense_free(network)
+    L = network.bond_vectors(coordinates)
+    balance = np.concatenate([g.T * L[:, axis] for axis in range(network.dimension)])
+    values = np.linalg.svd(balance, compute_uv=False)
+    return network.n_edges - int(np.count_nonzero(values > 1e-9 * values[0]))
+
+
+OVERCONSTRAINED = {
+    "triangular": lambda: triangular_network(4, 3),
+    "triangular, small": lambda: triangular_network(1, 2),
+    "braced grid": braced_grid,
+    "cubic": lambda: cubic_network(2, 3, 2),
+}
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "square-octagon", "tiny", "pinned star", "pinned grid"])
+def test_generic_underconstrained_networks_are_one_to_one(name):
+    network = NETWORKS[name]()
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 3))
+    found = stresses_of(critical)
+    expected = dense_dimension(network, critical.coordinates)
+    assert found.status is Status.ok
+    assert found.value.dimension == expected
+    # Pinned, these two are overconstrained: 5 edges at one vertex, 24 at nine vertices of the plane.
+    assert expected == {"pinned star": 5 - 2, "pinned grid": 24 - 18}.get(name, 1)
+    assert found.value.one_to_one == (expected == 1)
+    np.testing.assert_allclose(found.value.basis[0], critical.sigma / np.linalg.norm(critical.sigma), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", OVERCONSTRAINED)
+def test_many_stresses_lead_to_one_configuration(name):
+    network = with_random_stiffness(OVERCONSTRAINED[name](), 4)
+    manifold = CriticalManifold(network)
+    critical = manifold.configuration(random_stress(network.n_edges, 5))
+    solution = stresses_of(critical)
+    space = solution.value
+    assert solution.status is Status.ok and solution.stats.residual < 1e-11
+    # Generic: maximal rank, so N_s = N_b − d n_free.
+    assert space.dimension == network.n_edges - network.dimension * len(network.free) > 1
+    assert space.dimension == dense_dimension(network, critical.coordinates)
+    np.testing.assert_allclose(space.basis @ space.basis.T, np.eye(space.dimension), atol=1e-12)
+    rng = np.random.default_rng(1)
+    for size in (1e-3, 0.03):
+        other = critical.sigma + size * rng.standard_normal(space.dimension) @ space.basis
+        assert space.distance(other) < 1e-11
+        there = manifold.configuration(other)
+        np.testing.assert_allclose(there.bond_vectors, critical.bond_vectors, rtol=0, atol=1e-10)
+    # And no other stress does: a step out of the space moves the configuration in proportion.
+    away = rng.standard_normal(network.n_edges)
+    away -= (space.basis @ away) @ space.basis
+    moved = [
+        np.abs(manifold.configuration(critical.sigma + step * away).bond_vectors - critical.bond_vectors).max()
+        for step in (1e-4, 2e-4)
+    ]
+    assert moved[0] > 1e-7
+    assert moved[1] / moved[0] == pytest.approx(2, rel=0.02)
+
+
+def test_the_walk_keeps_the_configuration_and_balances():
+    critical = CriticalManifold(triangular_network(3, 3)).configuration(random_stress(27, 2))
+    space = stresses_of(critical).value
+    amplitudes = np.random.default_rng(3).standard_normal(space.dimension)
+    there = space.walk(amplitudes)
+    assert there.coordinates is critical.coordinates
+    assert there.residual < 1e-12
+    assert np.sum(there.sigma**2) == pytest.approx(27, rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    "network, dimension",
+    [(square_network(3, 5), 8), (kagome_network(4, 2), 8), (kagome_network(12, 9), 24), (square_network(20, 20), 40)],
+    ids=["square", "kagome", "kagome, 648 edges", "square, 800 edges"],
+)
+def test_stresses_of_straight_lines(network, dimension):
+    # One for each line, found also where many more than the counts demand are to be found.
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    space = stresses_of(critical)
+    assert space.status is Status.ok
+    assert space.value.dimension == dimension
+    # Another tension on one line of edges along the first cell vector is among them.
+    row = np.flatnonzero(np.abs(critical.bond_vectors[:, 1]) < 1e-9)
+    height = critical.coordinates[network.edges[row, 0], 1]
+    line = row[np.abs(height - height[0]) < 1e-9]
+    sigma = np.ones(network.n_edges)
+    sigma[line] = 1.7
+    assert space.value.distance(sigma) < 1e-7
+    sigma[line[0]] = 1.0
+    assert space.value.distance(sigma) > 1e-3
+
+
+@pytest.mark.parametrize("name", OVERCONSTRAINED)
+def test_the_modulus_is_the_largest_that_a_stress_of_the_space_gives(name):
+    """μ = max over σ in the space of (σ·ḣ)²/(V σᵀK⁻¹σ): one stress alone gives too little."""
+    network = with_random_stiffness(OVERCONSTRAINED[name](), 4)
+    if network.cell is None:
+        network = Network(network.edges, network.offsets, 9.0 * np.eye(2), network.stiffness, network.pins)
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 5))
+    space = stresses_of(critical).value
+    L = critical.bond_vectors
+    hdot = np.einsum("ad,ad->a", L, L @ pure_shear(network.dimension))
+    flexibility = np.sum(L**2, axis=1) / network.stiffness
+    best = np.linalg.solve((space.basis * flexibility) @ space.basis.T, space.basis @ hdot)
+    modulus = transition_modulus(network, pure_shear(network.dimension))
+    most = modulus.evaluate(space.walk(best).sigma, L)[0]
+    assert most == pytest.approx(elastic_moduli(network, critical.coordinates).value.shear, rel=1e-9)
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        assert modulus.evaluate(space.walk(rng.standard_normal(space.dimension)).sigma, L)[0] <= most * (1 + 1e-12)
+    one = CriticalConfiguration(network, critical.sigma, critical.coordinates, L)
+    assert modulus.evaluate(one.sigma, L)[0] < 0.9 * most
+
+
+def test_one_stress_gives_the_modulus_where_there_is_one():
+    network = voronoi_network(40, seed=1)
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
+    assert stresses_of(critical).value.one_to_one
+    assert transition_moduli(critical).bulk == pytest.approx(
+        elastic_moduli(network, critical.coordinates).value.bulk, rel=1e-9
+    )
+
+
+def test_an_edge_between_pins_carries_any_stress():
+    network = Network([[0, 1], [1, 2], [2, 3], [0, 3]], pins={0: [0.0, 0.0], 3: [3.0, 0.0]})
+    critical = CriticalManifold(network).configuration([1, 2, 3, 4])
+    space = stresses_of(critical).value
+    assert space.dimension == 2
+    assert space.distance([1, 2, 3, -7]) < 1e-12
+
+
+def test_what_has_no_direction_or_no_stress_says_so():
+    network = three_bar_linkage()
+    straight = CriticalManifold(network).configuration([1, 2, 3])
+    x = straight.coordinates.copy()
+    x[1] = x[0]
+    collapsed = CriticalConfiguration(network, straight.sigma, x, network.bond_vectors(x))
+    assert stresses_of(collapsed).status is Status.singular
+    x = network.positions
+    bent = CriticalConfiguration(network, straight.sigma, x, network.bond_vectors(x))
+    found = stresses_of(bent)
+    assert found.status is Status.floppy and found.value.dimension == 0 and np.isnan(found.stats.residual)
+
+
+def test_bad_input():
+    critical = CriticalManifold(square_octagon()).configuration(np.ones(6))
+    space = stresses_of(critical).value
+    with pytest.raises(InputError, match="which is no stress"):
+        space.distance(np.zeros(6))
+    with pytest.raises(InputError, match="one value per edge"):
+        space.distance(np.ones(5))
+    for amplitudes in ([0.0], [np.nan], [1.0, 2.0]):
+        with pytest.raises(InputError, match="finite amplitudes"):
+            space.walk(amplitudes)
+
+
+# What one stress cannot tell where a configuration has several
+
+
+def test_moduli_of_one_stress_are_refused_where_there_are_several():
+    network = triangular_network(4, 4)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    for ask in (
+        lambda: transition_moduli(critical),
+        lambda: stiffening(network, critical),
+        lambda: optimize(network, "shear_modulus"),
+    ):
+        with pytest.raises(InputError, match=r"holds for one self-stress and the network has at least 18: "):
+            ask()
+
+
+def test_the_stiffest_overconstrained_configuration_is_still_found():
+    # The true modulus is the largest single-stress value over the stresses of a configuration; σ = k has it.
+    network = triangular_network(4, 4)
+    solution = optimize(network, "bulk_modulus")
+    true = elastic_moduli(network, solution.value.coordinates).value
+    assert solution.stats.details["objective"] == pytest.approx(true.bulk, rel=1e-12)
+    assert true.bulk == pytest.approx(np.sqrt(3) / 2, rel=1e-12)

@@ -1,0 +1,145 @@
+"""Shape anisotropy and relative variances."""
+
+import numpy as np
+import pytest
+from problems import pinned_grid, random_stress, square_octagon, voronoi_3d, with_faces
+
+from critflow import CriticalManifold, InputError, honeycomb_network, voronoi_network
+from critflow.rigidity.structure import (
+    face_anisotropy,
+    force_anisotropy,
+    length_variance,
+    polygon_anisotropy,
+    tension_variance,
+)
+
+
+def sides_of(corners):
+    return np.roll(corners, -1, axis=0) - corners
+
+
+def kappa(corners):
+    return polygon_anisotropy(sides_of(np.asarray(corners, dtype=float)), np.array([0, len(corners)]))[0]
+
+
+def by_eigenvalues(corners):
+    """κ = 2(λ_1⁴ + λ_2⁴)/(λ_1² + λ_2²)² − 1, λ² being the eigenvalues of the gyration tensor about the centroid."""
+    arm = corners - corners.mean(axis=0)
+    squares = np.linalg.eigvalsh(arm.T @ arm / len(arm))
+    return 2 * np.sum(squares**2) / np.sum(squares) ** 2 - 1
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 12])
+def test_regular_polygons_have_none(n):
+    angle = 2 * np.pi * np.arange(n) / n + 0.3
+    assert kappa(np.stack([np.cos(angle), np.sin(angle)], axis=1)) == pytest.approx(0, abs=1e-28)
+
+
+def test_lines_have_all():
+    assert kappa([[0, 0], [1, 2], [3, 6]]) == pytest.approx(1, rel=1e-12)
+    assert kappa([[0, 0], [1, 0]]) == 1
+
+
+def test_a_rectangle_by_hand():
+    # λ² ∝ a² and b²: κ = ((a² − b²)/(a² + b²))².
+    assert kappa([[0, 0], [3, 0], [3, 1], [0, 1]]) == pytest.approx((8 / 10) ** 2, rel=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_eigenvalue_formula_and_its_symmetries(seed):
+    rng = np.random.default_rng(seed)
+    corners = rng.standard_normal((3 + seed, 2))
+    value = kappa(corners)
+    assert value == pytest.approx(by_eigenvalues(corners), rel=1e-10)
+    assert 0 <= value <= 1
+    angle = rng.uniform(0, 2 * np.pi)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    for other in (corners @ turn.T, 7.3 * corners, corners + np.array([5.0, -3.0]), corners[::-1], corners * [1, -1]):
+        assert kappa(other) == pytest.approx(value, rel=1e-10)
+
+
+def test_many_polygons_at_once():
+    rng = np.random.default_rng(1)
+    polygons = [rng.standard_normal((n, 2)) for n in (3, 6, 4, 9)]
+    starts = np.cumsum([0, *map(len, polygons)])
+    found = polygon_anisotropy(np.concatenate([sides_of(p) for p in polygons]), starts)
+    np.testing.assert_allclose(found, [by_eigenvalues(p) for p in polygons], rtol=1e-10)
+
+
+def test_a_point_has_no_shape():
+    assert np.isnan(kappa(np.zeros((3, 2))))
+
+
+def test_faces_of_a_network():
+    network = voronoi_network(60, seed=2)
+    critical = CriticalManifold(network).configuration(random_stress(90, 1))
+    found = face_anisotropy(critical)
+    assert found.shape == (30,)
+    faces = network.faces
+    for f in range(30):
+        walk = slice(faces.starts[f], faces.starts[f + 1])
+        corners = np.cumsum(faces.signs[walk, None] * critical.bond_vectors[faces.edges[walk]], axis=0)
+        assert found[f] == pytest.approx(by_eigenvalues(corners), rel=1e-9)
+
+
+def test_honeycomb_faces_and_force_triangles():
+    critical = CriticalManifold(honeycomb_network(3, 3)).configuration(np.ones(27))
+    np.testing.assert_allclose(face_anisotropy(critical), 0, atol=1e-24)
+    np.testing.assert_allclose(force_anisotropy(critical), 0, atol=1e-24)
+
+
+def test_square_octagon_faces():
+    network = square_octagon(2.0, 2.0)
+    critical = CriticalManifold(network).configuration(np.ones(6))
+    critical = CriticalManifold(with_faces(network, critical.bond_vectors)).configuration(np.ones(6))
+    # Square and octagon each look the same turned by a right angle.
+    np.testing.assert_allclose(face_anisotropy(critical), 0, atol=1e-24)
+
+
+def test_force_triangles_close_and_follow_the_eigenvalue_formula():
+    network = voronoi_network(60, seed=2)
+    critical = CriticalManifold(network).configuration(random_stress(90, 1))
+    found = force_anisotropy(critical)
+    assert found.shape == (60,)
+    for vertex in range(60):
+        pulls = []
+        for edge, (tail, head) in enumerate(network.edges):
+            force = critical.sigma[edge] * critical.bond_vectors[edge]
+            if tail == vertex:
+                pulls.append(force)
+            if head == vertex:
+                pulls.append(-force)
+        np.testing.assert_allclose(np.sum(pulls, axis=0), 0, atol=1e-12)
+        # Three sides make one triangle, whatever their order.
+        assert found[vertex] == pytest.approx(by_eigenvalues(np.cumsum(pulls, axis=0)), rel=1e-8)
+
+
+def test_force_polygons_of_pinned_networks_are_those_of_free_vertices():
+    network = pinned_grid()
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
+    found = force_anisotropy(critical)
+    assert found.shape == (len(network.free),)
+    for value, vertex in zip(found, network.free, strict=True):
+        ends = [(e, 1.0) for e in np.flatnonzero(network.edges[:, 0] == vertex)]
+        ends += [(e, -1.0) for e in np.flatnonzero(network.edges[:, 1] == vertex)]
+        pulls = np.array([s * critical.sigma[e] * critical.bond_vectors[e] for e, s in ends])
+        # Four sides in order of their angles make the convex polygon.
+        pulls = pulls[np.argsort(np.arctan2(pulls[:, 1], pulls[:, 0]))]
+        assert value == pytest.approx(by_eigenvalues(np.cumsum(pulls, axis=0)), rel=1e-8)
+
+
+def test_variances_by_their_formulas():
+    critical = CriticalManifold(voronoi_network(60, seed=2)).configuration(random_stress(90, 1))
+    for found, values in (
+        (length_variance(critical), critical.lengths),
+        (tension_variance(critical), critical.sigma * critical.lengths),
+    ):
+        assert found == pytest.approx(np.mean(values**2) / np.mean(values) ** 2 - 1, rel=1e-12)
+
+
+def test_what_has_no_faces_says_so():
+    solid = CriticalManifold(voronoi_3d()).configuration(np.ones(voronoi_3d().n_edges))
+    with pytest.raises(InputError, match="planar_faces"):
+        face_anisotropy(solid)
+    with pytest.raises(InputError, match="two dimensions"):
+        force_anisotropy(solid)

@@ -1,0 +1,1 @@
+"""The studies of the paper, their shared parts, and the benchmarks of the library."""

@@ -1,0 +1,1 @@
+"""Cost of computing fewer variables."""

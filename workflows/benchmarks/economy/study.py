@@ -1,0 +1,155 @@
+"""What it spares to ask for no more than is needed: the same numbers by the short way and by the long one, in turn.
+
+The short way is what critflow takes when it is asked for these numbers alone; the long one is how they are got where
+everything is computed, or where the theory of the critical manifold is not used.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from critflow import (
+    Status,
+    StudyError,
+    fit_stiffening,
+    optimize,
+    stiffening,
+    strain_path,
+    transition_moduli,
+    voronoi_network,
+)
+from critflow.linalg.matrices import edge_blocks
+from critflow.mechanics.strain_path import check_strains
+from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
+
+from ...ensemble.study import study as ensemble
+from ...shared.checks import check_network, check_positive
+from ...shared.populations import prepared
+from ..timing import Contestant, Verdict, contest
+from .report import ratio_figure, read_claims, summary
+
+QUESTIONS = ("growth", "member", "moduli", "configuration", "optimum")
+# What the short way of the question "member" stores.
+FEW = ("C_B_exact", "bulk_modulus_0")
+
+
+class Ways(NamedTuple):
+    """A number, or numbers, by the short way and by the long one."""
+
+    short: object
+    long: object
+
+
+def member(parameters, seed, names=()):
+    """The arrays of one member of the ensemble, those of the names or all."""
+    shared = {key: parameters[key] for key in ("n_vertices", "hard_core", "strains")}
+    values = {"seed": seed, "population": "random_stress"}
+    return ensemble.storing(names).computed({**ensemble.parameters, **shared}, values)
+
+
+def ways(manifold, parameters, seed):
+    """Both ways to the answer of every question, for a random stress on one network."""
+    network = manifold.network
+    sigma = np.abs(stable_rng(seed, "economy").standard_normal(network.n_edges))
+    critical = manifold.configuration(sigma)
+    strains = np.array(parameters["strains"])
+
+    def fitted():
+        path = strain_path(network, critical, strains, pattern=manifold.hessian).value
+        return fit_stiffening(strains, path.bulk_modulus).slope
+
+    def just_past():
+        return strain_path(network, critical, [parameters["past"]], pattern=manifold.hessian).value.bulk_modulus[0]
+
+    def by_hessian():
+        # Springs of stiffness σ and no rest length: force balance as an equilibrium, all directions in one matrix.
+        values = edge_blocks(np.zeros_like(sigma), critical.bond_vectors, sigma)
+        force = -(network.divergence @ (sigma[:, None] * network.boundary_vectors))
+        return manifold.hessian.factorize(values).solve(force.ravel()).reshape(force.shape)
+
+    return {
+        "growth": Ways(lambda: stiffening(manifold, critical).value.C_B, fitted),
+        "member": Ways(
+            lambda: member(parameters, seed, FEW)["C_B_exact"],
+            lambda: member(parameters, seed)["C_B_exact"],
+        ),
+        "moduli": Ways(lambda: transition_moduli(critical).bulk, just_past),
+        "configuration": Ways(lambda: manifold.balance(sigma)[0], by_hessian),
+        "optimum": Ways(
+            lambda: optimize(manifold, "bulk_modulus").stats.details["objective"],
+            lambda: optimize(manifold, "bulk_modulus", "lbfgs", start=sigma, throw=False).stats.details["objective"],
+        ),
+    }
+
+
+def case(parameters, *, seed):
+    """Seconds of both ways in turn, how far their answers are apart, and the bytes of one member of the ensemble."""
+    manifold = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
+    questions, arrays = ways(manifold, parameters, seed), member(parameters, seed).values()
+    seconds = np.full((2, len(parameters["questions"])), np.nan)
+    difference = np.full(len(parameters["questions"]), np.nan)
+    for n, name in enumerate(parameters["questions"]):
+        reference = np.asarray(questions[name].short())
+
+        def judge(answer, reference=reference):
+            return Verdict(float(np.abs(answer - reference).max() / np.abs(reference).mean()))
+
+        both = [Contestant(way, lambda _, run=run: run(), judge) for way, run in questions[name]._asdict().items()]
+        timings = contest(both, parameters["repeats"])
+        for timing in timings:
+            if timing.verdict.status is Status.failed:
+                raise RuntimeError(f"{name} by the {timing.contestant.name} way: {timing.note}")
+        seconds[:, n] = [timing.median for timing in timings]
+        difference[n] = timings[1].verdict.error
+    return {
+        "status": Status.ok,
+        "seconds_short": seconds[0],
+        "seconds_long": seconds[1],
+        "difference": difference,
+        "bytes_of_all": sum(array.nbytes for array in arrays),
+        "bytes_of_scalars": sum(array.nbytes for array in arrays if array.ndim == 0),
+    }
+
+
+def check(parameters, axes):
+    """Refuse settings that could only fail, before anything runs."""
+    if unknown := sorted(set(parameters["questions"]) - set(QUESTIONS)):
+        raise StudyError(f"there is no question {unknown[0]!r}: choose among {', '.join(QUESTIONS)}")
+    if len(check_strains(parameters["strains"])) < 3:
+        raise StudyError("a fit with an error needs at least three strains")
+    check_positive(parameters, "hard_core", "past", "repeats")
+    check_network(voronoi_network, parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
+
+
+EACH = ("seed", "question")
+
+study = Study(
+    name="economy",
+    title="What it spares to compute no more than is asked for",
+    axes=(Axis("seed", range(5), "seed of the network", noun="networks"),),
+    parameters={
+        "n_vertices": 1000,
+        "hard_core": 0.82,
+        "questions": QUESTIONS,
+        "strains": decimals("0.001:0.010:0.001"),
+        "past": 1e-6,
+        "repeats": 7,
+    },
+    coordinates=(Coordinate("question", "questions", "what is asked for"),),
+    case=case,
+    check=check,
+    workers=1,
+    variables=(
+        Variable("seconds_short", EACH, "f8", long_name="median time of the short way", units="s", volatile=True),
+        Variable("seconds_long", EACH, "f8", long_name="median time of the long way", units="s", volatile=True),
+        Variable("difference", EACH, "f8", long_name="largest difference of the answers over their mean size"),
+        Variable("bytes_of_all", ("seed",), "i8", long_name="bytes of all arrays of one member of the ensemble"),
+        Variable("bytes_of_scalars", ("seed",), "i8", long_name="bytes of its numbers without inner dimensions"),
+        Variable("status", ("seed",), "i1", long_name="whether the case was computed", flags=Status),
+    ),
+    figures={"economy": ratio_figure},
+    claims=read_claims,
+    summary=summary,
+)

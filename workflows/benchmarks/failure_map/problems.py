@@ -1,0 +1,331 @@
+"""Difficulties: each a list of strengths, and for each strength a network with what is asked about it.
+
+Whatever happens at construction belongs to the answer, so everything here is made when it is first asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from critflow import (
+    CriticalManifold,
+    Network,
+    honeycomb_network,
+    voronoi_network,
+)
+from critflow.mechanics.springs import SpringState, spring_state
+from critflow.workflow import stable_rng
+
+from . import reference as reference
+from .judge import Carried
+
+# Every map has so many steps; shorter lists of strengths leave the last ones empty.
+STEPS = 16
+
+
+@dataclass(eq=False)
+class Problem:
+    """A network and what is asked about it.
+
+    make       the network
+    stress     σ of the network (N_b,), as it is handed to the library
+    strain     past the transition, and in how many steps the reference goes there
+    lengths    rest lengths of the network (N_b,)
+    threshold  r of the constrained shear modulus; None: no penalty
+    n_stresses, at_rest  self-stresses of the configuration, and of generic coordinates
+    moduli     B_0 and G_0 where one self-stress does not tell them
+    """
+
+    make: Callable[[], Network]
+    stress: Callable[[Network], np.ndarray] = lambda network: np.ones(network.n_edges)
+    strain: float = 1e-3
+    lengths: Callable[[Network], np.ndarray] = lambda network: np.ones(network.n_edges)
+    threshold: float | None = 0.1
+    dtype: type = float
+    n_stresses: Callable[[Network], int] = lambda network: 1
+    moduli: tuple[float, float] | None = None
+
+    @cached_property
+    def network(self):
+        return self.make()
+
+    @cached_property
+    def sigma(self):
+        return np.asarray(self.stress(self.network), dtype=self.dtype)
+
+    @cached_property
+    def rest_lengths(self):
+        return np.asarray(self.lengths(self.network), dtype=self.dtype)
+
+    @cached_property
+    def manifold(self):
+        return CriticalManifold(self.network)
+
+    @cached_property
+    def solution(self):
+        return self.manifold.solve(self.sigma)
+
+    @property
+    def critical(self):
+        """The configuration of σ as the library has it."""
+        if not self.solution.ok:
+            raise Carried(self.solution.status)
+        return self.solution.value
+
+    @cached_property
+    def generic(self):
+        """Coordinates without any stress of their own, which those of a Voronoi tessellation have."""
+        rng = stable_rng(self.network.n_vertices, "failures", "generic coordinates")
+        return self.network.positions + 0.1 * rng.standard_normal(self.network.positions.shape)
+
+    @cached_property
+    def digits(self):
+        return reference.digits_for(self.sigma)
+
+    @cached_property
+    def exact(self):
+        """The configuration of σ as it is."""
+        return reference.configuration(self.network, self.sigma, digits=self.digits)
+
+    @cached_property
+    def strained(self):
+        """Springs at rest in the configuration, with everything expanded: where an equilibrium is looked for."""
+        critical = self.critical
+        if self.dtype is float:
+            state = SpringState(self.network, critical.lengths, critical.coordinates, critical.bond_vectors)
+        else:
+            rest, x = critical.lengths.astype(self.dtype), critical.coordinates.astype(self.dtype)
+            state = spring_state(self.network, rest, x)
+        return state.deformed(np.sqrt(1 + self.strain) * np.eye(2))
+
+
+@dataclass(frozen=True)
+class Difficulty:
+    """What makes it hard, how hard, and which questions are asked."""
+
+    name: str
+    label: str  # what the strength is
+    strengths: tuple[float, ...]
+    problem: Callable[[float, int, int], Problem]  # strength, seed, n_vertices
+    quantities: tuple[str, ...]
+
+
+CONFIGURATION = ("configuration", "transition_moduli", "stiffening", "rigidity")
+SPRINGS = ("equilibrium_newton", "equilibrium_fire", "strain_path", "linear_response")
+LENGTHS = ("lengths_conic", "lengths_strain")
+OBJECTIVES = ("length_variance", "tension_variance", "bulk_modulus", "shear_modulus")
+METHODS = ("auto", "newton", "lbfgs", "fire")
+OPTIMA = tuple(f"{objective}_{method}" for objective in OBJECTIVES for method in METHODS)
+ALL = (*CONFIGURATION, *SPRINGS, *LENGTHS, *OPTIMA)
+QUANTITIES = (*CONFIGURATION, "elastic_moduli", *SPRINGS, *LENGTHS, *OPTIMA)
+
+
+def _standard(n_vertices, seed):
+    return lambda: voronoi_network(n_vertices, seed)
+
+
+def _draw(seed, name):
+    return stable_rng(seed, "failures", name)
+
+
+def _spread(strength, seed, n_vertices):
+    powers = _draw(seed, "spread").uniform(-1, 1, 3 * n_vertices // 2)
+    return Problem(_standard(n_vertices, seed), lambda network: 10.0 ** (strength * powers))
+
+
+def _one_edge(power):
+    def problem(strength, seed, n_vertices):
+        def stress(network):
+            sigma = 0.5 + _draw(seed, "edge").random(network.n_edges)
+            sigma[7 * seed % network.n_edges] = 10.0 ** (power * strength)
+            return sigma
+
+        return Problem(_standard(n_vertices, seed), stress, lengths=lambda network: np.minimum(1, 1 / stress(network)))
+
+    return problem
+
+
+def _faint_cut(strength, seed, n_vertices):
+    """Two neighbours held to the rest of the network by faint edges only."""
+
+    def stress(network):
+        sigma = 0.5 + _draw(seed, "cut").random(network.n_edges)
+        pair = network.edges[7 * seed % network.n_edges]
+        sigma[np.isin(network.edges, pair).sum(axis=1) == 1] *= 10.0**-strength
+        return sigma
+
+    return Problem(_standard(n_vertices, seed), stress)
+
+
+def _near_singular(strength, seed, n_vertices):
+    """One edge compressed until the prestress matrix is singular, which is at 1/σ_0 = 1 − 1/r in closed form."""
+
+    def stress(network):
+        sigma, edge = np.ones(network.n_edges), 5 * (seed + 1) % network.n_edges
+        # P is that of σ = 1 and (σ_0 − 1) g₀ᵀg₀ more; r = g₀ P⁻¹ g₀ᵀ.
+        row = np.zeros(network.n_edges)
+        row[edge] = 1.0
+        g = network.free_incidence.toarray()
+        r = _resistance(network, g[edge])
+        critical = float(1 - 1 / r)
+        sigma[edge] = critical * (1 - strength)
+        return sigma
+
+    return Problem(_standard(n_vertices, seed), stress)
+
+
+@reference.precise
+def _resistance(network, row):
+    """g₀ P⁻¹ g₀ᵀ at σ = 1, as an exact number: rounding would move the singular point."""
+    right = reference.decimals(row)[:, None]
+    matrix = reference.laplacian(network, reference.decimals(np.ones(network.n_edges)))
+    return (right.T @ reference.solved(matrix, right))[0, 0]
+
+
+def _generic(seed):
+    return lambda network: 0.5 + _draw(seed, "generic").random(network.n_edges)
+
+
+def _small_strain(strength, seed, n_vertices):
+    return Problem(_standard(n_vertices, seed), _generic(seed), strain=strength)
+
+
+def _rest_lengths(strength, seed, n_vertices):
+    normal = _draw(seed, "lengths").standard_normal(3 * n_vertices // 2)
+    return Problem(_standard(n_vertices, seed), lengths=lambda network: np.maximum(1 + strength * normal, 1e-3))
+
+
+def _poisson(strength, seed, n_vertices):
+    return Problem(lambda: voronoi_network(n_vertices, seed, hard_core=strength), _generic(seed))
+
+
+def _threshold(strength, seed, n_vertices):
+    return Problem(_standard(n_vertices, seed), threshold=strength or None)
+
+
+def _smallest(strength, seed, n_vertices):
+    if strength == 2:
+        return Problem(lambda: honeycomb_network(1, 1), _generic(seed))
+    return Problem(lambda: voronoi_network(int(strength), seed, hard_core=0.5), _generic(seed))
+
+
+def _contrast(strength, seed, n_vertices):
+    def make():
+        network = voronoi_network(n_vertices, seed)
+        return network.with_stiffness(strength ** _draw(seed, "contrast").random(network.n_edges))
+
+    return Problem(make, _generic(seed))
+
+
+def _extra_edges(strength, seed, n_vertices):
+    """So many edges beyond those that hold all motions: one more self-stress for each."""
+
+    def make():
+        network = voronoi_network(n_vertices, seed)
+        rng, wanted = _draw(seed, "extra"), 2 * (n_vertices - 1) + int(strength)
+        edges, offsets = network.edges, network.offsets
+        while len(edges) < wanted:
+            tail, head = rng.choice(n_vertices, 2, replace=False)
+            new = np.array([[tail, head]]), rng.integers(-1, 2, (1, 2))
+            same = (np.sort(edges) == np.sort(new[0])).all(axis=1)
+            if not same.any():
+                edges, offsets = np.concatenate([edges, new[0]]), np.concatenate([offsets, new[1]])
+        return Network(edges, offsets, network.cell, positions=network.positions)
+
+    return Problem(make, _generic(seed), n_stresses=lambda network: max(1, int(strength)))
+
+
+def _straight_lines(strength, seed, n_vertices):
+    """A square lattice with a vertex in the middle of each edge: every line carries a stress of its own.
+
+    Counting edges does not show it.  Each of 2n lines of length n has 2n springs: B = 2n (n/2)²/(2n)/n² = ¼, G = 0.
+    """
+    n = int(strength)
+
+    def stress(network):
+        line = _draw(seed, "lines").uniform(0.5, 1.5, 2 * n)
+        column, row = np.divmod(np.arange(n * n), n)
+        # For each site: the two halves of the edge to the right, then of that upwards.
+        return np.stack([line[row], line[row], line[n + column], line[n + column]], axis=1).ravel()
+
+    return Problem(lambda: _subdivided(n), stress, n_stresses=lambda network: 2 * n, moduli=(0.25, 0.0))
+
+
+def _subdivided(n):
+    edges, offsets, positions = [], [], []
+    for column in range(n):
+        for row in range(n):
+            site = 3 * (column * n + row)
+            right, above = 3 * ((column + 1) % n * n + row), 3 * (column * n + (row + 1) % n)
+            edges += [(site, site + 1), (site + 1, right), (site, site + 2), (site + 2, above)]
+            offsets += [(0, 0), (int(column + 1 == n), 0), (0, 0), (0, int(row + 1 == n))]
+            positions += [(column, row), (column + 0.5, row), (column, row + 0.5)]
+    return Network(np.array(edges), np.array(offsets), n * np.eye(2), positions=np.array(positions, dtype=float))
+
+
+def _single_precision(strength, seed, n_vertices):
+    problem = _spread(strength, seed, n_vertices)
+    powers = _draw(seed, "single").uniform(-1, 1, 3 * n_vertices // 2)
+    problem.dtype, problem.lengths = np.float32, lambda network: 1 + 0.05 * powers
+    return problem
+
+
+_DECADES = tuple(10.0**-n for n in range(1, 17))
+DIFFICULTIES = {
+    difficulty.name: difficulty
+    for difficulty in (
+        Difficulty(
+            "stress_spread", "decades of σ either side of 1", (0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 15, 16, 17, 18, 20),
+            _spread, (*CONFIGURATION, "equilibrium_newton", "linear_response"),
+        ),
+        Difficulty(
+            "faint_edge", "one edge at σ = 10^−x", (2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 30, 50, 100, 150, 200, 300),
+            _one_edge(-1), (*CONFIGURATION, "equilibrium_newton", "linear_response"),
+        ),
+        Difficulty(
+            "faint_cut", "two vertices held at σ = 10^−x",
+            (2, 4, 6, 8, 10, 12, 13, 14, 15, 16, 18, 20, 50, 100, 200, 300),
+            _faint_cut, (*CONFIGURATION, "equilibrium_newton", "linear_response"),
+        ),
+        Difficulty(
+            "short_edge", "one edge at σ = 10^x", (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 18, 20, 100),
+            _one_edge(1), (*CONFIGURATION, *SPRINGS, *LENGTHS),
+        ),
+        Difficulty(
+            "near_singular", "distance to a singular P",
+            (1e-1, 1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13, 1e-15, 0, -1e-15, -1e-13, -1e-11, -1e-9, -1e-7, -1e-4, -1e-1),
+            _near_singular, CONFIGURATION,
+        ),
+        Difficulty("small_strain", "strain γ", _DECADES[:15], _small_strain, SPRINGS),
+        Difficulty(
+            "large_step", "strain γ in one step",
+            (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
+            _small_strain, SPRINGS,
+        ),
+        Difficulty(
+            "rest_lengths", "spread of rest lengths s",
+            (0, 0.02, 0.05, 0.08, 0.1, 0.12, 0.15, 0.18, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5),
+            _rest_lengths, LENGTHS,
+        ),
+        Difficulty("hard_core", "hard core ρ", (0.82, 0.8, 0.75, 0.7, 0.6, 0.5, 0.35, 0.2, 0.05), _poisson, ALL),
+        Difficulty(
+            "threshold", "threshold r, 0 without any", (0.5, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 0), _threshold,
+            OPTIMA[12:],
+        ),
+        Difficulty("smallest", "number of vertices", (16, 14, 12, 10, 8, 6, 4, 2), _smallest, ALL),
+        Difficulty("contrast", "largest over least stiffness", (1, 10, 100, 1e3, 1e4, 1e5, 1e6, 1e8), _contrast, ALL),
+        Difficulty(
+            "extra_edges", "edges beyond 2(N_v − 1)", (-6, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 6, 8, 10), _extra_edges,
+            (*CONFIGURATION, "elastic_moduli", "length_variance_auto", "bulk_modulus_auto", "shear_modulus_auto"),
+        ),
+        Difficulty("straight_lines", "straight lines either way", (1, 2, 3, 4), _straight_lines, CONFIGURATION),
+        Difficulty(
+            "single_precision", "± decades of float32 σ", (0, 1, 2, 4, 6, 8, 10, 12, 14, 16),
+            _single_precision, (*CONFIGURATION, *(q for q in SPRINGS if q != "strain_path"), "lengths_conic"),
+        ),
+    )
+}  # fmt: skip

@@ -1,0 +1,280 @@
+"""The questions that are asked of every problem: what the library says, and how far that is from the reference."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from critflow import (
+    Status,
+    critical_from_lengths,
+    elastic_moduli,
+    equilibrium,
+    linear_response,
+    optimize,
+    rigidity,
+    stiffening,
+    strain_path,
+    stress_hessian,
+    transition_moduli,
+)
+from critflow.critical.objectives import named_objective, pure_shear, transition_modulus
+from critflow.mechanics.moduli_bounds import transition_bounds
+
+from . import reference as reference
+from .judge import Answer, Carried, Judgement, judged
+from .problems import METHODS, OBJECTIVES
+from .reference import Unknown
+
+# Beyond this FIRE has failed; the default limit would take a minute a network.
+_FIRE_STEPS = 20_000
+
+
+def asked(quantity: str, problem) -> Judgement:
+    """The judgement of one quantity of a problem."""
+    ask, compare = QUESTIONS[quantity]
+    return judged(lambda: ask(problem), lambda answer: compare(problem, answer))
+
+
+def _coordinates(solution):
+    return Answer(solution.status, solution.value.coordinates, solution.stats.error_bound)
+
+
+def _off(problem, answer, exact):
+    """Largest coordinate error, relative to the largest coordinate."""
+    # A network without pins may have been carried away as a whole.
+    error = reference.distance(answer.values, exact.coordinates, moved=not problem.network.pins)
+    return error, reference.largest(exact.coordinates)
+
+
+def _each(answer, truth):
+    """Error of each number, relative to the largest of them."""
+    errors = [
+        reference.distance([value], np.array([t], dtype=object)) for value, t in zip(answer.values, truth, strict=True)
+    ]
+    return errors, reference.largest(truth)
+
+
+# At the transition
+
+
+def _configuration(problem):
+    return _coordinates(problem.solution)
+
+
+def _configuration_error(problem, answer):
+    return _off(problem, answer, problem.exact)
+
+
+def _transition_moduli(problem):
+    value, bounds = transition_moduli(problem.critical), transition_bounds(problem.critical)
+    return Answer(Status.ok, (value.bulk, value.shear), (bounds.bulk, bounds.shear))
+
+
+def _transition_error(problem, answer):
+    truth = problem.moduli or reference.transition_moduli(problem.network, problem.exact, digits=problem.digits)
+    if problem.moduli:
+        truth = reference.decimals(problem.moduli)
+    return _each(answer, truth)
+
+
+def _stiffening(problem):
+    solution = stiffening(problem.manifold, problem.critical, throw=False)
+    return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound))
+
+
+def _stiffening_error(problem, answer):
+    if problem.moduli:
+        raise Unknown("the reference holds for one self-stress")
+    return _each(answer, reference.stiffening(problem.network, problem.exact, digits=problem.digits))
+
+
+def _plain(numbers):
+    """The fields of Moduli or of Stiffening, or one number as it is."""
+    return numbers if isinstance(numbers, float) else tuple(vars(numbers).values())
+
+
+def _rigidity(problem):
+    coordinates = np.asarray(problem.critical.coordinates, dtype=problem.dtype)
+    solution = rigidity(problem.network, coordinates)
+    return Answer(solution.status, (solution.value.n_self_stresses, solution.value.n_zero_modes), 0.0)
+
+
+def _rigidity_error(problem, answer):
+    network, n_stresses = problem.network, problem.n_stresses(problem.network)
+    truth = (n_stresses, 2 * network.n_vertices - network.n_edges + n_stresses)
+    return np.abs(np.subtract(answer.values, truth)), 1.0
+
+
+def _elastic_moduli(problem):
+    solution = elastic_moduli(problem.network, problem.generic)
+    # A network without more edges than motions has no self-stress where it was drawn.
+    floppy = problem.network.n_edges <= 2 * (problem.network.n_vertices - 1)
+    proper = (Status.floppy,) if floppy else (Status.ok, Status.singular)
+    return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound), proper)
+
+
+def _elastic_error(problem, answer):
+    if answer.status is Status.floppy:
+        return np.abs(answer.values), 1.0
+    bulk, shear = reference.moduli_at_rest(problem.network, problem.generic)
+    return _each(answer, (bulk, shear, shear))
+
+
+# Past the transition
+
+
+def _equilibrium(method, limit):
+    def ask(problem):
+        return _coordinates(equilibrium(problem.strained, method, max_steps=limit, throw=False))
+
+    return ask
+
+
+def _equilibrium_error(problem, answer):
+    return _off(problem, answer, _equilibrium_near(problem, problem.strained, answer.values))
+
+
+def _equilibrium_near(problem, state, coordinates):
+    """The equilibrium of a strained state: without compression the only one; else that at the end of small steps."""
+    exact = reference.equilibrium(state.network, state.rest_lengths, coordinates)
+    if min(exact.sigma) > 0:
+        # The energy without what compression costs is convex, and least here.
+        return exact
+    x, n = problem.critical.coordinates, int(np.ceil(problem.strain / 5e-3))
+    sizes = np.sqrt(1 + problem.strain * np.arange(n + 1) / n)
+    for before, size in pairwise(sizes):
+        network = problem.network.deformed(size * np.eye(2))
+        exact = reference.equilibrium(network, state.rest_lengths, size / before * x)
+        x = reference.floats(exact.coordinates)
+    return exact
+
+
+def _strain_path(problem):
+    path = strain_path(problem.network, problem.critical, [problem.strain], throw=False)
+    if not path.ok:
+        return Answer(path.status, np.nan)
+    return Answer(path.status, path.value.states[-1].coordinates, path.value.coordinate_error[-1])
+
+
+def _linear_response(problem):
+    reached = equilibrium(problem.strained, throw=False)
+    if not reached.ok:
+        raise Carried(reached.status)
+    problem.reached = reached.value
+    solution = linear_response(reached.value)[0]
+    return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound))
+
+
+def _linear_error(problem, answer):
+    """Against the response of the exact equilibrium next to the state."""
+    state = problem.reached
+    exact = _equilibrium_near(problem, state, state.coordinates)
+    return _each(answer, reference.linear_response(state.network, exact.bond_vectors, state.rest_lengths))
+
+
+# From rest lengths
+
+
+def _lengths(method):
+    def ask(problem):
+        solution = critical_from_lengths(problem.manifold, problem.rest_lengths, method, throw=False)
+        problem.found = solution
+        return _coordinates(solution)
+
+    return ask
+
+
+def _conic_error(problem, answer):
+    found = problem.found.value
+    exact = reference.critical_from_lengths(problem.network, problem.rest_lengths, found.sigma, found.coordinates)
+    return _off(problem, answer, exact)
+
+
+def _strain_error(problem, answer):
+    """Against the equilibrium of the rest lengths that the protocol came to, a little past the transition."""
+    rest_lengths = problem.found.stats.details["rest_lengths"]
+    return _off(problem, answer, reference.equilibrium(problem.network, rest_lengths, answer.values))
+
+
+# Optima
+
+
+def _optimum(objective, method):
+    def ask(problem):
+        limit = _FIRE_STEPS if method == "fire" else None
+        solution = optimize(problem.manifold, _goal(problem, objective), method, max_steps=limit, throw=False)
+        problem.found = solution
+        details = solution.stats.details
+        return Answer(solution.status, details["objective"], details.get("value_error", np.nan))
+
+    return ask
+
+
+def _goal(problem, name):
+    if name == "shear_modulus" and problem.threshold is None:
+        return transition_modulus(problem.network, pure_shear(2))
+    return named_objective(problem.network, name, problem.threshold or 0.1)
+
+
+def _optimum_error(name):
+    def compare(problem, answer):
+        """Against the best value there is, where that is known, and what lies uphill of the σ found where it is not."""
+        sigma = problem.found.value.sigma
+        exact = reference.configuration(problem.network, sigma, digits=reference.digits_for(sigma))
+        there = reference.objective(problem.network, name, exact, problem.threshold)
+        scale = 1.0 if name.endswith("variance") else abs(float(there))
+        best = None
+        if name == "bulk_modulus":
+            best = reference.largest_bulk_modulus(problem.network)
+        elif name == "length_variance" and _equal_lengths(problem):
+            best = reference.decimals(0.0)
+        if best is not None and np.isfinite(answer.bounds):
+            return reference.distance(answer.values, best), scale
+        short = _uphill(problem, name) if best is None else reference.distance(float(there), best)
+        return max(reference.distance(answer.values, there), short), scale
+
+    return compare
+
+
+def _equal_lengths(problem):
+    """Whether the network has a critical configuration with all lengths equal, and so no length variance at all."""
+    if not hasattr(problem, "equal"):
+        found = critical_from_lengths(problem.manifold, np.ones(problem.network.n_edges), throw=False)
+        problem.equal = found.ok
+    return problem.equal
+
+
+def _uphill(problem, name):
+    """What is left to gain by Newton's method at the σ that was found; infinite at a saddle."""
+    value = problem.found.value
+    goal = _goal(problem, name)
+    sigma = problem.manifold.solve(value.sigma).value.sigma
+    _, L, factor = problem.manifold.balance(sigma)
+    slope, _ = problem.manifold.pull_back(L, factor, *goal.evaluate(sigma, L)[1])
+    # Along σ nothing changes, but the Hessian has −dO/dσ there.
+    across = np.eye(len(sigma)) - np.outer(sigma, sigma) / (sigma @ sigma)
+    hessian = across @ (stress_hessian(value, goal) @ across)
+    curvatures, modes = np.linalg.eigh(hessian + hessian.T)
+    curvatures = (-0.5 if goal.maximise else 0.5) * curvatures
+    steep = np.abs(curvatures) > 1e-9 * np.abs(curvatures).max()
+    if (curvatures < -1e-7 * np.abs(curvatures).max()).any():
+        return np.inf
+    return float(np.sum((slope @ modes[:, steep]) ** 2 / curvatures[steep]) / 2)
+
+
+QUESTIONS = {
+    "configuration": (_configuration, _configuration_error),
+    "transition_moduli": (_transition_moduli, _transition_error),
+    "stiffening": (_stiffening, _stiffening_error),
+    "rigidity": (_rigidity, _rigidity_error),
+    "elastic_moduli": (_elastic_moduli, _elastic_error),
+    "equilibrium_newton": (_equilibrium("newton", None), _equilibrium_error),
+    "equilibrium_fire": (_equilibrium("fire", _FIRE_STEPS), _equilibrium_error),
+    "strain_path": (_strain_path, _equilibrium_error),
+    "linear_response": (_linear_response, _linear_error),
+    "lengths_conic": (_lengths("conic"), _conic_error),
+    "lengths_strain": (_lengths("strain"), _strain_error),
+    **{f"{name}_{method}": (_optimum(name, method), _optimum_error(name)) for name in OBJECTIVES for method in METHODS},
+}

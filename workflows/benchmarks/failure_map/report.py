@@ -1,0 +1,342 @@
+"""Figures, claims and summary of where methods fail, read off the dataset alone."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
+
+from critflow.plot import COLOURS
+from critflow.result import Status
+from critflow.workflow import Claim
+
+from .judge import Outcome, Violation
+from .percolation_report import half_point, percolation_claims, percolation_curve
+from .problems import DIFFICULTIES, METHODS, OBJECTIVES
+
+# One cell of the map: colour, sign, and what the legend says.
+CELLS = {
+    Outcome.absent: ("#ffffff", "", ""),
+    Outcome.exact: ("#0B3C6F", "", "right to rounding"),
+    Outcome.bounded: ("#4F93C4", "", "right within its claimed bound"),
+    Outcome.tolerated: ("#B8D9EF", "", "right within tolerance, no bound claimed"),
+    Outcome.said: ("#E3E3E3", "s", "status says why not"),
+    Outcome.refused: ("#E3E3E3", "r", "refused with a sentence"),
+    Outcome.unknown: ("#FFFFFF", "?", "reference fails"),
+    Outcome.violation: ("#D55E00", "✗", "SILENT WRONG ANSWER"),
+}
+# Of several methods or networks in one cell the last of these is shown.
+ORDER = (
+    Outcome.absent, Outcome.exact, Outcome.bounded, Outcome.tolerated, Outcome.refused, Outcome.said, Outcome.unknown,
+    Outcome.violation,
+)  # fmt: skip
+RIGHT = (Outcome.exact, Outcome.bounded, Outcome.tolerated)
+# What error and bound are drawn for.
+SHOWN = (
+    ("stress_spread", "configuration"),
+    ("near_singular", "configuration"),
+    ("near_singular", "transition_moduli"),
+    ("small_strain", "equilibrium_newton"),
+    ("small_strain", "equilibrium_fire"),
+    ("small_strain", "linear_response"),
+    ("short_edge", "stiffening"),
+    ("faint_cut", "equilibrium_newton"),
+)
+# Difficulties for which ways to solve for a configuration are compared.
+_ASSEMBLED = ("stress_spread", "faint_cut")
+# Where a map has fewer lines than this, they are no higher for it.
+_FEWEST_LINES = 40
+# The refined factor is what the library has; errors above are wrong.
+_RIVALS, _LOST = ("refined factor", "without subtraction"), 1e-6
+ULP = 2.0**-53
+WIDEST = 100.0
+
+
+def map_figure(ds):
+    """Every question at every strength of every difficulty, coloured by what became of it."""
+    names = [name for name in map(str, ds.difficulty.values) if name in DIFFICULTIES]
+    tables = {name: table for name in names if len((table := _rows(ds, name))[0])}
+    figure = Figure(figsize=(15, 11.5), dpi=110)
+    columns = _columns(tables, 3)
+    n_lines = max(_FEWEST_LINES, *(sum(len(tables[name][0]) + 3.6 for name in column) for column in columns))
+    colours = ListedColormap([CELLS[outcome][0] for outcome in sorted(CELLS)])
+    top, bottom = 0.915, 0.025
+    for place, column in enumerate(columns):
+        line = 0.0
+        for name in column:
+            rows, cells = tables[name]
+            height = len(rows) / n_lines * (top - bottom)
+            line += 1.6
+            y = top - line / n_lines * (top - bottom) - height
+            axes = figure.add_axes((0.115 + place * 0.33, y, 0.21, height))
+            line += len(rows) + 2.0
+            _draw_table(axes, ds, name, rows, cells, colours)
+    wrong, points = int((ds.outcome == Outcome.violation).sum()), int((ds.outcome != Outcome.absent).sum())
+    said = "no silent wrong answer" if not wrong else f"{wrong} SILENT WRONG ANSWERS"
+    figure.text(0.01, 0.975, f"Where methods fail: {said} in {points:,} points", fontsize=15, fontweight="bold")
+    worst = f"a cell is the worst of {ds.sizes['seed']} networks and of all methods in its row"
+    figure.text(0.99, 0.975, worst, fontsize=10, ha="right")
+    kinds = [
+        o for o in Outcome if o is not Outcome.absent and (bool((ds.outcome == o).any()) or o is Outcome.violation)
+    ]
+    handles = [Patch(facecolor=CELLS[o][0], edgecolor="0.5") for o in kinds]
+    labels = [f"{CELLS[o][1]}  {CELLS[o][2]}".strip() for o in kinds]
+    figure.legend(
+        handles, labels, loc="upper left", bbox_to_anchor=(0.005, 0.968), ncols=len(kinds), frameon=False, fontsize=8.6,
+        handlelength=1.2, columnspacing=1.1,
+    )  # fmt: skip
+    return figure
+
+
+def _columns(tables, number):
+    """Tables in columns of about equal height, in their order."""
+    heights = {name: len(rows) + 3.6 for name, (rows, _) in tables.items()}
+    total, columns, filled = sum(heights.values()), [[] for _ in range(number)], 0.0
+    for name, height in heights.items():
+        columns[min(int((filled + height / 2) / total * number), number - 1)].append(name)
+        filled += height
+    return columns
+
+
+def _rows(ds, name):
+    """Names of the rows of one difficulty, and outcomes (row, step): the methods of an objective in one row."""
+    outcomes = ds.outcome.sel(difficulty=name).transpose("quantity", "seed", "step").values
+    rank = np.array([ORDER.index(Outcome(code)) for code in range(len(Outcome))])
+    rows, cells = [], []
+    groups: dict[str, list[int]] = {}
+    for place, quantity in enumerate(map(str, ds.quantity.values)):
+        groups.setdefault(_group(quantity), []).append(place)
+    for group, places in groups.items():
+        worst = rank[outcomes[places]].max(axis=(0, 1))
+        if worst.any():
+            rows.append(group)
+            cells.append([int(ORDER[r]) for r in worst])
+    return rows, np.array(cells)
+
+
+def _group(quantity):
+    objective, _, method = quantity.rpartition("_")
+    if objective in OBJECTIVES and method in METHODS:
+        return f"optimal {objective.replace('_', ' ')}"
+    return quantity.replace("_", " ").replace("lengths", "from lengths:").replace("equilibrium", "equilibrium:")
+
+
+def _draw_table(axes, ds, name, rows, cells, colours):
+    strengths = ds.strength.sel(difficulty=name).values
+    n = int(np.isfinite(strengths).sum())
+    axes.imshow(cells[:, :n], cmap=colours, vmin=-0.5, vmax=len(Outcome) - 0.5, aspect="auto", interpolation="none")
+    for row, column in np.ndindex(len(rows), n):
+        outcome = Outcome(int(cells[row, column]))
+        if outcome is Outcome.violation:
+            axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, fill=False, edgecolor="black", linewidth=1.0))
+        if sign := CELLS[outcome][1]:
+            bold = outcome is Outcome.violation
+            look = (
+                {"fontsize": 9, "color": "white", "fontweight": "bold"} if bold else {"fontsize": 6.5, "color": "0.5"}
+            )
+            axes.text(column, row, sign, ha="center", va="center", **look)
+    axes.set_xticks(np.arange(n), [_number(s) for s in strengths[:n]], fontsize=7.5, rotation=0 if n < 11 else 45)
+    axes.set_yticks(np.arange(len(rows)), rows, fontsize=8)
+    axes.set_xticks(np.arange(-0.5, n), minor=True)
+    axes.set_yticks(np.arange(-0.5, len(rows)), minor=True)
+    axes.grid(which="minor", color="white", linewidth=0.8)
+    axes.tick_params(which="both", length=0, pad=2)
+    axes.spines[:].set_visible(False)
+    axes.set_title(
+        f"{name.replace('_', ' ')}: {DIFFICULTIES[name].label} →", loc="left", fontsize=9, fontweight="bold", pad=3
+    )
+
+
+def _number(value):
+    if value == 0 or 1e-2 <= abs(value) < 1e4:
+        return f"{value:g}".replace("-", "−")
+    mantissa, exponent = f"{value:.0e}".split("e")
+    power = f"{int(exponent)}".replace("-", "−")
+    sign = "−" if value < 0 else ""
+    return f"{sign}10$^{{{power}}}$" if mantissa.lstrip("-") == "1" else f"{mantissa}e{power}"
+
+
+def bound_figure(ds):
+    """True error and claimed bound against strength, to where the status takes over."""
+    present = [(d, q) for d, q in SHOWN if d in ds.difficulty.values and q in ds.quantity.values]
+    figure = Figure(figsize=(14, 6.6), dpi=110, layout="constrained")
+    if not present:
+        return figure
+    grid = figure.subplots(2, (len(present) + 1) // 2, squeeze=False)
+    for axes, (difficulty, quantity) in zip(grid.ravel(), present, strict=False):
+        _draw_bounds(axes, ds, difficulty, quantity)
+    for axes in grid.ravel()[len(present) :]:
+        axes.set_visible(False)
+    grid[0, 0].legend(fontsize=8, frameon=False, loc="upper left")
+    wrong = (ds.violation == Violation.above_bound).any()
+    kept = "is not always" if wrong else "stays"
+    figure.suptitle(
+        f"The claimed bound {kept} above the true error; where there is none, a status says why", fontsize=12
+    )
+    return figure
+
+
+def _draw_bounds(axes, ds, difficulty, quantity):
+    one = ds.sel(difficulty=difficulty, quantity=quantity).transpose("seed", "step", ...)
+    strengths = one.strength.values
+    n = int(np.isfinite(strengths).sum())
+    steps, floor = np.arange(n), 1e-18
+    answered = np.isin(one.outcome.values[:, :n], [*RIGHT, Outcome.violation])
+    for seed in range(ds.sizes["seed"]):
+        error = np.where(answered[seed], np.maximum(one.error.values[seed, :n], floor), np.nan)
+        bound = np.where(answered[seed], one.bound.values[seed, :n], np.nan)
+        wrong = one.outcome.values[seed, :n] == Outcome.violation
+        axes.plot(steps, bound, "-", color=COLOURS[4], linewidth=2, label="claimed bound" if not seed else None)
+        axes.plot(
+            steps, error, "o-", color=COLOURS[0], markersize=3.5, linewidth=1, label="true error" if not seed else None
+        )
+        if wrong.any():
+            label = "silently wrong" if not seed else None
+            axes.plot(steps[wrong], error[wrong], "X", color=COLOURS[2], markersize=9, label=label)
+    silent = ~answered.any(axis=0)
+    codes = one.answer_status.values[:, :n]
+    for step in np.flatnonzero(silent):
+        axes.axvspan(step - 0.5, step + 0.5, color="0.9", linewidth=0)
+    if silent.any():
+        said = np.unique([Status(int(c)).name.replace("_", " ") for c in codes[:, silent].ravel()])
+        text = " / ".join(word for word in said if word != "missing") or "refused"
+        middle = np.flatnonzero(silent).mean()
+        axes.text(
+            middle, 0.5, text, rotation=90, ha="center", va="center", fontsize=9, transform=axes.get_xaxis_transform()
+        )
+    shown = steps[:: max(1, n // 5)]
+    axes.set_xticks(shown, [_number(strengths[s]) for s in shown], fontsize=8)
+    axes.set(yscale="log", xlim=(-0.5, n - 0.5), ylim=(floor / 3, 1e2), xlabel=DIFFICULTIES[difficulty].label)
+    axes.set_title(f"{quantity.replace('_', ' ')}", loc="left", fontsize=10, fontweight="bold")
+    axes.set_ylabel("relative error" if axes.get_subplotspec().is_first_col() else "")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def assembly_figure(ds):
+    """Errors of configurations by three ways to solve for them, over the strength of what makes it hard."""
+    names = [name for name in _ASSEMBLED if name in ds.difficulty.values]
+    figure = Figure(figsize=(5.6 * max(len(names), 1), 4.0), dpi=110, layout="constrained")
+    for axes, name in zip(figure.subplots(1, len(names), squeeze=False).flat if names else (), names, strict=True):
+        one = ds.sel(difficulty=name)
+        strengths = one.strength.values[np.isfinite(one.strength.values)]
+        steps = np.arange(len(strengths))
+        for place, assembly in enumerate(map(str, ds.assembly.values)):
+            # The worst of the networks that have an answer.
+            error = one.assembly_error.sel(assembly=assembly).max("seed").values[: len(strengths)]
+            style = {"color": COLOURS[(2, 0, 3)[place % 3]], "marker": "Xo^"[place % 3], "linewidth": 1.5}
+            axes.plot(steps, np.maximum(error, 1e-17), label=assembly, **style)
+        axes.set(yscale="log", ylim=(3e-18, 1e3), xlabel=DIFFICULTIES[name].label, ylabel="relative coordinate error")
+        shown = steps[:: max(1, len(steps) // 7)]
+        axes.set_xticks(shown, [_number(strengths[s]) for s in shown])
+        axes.spines[["top", "right"]].set_visible(False)
+    if names:
+        figure.axes[0].legend(frameon=False, loc="upper left", fontsize=9)
+    figure.suptitle(
+        "A plain factor is silently wrong; a refined one stops and says so; one without subtraction goes on"
+    )
+    return figure
+
+
+def claims(ds):
+    """No silent wrong answer; bounds above errors and not far above; how far stress percolates."""
+    wrong = _violations(ds)
+    places = ", ".join(f"{count} {where}" for where, count in wrong.items())
+    points = int((ds.outcome != Outcome.absent).sum())
+    yield Claim(
+        "violations", "no silent wrong answer", "not stated",
+        f"{sum(wrong.values())} of {points} points" + (f": {places}" if wrong else ""),
+        "differs" if wrong else "holds", "answers with status ok are wrong there" if wrong else "",
+    )  # fmt: skip
+    yield from _bound_claims(ds)
+    share = 100 * float(np.isin(ds.outcome.values, RIGHT).sum() / max(points, 1))
+    unknown = int((ds.outcome == Outcome.unknown).sum())
+    yield Claim(
+        "answered", "part of all points that are answered, and rightly", "not stated",
+        f"{share:.0f} %; the reference fails in {unknown}", "measured",
+    )  # fmt: skip
+    yield from _assembly_claims(ds)
+    if (curve := percolation_curve(ds)) is not None:
+        yield from percolation_claims(*curve)
+
+
+def _violations(ds):
+    """Number of violations by difficulty, quantity and kind."""
+    wrong: dict[str, int] = {}
+    table = ds.transpose("difficulty", "quantity", "seed", "step", ...)
+    for d, q, seed, step in np.argwhere(table.outcome.values == Outcome.violation):
+        kind = Violation(int(table.violation.values[d, q, seed, step])).name.replace("_", " ")
+        where = f"{table.difficulty.values[d]}/{table.quantity.values[q]} ({kind})"
+        wrong[where] = wrong.get(where, 0) + 1
+    return wrong
+
+
+def _bound_claims(ds):
+    # Counts are whole numbers, which claim to be exact.
+    claimed = (np.isfinite(ds.bound) & (ds.bound > 0)).values
+    if not claimed.any():
+        return
+    error, bound = ds.error.values[claimed], ds.bound.values[claimed]
+    above = int((error > bound).sum())
+    yield Claim(
+        "bounds", "the claimed bound is never below the true error", "not stated",
+        f"below it in {above} of {len(error)} points", "differs" if above else "holds",
+        "these bounds are too small" if above else "",
+    )  # fmt: skip
+    names = np.broadcast_to(ds.quantity.values[:, None], ds.bound.transpose(..., "quantity", "step").shape)
+    ratios = np.maximum(ds.bound, ULP) / np.maximum(ds.error, ULP)
+    ratios = ratios.transpose(..., "quantity", "step").values
+    claimed = (np.isfinite(ds.bound) & (ds.bound > 0)).transpose(..., "quantity", "step").values
+    for quantity in dict.fromkeys(names[claimed].tolist()):
+        ratio = float(np.median(ratios[claimed & (names == quantity)]))
+        yield Claim(
+            f"bounds-{quantity}", f"the bound of {quantity} is within {WIDEST:g} times of the error (median)",
+            "not stated", f"{ratio:.3g} times", "holds" if ratio <= WIDEST else "differs",
+            "" if ratio <= WIDEST else "the bound is cautious; errors and bounds below a rounding count as one",
+        )  # fmt: skip
+
+
+def _assembly_claims(ds):
+    """How far three ways to solve for a configuration go, and what they take."""
+    if "stress_spread" not in ds.difficulty.values or not {"plain factor", *_RIVALS} <= set(ds.assembly.values):
+        return
+    one = ds.sel(difficulty="stress_spread")
+    strengths, error = one.strength.values, one.assembly_error.max("seed")
+    wrong = strengths[(error.sel(assembly="plain factor") > _LOST).values]
+    reach = [np.nanmax(strengths[(error.sel(assembly=name) < _LOST).values], initial=0.0) for name in _RIVALS]
+    took = [float(one.assembly_seconds.sel(assembly=name).median()) for name in _RIVALS]
+    size = json.loads(ds.attrs["parameters"])["timed_vertices"]
+    yield Claim(
+        "assembly", "an assembly without subtraction is worth its time", "not stated",
+        f"σ over 10^±p: right to p = {reach[1]:g}, a refined factor to p = {reach[0]:g} and then says so, a plain one "
+        + (f"is silently wrong from p = {wrong.min():g}" if len(wrong) else "is never wrong")
+        + f"; it takes {took[1] / took[0]:.0f} times the time of a refined factor at N_v = {size}",
+        "measured", "its time grows as N_v³, so it stays out of the library",
+    )  # fmt: skip
+
+
+def summary(ds):
+    """Scalars for tables: violations, outcomes by quantity, the percolation curve."""
+    counts = {
+        str(q): {
+            Outcome(o).name: int((ds.outcome.sel(quantity=q) == o).sum())
+            for o in Outcome
+            if o is not Outcome.absent and bool((ds.outcome.sel(quantity=q) == o).any())
+        }
+        for q in ds.quantity.values
+    }
+    found = {
+        "violations": sum(_violations(ds).values()),
+        "violations_by_place": _violations(ds),
+        "outcomes": counts,
+        "parameters": json.loads(ds.attrs["parameters"]),
+    }
+    if (curve := percolation_curve(ds)) is not None:
+        full, slack, sizes, spreads, counts_ = curve
+        found["percolation"] = {
+            "sizes": sizes, "spreads": spreads, "networks": counts_[:, 0], "percolating": full, "slack": slack,
+            "half": [half_point(spreads, row) for row in full],
+        }  # fmt: skip
+    return found

@@ -1,0 +1,155 @@
+"""Where methods fail: error, claimed bound and status of every answer, to the point where it breaks and past it.
+
+The rule is that no answer is silently wrong.  Every point is right to the bound that it claims, or carries a status or
+raises a sentence that says why not; whatever else happens is a violation, and is counted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from critflow import Status, StudyError, voronoi_network
+from critflow.workflow import Axis, Coordinate, Study, Variable
+
+from ...shared.checks import check_network
+from .assembly import ASSEMBLIES, DIFFICULT, errors, seconds
+from .judge import Outcome, Violation
+from .percolation import percolation
+from .percolation_report import percolation_figure
+from .problems import DIFFICULTIES, QUANTITIES
+from .questions import asked
+from .report import assembly_figure, bound_figure, claims, map_figure, summary
+
+PERCOLATION = "percolation"
+
+
+def case(parameters, *, difficulty, seed):
+    """All questions of one difficulty at all its strengths, for one network; or the percolation curve."""
+    quantities, n_steps = parameters["quantities"], parameters["n_steps"]
+    sizes, spreads = parameters["sizes"], parameters["spreads"]
+    shape = len(quantities), n_steps
+    strength, error, bound = np.full(n_steps, np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
+    outcome, violation = np.zeros(shape, int), np.zeros(shape, int)
+    status = np.full(shape, int(Status.missing))
+    assemblies = parameters["assemblies"]
+    assembly_error, assembly_seconds = np.full((len(assemblies), n_steps), np.nan), np.full(len(assemblies), np.nan)
+    curve = np.zeros((len(sizes), len(spreads)), int), *np.full((2, len(sizes), len(spreads)), np.nan)
+    if difficulty == PERCOLATION:
+        curve = percolation(sizes, spreads, parameters["networks"], seed)
+    else:
+        strengths = chosen(DIFFICULTIES[difficulty].strengths, n_steps)
+        strength[: len(strengths)] = strengths
+        for row, quantity in enumerate(quantities):
+            if quantity not in DIFFICULTIES[difficulty].quantities:
+                continue
+            for step, value in enumerate(strengths):
+                problem = DIFFICULTIES[difficulty].problem(value, seed, parameters["n_vertices"])
+                judgement = asked(quantity, problem)
+                error[row, step], bound[row, step] = judgement.error, judgement.bound
+                outcome[row, step], violation[row, step] = judgement.outcome, judgement.violation
+                status[row, step] = judgement.status
+        if difficulty in DIFFICULT:
+            for step, value in enumerate(strengths):
+                problem = DIFFICULTIES[difficulty].problem(value, seed, parameters["n_vertices"])
+                assembly_error[:, step] = errors(problem, assemblies)
+            assembly_seconds[:] = seconds(voronoi_network(parameters["timed_vertices"], seed), assemblies)
+    return {
+        "status": Status.ok,
+        "strength": strength,
+        "error": error,
+        "bound": bound,
+        "outcome": outcome,
+        "violation": violation,
+        "answer_status": status,
+        "assembly_error": assembly_error,
+        "assembly_seconds": assembly_seconds,
+        "networks_solved": curve[0],
+        "percolating": curve[1],
+        "stressed_fraction": curve[2],
+    }
+
+
+def chosen(strengths, n_steps):
+    """All strengths, or so many of them spread evenly."""
+    if len(strengths) <= n_steps:
+        return strengths
+    return tuple(strengths[n] for n in np.round(np.linspace(0, len(strengths) - 1, n_steps)).astype(int))
+
+
+def check(parameters, axes):
+    """Refuse settings that could only fail, before anything runs."""
+    if unknown := sorted(set(parameters["quantities"]) - set(QUANTITIES)):
+        raise StudyError(f"there is no quantity {unknown[0]!r}: choose among {', '.join(QUANTITIES)}")
+    if len(parameters["sizes"]) != len(parameters["networks"]) or min(parameters["networks"]) < 1:
+        raise StudyError("every one of `sizes` needs a number of `networks` of at least 1")
+    if parameters["n_steps"] < 2:
+        raise StudyError(f"n_steps={parameters['n_steps']} must be at least 2")
+    if unknown := sorted(set(parameters["assemblies"]) - set(ASSEMBLIES)):
+        raise StudyError(f"there is no assembly {unknown[0]!r}: choose among {', '.join(ASSEMBLIES)}")
+    for n_vertices in (parameters["n_vertices"], parameters["timed_vertices"], *parameters["sizes"]):
+        check_network(voronoi_network, n_vertices, axes["seed"][0], 0.82)
+
+
+POINT = ("difficulty", "seed", "quantity", "step")
+CURVE = ("difficulty", "seed", "size", "spread")
+
+study = Study(
+    name="failure_map",
+    title="Where methods fail: error, claimed bound and status over the strength of every difficulty",
+    axes=(
+        Axis("difficulty", (PERCOLATION, *DIFFICULTIES), "what makes it hard", key="difficulties"),
+        Axis("seed", range(2), "seed of the network", noun="networks"),
+    ),
+    parameters={
+        "quantities": QUANTITIES,
+        "assemblies": ASSEMBLIES,
+        "timed_vertices": 256,
+        "n_vertices": 16,
+        "n_steps": 16,
+        "sizes": (50, 100, 200, 400, 1000),
+        "networks": (40, 40, 24, 12, 6),
+        "spreads": (0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.14, 0.16, 0.18, 0.2, 0.25, 0.3, 0.4, 0.5),
+    },
+    coordinates=(
+        Coordinate("quantity", "quantities", "what is asked, and of which method"),
+        Coordinate("assembly", "assemblies", "way to solve for a configuration of positive stress"),
+        Coordinate("size", "sizes", "number of vertices of the percolation curve"),
+        Coordinate("spread", "spreads", "spread s of the rest lengths of the percolation curve"),
+    ),
+    case=case,
+    check=check,
+    variables=(
+        Variable("strength", ("difficulty", "step"), "f8", long_name="how hard, in the terms of the difficulty"),
+        Variable("error", POINT, "f8", long_name="true error, relative to the largest number of the answer"),
+        Variable("bound", POINT, "f8", long_name="claimed bound on the error, relative to the same"),
+        Variable("outcome", POINT, "i1", long_name="what became of the point", flags=Outcome),
+        Variable("violation", POINT, "i1", long_name="what is wrong about a silent wrong answer", flags=Violation),
+        Variable("answer_status", POINT, "i1", long_name="status of the answer", flags=Status),
+        Variable(
+            "assembly_error",
+            ("difficulty", "seed", "assembly", "step"),
+            "f8",
+            long_name="largest coordinate error of a configuration, relative to the largest coordinate",
+        ),
+        Variable(
+            "assembly_seconds",
+            ("difficulty", "seed", "assembly"),
+            "f8",
+            units="s",
+            volatile=True,
+            long_name="median time of a configuration of `timed_vertices` vertices",
+        ),
+        Variable("networks_solved", CURVE, "i4", long_name="networks of the percolation curve"),
+        Variable("percolating", CURVE, "f8", long_name="part of the networks with every edge stressed"),
+        Variable("stressed_fraction", CURVE, "f8", long_name="mean part of the edges that are stressed"),
+        Variable("status", ("difficulty", "seed"), "i1", long_name="whether the case was computed", flags=Status),
+    ),
+    figures={
+        "failure_map": map_figure,
+        "error_bounds": bound_figure,
+        "assembly": assembly_figure,
+        "percolation": percolation_figure,
+    },
+    claims=claims,
+    summary=summary,
+)

@@ -1,0 +1,102 @@
+"""ASE and matscipy with the springs of a state: atoms in a periodic layer, a calculator of fixed bonds.
+
+ASE's calculators of bonds find neighbours by distance; ours knows the bonds, as its interface allows.  matscipy's
+`MatscipyCalculator` asks for the Hessian and derives the elastic constants by itself.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from critflow.mechanics.springs import SpringState
+from critflow.networks.network import Array
+
+from ..timing import peer
+
+# Thickness of the layer; volumes are areas times it.
+_THICKNESS = 1.0
+
+
+def atoms_of(state: SpringState) -> Any:
+    """ASE's `Atoms` at the coordinates of a state, in a layer."""
+    network = state.network
+    cell = np.diag([0.0, 0.0, _THICKNESS])
+    cell[:2, :2] = network.cell
+    x = np.zeros((network.n_vertices, 3))
+    x[:, :2] = state.coordinates
+    return peer("ase").Atoms(positions=x, cell=cell, pbc=True, numbers=np.ones(len(x), int))
+
+
+def ase_springs(state: SpringState) -> Any:
+    """A calculator of energy and forces."""
+
+    class Springs(peer("ase.calculators.calculator").Calculator):  # type: ignore[misc, name-defined]
+        implemented_properties = ("energy", "forces", "free_energy")
+
+        def calculate(self, atoms=None, properties=("energy",), system_changes=()):
+            super().calculate(atoms, properties, system_changes)
+            force = np.zeros((state.network.n_vertices, 3))
+            L = g @ self.atoms.positions[:, :2] + b
+            length = np.sqrt(np.einsum("ad,ad->a", L, L))
+            extension = length - state.rest_lengths
+            tension = state.network.stiffness * extension
+            force[:, :2] = g_transposed @ (-(tension / length)[:, None] * L)
+            energy = 0.5 * float(tension @ extension)
+            self.results = {"energy": energy, "free_energy": energy, "forces": force}
+
+    g, b = state.network.incidence, _images(state)
+    g_transposed = sp.csr_array(g.T)
+    return Springs()
+
+
+def matscipy_springs(state: SpringState) -> Any:
+    """A calculator of stress and of Hessians in matscipy's two formats, for edges and their reverses."""
+
+    class Springs(peer("matscipy.calculators.calculator").MatscipyCalculator):  # type: ignore[misc, name-defined]
+        implemented_properties = (
+            *("energy", "forces", "stress", "hessian", "nonaffine_forces", "born_constants"),
+            *("birch_coefficients", "elastic_constants"),
+        )
+
+        def calculate(self, atoms, properties, system_changes):
+            super().calculate(atoms, properties, system_changes)
+            L, length, tension = _springs(self.atoms)
+            along = L * (tension / length)[:, None]
+            stress = self._virial(L, along) / self.atoms.get_volume()
+            forces = np.zeros((len(self.atoms), 3))
+            forces[:] = -(g.T @ along)
+            extension = length - state.rest_lengths
+            self.results |= {"energy": 0.5 * float(tension @ extension), "forces": forces, "stress": stress}
+
+        def get_hessian(self, atoms, format="sparse", divide_by_masses=False):
+            L, length, tension = _springs(atoms)
+            stiffness, sigma = state.network.stiffness, tension / length
+            n = L / length[:, None]
+            blocks = (stiffness - sigma)[:, None, None] * n[:, :, None] * n[:, None, :]
+            blocks += sigma[:, None, None] * np.eye(3)
+            if format == "neighbour-list":
+                pairs, vectors = np.concatenate([edges, edges[:, ::-1]]), np.concatenate([L, -L])
+                lengths = np.concatenate([length, length])
+                return -np.concatenate([blocks, blocks]), pairs[:, 0], pairs[:, 1], vectors, lengths
+            weight = sp.bsr_array((blocks, np.arange(len(L)), np.arange(len(L) + 1)))
+            return sp.csr_array(g3.T @ weight @ g3)
+
+    network = state.network
+    edges, g, b = network.edges, network.incidence, np.zeros((network.n_edges, 3))
+    b[:, :2] = _images(state)
+    g3 = sp.csr_array(sp.kron(g, sp.eye_array(3)))
+
+    def _springs(atoms):
+        L = g @ atoms.positions + b
+        length = np.linalg.norm(L, axis=1)
+        return L, length, network.stiffness * (length - state.rest_lengths)
+
+    return Springs()
+
+
+def _images(state: SpringState) -> Array:
+    """What the images add to the bond vectors, (N_b, 2), for coordinates that need not be grounded."""
+    return state.network.offsets @ state.network.cell

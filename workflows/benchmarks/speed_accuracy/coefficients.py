@@ -1,0 +1,136 @@
+"""Task: C_B and C_G, the slopes of the moduli at the transition: exactly, by Richardson extrapolation, and by fits.
+
+Fits and extrapolation need the moduli at several strains, each a relaxation and a linear response; levels are the
+largest strain.  A fit of degree n has a bias of that strain to the nth power, and the rounding of the moduli over it.
+The reference is the slope at γ = 0 of the polynomial through moduli at 13 strains, all in extended precision, which
+knows nothing of the exact formula.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from critflow import (
+    CriticalConfiguration,
+    CriticalManifold,
+    Status,
+    fit_stiffening,
+    stiffening,
+    strain_path,
+    transition_moduli,
+)
+from critflow.mechanics.strain_path import StrainPath
+from critflow.networks.network import Array
+from critflow.precision.double_double import Extended
+
+from ..timing import Contestant, Task, Verdict
+from .moduli import LARGE, random_critical
+from .springs import apart, extended_slopes
+
+SIZES = (100, 1_000, 10_000)
+WINDOWS = (1e-2, 1e-3, 1e-4, 1e-5)
+# Halvings of the strain in Richardson's table.
+HALVINGS = 3
+# Name of a fit: its degree and number of strains.
+_FITS = {
+    "line through 4": (1, 4),
+    "line through 16": (1, 16),
+    "parabola through 4": (2, 4),
+    "parabola through 16": (2, 16),
+}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Coefficients as a method gives them, how it ended, and a relative bound on their errors if it claims one."""
+
+    C_B: float
+    C_G: float
+    status: Status = Status.ok
+    iterations: int = 0
+    bound: float = np.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """A critical configuration with its exact C_B and C_G."""
+
+    manifold: CriticalManifold
+    critical: CriticalConfiguration
+    C_B: Extended
+    C_G: Extended
+
+    @classmethod
+    def of(cls, n_vertices: int, seed: int) -> Slopes:
+        manifold, critical = random_critical(n_vertices, seed)
+        return cls(manifold, critical, *extended_slopes(critical, manifold))
+
+    def path(self, strains: Array) -> tuple[StrainPath, Status]:
+        """Moduli along a path that starts from the configuration without anything that was computed from it."""
+        start = replace(self.critical)
+        solution = strain_path(self.manifold.network, start, strains, pattern=self.manifold.hessian, throw=False)
+        return solution.value, solution.status
+
+    def judge(self, answer: Answer) -> Verdict:
+        """The larger of the relative errors."""
+        error = max(apart(answer.C_B, self.C_B), apart(answer.C_G, self.C_G))
+        return Verdict(error, answer.status, answer.iterations, answer.bound)
+
+
+def _exactly(slopes: Slopes, level: float) -> Answer:
+    critical = replace(slopes.critical)
+    solution = stiffening(slopes.manifold, critical, throw=False)
+    value, claim = solution.value, solution.stats.error_bound
+    bound = np.nan
+    if isinstance(claim, type(value)):
+        bound = max(claim.C_B / abs(value.C_B), claim.C_G / abs(value.C_G))
+    return Answer(value.C_B, value.C_G, solution.status, solution.stats.iterations, bound)
+
+
+def _fitted(slopes: Slopes, degree: int, n_strains: int, window: float) -> Answer:
+    path, status = slopes.path(window * np.arange(1, n_strains + 1) / n_strains)
+    fits = [fit_stiffening(path.strains, values, degree=degree) for values in (path.bulk_modulus, path.shear_modulus)]
+    return Answer(fits[0].slope, fits[1].slope, status, int(path.steps.sum()))
+
+
+def _extrapolated(slopes: Slopes, reach: float) -> Answer:
+    """Difference quotients with the moduli at the transition, of errors γ, γ², …, eliminated in turn."""
+    gamma = reach * 2.0 ** np.arange(-HALVINGS, 1)
+    path, status = slopes.path(gamma)
+    start = transition_moduli(replace(slopes.critical))
+    found = []
+    for values, value_0 in ((path.bulk_modulus, start.bulk), (path.shear_modulus, start.shear)):
+        table = (values - value_0) / gamma
+        for order in range(1, HALVINGS + 1):
+            table = (2**order * table[:-1] - table[1:]) / (2**order - 1)
+        found.append(float(table[0]))
+    return Answer(*found, status, int(path.steps.sum()))
+
+
+def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
+    slopes = Slopes.of(n_vertices, seed)
+    windows = WINDOWS if n_vertices < LARGE else WINDOWS[-1:]
+    return [
+        Contestant("exact", partial(_exactly, slopes), slopes.judge, backend="qdldl"),
+        Contestant("Richardson", partial(_extrapolated, slopes), slopes.judge, windows, backend="qdldl"),
+        *(
+            Contestant(name, partial(_fitted, slopes, *fit), slopes.judge, windows, backend="qdldl")
+            for name, fit in _FITS.items()
+        ),
+    ]
+
+
+TASKS = (
+    Task(
+        "coefficients",
+        "stiffening coefficients C_B and C_G",
+        "larger of the relative errors of C_B and C_G",
+        SIZES,
+        ("exact", "Richardson", *_FITS),
+        "exact",
+        _contestants,
+    ),
+)

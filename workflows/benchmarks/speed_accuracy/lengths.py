@@ -1,0 +1,157 @@
+"""Task rest lengths → critical configuration: the box is expanded until the network is rigid, or a cone program solved.
+
+All edges are stressed, so there is one answer.  The strain protocol of the paper stops at the first step past the
+transition that has the energy of a threshold, and its error is its distance past it: its levels are strain steps, with
+thresholds of half a step's energy.  Bisection halves the interval of strains from floppy to rigid down to its level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state, voronoi_network
+from critflow.precision.double_double import Extended, ExtendedGeometry, add, divide, extended, multiply, subtract
+from critflow.solvers.cone import fit_lengths, polish
+from critflow.workflow import stable_rng
+
+from ...shared.measurements import random_lengths
+from ..timing import Contestant, Task, Verdict
+from .reference import over_axes, total
+
+SIZES = (100, 1_000, 10_000)
+# Spreads of the rest lengths, the first one taken for which all edges are stressed.
+SPREADS = (0.1, 0.05, 0.02)
+# FIRE needs 10⁴ steps and more a strain step.
+FIRE_SIZE = 200
+STRAIN_STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
+WIDTHS = (1e-2, 1e-4, 1e-6, 1e-8)
+CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+REFINEMENTS = 4
+
+
+@dataclass(frozen=True)
+class _Answer:
+    sigma: np.ndarray
+    status: Status = Status.ok
+    iterations: int = 0
+
+
+def reference(manifold: CriticalManifold, lengths) -> Extended | None:
+    """σ (N_b,) with Σσ² = N_b that these rest lengths lead to, right to about 25 digits, or None with slack edges.
+
+    Newton on gᵀ(σ ∘ L) = 0 and |L|² = λ ℓ², with these residuals in extended precision.
+    """
+    found = critical_from_lengths(manifold, lengths, throw=False)
+    if not found.ok:
+        return None
+    network, geometry = manifold.network, ExtendedGeometry(manifold.network)
+    x, sigma = extended(found.value.coordinates[network.free]), extended(found.value.sigma)
+    target = multiply(extended(lengths), extended(0.5 * lengths))
+    for _ in range(REFINEMENTS):
+        L = geometry.bond_vectors(x, network.boundary_vectors)
+        h = multiply(extended(np.array([0.5])), over_axes(multiply(L, L)))
+        scale = divide(total(multiply(sigma, h)), total(multiply(sigma, target)))
+        column = Extended(sigma.high[:, None], sigma.low[:, None])
+        force = geometry.divergence(multiply(column, L))
+        short = subtract(multiply(scale, target), h)
+        u, change, _ = manifold.saddle.factorize(sigma.high, L.high).solve(-force.high, short.high)
+        x = add(x, extended(u))
+        sigma = add(sigma, extended(change - (change @ sigma.high) / (sigma.high @ sigma.high) * sigma.high))
+    size = np.sqrt(len(lengths) / (sigma.high @ sigma.high))
+    return multiply(sigma, extended(np.array([size])))
+
+
+def _judge(best: Extended):
+    """Largest error of a stress over the mean stress; scales are compared by their projection."""
+
+    def judge(answer: _Answer) -> Verdict:
+        sigma = answer.sigma * ((answer.sigma @ best.high) / (answer.sigma @ answer.sigma))
+        wrong = np.abs((sigma - best.high) - best.low)
+        return Verdict(float(wrong.max() / best.high.mean()), answer.status, answer.iterations)
+
+    return judge
+
+
+def _problem(n_vertices: int, seed: int):
+    manifold = CriticalManifold(voronoi_network(n_vertices, seed))
+    noise = stable_rng(seed, "contest", "lengths")
+    for spread in SPREADS:
+        lengths = random_lengths(noise, manifold.network.n_edges, spread)
+        best = reference(manifold, lengths)
+        if best is not None:
+            return manifold, lengths, best
+    raise ValueError("some edges are slack at every spread of the rest lengths")
+
+
+def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
+    manifold, lengths, best = _problem(n_vertices, seed)
+    network, judge, saddle = manifold.network, _judge(best), manifold.saddle
+
+    def auto(level):
+        solution = critical_from_lengths(manifold, lengths, throw=False)
+        return _Answer(solution.value.sigma, solution.status, solution.stats.evaluations)
+
+    def cone(level):
+        found = fit_lengths(network, lengths, level)
+        return _Answer(found.sigma, Status.ok if found.solved else Status.stalled, found.iterations)
+
+    def polished(level):
+        found = fit_lengths(network, lengths, level)
+        _, sigma, _, steps = polish(saddle, network, lengths, found.coordinates, found.sigma)
+        status = Status.ok if found.solved and (sigma > 0).all() else Status.stalled
+        return _Answer(sigma, status, found.iterations + steps)
+
+    def strain(level, relaxation):
+        # An energy of springs stretched by half a step beyond the transition.
+        threshold = 0.5 * float(np.sum((0.5 * level * lengths) ** 2))
+        solution = critical_from_lengths(
+            manifold, lengths, "strain", relaxation=relaxation, strain_step=level, energy_threshold=threshold,
+            throw=False,
+        )  # fmt: skip
+        return _Answer(solution.value.sigma, solution.status, solution.stats.iterations)
+
+    own = [
+        Contestant("auto", auto, judge),
+        Contestant("cone + Newton", polished, judge, CONE),
+        Contestant("cone", cone, judge, CONE),
+        Contestant("strain Newton", partial(strain, relaxation="newton"), judge, STRAIN_STEPS),
+        Contestant("bisection", partial(_bisected, manifold, lengths), judge, WIDTHS),
+    ]
+    if n_vertices <= FIRE_SIZE:
+        own.append(Contestant("strain FIRE", partial(strain, relaxation="fire"), judge, STRAIN_STEPS[:2]))
+    return own
+
+
+def _bisected(manifold: CriticalManifold, lengths: np.ndarray, width: float) -> _Answer:
+    """The stress of the last rigid state, when the strain of the transition is known to `width`."""
+    network, pattern = manifold.network, manifold.hessian
+    x = manifold.configuration(network.stiffness).coordinates
+    low, high, steps = -1.0, 1.0, 0
+    sigma = network.stiffness
+    while high - low > width:
+        strain = 0.5 * (low + high)
+        state = spring_state(network, lengths * (1 - strain), x)
+        solution = equilibrium(state, pattern=pattern, throw=False)
+        steps += solution.stats.iterations
+        # Springs that are stretched by the width of the interval have this energy.
+        if solution.ok and solution.value.energy > 1e-4 * float(np.sum((width * lengths) ** 2)):
+            high, x, sigma = strain, solution.value.coordinates, solution.value.sigma
+        else:
+            low = strain
+    return _Answer(sigma, Status.ok if (sigma > 0).all() else Status.slack_edges, steps)
+
+
+TASKS = (
+    Task(
+        "rest_lengths",
+        "rest lengths → critical configuration",
+        "largest error of a stress over the mean stress",
+        SIZES,
+        ("auto", "cone + Newton", "cone", "strain Newton", "bisection", "strain FIRE"),
+        "auto",
+        _contestants,
+    ),
+)

@@ -1,0 +1,270 @@
+"""Tasks of the optima over stress, all methods from the same start and with θ = log σ as unknowns.
+
+The start is σ = 1 on every edge; that is the optimum of B_0 already, which starts from a random stress therefore.
+The error of each is measured without a subtraction of nearly equal numbers, so it keeps falling where differences of
+the value would be rounding:
+    V_L         the value itself, whose least is zero
+    B_0         1 − B_0/max B_0, the sin² of the angle between the forces σL and those of the closed form
+    V_τ, G_0    the largest d log O/d log σ of an edge.  G_0, with its penalty, has several local optima, to which
+                methods may go as they like.  The network of 10,000 vertices does not attain its infimum of V_τ, where
+                an edge would have no length, and so has no such error: that size is left out
+Ours look for a way down from where they end, to tell a minimum from a saddle, at tolerances of 1e-8 and less; peers do
+not, which is part of the times.
+
+jax_fdm knows no periodic cells: it is compared on the part of the network that does not cross the cell, hung on the
+vertices that lost an edge, where these are when all edges are equally long, so that V_L = 0 is attained.  Few such
+networks attain the infimum of V_τ, all of them small: the first that does is taken.  The model of jax_fdm gives value
+and gradient of the same function, compiled before any time is taken, to SciPy's L-BFGS-B, which is what its own
+optimisers call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.optimize import minimize
+
+from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
+from critflow.critical.objectives import named_objective
+from critflow.solvers.cone import fit_lengths
+from critflow.workflow import stable_rng
+
+from ..timing import Contestant, Task, Verdict, installed, peer
+
+SIZES = (100, 1_000, 10_000)
+TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
+# Where runs are short, and for gradients alone, so many tolerances that what lies between two of them does not matter.
+FINE = (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, *(10.0**-n for n in range(7, 15)))
+SHORT = 1_000
+CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+STEPS = (30.0, 100.0, 300.0, 1_000.0, 3_000.0, 10_000.0)
+# SciPy's methods stop by their own measures too, at the latest after so many steps.
+SCIPY_STEPS = {"L-BFGS-B": 3_000, "trust-krylov": 100}
+WORDS = ("length_variance", "tension_variance", "bulk_modulus", "shear_modulus")
+
+Gradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
+
+
+class _Landscape:
+    """An objective to be minimised over θ = log σ, with gradients and products with its Hessian, for SciPy."""
+
+    def __init__(self, manifold: CriticalManifold, word: str):
+        self._manifold, self._goal = manifold, named_objective(manifold.network, word)
+        self._sign = -1.0 if self._goal.maximise else 1.0
+        self._last: tuple = ()
+
+    def at(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
+        sigma = _stress(theta)
+        _, L, factor = self._manifold.balance(sigma)
+        value, partials = self._goal.evaluate(sigma, L)
+        slope, gy = self._manifold.pull_back(L, factor, *partials)
+        self._last = theta.copy(), sigma, L, factor, slope, gy
+        return self._sign * value, self._sign * sigma * slope
+
+    def curvature(self, theta: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        if not np.array_equal(theta, self._last[0]):
+            self.at(theta)
+        _, sigma, L, factor, slope, gy = self._last
+        dsigma = sigma * direction
+        dL = self._manifold.tangent(L, factor, dsigma)
+        second = self._goal.differential(sigma, L, dsigma, dL)
+        dslope = self._manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second)
+        return self._sign * sigma * (direction * slope + dslope)
+
+
+def _stress(theta: np.ndarray) -> np.ndarray:
+    sigma = np.exp(theta - theta.max())
+    return sigma * np.sqrt(len(sigma) / (sigma @ sigma))
+
+
+@dataclass(frozen=True)
+class _Answer:
+    sigma: np.ndarray
+    status: Status = Status.ok
+    iterations: int = 0
+
+
+def _by_scipy(function: Gradient, start: np.ndarray, method: str, curvature=None):
+    """Levels are the largest component of the gradient; L-BFGS-B is not to stop by the value."""
+    max_steps = SCIPY_STEPS[method]
+    own = {"ftol": 0.0, "maxcor": 15, "maxfun": 2 * max_steps} if method == "L-BFGS-B" else {}
+
+    def run(level):
+        options = {"gtol": level, "maxiter": max_steps, **own}
+        with np.errstate(all="ignore"):
+            end = minimize(function, np.log(start), jac=True, hessp=curvature, method=method, options=options)
+        steps = int(end.nit)
+        status = Status.ok if end.success else Status.step_limit if steps >= max_steps else Status.stalled
+        return _Answer(_stress(end.x), status, steps)
+
+    return run
+
+
+def _by_critflow(manifold: CriticalManifold, word: str, method: str, start: np.ndarray | None):
+    def run(level):
+        solution = optimize(manifold, word, method, start=start, tolerance=level, throw=False)
+        return _Answer(solution.value.sigma, solution.status, solution.stats.iterations)
+
+    return run
+
+
+def _by_fire(manifold: CriticalManifold, word: str, start: np.ndarray):
+    """Levels are step limits: to any tolerance it would take minutes."""
+
+    def run(level):
+        solution = optimize(manifold, word, "fire", start=start, tolerance=1e-15, max_steps=int(level), throw=False)
+        return _Answer(solution.value.sigma, solution.status, solution.stats.iterations)
+
+    return run
+
+
+def _by_cone(manifold: CriticalManifold):
+    """Clarabel's tensions as they are; levels are its tolerances."""
+
+    def run(level):
+        cone = fit_lengths(manifold.network, np.ones(manifold.network.n_edges), level)
+        return _Answer(cone.sigma, Status.ok if cone.solved else Status.stalled, cone.iterations)
+
+    return run
+
+
+def _judge(manifold: CriticalManifold, word: str):
+    """The error of a stress, as said above."""
+    goal = named_objective(manifold.network, word)
+    best = np.empty(0)
+    if word == "bulk_modulus":
+        best = manifold.configuration(manifold.network.stiffness).bond_vectors.ravel()
+        best = best / np.linalg.norm(best)
+
+    def judge(answer: _Answer) -> Verdict:
+        if not (np.isfinite(answer.sigma).all() and (answer.sigma > 0).all()):
+            return Verdict(np.nan, answer.status, answer.iterations)
+        sigma = answer.sigma
+        _, L, factor = manifold.balance(sigma)
+        value, partials = goal.evaluate(sigma, L)
+        if word == "bulk_modulus":
+            forces = (sigma[:, None] * L).ravel()
+            across = forces - (forces @ best) * best
+            error = (across @ across) / (forces @ forces)
+        elif word == "length_variance":
+            error = value
+        else:
+            error = np.abs(sigma * manifold.pull_back(L, factor, *partials)[0] / value).max()
+        return Verdict(float(error), answer.status, answer.iterations)
+
+    return judge
+
+
+def _contestants(n_vertices: int, seed: int, word: str, pinned: bool = False) -> list[Contestant]:
+    manifold = _hanging(n_vertices, seed, word) if pinned else CriticalManifold(voronoi_network(n_vertices, seed))
+    start = np.ones(manifold.network.n_edges)
+    if word == "bulk_modulus":
+        start = np.exp(0.5 * stable_rng(seed, "contest", "start").standard_normal(len(start)))
+    judge, landscape = _judge(manifold, word), _Landscape(manifold, word)
+    curved = FINE if n_vertices <= SHORT else TOLERANCES
+    # A closed form has one accuracy.
+    chosen = (1e-12,) if word == "bulk_modulus" else FINE
+    own = [
+        Contestant("auto", _by_critflow(manifold, word, "auto", None), judge, chosen),
+        Contestant("newton", _by_critflow(manifold, word, "newton", start), judge, curved),
+        Contestant("lbfgs", _by_critflow(manifold, word, "lbfgs", start), judge, FINE),
+        Contestant("fire", _by_fire(manifold, word, start), judge, STEPS),
+    ]
+    if word == "length_variance":
+        own.append(Contestant("cone", _by_cone(manifold), judge, CONE))
+    lbfgs = _by_scipy(landscape.at, start, "L-BFGS-B")
+    krylov = _by_scipy(landscape.at, start, "trust-krylov", landscape.curvature)
+    peers = [
+        Contestant("SciPy L-BFGS-B", lbfgs, judge, FINE, "scipy"),
+        Contestant("SciPy trust-krylov", krylov, judge, curved, "scipy"),
+    ]
+    if pinned:
+        run = _by_jax(manifold.network, word, start) if installed("jax-fdm") else _absent
+        peers.append(Contestant("jax_fdm", run, judge, FINE, "jax-fdm"))
+    return [*own, *peers]
+
+
+def _hanging(n_vertices: int, seed: int, word: str) -> CriticalManifold:
+    """The first hung network whose infimum is attained."""
+    for other in range(seed, seed + 100):
+        manifold = CriticalManifold(hung(voronoi_network(n_vertices, other)))
+        if optimize(manifold, word, throw=False).ok:
+            return manifold
+    raise ValueError(f"no hung network of {n_vertices} vertices attains its least {word}")
+
+
+def _absent(level):
+    raise ModuleNotFoundError("jax_fdm is not installed")
+
+
+def hung(network: Network) -> Network:
+    """The part of a periodic network that does not cross the cell, on pins where an edge was cut."""
+    x = optimize(network, "length_variance").value.coordinates
+    inside = (network.offsets == 0).all(axis=1)
+    cut = np.zeros(network.n_vertices, bool)
+    cut[network.edges[~inside]] = True
+    # An edge between two pins carries what it likes.
+    inside &= ~cut[network.edges].all(axis=1)
+    vertices, edges = np.unique(network.edges[inside], return_inverse=True)
+    pins = {place: x[vertex] for place, vertex in enumerate(vertices) if cut[vertex]}
+    return Network(edges.reshape(-1, 2), pins=pins, n_vertices=len(vertices), positions=x[vertices])
+
+
+def _by_jax(network: Network, word: str, start: np.ndarray):
+    """Value and gradient by jax_fdm's sparse model in double precision."""
+    fdm, jax, jnp = peer("jax_fdm.equilibrium"), peer("jax"), peer("jax.numpy")
+    n, fixed = network.n_vertices, np.array(sorted(network.pins))
+    supports = np.zeros(n, int)
+    supports[fixed] = 1
+    structure = fdm.EquilibriumStructureSparse(np.arange(n), network.edges, supports)
+    model = fdm.EquilibriumModelSparse(tmax=1)
+    places = np.zeros((len(fixed), 3))
+    places[:, :2] = [network.pins[vertex] for vertex in fixed]
+    loads = jnp.zeros((n, 3))
+
+    def variance(theta):
+        q = jnp.exp(theta - jnp.max(theta))
+        free = model.nodes_free_positions(q, jnp.asarray(places), loads, structure)
+        x = model.nodes_positions(free, jnp.asarray(places), structure)
+        values = model.edges_lengths(model.edges_vectors(x, structure.connectivity)).ravel()
+        values = values if word == "length_variance" else q * values
+        return jnp.mean((values / jnp.mean(values) - 1) ** 2)
+
+    compiled = jax.jit(jax.value_and_grad(variance))
+    compiled(jnp.zeros(network.n_edges))
+
+    def function(theta):
+        value, gradient = compiled(theta)
+        return float(value), np.asarray(gradient)
+
+    return _by_scipy(function, start, "L-BFGS-B")
+
+
+_OWN = ("auto", "newton", "lbfgs", "fire")
+_SCIPY = ("SciPy L-BFGS-B", "SciPy trust-krylov")
+_MORE = {"length_variance": ("cone",)}
+_TITLES = dict(
+    zip(WORDS, ("least $V_L$", "least $V_\\tau$", "largest $B_0$", "largest $G_0$ with penalty"), strict=True)
+)
+_SLOPE = "largest d log O/d log σ of an edge"
+_ERRORS = dict(zip(WORDS, ("$V_L$", _SLOPE, "$1 - B_0/\\max B_0$", _SLOPE), strict=True))
+
+TASKS = (
+    *(
+        Task(
+            word, _TITLES[word], _ERRORS[word], SIZES[: 2 if word == "tension_variance" else 3],
+            (*_OWN, *_MORE.get(word, ()), *_SCIPY), "auto", partial(_contestants, word=word),
+        )
+        for word in WORDS
+    ),
+    *(
+        Task(
+            f"{word}_pinned", f"{_TITLES[word]}, pinned", _ERRORS[word], SIZES[:2] if word == WORDS[0] else SIZES[:1],
+            (*_OWN, *_MORE.get(word, ()), *_SCIPY, "jax_fdm"), "auto", partial(_contestants, word=word, pinned=True),
+        )
+        for word in WORDS[:2]
+    ),
+)  # fmt: skip

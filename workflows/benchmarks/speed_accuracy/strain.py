@@ -1,0 +1,187 @@
+"""Task: one strain step of springs from their critical configuration, by minimisers of the energy.
+
+All start from the same affinely strained state with the same springs, and stop at the same largest force component, in
+units of k times the mean length.  What is timed is the solve: the symbolic analysis of critflow, the bonds and lists of
+LAMMPS and the atoms of ASE are made before, and every run puts the vertices back where they start.
+
+LAMMPS runs without pair forces, with the largest component as its norm and an energy tolerance of zero; it stops
+where its line search finds no lower energy, and `forcezero` looks at forces instead.  ASE's defaults are made for eV
+and Å; its quasi-Newton methods are told the stiffness of a vertex, 3k, instead of 70.  Iterative methods
+may take so many steps that none works for more than some seconds; `Status.step_limit` says that it would have gone on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from critflow import CriticalManifold, Solution, Stats, Status, equilibrium, spring_state, voronoi_network
+from critflow.linalg.matrices import FixedPattern
+from critflow.mechanics.equilibrium import Relaxation
+from critflow.mechanics.springs import SpringState
+from critflow.networks.network import Array
+from critflow.precision.double_double import Extended, extended
+from critflow.solvers.minimize import lbfgs
+from critflow.workflow import stable_rng
+
+from ..timing import Contestant, Task, Verdict, installed, peer
+from .ase import ase_springs, atoms_of
+from .lammps import Lammps, representable
+from .springs import extended_equilibrium
+
+STRAIN = 1e-3
+# A hundredth of what the start is off, or less.
+USEFUL = 1e-5
+SIZES = (100, 1_000, 10_000)
+LEVELS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
+# ASE's BFGS diagonalises a dense matrix in each step.
+DENSE = 300
+
+# Steps times vertices that take some seconds, and steps that small networks may take, each of a constant cost.
+_FIRE_STEPS = (20_000_000, 20_000)
+_LBFGS_STEPS = (5_000_000, 4_000)
+_LAMMPS_STEPS = (200_000_000, 200_000)
+_ASE_STEPS = (5_000_000, 20_000)
+_DENSE_STEPS = (5_000_000, 200)
+_LAMMPS = {
+    "LAMMPS cg": ("cg", "line quadratic"),
+    "LAMMPS cg forcezero": ("cg", "line forcezero"),
+    "LAMMPS hftn": ("hftn", "line quadratic"),
+    "LAMMPS fire": ("fire", "line quadratic"),
+}
+# Optimiser, options, and most steps.
+_ASE: dict[str, tuple[str, dict[str, Any], tuple[int, int]]] = {
+    "ASE FIRE": ("FIRE", {}, _ASE_STEPS),
+    "ASE LBFGS": ("LBFGS", {"alpha": 3.0}, _ASE_STEPS),
+    "ASE BFGS": ("BFGS", {"alpha": 3.0}, _DENSE_STEPS),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class StrainStep:
+    """Springs strained affinely from their critical configuration, and where the free vertices end, exactly."""
+
+    start: SpringState
+    pattern: FixedPattern
+    reference: Extended
+
+    @classmethod
+    def of(cls, n_vertices: int, seed: int) -> StrainStep:
+        manifold = CriticalManifold(voronoi_network(n_vertices, seed))
+        rng = stable_rng(seed, "contest", "stress")
+        critical = manifold.configuration(np.abs(rng.standard_normal(manifold.network.n_edges)))
+        F = np.sqrt(1 + STRAIN) * np.eye(2)
+        start = spring_state(manifold.network.deformed(F), critical.lengths, critical.coordinates @ F.T)
+        near = equilibrium(start, pattern=manifold.hessian).value.coordinates[start.network.free]
+        state, _ = extended_equilibrium(start.network, extended(critical.lengths), near, manifold.hessian)
+        return cls(start, manifold.hessian, state.x)
+
+    @property
+    def unit(self) -> float:
+        """Mean length of the edges at rest."""
+        return self.start.length_scale
+
+    def most_steps(self, work: int, most: int) -> int:
+        return min(work // self.start.network.n_vertices, most)
+
+    def fresh(self) -> SpringState:
+        """The start without anything that was computed from it."""
+        return replace(self.start)
+
+    def judge(self, solution: Solution[SpringState]) -> Verdict:
+        """Largest error of a coordinate, in mean lengths; the vertex that is grounded stays where it is."""
+        x = solution.value.coordinates[self.start.network.free]
+        error = float(np.abs((x - self.reference.high) - self.reference.low).max())
+        bound = float(solution.stats.error_bound)
+        return Verdict(error / self.unit, solution.status, solution.stats.iterations, bound / self.unit)
+
+    def judge_peer(self, answer: tuple[Array, Status, int]) -> Verdict:
+        """The same for coordinates (N_v, 2) that the box may have wrapped and that have drifted."""
+        x, status, iterations = answer
+        side = self.start.network.cell[0, 0]  # type: ignore[index]
+        exact = self.start.coordinates.copy()
+        exact[self.start.network.free] = self.reference.high
+        off = x - exact
+        for _ in range(2):
+            off -= side * np.round(off / side)
+            off -= off.mean(axis=0)
+        return Verdict(float(np.abs(off).max()) / self.unit, status, iterations)
+
+
+def _own(step: StrainStep) -> list[Contestant]:
+    def by(method: str, most_steps: int | None, tolerance: float) -> Solution[SpringState]:
+        return equilibrium(step.fresh(), method, tolerance, most_steps, step.pattern, throw=False)
+
+    def by_lbfgs(tolerance: float) -> Solution[SpringState]:
+        state = step.fresh()
+        end = lbfgs(
+            Relaxation(state), np.zeros(state.forces.size), tolerance * step.unit, step.most_steps(*_LBFGS_STEPS)
+        )
+        value = state.moved(end.point.x.reshape(state.forces.shape))
+        return Solution(value, end.status, Stats("lbfgs", end.iterations, end.evaluations, end.point.residual))
+
+    return [
+        Contestant("Newton", partial(by, "newton", None), step.judge, LEVELS, backend="qdldl"),
+        Contestant("L-BFGS", by_lbfgs, step.judge, LEVELS),
+        Contestant("FIRE", partial(by, "fire", step.most_steps(*_FIRE_STEPS)), step.judge, LEVELS),
+    ]
+
+
+def _lammps(step: StrainStep) -> list[Contestant]:
+    if not representable(step.start):
+        return []
+    engine = Lammps(step.start) if installed("lammps") else None
+    most_steps = step.most_steps(*_LAMMPS_STEPS)
+
+    def run(style: str, options: str, tolerance: float) -> tuple[Array, Status, int]:
+        assert engine is not None
+        x, iterations, force = engine.relax(style, options, tolerance * step.unit, most_steps)
+        short = Status.stalled if iterations < most_steps else Status.step_limit
+        return x, Status.ok if force <= tolerance * step.unit else short, iterations
+
+    return [
+        Contestant(name, partial(run, style, options), step.judge_peer, LEVELS, "lammps")
+        for name, (style, options) in _LAMMPS.items()
+    ]
+
+
+def _ase(step: StrainStep) -> list[Contestant]:
+    def run(
+        method: str, options: dict[str, Any], limits: tuple[int, int], tolerance: float
+    ) -> tuple[Array, Status, int]:
+        atoms = start.copy()
+        atoms.calc = calculator
+        optimizer = getattr(optimizers, method)(atoms, logfile=None, **options)
+        done = optimizer.run(fmax=tolerance * step.unit, steps=step.most_steps(*limits))
+        return atoms.positions[:, :2], Status.ok if done else Status.step_limit, optimizer.nsteps
+
+    if installed("ase"):
+        start, calculator, optimizers = atoms_of(step.start), ase_springs(step.start), peer("ase.optimize")
+    small = step.start.network.n_vertices <= DENSE
+    return [
+        Contestant(name, partial(run, *choice), step.judge_peer, LEVELS, "ase")
+        for name, choice in _ASE.items()
+        if small or choice[0] != "BFGS"
+    ]
+
+
+def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
+    step = StrainStep.of(n_vertices, seed)
+    return [*_own(step), *_lammps(step), *_ase(step)]
+
+
+TASKS = (
+    Task(
+        "strain_step",
+        "a strain step, γ = 0.001",
+        "largest error of a coordinate in mean edge lengths",
+        SIZES,
+        ("Newton", "L-BFGS", "FIRE", *_LAMMPS, *_ASE),
+        "Newton",
+        _contestants,
+        USEFUL,
+    ),
+)

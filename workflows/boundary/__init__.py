@@ -1,0 +1,1 @@
+"""Boundary vectors and shear."""

@@ -1,0 +1,1 @@
+"""Populations of critical configurations, strained past the transition."""

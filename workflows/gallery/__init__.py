@@ -1,0 +1,1 @@
+"""Configurations at the optima."""

@@ -1,0 +1,344 @@
+"""Figure, claims and summary of the gallery, read off its dataset alone."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from critflow.networks.network import planar_faces
+from critflow.plot import draw_network, face_polygons, periodic_segments, shade_faces
+from critflow.result import Status
+from critflow.workflow import Claim
+
+from ..shared.verification import told
+
+# Name and the number that matters of every panel, in the order of the letters.
+CAPTIONS = {
+    "length_variance": ("least $V_L$", "$V_L$ {V_L}"),
+    "tension_variance": ("least $V_\\tau$", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
+    "tension_variance_inflated": ("B, some faces inflated", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
+    "bulk_modulus": ("largest $B_0$, $\\sigma = k$", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "bulk_modulus_wave": ("D after a smooth mode", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "bulk_modulus_designed": ("D, some faces largest", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "shear_modulus_1": ("largest $G_0$, $r$ = {thresholds[0]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "shear_modulus_2": ("largest $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "shear_modulus_3": ("largest $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "random_lengths": ("random $\\ell$, $s$ = {spread:g}", "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed"),
+    "random_lengths_wide": ("random $\\ell$, $s$ = {spread_wide:g}", "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed"),
+    "random_stress_1": ("random $\\sigma$", "$B_0$ = {B_0:.3f} $k$"),
+    "random_stress_2": ("random $\\sigma$, again", "$B_0$ = {B_0:.3f} $k$"),
+}
+PANELS = tuple(CAPTIONS)
+ISOGONAL = {
+    "tension_variance_inflated": "tension_variance",
+    "bulk_modulus_wave": "bulk_modulus",
+    "bulk_modulus_designed": "bulk_modulus",
+}
+SHADED = ("tension_variance", "tension_variance_inflated", "bulk_modulus", "bulk_modulus_designed")
+ROWS = (
+    (
+        PANELS[0:3],
+        "Least variance",
+        "Lengths can be made all equal (A), tensions not (B).  C keeps every direction and every tension of B, so its "
+        "$V_\\tau$ is the same.  Shaded: the faces that were inflated.",
+    ),
+    (
+        PANELS[3:6],
+        "Largest bulk modulus",
+        "D is stressed as its springs are stiff.  E and F keep the directions and tensions of D, and with them $B_0$, "
+        "however far they go.",
+    ),
+    (
+        PANELS[6:9],
+        "Largest shear modulus",
+        "The stress of no edge falls much below $r$.  The lower $r$, the more edges line up with the shear and the "
+        "larger is $G_0$.",
+    ),
+    (PANELS[9:13], "Random", ""),
+)
+NO_TENSION = 1e-9
+
+
+def gallery(ds):
+    """`Networks`: the panels of the first network on one page, on one colour scale of the tension at unit pressure."""
+    one = ds.isel(seed=0)
+    shown = [panel for panel in PANELS if panel in one.panel.values]
+    tension = np.abs(one.tension.sel(panel=shown).values)
+    limits = (0.0, float(np.nanpercentile(tension, 98)))
+    figure = Figure(figsize=(7.2, 9.0), dpi=200)
+    ways = "thirteen" if len(shown) == len(PANELS) else len(shown)
+    title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition, {ways} ways"
+    figure.text(0.5, 0.985, title, ha="center", va="top", fontsize=11)
+    grid = figure.add_gridspec(4, 4, left=0.012, right=0.988, bottom=0.072, top=0.925, wspace=0.06, hspace=0.22)
+    lines = None
+    for row, (panels, heading, note) in enumerate(ROWS):
+        for column, panel in enumerate(panels):
+            if panel in shown:
+                axes = figure.add_subplot(grid[row, column])
+                lines = _draw(axes, one.sel(panel=panel), ds, limits) or lines
+        if note:
+            axes = figure.add_subplot(grid[row, 3])
+            axes.set_axis_off()
+            axes.text(0.06, 0.98, heading, fontsize=8.5, fontweight="bold", va="top", transform=axes.transAxes)
+            axes.text(0.06, 0.87, _wrapped(note), fontsize=7.5, va="top", linespacing=1.35, transform=axes.transAxes)
+    if lines is not None:
+        bar = figure.colorbar(
+            lines, cax=figure.add_axes((0.25, 0.042, 0.5, 0.011)), orientation="horizontal", extend="max"
+        )
+        label = "edge tension $\\tau$ at unit pressure;  dotted: no tension (K is the spread that the paper prints)"
+        bar.set_label(label, fontsize=8, labelpad=2)
+        bar.ax.tick_params(labelsize=7, length=2, pad=1.5)
+    return figure
+
+
+def _draw(axes, one, ds, limits):
+    panel, letter = str(one.panel.values), "ABCDEFGHIJKLM"[PANELS.index(str(one.panel.values))]
+    name, number = (text.format(**_numbers(one, ds)) for text in CAPTIONS[panel])
+    status = Status(int(one.status))
+    if status not in (Status.ok, Status.slack_edges):
+        number += f" ({status.name.replace('_', ' ')})"
+    axes.set_title(f"$\\bf{{{letter}}}$  {name}\n{number}", fontsize=7.5, pad=3, linespacing=1.25)
+    if not np.isfinite(one.sigma.values).all():
+        axes.set_axis_off()
+        return None
+    edges, offsets, cell, x = (one[name].values for name in ("edges", "offsets", "cell", "coordinates"))
+    tension = one.tension.values
+    slack = tension <= NO_TENSION * tension.mean()
+    lines = draw_network(axes, edges[~slack], offsets[~slack], cell, x, tension[~slack], limits=limits, width=0.95)
+    if slack.any():
+        pieces, _ = periodic_segments(edges[slack], offsets[slack], cell, x)
+        dotted = LineCollection(pieces, colors="0.55", linewidths=0.6, linestyles=(0, (1, 1.2)), zorder=1)
+        axes.add_collection(dotted)
+        dotted.set_clip_path(lines.get_clip_path())
+    if panel in SHADED:
+        L = _bond_vectors(one)
+        polygons = face_polygons(planar_faces(edges, L, len(x)), edges, x, L)
+        shade_faces(axes, [p for p, inflated in zip(polygons, one.chosen.values, strict=True) if inflated], cell)
+    return lines
+
+
+def _numbers(one, ds):
+    V_L = float(one.length_variance)
+    return {
+        **_parameters(ds),
+        "V_L": f"{V_L:.3f}" if V_L > 1e-3 else "< $10^{" + f"{int(np.ceil(np.log10(max(V_L, 1e-30))))}" + "}$",
+        "V_tau": float(one.tension_variance), "B_0": float(one.bulk_modulus_0), "G_0": float(one.shear_modulus_0),
+        "stressed": f"{100 * float(one.stressed_fraction):.3g}",
+    }  # fmt: skip
+
+
+def _wrapped(text, width=28):
+    lines, line = [], ""
+    for word in text.split():
+        # Mathematics is shorter in print than in letters.
+        if len((line + word).replace("$", "").replace("\\tau", "t")) > width:
+            lines.append(line)
+            line = ""
+        line += word + " "
+    return "\n".join([*lines, line])
+
+
+def _parameters(ds):
+    return json.loads(ds.attrs["parameters"])
+
+
+def _bond_vectors(one):
+    tail, head = one.edges.values.T
+    x = one.coordinates.values
+    return x[head] - x[tail] + one.offsets.values @ one.cell.values
+
+
+# Claims
+
+
+def claims(ds):
+    """What the paper says of its figure beside what this one shows; claims whose panels were not run are left out."""
+    have = {panel for panel in ds.panel.values if np.isfinite(ds.bulk_modulus_0.sel(panel=panel)).all()}
+    return [claim for needs, make in _CLAIMS if have.issuperset(needs) for claim in make(ds)]
+
+
+def _claim(key, statement, paper, value, holds, because, note=""):
+    """A claim with its verdict: the reason stands where it differs, a note in any case."""
+    return Claim(key, statement, paper, value, "holds" if holds else "differs", note if holds else because)
+
+
+def _values(ds, name, *panels):
+    return ds[name].sel(panel=list(panels)).transpose("panel", "seed").values
+
+
+def _pressure(ds):
+    off = np.abs((ds.tension * ds.length).sum("edge") / (2 * np.abs(_areas(ds))) - 1)
+    worst = float(off.max())
+    yield _claim(
+        "Networks", "tensions are scaled to unit pressure", "P = 1", f"within {_bound(worst)} in every panel",
+        worst < 1e-12, "some panel has another pressure",
+    )  # fmt: skip
+
+
+def _areas(ds):
+    return ds.cell[:, 0, 0] * ds.cell[:, 1, 1] - ds.cell[:, 0, 1] * ds.cell[:, 1, 0]
+
+
+def _equal_lengths(ds):
+    V_L = _values(ds, "length_variance", "length_variance").max()
+    yield _claim(
+        "Networks-A", "the lengths of one configuration are all equal", "V_L ≲ 1e-7", f"V_L < {_bound(V_L, 1e-30)}",
+        V_L < 1e-7, "equal lengths leave edges of this network slack",
+    )  # fmt: skip
+
+
+def _equal_tension_variance(ds):
+    V_tau = _values(ds, "tension_variance", "tension_variance", "tension_variance_inflated")
+    V_L = _values(ds, "length_variance", "tension_variance", "tension_variance_inflated")
+    apart = np.abs(np.diff(V_tau, axis=0)).max()
+    status = ds.status.sel(panel="tension_variance").values
+    lost = int(np.sum(status == Status.edge_collapse))
+    yield _claim(
+        "Networks-BC", "configurations of least V_τ are degenerate along isogonal modes", "same V_τ",
+        f"V_τ = {V_tau[0, 0]:.6f} of both, within {_bound(apart)}; V_L = {V_L[0, 0]:.3f} and {V_L[1, 0]:.3f}",
+        apart < 1e-12, "the tensions changed",
+        f"in {lost} of {len(status)} networks edges shrink to zero length on the way to the least V_τ" if lost else "",
+    )  # fmt: skip
+
+
+def _moduli_of_forces(ds):
+    off = 0.0
+    for panel, origin in ISOGONAL.items():
+        for name in ("bulk_modulus_0", "shear_modulus_0"):
+            one, other = _values(ds, name, panel, origin)
+            # A shear modulus may be zero but for the shape of the cell, so both are measured by B_0.
+            off = max(off, float(np.abs((one - other) / _values(ds, "bulk_modulus_0", origin)[0]).max()))
+    yield _claim(
+        "BulkModulus", "B_0 cannot be written as a function of the tensions alone, so its degeneracy surprises",
+        "to be studied", f"B_0 and G_0 change by less than {_bound(off)} B_0 from B to C, where neither is at its "
+        "maximum, and from D to E and F", off >= 1e-12, "forces T in balance do the same work Σ T·A L on all bond "
+        "vectors L that close on the cell, so every modulus at the transition is a function of the force network, and "
+        "isogonal modes keep it, from any configuration",
+    )  # fmt: skip
+
+
+def _equal_bulk_modulus(ds):
+    B_0 = _values(ds, "bulk_modulus_0", *_STIFFEST)
+    V_L = _values(ds, "length_variance", *_STIFFEST)
+    bound = ds.bulk_modulus_bound.values
+    off = np.abs(B_0 / bound - 1).max()
+    yield _claim(
+        "Networks-DEF", "configurations of largest B_0 are degenerate along isogonal modes", "same B_0",
+        f"B_0 = {B_0[0, 0]:.6f} k of all three, and the bound that no stress exceeds, within {_bound(off)}; "
+        f"V_L = {V_L[0, 0]:.3f}, {V_L[1, 0]:.3f} and {V_L[2, 0]:.3f}", off < 1e-12, "B_0 changed along the modes",
+    )  # fmt: skip
+    parted = _values(ds, "bulk_modulus_affine", *_STIFFEST) / B_0 - 1
+    yield _claim(
+        "BulkModulusAffine", "σ = k is the most affine configuration of largest B_0: no non-affine part", "0",
+        f"(B_aff − B_0)/B_0 is below {_bound(np.abs(parted[0]).max())} at σ = k, {parted[1, 0]:.3f} and "
+        f"{parted[2, 0]:.3f} after isogonal changes", np.abs(parted[0]).max() < 1e-12 and parted[1:].min() > 0,
+        "σ = k is not the most affine one",
+    )  # fmt: skip
+    flat = _values(ds, "flat_directions", *_STIFFEST)
+    if not np.isfinite(flat).all():
+        return
+    zero, curved = _values(ds, "flat_largest", *_STIFFEST).max(), _values(ds, "curved_smallest", *_STIFFEST).min()
+    half = ds.sizes["vertex"] // 2
+    yield _claim(
+        "BulkModulusHessian", "the Hessian of B_0 has N_v/2 − 1 flat directions", f"{half - 1}",
+        f"{int(flat.min())} at D, E and F, the scale of σ among them, so {int(flat.min()) - 1} isogonal ones; "
+        f"eigenvalues below {_bound(zero)} and above {curved:.1g} of the largest",
+        (flat == half).all(), "another number of eigenvalues vanishes",
+        f"the paper writes N_v/2 − 1 = N_f, but the network has N_f = N_v/2 = {half} faces: the modes of all faces "
+        "add up to nothing, so one of them is no direction of its own",
+    )  # fmt: skip
+
+
+def _shear(ds):
+    panels = ("shear_modulus_1", "shear_modulus_2", "shear_modulus_3")
+    G_0, r = _values(ds, "shear_modulus_0", *panels), _parameters(ds)["thresholds"]
+    converged = bool((ds.status.sel(panel=list(panels)) == Status.ok).all())
+    order = np.argsort(r)[::-1]
+    yield _claim(
+        "Networks-GHI", "a lower threshold r gives a larger G_0", "increasing",
+        ", ".join(f"G_0 = {G_0[n, 0]:.4f} k at r = {r[n]:g}" for n in order),
+        bool((np.diff(G_0[order], axis=0) > 0).all()), "G_0 does not increase",
+        "" if converged else "not every ascent converged",
+    )  # fmt: skip
+
+
+def _random_lengths(ds):
+    for panel, key in (("random_lengths", "spread"), ("random_lengths_wide", "spread_wide")):
+        if panel in ds.panel:
+            stressed = _values(ds, "stressed_fraction", panel)[0]
+            yield _claim(
+                f"Networks-JK-{key}", f"random rest lengths of spread s = {_parameters(ds)[key]:g} leave every edge "
+                "stressed", "full rigidity percolation", f"{100 * stressed.min():.4g} % of the edges",
+                stressed.min() == 1, "the cone program, whose answer is global, leaves the other edges slack",
+            )  # fmt: skip
+
+
+_STIFFEST = ("bulk_modulus", "bulk_modulus_wave", "bulk_modulus_designed")
+_CLAIMS = (
+    ((), _pressure),
+    (("length_variance",), _equal_lengths),
+    (("tension_variance", "tension_variance_inflated"), _equal_tension_variance),
+    ((*ISOGONAL, *ISOGONAL.values()), _moduli_of_forces),
+    (_STIFFEST, _equal_bulk_modulus),
+    (("shear_modulus_1", "shear_modulus_2", "shear_modulus_3"), _shear),
+    ((), _random_lengths),
+)
+
+
+def _bound(value, least=1e-16):
+    """A power of ten that a small number does not exceed; by default not below the rounding of numbers of order one."""
+    return f"1e{int(np.ceil(np.log10(max(float(value), least))))}"
+
+
+def summary(ds):
+    """The scalars of every panel, and how its solve ended."""
+    names = [name for name, values in ds.data_vars.items() if values.dims == ("panel", "seed") and name != "status"]
+    panels = {}
+    for panel in ds.panel.values:
+        one = ds.sel(panel=panel)
+        panels[str(panel)] = {name: one[name].values.tolist() for name in names}
+        panels[str(panel)]["status"] = [Status(int(code)).name for code in one.status.values]
+    return {"seeds": ds.seed.values.tolist(), "parameters": _parameters(ds), "panels": panels}
+
+
+# Verification
+
+
+def verify(ds):
+    """A line for each stored configuration that its own numbers, or those of its isogonal origin, contradict."""
+
+    def checks(one):
+        if np.isfinite(one.residual):
+            yield from _checks(one)
+            origin = ISOGONAL.get(str(one.panel.values))
+            if origin in ds.panel.values:
+                yield "directions and tensions", _parallel(one, ds.sel(panel=origin, seed=one.seed))
+
+    return told(ds, ("panel", "seed"), checks)
+
+
+def _checks(one):
+    L, sigma = _bond_vectors(one), one.sigma.values
+    length, area = np.linalg.norm(L, axis=1), abs(np.linalg.det(one.cell.values))
+    pull, force = sigma[:, None] * L, np.zeros(one.coordinates.shape)
+    np.add.at(force, one.edges.values[:, 1], pull)
+    np.add.at(force, one.edges.values[:, 0], -pull)
+    tension, work = sigma * length, sigma @ length**2
+    yield "force balance", np.abs(force).max() <= 1e-11 * np.abs(tension).mean()
+    yield "length", np.allclose(length, one.length, rtol=1e-10, atol=1e-13)
+    yield "tension", np.allclose(tension * 2 * area / work, one.tension, rtol=1e-9, atol=1e-12)
+    yield "bulk_modulus_0", np.isclose(work**2 / (4 * area * np.sum(tension**2)), one.bulk_modulus_0, rtol=1e-9)
+    yield "bulk_modulus_affine", np.isclose(np.sum(length**2) / (4 * area), one.bulk_modulus_affine, rtol=1e-10)
+    shear = np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / (area * np.sum(tension**2))
+    yield "shear_modulus_0", np.isclose(shear, one.shear_modulus_0, rtol=1e-6, atol=1e-14)
+    for name, values in (("length_variance", length), ("tension_variance", tension)):
+        yield name, np.isclose(np.var(values) / np.mean(values) ** 2, one[name], rtol=1e-8, atol=1e-20)
+
+
+def _parallel(one, origin):
+    unit = [_bond_vectors(each) / each.length.values[:, None] for each in (one, origin)]
+    tension = [each.tension.values / each.tension.values.mean() for each in (one, origin)]
+    return np.allclose(*unit, rtol=0, atol=1e-9) and np.allclose(*tension, rtol=1e-9)

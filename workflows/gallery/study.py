@@ -1,0 +1,241 @@
+"""One network in thirteen critical configurations: what the paper draws in `Networks`.
+
+A least V_L.  B, C least V_τ, C after an isogonal change.  D largest B_0 at σ = k.  E, F two isogonal changes of D.
+G, H, I largest G_0 at three thresholds r.  J, K random rest lengths: of a spread that leaves every edge stressed, and
+of the printed one, which does not.  L, M random stresses.
+
+The least V_τ need not be attained: in about one network of six some edge shrinks to zero length on the way
+(`edge_collapse`).  The network drawn, seed 0, attains it.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Solution,
+    StudyError,
+    bulk_modulus_bound,
+    critical_from_lengths,
+    face_modes,
+    optimize,
+    transition_moduli,
+    voronoi_network,
+)
+from critflow.critical.objectives import dilation, transition_modulus
+from critflow.design.from_lengths import stressed_fraction
+from critflow.design.isogonal import affine_bulk_modulus
+from critflow.result import Status
+from critflow.rigidity.structure import length_variance, tension_variance
+from critflow.workflow import Axis, Study, Variable, stable_rng
+
+from .report import PANELS, claims, gallery, summary, verify
+
+# Distance between the faces that panels C and F inflate, in units of the root of the mean area of a vertex.
+SPACING = 4.4
+# Eigenvalues of the Hessian of B_0 below this part of the largest belong to flat directions; found up to so many edges.
+FLAT, MOST_EDGES = 1e-9, 1500
+
+
+@lru_cache(maxsize=2)
+def prepared(n_vertices, seed, hard_core):
+    """What the panels of one network share: its manifold, the bound of B_0, the faces to inflate."""
+    manifold = CriticalManifold(voronoi_network(n_vertices, seed, hard_core))
+    network = manifold.network
+    at = face_centres(manifold.configuration(network.stiffness)) @ np.linalg.inv(network.cell)
+    chosen = np.zeros(len(at), bool)
+    for face in stable_rng(seed, "chosen faces").permutation(len(at)):
+        apart = (np.mod(at[chosen] - at[face] + 0.5, 1.0) - 0.5) @ network.cell
+        chosen[face] = (np.linalg.norm(apart, axis=1) > SPACING).all()
+    return manifold, bulk_modulus_bound(manifold), chosen
+
+
+def face_centres(critical):
+    """Mean of the corners of every face, (n_faces, 2)."""
+    faces, ends = critical.network.faces, critical.network.edges
+    sides = faces.signs[:, None] * critical.bond_vectors[faces.edges]
+    corners, first = np.cumsum(sides, axis=0) - sides, faces.starts[:-1]
+    start = np.where(faces.signs > 0, *ends[faces.edges].T)[first]
+    return critical.coordinates[start] + np.add.reduceat(corners, first) / faces.sizes[:, None] - corners[first]
+
+
+def configuration(manifold, chosen, parameters, seed, panel) -> tuple[Solution, np.ndarray]:
+    """The solution of a panel, and the isogonal amplitude of every face."""
+    network, amplitudes = manifold.network, np.zeros(len(chosen))
+    kind, _, variant = panel.rpartition("_")
+    rng = stable_rng(seed, panel)
+    if panel in ("length_variance", "tension_variance", "bulk_modulus"):
+        return optimize(manifold, panel, throw=False), amplitudes
+    if kind == "shear_modulus":
+        threshold = parameters["thresholds"][int(variant) - 1]
+        found = optimize(manifold, kind, threshold=threshold, starts=parameters["starts"], rng=rng, throw=False)
+        return found, amplitudes
+    if kind == "random_stress":
+        return manifold.solve(np.abs(rng.standard_normal(network.n_edges))), amplitudes
+    if panel.startswith("random_lengths"):
+        spread = parameters["spread_wide" if variant == "wide" else "spread"]
+        lengths = 1 + spread * rng.standard_normal(network.n_edges)
+        while (negative := lengths <= 0).any():
+            lengths[negative] = 1 + spread * rng.standard_normal(negative.sum())
+        return critical_from_lengths(manifold, lengths, throw=False), amplitudes
+
+    found = optimize(manifold, kind, throw=False)
+    if not np.isfinite(found.value.coordinates).all():
+        return found, amplitudes
+    modes = face_modes(found.value)
+    if variant == "designed":
+        weights = np.bincount(network.faces.edges, np.repeat(chosen, network.faces.sizes), network.n_edges)
+        best = modes.largest(weights, parameters["shortest"], throw=False)
+        return best, best.stats.details["amplitudes"]
+    direction = chosen.astype(float)
+    if variant == "wave":
+        at = face_centres(found.value) @ np.linalg.inv(network.cell)
+        direction = -np.cos(2 * np.pi * at).sum(axis=1)
+    amplitudes = parameters["fraction"] * modes.limit(direction) * direction
+    return Solution(modes.walk(amplitudes), found.status, found.stats), amplitudes
+
+
+def flat_directions(manifold, critical):
+    """Eigenvalues of the Hessian of B_0 in log σ that vanish: how many, and the gap that the count rests on."""
+    goal, sigma = transition_modulus(manifold.network, dilation(2)), critical.sigma
+    _, L, factor = manifold.balance(sigma)
+    _, partials = goal.evaluate(sigma, L)
+    _, gy = manifold.pull_back(L, factor, *partials)
+    rows = []
+    for dsigma in np.diag(sigma):
+        dL = manifold.tangent(L, factor, dsigma)
+        second = goal.differential(sigma, L, dsigma, dL)
+        rows.append(sigma * manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second))
+    size = np.sort(np.abs(np.linalg.eigvalsh(np.array(rows))))
+    count = np.count_nonzero(size < FLAT * size[-1])
+    return count, size[count - 1] / size[-1], size[count] / size[-1]
+
+
+def pressure(critical):
+    """P = Σσ|L|²/2V, which is set to one to fix the scale that a self-stress leaves open."""
+    return critical.sigma @ critical.lengths**2 / (2 * critical.network.volume)
+
+
+def case(parameters, *, seed, panel):
+    """One configuration, its tensions at unit pressure, and what it was made for."""
+    manifold, bound, chosen = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
+    network = manifold.network
+    found, amplitudes = configuration(manifold, chosen, parameters, seed, panel)
+    shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "chosen": chosen.astype("i1")}
+    shared |= {"status": found.status, "bulk_modulus_bound": bound}
+    if not np.isfinite(found.value.coordinates).all():
+        return shared
+    critical = found.value
+    moduli = transition_moduli(critical)
+    flat = (np.nan, np.nan, np.nan)
+    if panel.startswith("bulk_modulus") and network.n_edges <= MOST_EDGES:
+        flat = flat_directions(manifold, critical)
+    return {
+        **shared,
+        "sigma": critical.sigma,
+        "tension": critical.tensions / pressure(critical),
+        "length": critical.lengths,
+        "coordinates": critical.coordinates,
+        "amplitude": amplitudes,
+        "length_variance": length_variance(critical),
+        "tension_variance": tension_variance(critical),
+        "bulk_modulus_0": moduli.bulk,
+        "bulk_modulus_affine": affine_bulk_modulus(critical),
+        "shear_modulus_0": moduli.shear,
+        "stressed_fraction": stressed_fraction(critical.sigma),
+        "flat_directions": float(flat[0]),
+        "flat_largest": flat[1],
+        "curved_smallest": flat[2],
+        "residual": critical.residual,
+        "iterations": found.stats.iterations,
+    }
+
+
+def check(parameters, axes):
+    """Refuse settings that could only fail, before anything runs."""
+    if len(parameters["thresholds"]) != 3 or not min(parameters["thresholds"]) > 0:
+        raise StudyError(f"thresholds={parameters['thresholds']} must be three positive numbers, for panels G, H and I")
+    if not 0 < parameters["fraction"] < 1:
+        raise StudyError(f"fraction={parameters['fraction']} must lie between 0 and 1, where the first edge vanishes")
+    for name in ("spread", "spread_wide", "shortest", "starts", "hard_core"):
+        if not parameters[name] > 0:
+            raise StudyError(f"{name}={parameters[name]} must be positive")
+    try:
+        voronoi_network(parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
+    except InputError as error:
+        raise StudyError(str(error)) from error
+
+
+def table():
+    """Names, dimensions, types and meanings of everything that is stored."""
+    network, member = ("seed",), ("panel", "seed")
+    in_k = ", in units of k"
+
+    def scalar(name, long_name, dtype="f8", **more):
+        return Variable(name, member, dtype, long_name=long_name, **more)
+
+    def shared(name, dims, dtype, long_name):
+        return Variable(name, (*network, *dims), dtype, long_name=long_name)
+
+    yield shared("edges", ("edge", "end"), "i4", "vertices at tail and head of each edge")
+    yield shared("offsets", ("edge", "axis"), "i2", "cell image in which the head of each edge lies")
+    yield shared("cell", ("axis", "axis_"), "f8", "cell vectors as rows")
+    yield shared("chosen", ("face",), "i1", "1 for the faces that panels C and F inflate")
+    yield shared("bulk_modulus_bound", (), "f8", "largest B_0 that any stress can give" + in_k)
+    yield Variable(
+        "sigma", (*member, "edge"), "f8", long_name="geometric stress (tension per length), sum of squares N_b"
+    )
+    yield Variable(
+        "tension", (*member, "edge"), "f8", long_name="edge tension at unit pressure, sum of tension times length 2 V"
+    )
+    yield Variable("length", (*member, "edge"), "f8", long_name="edge length")
+    yield Variable("coordinates", (*member, "vertex", "axis"), "f8", long_name="vertex coordinates")
+    yield Variable("amplitude", (*member, "face"), "f8", long_name="isogonal amplitude of each face, as a length")
+    yield scalar("length_variance", "variance of the lengths over their squared mean, V_L")
+    yield scalar("tension_variance", "variance of the tensions over their squared mean, V_τ")
+    yield scalar("bulk_modulus_0", "bulk modulus at the transition" + in_k)
+    yield scalar("bulk_modulus_affine", "bulk modulus if the dilation stayed affine" + in_k)
+    yield scalar("shear_modulus_0", "shear modulus at the transition" + in_k)
+    yield scalar("stressed_fraction", "part of the edges under tension")
+    yield scalar(
+        "flat_directions", "null directions of the Hessian of B_0 in the logarithms of the stresses, at its maxima"
+    )
+    yield scalar("flat_largest", "largest eigenvalue counted as null, over the largest of all")
+    yield scalar("curved_smallest", "smallest eigenvalue not counted as null, over the largest of all")
+    yield scalar("status", "outcome of finding the configuration", dtype="i1", flags=Status)
+    yield scalar("residual", "largest unbalanced force over the mean tension")
+    yield scalar("iterations", "iterations of the method that found the configuration", dtype="i4")
+
+
+study = Study(
+    name="gallery",
+    version=2,
+    title="One network in thirteen critical configurations",
+    references="Hain, Santangelo and Manning, Optimizing properties on the critical rigidity manifold of "
+    "underconstrained central-force networks (arXiv:2407.13939), figure `Networks`",
+    axes=(
+        Axis("seed", (0,), "seed of the network", noun="networks"),
+        Axis("panel", PANELS, "critical configuration, by its panel in the figure"),
+    ),
+    parameters={
+        "n_vertices": 400,
+        "hard_core": 0.82,
+        "thresholds": (0.1, 0.03, 0.01),
+        "starts": 4,
+        "spread": 0.1,
+        "spread_wide": 0.3,
+        "fraction": 0.9,
+        "shortest": 0.15,
+    },
+    case=case,
+    check=check,
+    variables=tuple(table()),
+    figures={"gallery": gallery},
+    claims=claims,
+    summary=summary,
+    verify=verify,
+)

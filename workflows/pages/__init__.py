@@ -1,0 +1,1 @@
+"""Writes results/README.md and the tables of the documents."""

@@ -1,0 +1,76 @@
+"""The unconstrained ascent of the shear modulus, recorded on its way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from critflow import Solution, StudyError, modulus_bound, optimize
+from critflow.critical.objectives import pure_shear
+
+MEASURES = ("shear_modulus", "longest_edge", "least_tension", "compressed_edges", "compressed_length")
+
+
+def measures(network, value, sigma, L):
+    """The modulus, the longest edge and least tension in their units, and how much is compressed."""
+    length = np.linalg.norm(L, axis=1)
+    tension = sigma * length
+    compressed = sigma < 0
+    return (
+        value,
+        length.max() / np.sqrt(network.volume),
+        tension.min() / np.abs(tension).max(),
+        np.count_nonzero(compressed),
+        length[compressed].sum(),
+    )
+
+
+@dataclass(frozen=True)
+class Ascent:
+    """An ascent from σ = 1: how it ended, the bound, and the measures (5,) where they were wanted.
+
+    along     (5, n_steps) at the recorded steps, NaN beyond the end; `sigmas` (n_steps, N_b) are the stresses there
+    reached   (5, n_fractions) at the first step that has each part of the bound, which is `first`; −1: none
+    end       (5,) at the last step
+    """
+
+    solution: Solution
+    bound: float
+    along: np.ndarray
+    sigmas: np.ndarray
+    reached: np.ndarray
+    first: np.ndarray
+    end: np.ndarray
+
+
+def ascend(manifold, method, steps, fractions, stop_at_last=False):
+    """Climb from σ = 1 through `steps[-1]` steps, or with `stop_at_last` to the largest part of the bound."""
+    network = manifold.network
+    bound = modulus_bound(manifold, pure_shear(2))
+    place = {step: n for n, step in enumerate(steps)}
+    along, reached = np.full((5, len(steps)), np.nan), np.full((5, len(fractions)), np.nan)
+    first, end, sigmas = np.full(len(fractions), -1), np.full(5, np.nan), []
+
+    def observe(step, value, sigma, L):
+        end[:] = measures(network, value, sigma, L)
+        newly = (first < 0) & (value >= np.array(fractions) * bound)
+        reached[:, newly] = end[:, None]
+        first[newly] = step
+        if step in place:
+            along[:, place[step]] = end
+            sigmas.append(sigma.copy())
+        return step >= steps[-1] or (stop_at_last and (first >= 0).all())
+
+    solution = optimize(
+        manifold, "shear_modulus", method, signs="any", max_steps=max(steps) + 1, observe=observe, throw=False
+    )
+    return Ascent(solution, bound, along, np.array(sigmas), reached, first, end)
+
+
+def check_ascent(parameters):
+    """Refuse settings that could only fail."""
+    if parameters.get("method", "lbfgs") not in ("lbfgs", "fire", "newton"):
+        raise StudyError(f"method={parameters['method']} must be lbfgs, fire (the paper's) or newton")
+    if "fractions" in parameters and not all(0 < part < 1 for part in parameters["fractions"]):
+        raise StudyError("fractions are parts of the bound: numbers between 0 and 1")

@@ -1,0 +1,1 @@
+"""Unconstrained ascent of the shear modulus."""

@@ -1,0 +1,111 @@
+"""Maximising the shear modulus without any constraint on the signs of the stress (`ShearModulusSteepestDescent`).
+
+From σ = 1 every network climbs towards the closed-form bound.  Edges along the shear grow to the size of the box,
+others come under compression, and the prestress matrix turns indefinite on the way.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from critflow import CriticalManifold, StudyError, voronoi_network
+from critflow.critical.objectives import pure_shear
+from critflow.design.modulus_bounds import largest_modulus, least_compressed_length
+from critflow.result import Status
+from critflow.workflow import Axis, Coordinate, Study, Variable
+
+from ..shared.ascent import MEASURES, ascend, check_ascent
+from ..shared.checks import check_network
+from ..shared.verification import verify_ascent
+from .report import animation, ascent_figure, claims, summary
+
+# Every step at first, then about eight a factor of ten.
+STEPS = tuple(int(step) for step in np.unique(np.round(np.concatenate([[0, 1], 10 ** np.arange(0.3, 3.71, 0.1)]))))
+
+
+def case(parameters, *, seed):
+    """One ascent: measures at the recorded steps, the configurations there, and the bound with what attains it."""
+    network = voronoi_network(parameters["n_vertices"], seed, parameters["hard_core"])
+    manifold = CriticalManifold(network)
+    steps = parameters["steps"]
+    ascent = ascend(manifold, parameters["method"], steps, (0.9,))
+    found, along = ascent.solution, ascent.along
+    shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
+    exact = largest_modulus(manifold, pure_shear(2))
+    # Coordinates whose bond vectors are those of the record, to single precision, which is enough to draw.
+    stored = len(ascent.sigmas)
+    sigma = np.full((len(steps), network.n_edges), np.nan)
+    sigma[:stored] = ascent.sigmas
+    coordinates = np.full((len(steps), *network.positions.shape), np.nan)
+    coordinates[:stored] = [network.all_coordinates(manifold.balance(s)[0]) for s in ascent.sigmas]
+    details = found.stats.details
+    return {
+        **shared,
+        **dict(zip(MEASURES, along, strict=True)),
+        "sigma": sigma,
+        "coordinates": coordinates,
+        "bound": ascent.bound,
+        "last_step": found.stats.iterations,
+        "shear_modulus_end": found.stats.details["objective"],
+        "closed_form": exact.stats.details["objective"],
+        "closed_form_gap": exact.stats.details["gap"],
+        "least_compressed_length": least_compressed_length(manifold, pure_shear(2)),
+        "crossings": len(details["crossings"]),
+        "negative_pivots": details["negative_pivots"],
+        "nearest_singular": details["nearest_singular"],
+        "residual": found.value.residual,
+    }
+
+
+def check(parameters, axes):
+    """Refuse settings that could only fail, before anything runs."""
+    check_ascent(parameters)
+    if list(parameters["steps"]) != sorted(set(parameters["steps"])) or parameters["steps"][0] < 0:
+        raise StudyError("steps must be increasing whole numbers from 0 on, such as 0,1,10,100")
+    check_network(voronoi_network, parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
+
+
+def table():
+    """Names, dimensions, types and meanings of everything that is stored."""
+    network, along = ("seed",), ("seed", "step")
+    yield Variable("edges", (*network, "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
+    yield Variable("offsets", (*network, "edge", "axis"), "i2", long_name="cell image in which each head lies")
+    yield Variable("cell", (*network, "axis", "axis_"), "f8", long_name="cell vectors as rows")
+    yield Variable("shear_modulus", along, "f8", long_name="shear modulus at the transition, in units of k")
+    yield Variable("longest_edge", along, "f8", long_name="length of the longest edge over the side of the box")
+    yield Variable("least_tension", along, "f8", long_name="least tension over the largest magnitude of a tension")
+    yield Variable("compressed_edges", along, "f8", long_name="number of edges under compression")
+    yield Variable("compressed_length", along, "f8", long_name="total length of the edges under compression")
+    yield Variable("sigma", (*along, "edge"), "f4", long_name="geometric stress, sum of squares N_b")
+    yield Variable("coordinates", (*along, "vertex", "axis"), "f4", long_name="vertex coordinates")
+    yield Variable("bound", network, "f8", long_name="largest shear modulus of any stress, in closed form")
+    yield Variable("last_step", network, "i4", long_name="step that ended the ascent", fill=-1)
+    yield Variable("shear_modulus_end", network, "f8", long_name="shear modulus there, or its limit, in units of k")
+    yield Variable("closed_form", network, "f8", long_name="shear modulus of the closed form's configuration")
+    yield Variable("closed_form_gap", network, "f8", long_name="relative distance of that modulus from the bound")
+    yield Variable(
+        "least_compressed_length", network, "f8", long_name="least compressed length of any configuration at the bound"
+    )
+    yield Variable("crossings", network, "i4", long_name="steps across a singular prestress matrix", fill=-1)
+    yield Variable("negative_pivots", network, "i4", long_name="negative eigenvalues of the last prestress matrix")
+    yield Variable("nearest_singular", network, "f8", long_name="smallest over largest pivot met on the way")
+    yield Variable("residual", network, "f8", long_name="largest unbalanced force over the mean tension at the end")
+    yield Variable("status", network, "i1", long_name="outcome of the ascent", flags=Status)
+
+
+study = Study(
+    name="shear_ascent",
+    title="Unconstrained ascent of the shear modulus over stresses of both signs",
+    references="Hain, Santangelo and Manning, arXiv:2407.13939, figure ShearModulusSteepestDescent A-E and Movie 1",
+    axes=(Axis("seed", range(100), "seed of the network", noun="networks"),),
+    parameters={"n_vertices": 1000, "hard_core": 0.82, "method": "lbfgs", "steps": STEPS},
+    coordinates=(Coordinate("step", "steps", "step of the ascent"),),
+    case=case,
+    check=check,
+    variables=tuple(table()),
+    verify=verify_ascent,
+    figures={"shear_ascent": ascent_figure},
+    animations={"shear_ascent": animation},
+    claims=claims,
+    summary=summary,
+)

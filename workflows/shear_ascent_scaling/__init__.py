@@ -1,0 +1,1 @@
+"""The ascent against system size."""

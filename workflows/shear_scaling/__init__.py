@@ -1,0 +1,1 @@
+"""Shear moduli against system size."""

@@ -1,0 +1,209 @@
+"""Claims and summary of the three-bar linkage, read off its dataset alone."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from scipy.ndimage import label
+
+from critflow.result import Status
+from critflow.workflow import Claim
+
+from .report import FAMILIES, closed_forms, curvature_error, distance, family, span_of
+
+
+def claims(ds):
+    """What the paper says of this linkage beside what the stored grids say."""
+    return [claim for make in (_configurations, _rigid, _singular, _lengths, _forms) for claim in make(ds)]
+
+
+def _claim(key, statement, paper, value, holds, because="", note=""):
+    """A claim with its verdict; the note stands in any case."""
+    why = "; ".join(part for part in (because if not holds else "", note) if part)
+    return Claim(key, statement, paper, value, "holds" if holds else "differs", why)
+
+
+def _worst(values, digits=2):
+    return f"{np.nanmax(values):.{digits}g}"
+
+
+def _configurations(ds):
+    span, ok = span_of(ds), ds.outcome.values == Status.ok
+    aside = np.abs(ds.coordinates.values[..., 1])[ok].max() / span
+    yield _claim(
+        "3-barlinkage", "critical configurations have all vertices on one line", "A to C",
+        f"at most {aside:.1g} D off it at {ok.sum()} stresses", aside < 1e-12, "some are off the line",
+    )  # fmt: skip
+    stresses, modes = ds.example_n_self_stresses.values, ds.example_n_zero_modes.values
+    yield _claim(
+        "Maxwell-Calladine", "on a line a self-stress appears; in a generic configuration there is none",
+        "N_0 − N_s = 4 − 3", f"(N_s, N_0) = ({stresses[0]}, {modes[0]}) on lines, ({stresses[3]}, {modes[3]}) off them",
+        (stresses[:3] == 1).all() and (modes[:3] == 2).all() and stresses[3] == 0 and modes[3] == 1, "other counts",
+    )  # fmt: skip
+    moved = ds.rescaled_change.values / span
+    yield _claim(
+        "SelfStressParamaterization_coords", "rescaling the stress, also by a negative factor, changes nothing", "0",
+        f"σ → −3σ moves vertices by at most {_worst(moved)} D", np.nanmax(moved) < 1e-10, "vertices move",
+    )  # fmt: skip
+
+
+def _checked(ds):
+    """Where on the grids the checks were made."""
+    return np.ix_(range(ds.sizes["grid"]), ds.checked_row.values, ds.checked_row.values)
+
+
+def _rigid(ds):
+    """Inertia against motion: whether an edge can turn while all keep their length."""
+    checked = ds.n_negative.values[_checked(ds)]
+    known = ds["rank"].values > 0
+    definite = np.isin(checked, (0, 2))
+    ways = ds.ways_out.values
+    agree = known & (definite == (ways == 0)) & (definite == (ds.prestress_stable.values == 1))
+    yield _claim(
+        "3-barlinkage-rigid", "orange and purple stresses (P definite) are rigid, grey ones (P indefinite) are branch "
+        "points", "by region",
+        f"at {agree.sum()} of {known.sum()} stresses: no way to move if definite, else "
+        f"{'/'.join(str(n) for n in np.unique(ways[known & ~definite]))} ways", (agree == known).all(),
+        "inertia and motion disagree",
+    )  # fmt: skip
+    families = [family(grid) for grid in ds.grid.values]
+    pure = {kind: set() for kind in FAMILIES}
+    for kind, values in zip(families, ds.n_negative.values, strict=True):
+        if kind in pure:
+            pure[kind] |= set(np.unique(values).tolist())
+    yield _claim(
+        "3-barlinkage-sheets", "the manifold has rigid sheets like A and B and branch sheets like C",
+        "orange, purple, grey",
+        "negative eigenvalues of P: " + ", ".join(f"{kind} {sorted(n)}" for kind, n in pure.items())
+        + f"; sheets: {', '.join(f'{families.count(kind)} {kind}' for kind in FAMILIES)}",
+        pure == {"stretched": {0}, "folded": {0}, "branch": {1}}, "a sheet changes its inertia",
+        "one stretched sheet, and three of each other kind, one for each edge",
+    )  # fmt: skip
+
+
+def _singular(ds):
+    """Where P is singular: at an angle arccos(1/√3) from equal stresses."""
+    normal, low_high = ds.normal.values, ds.prestress_eigenvalue.values
+    product = np.sum(normal * np.roll(normal, 1, axis=-1), axis=-1)
+    off = np.abs(low_high.prod(axis=-1) - product).max()
+    cone = ((normal.sum(axis=-1) ** 2 > 1) == (low_high.prod(axis=-1) > 0)).mean()
+    yield _claim(
+        "3-barlinkage-D", "the map is undefined on a curve (red) between the rigid and the branch stresses", "red line",
+        f"det P = σ₁σ₂ + σ₂σ₃ + σ₃σ₁ to {off:.1g}: two circles |Σσ| = |σ| (s² = 8 − 4√3 in the chart), with "
+        f"rigid stresses inside at {100 * cone:.4g} % of the grid", off < 1e-14 and cone == 1, "another curve",
+    )  # fmt: skip
+    ok, det = ds.outcome.values == Status.ok, np.abs(low_high.prod(axis=-1))
+    known = np.abs(np.roll(normal, 1, axis=-1) * np.roll(normal, -1, axis=-1)) / det[..., None]
+    length = ds.length.values / span_of(ds)
+    apart = (np.abs(length - known).max(axis=-1) / known.max(axis=-1))[ok]
+    lost = (ds.outcome.values == Status.singular).sum()
+    yield _claim(
+        "3-barlinkage-infinity", "(not in the paper) at that curve the manifold goes to infinity", "—",
+        f"L₁ = D |σ₂σ₃|/|det P| and so on, to {apart.max():.1g}; the longest stored edge has {np.nanmax(length):.3g} D",
+        apart.max() < 1e-10, "lengths follow another law",
+        f"at {lost} stresses elimination without pivoting stops though P is regular" if lost else "",
+    )  # fmt: skip
+
+
+def _lengths(ds):
+    """The two sides of the rigid sheets."""
+    definite = ds.n_negative.values == 0
+    height = ds.lowest_height.values / span_of(ds) ** 2
+    branch = np.isfinite(height) & (ds.n_negative.values == 1)
+    below = 100 * (height[branch] < 0).mean()
+    yield _claim(
+        "3-barlinkage-G", "lengths beyond the rigid sheets are compatible, those before them impossible", "two sides",
+        f"1000 random configurations lie at least {np.nanmin(height[definite]):.1g} D² over each of {definite.sum()} "
+        f"rigid tangent planes, and some lie below {below:.3g} % of the branch ones", np.nanmin(height[definite]) >= 0,
+        "some are below a rigid one",
+        "P definite makes Σσh least at the configuration, so the compatible h fill a convex set, which the rigid "
+        "sheets bound",
+    )  # fmt: skip
+    allowed = ds.lattice_compatible.values == 1
+    regions, pieces = label(allowed)[1], label(~allowed)[1]
+    yield _claim(
+        "3-barlinkage-G-regions", "the rigid sheets divide the space of lengths into two separate regions",
+        "two regions", f"compatible lengths are {regions} piece, incompatible ones {pieces}",
+        regions == 1 and pieces == 1,
+        "all edges too short is one piece, and each of the three edges too long another; they touch at points only",
+    )  # fmt: skip
+    yield _claim(
+        "3-barlinkage-G-floppy", "compatible rest lengths give a floppy configuration like A", "like A",
+        f"A has {ds.example_n_self_stresses.values[0]} self-stress and no way to move", False,
+        "A is rigid, as the caption of the figure says; floppy configurations lie off the manifold",
+    )  # fmt: skip
+
+
+def _forms(ds):
+    """Tangents, metric, second form and curvature against the closed form and finite differences."""
+    ok = ds.outcome.values == Status.ok
+    metric, form = closed_forms(ds)
+    normal = ds.normal.values
+    tilt = np.abs(np.einsum("...a,...ac->...c", normal, ds.tangents.values)).max(axis=-1)
+    tilt = (tilt / np.abs(ds.tangents.values).max(axis=(-2, -1)))[ok]
+    yield _claim(
+        "CriticalManifoldGeometry", "the stress is normal to the manifold everywhere", "σᵀ∂h/∂s = 0",
+        f"at most {_worst(tilt)} of the tangents", tilt.max() < 1e-10, "it is not",
+    )  # fmt: skip
+    rank = ds["rank"].values
+    yield _claim(
+        "TangentSpace", "B spans the tangent space, with one column too many", "N_b − 1 = 2",
+        f"rank {'/'.join(str(r) for r in np.unique(rank[rank > 0]))}", (rank[rank > 0] == 2).all(), "other ranks",
+    )  # fmt: skip
+    for key, what, stored, known, numeric, limit in (
+        ("Metric", "the metric is VᵀB²V", ds.metric.values, metric, ds.numeric_metric.values, 1e-7),
+        ("2FF-size", "the second fundamental form is VᵀBV/|σ| up to its sign", ds.second_form.values, form,
+         ds.numeric_second_form.values, 1e-3),
+    ):  # fmt: skip
+        closed, apart = distance(stored, known)[ok], distance(stored[_checked(ds)], numeric)
+        yield _claim(
+            key, what, "formula", f"closed form {np.median(closed):.1g} (median), {closed.max():.1g} (worst of "
+            f"{ok.sum()}); finite differences {np.nanmedian(apart):.1g}, {_worst(apart)}",
+            closed.max() < 1e-8 and np.nanmax(apart) < limit, "they differ",
+        )  # fmt: skip
+    numeric = ds.numeric_second_form.values
+    trace = np.trace(numeric, axis1=-2, axis2=-1)
+    stretched = trace[[family(grid) == "stretched" for grid in ds.grid.values]]
+    yield _claim(
+        "2FF", "II = Σσ ∂²h/∂s∂s / |σ| = +VᵀBV/|σ|", "+",
+        f"by finite differences II is positive at {100 * np.mean(stretched > 0):.4g} % of stretched stresses, where B "
+        "is negative", not (stretched > 0).all(),
+        "differentiating σᵀB = 0 gives Σσ ∂B = −B, so II = −VᵀBV/|σ|; the printed derivation (`2FF2`) ends at "
+        "+R^h P⁻¹ R^hᵀ and calls it ∂h/∂σ, which is −R^h P⁻¹ R^hᵀ (`tangents`)",
+    )  # fmt: skip
+    gauss, mean = (error[ok] for error in curvature_error(ds))
+    yield _claim(
+        "2FF-curvature", "all curvature is contained in B", "—",
+        f"K and H from the eigenvalues of B: {np.median(gauss):.1g} and {np.median(mean):.1g} off the closed form "
+        f"(median), worst {gauss.max():.1g} and {mean.max():.1g}", max(gauss.max(), mean.max()) < 1e-6, "they differ",
+        note="the worst stand beside stresses of zero, where two edges vanish and κ diverges",
+    )  # fmt: skip
+    kappa = ds.principal_curvature.values
+    rigid, both = (ds.n_negative.values != 1)[ok], (kappa.prod(axis=-1) > 0)[ok]
+    yield _claim(
+        "2FF-sign", "(not in the paper) rigid sheets are elliptic, branch sheets are saddles", "—",
+        f"K > 0 at {100 * both[rigid].mean():.4g} % of rigid and {100 * both[~rigid].mean():.4g} % of branch stresses",
+        bool(both[rigid].all() and not both[~rigid].any()), "signs are mixed",
+    )  # fmt: skip
+    size = np.abs(np.linalg.norm(normal, axis=-1) - 1).max()
+    yield _claim(
+        "projection", "N_b − 1 coordinates s give every unit stress but one", "2", f"|σ(s)| = 1 to {size:.1g}",
+        size < 1e-14, "the norm is not one",
+    )  # fmt: skip
+
+
+def summary(ds):
+    """How many stresses of each grid were rigid, branch points or without a configuration, and their curvatures."""
+    ok = ds.outcome.values == Status.ok
+    errors = np.maximum(*curvature_error(ds))
+    table = {}
+    for i, grid in enumerate(ds.grid.values):
+        gauss = ds.principal_curvature.values[i].prod(axis=-1)[ok[i]] * span_of(ds) ** 4
+        table[str(grid)] = {
+            "stresses": int(ok[i].size), "without_configuration": int((~ok[i]).sum()),
+            "rigid": int((ds.n_negative.values[i] != 1)[ok[i]].sum()),
+            "median_gaussian_curvature_D4": float(np.median(gauss)),
+            "median_error": float(np.median(errors[i][ok[i]])), "worst_error": float(errors[i][ok[i]].max()),
+        }  # fmt: skip
+    return {"parameters": json.loads(ds.attrs["parameters"]), "grids": table}
