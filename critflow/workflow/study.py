@@ -170,6 +170,17 @@ class Claim:
         if self.verdict == "differs" and not self.because.strip():
             raise StudyError(f"claim {self.key!r} differs: say why in `because`")
 
+    @classmethod
+    def tested(
+        cls, key: str, statement: str, paper: str, value: str, holds: object, because: str = "", note: str = ""
+    ) -> Claim:
+        """The claim with the verdict "holds" or "differs" from one condition.
+
+        `because` is the reason if it differs and is dropped otherwise; `note` is stored in both cases.
+        """
+        reasons = (note,) if holds else (because, note)
+        return cls(key, statement, paper, value, "holds" if holds else "differs", "; ".join(filter(None, reasons)))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
@@ -193,6 +204,8 @@ class Study:
     summary: Callable[[xr.Dataset], Mapping[str, Any]] | None = None
     verify: Callable[[xr.Dataset], Sequence[str]] | None = None  # recomputes what it can; a line for each contradiction
     references: str = ""  # what it reproduces, for the dataset attribute of the same name
+    # Variables that a figure, an animation, "claims", "summary" or "verify" reads; all of them where it has no entry.
+    needs: Mapping[str, Sequence[str]] = field(default_factory=dict)
     workers: int | None = None  # at most so many cases at a time: 1 where cases measure time
     left_out: Sequence[Variable] = ()  # rows of the table that this run does not store; `storing` sets it
 
@@ -209,6 +222,7 @@ class Study:
             raise StudyError(f"version {self.version!r} of study {self.name!r} must be a whole number above zero")
         for name in (*self.figures, *self.animations):
             _identifier(name, "figure")
+        self._check_needs()
         self._check_case()
         labels = [*self.axis_names, *(c.name for c in self.coordinates), *(v.name for v in self.variables)]
         for names in (labels, ["variables", *(axis.key for axis in self.axes), *parameters]):
@@ -242,6 +256,20 @@ class Study:
         except TypeError as error:
             right = f"case(parameters, *, {', '.join(self.axis_names)})"
             raise StudyError(f"the case function of study {self.name!r} must be {right}: {error}") from error
+
+    def _check_needs(self) -> None:
+        """Raise unless `needs` names parts of the report and variables of the table."""
+        parts = [*self.figures, *self.animations, "claims", "summary", "verify"]
+        variables = [variable.name for variable in (*self.variables, *self.left_out)]
+        for part, names in self.needs.items():
+            if part not in parts:
+                raise StudyError(f"needs of study {self.name!r} names {part!r}: {nearest(part, parts, 'parts')}")
+            if isinstance(names, str):
+                raise StudyError(f"needs of {part!r} must be a tuple of names: write ({names!r},)")
+            for name in names:
+                if name not in variables:
+                    hint = nearest(name, variables, "variables")
+                    raise StudyError(f"{part!r} needs {name!r}, which no variable declares: {hint}")
 
     def worker_count(self, asked: int | None, available: int) -> int:
         """How many workers to start: as many as asked for, else one for each CPU, and never more than it allows."""
