@@ -1,20 +1,20 @@
-"""Outcomes: the status codes that data files store, the answer of every solve, and the errors that users read.
+"""Outcomes: the status codes stored in data files, the solution of every solve, and the errors shown to users.
 
-Bad input raises a `CritflowError` at once.  Numerical failure is a `Status` inside a `Solution`; interactive calls
-turn it into a `SolveError` that still carries the solution.
+Bad input raises a `CritflowError` immediately.  Numerical failure is a `Status` inside a `Solution`; interactive calls
+convert it into a `SolveError` that carries the solution.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 Value = TypeVar("Value")
 
 
 class Status(IntEnum):
-    """What a solve ended with.  The integers are stored in files: append, never renumber."""
+    """Outcome of a solve.  The integers are stored in files: append, never renumber."""
 
     ok = 0
     floppy = 1
@@ -35,60 +35,86 @@ class Status(IntEnum):
 
 
 _MESSAGES = {
-    Status.ok: "converged to the asked tolerance",
+    Status.ok: "converged to the requested tolerance",
     Status.floppy: "the network has no self-stress, so every modulus is exactly zero: strain it to the transition",
     Status.step_limit: "the step limit came before the tolerance: raise max_steps, or choose method='auto'",
-    Status.stalled: "rounding stopped the progress before the tolerance: loosen it, or choose method='auto'",
+    Status.stalled: "rounding stopped the convergence before the tolerance: loosen it, or choose method='auto'",
     Status.singular: "the prestress matrix is singular here, so the stress has no configuration: move it away",
-    Status.edge_collapse: "edges shrink to zero length on the way to the infimum: its value is a limit, not attained",
+    Status.edge_collapse: "edges shrink to zero length towards the infimum: its value is a limit, not attained",
     Status.slack_edges: "some edges carry no tension at the transition: narrow the spread of the rest lengths",
     Status.unstable: "the equilibrium is a saddle of the energy: perturb it, or take smaller strain steps",
-    Status.failed: "the case raised an error, which is stored beside it",
+    Status.failed: "the case raised an error, which is stored with it",
     Status.missing: "not computed yet: run the study again",
-    Status.ill_conditioned: "rounding may have taken every digit of the answer: bring the stresses closer together",
+    Status.ill_conditioned: "rounding errors may exceed the answer: choose stresses of more similar magnitude",
 }
 
 
 @dataclass(frozen=True)
 class Stats:
-    """How a solve went: method used, work done, and how small the residual became (its unit stands with the solver).
+    """Method, work and accuracy of a solve.  Pass the fields by keyword.
 
-    condition    how much the solved system magnifies relative errors, where it was estimated
-    error_bound  what the error of the value does not exceed, against the exact answer for the same floating-point
-                 input: one number, or an object of the value's own class with a bound for each of its numbers
+    method       name of the method
+    steps        iterations of the method
+    residual     norm of the equation that remains, in the units stated by the solver
+    condition    condition number of the linear system, where it is estimated
+    error_bound  upper limit of the error against the exact answer for the same floating-point input: one number, or
+                 an object of the class of the value with a bound for each of its numbers
     """
 
     method: str
-    iterations: int = 0
+    steps: int = 0
+    # Deprecated, removed when every solve returns a typed result: `evaluations`, `details`, `iterations`.
     evaluations: int = 0
     residual: float = float("nan")
     details: dict[str, Any] = field(default_factory=dict)
     condition: float = float("nan")
     error_bound: Any = float("nan")
 
+    @property
+    def iterations(self) -> int:
+        """Deprecated name of `steps`."""
+        return self.steps
+
 
 @dataclass(frozen=True)
 class Solution(Generic[Value]):
-    """The answer of a solve: `value` is trustworthy as far as `status` says."""
+    """The outcome of a solve: `status` says whether `value` is trustworthy, `note` explains it in one sentence.
+
+    A solve with further results returns a frozen subclass with typed fields, defined next to the solver:
+
+        @dataclass(frozen=True, kw_only=True)
+        class Optimum(Solution[CriticalConfiguration]):
+            objective: float
+    """
 
     value: Value
     status: Status
     stats: Stats
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        # Deprecated: notes in `stats.details`.
+        if not self.note and "note" in self.stats.details:
+            object.__setattr__(self, "note", self.stats.details["note"])
 
     @property
     def ok(self) -> bool:
         return self.status is Status.ok
 
-    def or_raise(self, what: str) -> Solution[Value]:
-        """Return the solution itself when it is good, else raise a `SolveError` that carries it."""
+    @property
+    def reason(self) -> str:
+        """The note, or the message of the status where there is no note."""
+        return self.note or self.status.message
+
+    def or_raise(self, what: str) -> Self:
+        """Return the solution if its status is `ok`, else raise a `SolveError` that carries the solution."""
         if not self.ok:
-            note = self.stats.details.get("note", "")
-            raise SolveError(f"{what}: {note or self.status.message}", self)
+            raise SolveError(f"{what}: {self.reason}", self)
         return self
 
 
 class CritflowError(Exception):
-    """Base of every error that a user of critflow reads: one sentence that says what to do next."""
+    """Base of the errors shown to users: one sentence that says what to do next."""
 
 
 class InputError(CritflowError, ValueError):
@@ -100,7 +126,7 @@ class NetworkError(InputError):
 
 
 class SolveError(CritflowError):
-    """A solve failed and the caller asked to be told; `solution` holds what was reached."""
+    """A solve failed and the caller requested an exception; `solution` contains the last state."""
 
     def __init__(self, message: str, solution: Solution[Any] | None = None):
         super().__init__(message)
@@ -116,4 +142,4 @@ class IntegrityError(CritflowError):
 
 
 class EnvironmentFailure(CritflowError):
-    """The disk or the machine refused: full, read-only, out of memory."""
+    """The disk or the machine refused an operation: full, read-only, out of memory."""

@@ -119,7 +119,7 @@ def main():
             begin = time.perf_counter()
             ends[method] = equilibrium(start, method, tolerance, pattern=patterns[seed])
             spent_on.append(1e3 * (time.perf_counter() - begin))
-            steps.setdefault(method, []).append(ends[method].stats.iterations)
+            steps.setdefault(method, []).append(ends[method].stats.steps)
     ratio = statistics.median(f / n for f, n in zip(times["fire"], times["newton"], strict=True))
     apart = np.abs(ends["fire"].value.coordinates - ends["newton"].value.coordinates).max()
     row("strain step by Newton", statistics.median(times["newton"]), f"{steps['newton']} steps to force {tolerance:g}")

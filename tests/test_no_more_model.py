@@ -104,7 +104,7 @@ def test_a_closed_form_is_never_iterated(factorised, monkeypatch, network, manif
     answers = []
     counts = factorised(network, lambda: answers.append(optimize(manifold, "bulk_modulus")))
     assert set(counts) == {"P"} and counts["P"] <= 2  # P(k) for bound and configuration, and for the residual
-    assert answers[0].stats.iterations == 0 and answers[0].stats.method == "closed_form"
+    assert answers[0].stats.steps == 0 and answers[0].stats.method == "closed_form"
     assert factorised(network, lambda: bulk_modulus_bound(manifold)) == {"P": 1}
 
 

@@ -227,7 +227,7 @@ def _by_strain(
     state = spring_state(network, lengths / (1 + strain_step * step), x)
     while True:
         solution = equilibrium(state, relaxation, pattern=pattern, throw=False)
-        state, iterations = solution.value, iterations + solution.stats.iterations
+        state, iterations = solution.value, iterations + solution.stats.steps
         if not solution.ok or state.energy >= energy_threshold:
             break
         step += 1

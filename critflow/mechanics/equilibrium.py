@@ -87,7 +87,7 @@ def relaxed(
         if bounded.ok or tolerance <= _FINEST:
             return bounded, factor
         # So rough an answer that corrections by one factor lead nowhere: Newton's method makes factors anew.
-        most = _NEWTON_STEPS if max_steps is None or method == "fire" else max_steps - solution.stats.iterations
+        most = _NEWTON_STEPS if max_steps is None or method == "fire" else max_steps - solution.stats.steps
         finer, factor = relaxed(solution.value, pattern, "newton", max(_FINER * tolerance, _FINEST), most)
         return (_continued(solution, finer), factor) if method == "newton" else (_measured(bounded, finer), None)
     length = solution.value.lengths
@@ -104,7 +104,7 @@ def _continued(rough: Solution[State], finer: Solution[State]) -> Solution[State
     details = {**then.details, "indefinite": first.details["indefinite"] or then.details["indefinite"]}
     stats = replace(
         then,
-        iterations=first.iterations + then.iterations,
+        steps=first.steps + then.steps,
         evaluations=first.evaluations + then.evaluations,
         details=details,
     )

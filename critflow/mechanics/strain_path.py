@@ -172,23 +172,23 @@ class _Walk:
         if not solution.ok:
             # FIRE takes many small steps as it is.
             curable = self._method != "fire" or status is not Status.step_limit
-            why = stats.details.get("note", status.message)
-            return _Attempt(strain, state, stats.iterations, status, why, curable)
+            why = solution.reason
+            return _Attempt(strain, state, stats.steps, status, why, curable)
         if not (self._only_one(state) or self._expected(start, state, stats)):
-            return _Attempt(strain, state, stats.iterations, Status.unstable, _JUMPED)
+            return _Attempt(strain, state, stats.steps, Status.unstable, _JUMPED)
         measured, bounds, slope = _NOTHING, _NOTHING, None
         if self._moduli:
             response, relaxation = linear_response(state, self._pattern, self._method == "newton", factor)
             if not response.ok:
-                why = response.stats.details.get("note", response.status.message)
-                return _Attempt(strain, state, stats.iterations, response.status, why)
+                why = response.reason
+                return _Attempt(strain, state, stats.steps, response.status, why)
             measured, bounds = response.value, response.stats.error_bound
             slope = relaxation / ((1 + strain) * self._size(strain))
         if not (self._only_one(state) or self._returns(start, state, strain, slope)):
-            return _Attempt(strain, state, stats.iterations, Status.unstable, _JUMPED)
+            return _Attempt(strain, state, stats.steps, Status.unstable, _JUMPED)
         values = (measured.bulk, measured.shear, measured.shear_stress_corrected, state.energy, state.max_force)
         errors = (stats.error_bound, bounds.bulk, max(bounds.shear, bounds.shear_stress_corrected))
-        return _Attempt(strain, state, stats.iterations, Status.ok, "", True, slope, (*values, *errors))
+        return _Attempt(strain, state, stats.steps, Status.ok, "", True, slope, (*values, *errors))
 
     def accept(self, attempt: _Attempt) -> None:
         """Go on from there."""
@@ -206,7 +206,7 @@ class _Walk:
 
     def _expected(self, start: SpringState, state: SpringState, stats: Stats) -> bool:
         """Whether the relaxation led nowhere unexpected."""
-        few = self._method != "newton" or stats.iterations <= _FEW_STEPS
+        few = self._method != "newton" or stats.steps <= _FEW_STEPS
         return few and not stats.details.get("indefinite", False) and _apart(start, state) <= _EXPECTED
 
     def _returns(self, start: SpringState, state: SpringState, strain: float, slope: Array | None) -> bool:

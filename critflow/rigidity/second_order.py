@@ -125,7 +125,7 @@ def _answer(value: SecondOrderRigidity, status: Status) -> Solution[SecondOrderR
 
 
 def _uncertain(counted: Solution[Rigidity]) -> Solution[SecondOrderRigidity]:
-    value = SecondOrderRigidity(counted.value, None, None, None, reason=counted.stats.details["note"])
+    value = SecondOrderRigidity(counted.value, None, None, None, reason=counted.note)
     return _answer(value, Status.singular)
 
 

@@ -206,7 +206,7 @@ def test_an_infimum_that_collapses_edges_names_them_and_has_its_value():
     assert solution.status is Status.edge_collapse
     collapsed = solution.stats.details["collapsed_edges"]
     np.testing.assert_array_equal(collapsed, [33, 38])
-    assert "edges 33, 38 shrink to zero length" in solution.stats.details["note"]
+    assert "edges 33, 38 shrink to zero length" in solution.note
     # The limit itself: three vertices become one, and an edge without length carries what its leaf's others pull.
     centre = int(np.intersect1d(*COLLAPSING.edges[collapsed])[0])
     point, outward = contracted(COLLAPSING, collapsed, centre)
@@ -307,7 +307,7 @@ def test_step_limits_are_a_status():
     for method in ("fire", "lbfgs", "newton"):
         solution = optimize(NETWORK, "tension_variance", method, max_steps=2, throw=False)
         assert solution.status is Status.step_limit
-        assert solution.stats.iterations == 2
+        assert solution.stats.steps == 2
         assert solution.value.residual < 1e-12
         with pytest.raises(SolveError, match="raise max_steps"):
             optimize(NETWORK, "tension_variance", method, max_steps=2)

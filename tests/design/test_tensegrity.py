@@ -147,7 +147,7 @@ def test_the_reason_is_a_motion_that_loosens(twist):
     loosening = -signs * elongation
     assert loosening.min() > -1e-9 and loosening.max() == pytest.approx(1, rel=1e-9)
     np.testing.assert_array_equal(found.value.loosened, np.flatnonzero(loosening > 1e-7))
-    assert f"edge {found.value.loosened[0]} " in found.stats.details["note"]
+    assert f"edge {found.value.loosened[0]} " in found.note
     with pytest.raises(SolveError, match="no self-stress has these signs: a motion loosens"):
         signed_stress(network, network.positions, signs)
 

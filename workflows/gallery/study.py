@@ -151,7 +151,7 @@ def case(parameters, *, seed, panel):
         "flat_largest": flat[1],
         "curved_smallest": flat[2],
         "residual": critical.residual,
-        "iterations": found.stats.iterations,
+        "iterations": found.stats.steps,
     }
 
 

@@ -36,7 +36,7 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
         "stressed_fraction": stressed_fraction(critical.sigma),
         "residual": critical.residual,
         "optimality": found.stats.residual,
-        "iterations": found.stats.iterations,
+        "iterations": found.stats.steps,
     }
     if not wanted.isdisjoint(_EXACT):
         exact = stiffening(manifold, critical, throw=False).value

@@ -45,7 +45,7 @@ def case(parameters, *, seed):
         "sigma": sigma,
         "coordinates": coordinates,
         "bound": ascent.bound,
-        "last_step": found.stats.iterations,
+        "last_step": found.stats.steps,
         "shear_modulus_end": found.stats.details["objective"],
         "closed_form": exact.stats.details["objective"],
         "closed_form_gap": exact.stats.details["gap"],

@@ -87,7 +87,7 @@ def _exactly(slopes: Slopes, level: float) -> Answer:
     bound = np.nan
     if isinstance(claim, type(value)):
         bound = max(claim.C_B / abs(value.C_B), claim.C_G / abs(value.C_G))
-    return Answer(value.C_B, value.C_G, solution.status, solution.stats.iterations, bound)
+    return Answer(value.C_B, value.C_G, solution.status, solution.stats.steps, bound)
 
 
 def _fitted(slopes: Slopes, degree: int, n_strains: int, window: float) -> Answer:

@@ -111,7 +111,7 @@ def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
             manifold, lengths, "strain", relaxation=relaxation, strain_step=level, energy_threshold=threshold,
             throw=False,
         )  # fmt: skip
-        return _Answer(solution.value.sigma, solution.status, solution.stats.iterations)
+        return _Answer(solution.value.sigma, solution.status, solution.stats.steps)
 
     own = [
         Contestant("auto", auto, judge),
@@ -135,7 +135,7 @@ def _bisected(manifold: CriticalManifold, lengths: np.ndarray, width: float) -> 
         strain = 0.5 * (low + high)
         state = spring_state(network, lengths * (1 - strain), x)
         solution = equilibrium(state, pattern=pattern, throw=False)
-        steps += solution.stats.iterations
+        steps += solution.stats.steps
         # Springs that are stretched by the width of the interval have this energy.
         if solution.ok and solution.value.energy > 1e-4 * float(np.sum((width * lengths) ** 2)):
             high, x, sigma = strain, solution.value.coordinates, solution.value.sigma

@@ -87,7 +87,7 @@ class Measured:
     def of(cls, solution: Solution[Moduli]) -> Measured:
         value, claim = solution.value, solution.stats.error_bound
         bound = max(claim.bulk / value.bulk, claim.shear / value.shear) if isinstance(claim, Moduli) else np.nan
-        return cls(value.bulk, value.shear, solution.status, solution.stats.iterations, bound)
+        return cls(value.bulk, value.shear, solution.status, solution.stats.steps, bound)
 
     def against(self, exact: ExtendedModuli) -> Verdict:
         """The larger of the relative errors of B and G."""
@@ -144,7 +144,7 @@ def _differences(springs: StressedSprings, order: int, h: float) -> Measured:
         second = (below + above - 2 * springs.state.energy) / h**2 if order == 2 else (above - below) / (2 * h)
         moduli.append(second / springs.state.network.volume)
     status = max(end.status for end in ends)
-    return Measured(*moduli, status, sum(end.stats.iterations for end in ends))
+    return Measured(*moduli, status, sum(end.stats.steps for end in ends))
 
 
 def _matscipy(springs: StressedSprings) -> list[Contestant]:

@@ -106,7 +106,7 @@ def _by_scipy(function: Gradient, start: np.ndarray, method: str, curvature=None
 def _by_critflow(manifold: CriticalManifold, word: str, method: str, start: np.ndarray | None):
     def run(level):
         solution = optimize(manifold, word, method, start=start, tolerance=level, throw=False)
-        return _Answer(solution.value.sigma, solution.status, solution.stats.iterations)
+        return _Answer(solution.value.sigma, solution.status, solution.stats.steps)
 
     return run
 
@@ -116,7 +116,7 @@ def _by_fire(manifold: CriticalManifold, word: str, start: np.ndarray):
 
     def run(level):
         solution = optimize(manifold, word, "fire", start=start, tolerance=1e-15, max_steps=int(level), throw=False)
-        return _Answer(solution.value.sigma, solution.status, solution.stats.iterations)
+        return _Answer(solution.value.sigma, solution.status, solution.stats.steps)
 
     return run
 

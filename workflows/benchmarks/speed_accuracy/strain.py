@@ -96,7 +96,7 @@ class StrainStep:
         x = solution.value.coordinates[self.start.network.free]
         error = float(np.abs((x - self.reference.high) - self.reference.low).max())
         bound = float(solution.stats.error_bound)
-        return Verdict(error / self.unit, solution.status, solution.stats.iterations, bound / self.unit)
+        return Verdict(error / self.unit, solution.status, solution.stats.steps, bound / self.unit)
 
     def judge_peer(self, answer: tuple[Array, Status, int]) -> Verdict:
         """The same for coordinates (N_v, 2) that the box may have wrapped and that have drifted."""
