@@ -1,15 +1,16 @@
-"""The page of results: every label of the paper once, functions and tests that exist, text that is up to date."""
+"""The page of results: every label of the paper once, functions, tests and results that exist, text up to date."""
 
 import ast
 import importlib
+import json
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from critflow.workflow.load import named_studies
-from critflow.workflow.manifest import strangers
-from workflows.pages.paper import EQUATIONS, FIGURES, MORE
-from workflows.pages.results import RESULTS, rendered, studies
+from critflow.workflow.load import load_file
+from workflows.pages.paper import EQUATIONS, FIGURES
+from workflows.pages.results import KEPT, PAGE, REFERENCE, keep, rendered, studies
 
 ROOT = Path(__file__).parents[2]
 
@@ -19,7 +20,7 @@ def test_every_label_stands_once():
     assert len(set(labels)) == len(labels)
     # The source has 53 labelled equations and 8 labelled figures.
     assert len(labels) == 53
-    assert len({figure.label for figure in FIGURES}) == 8
+    assert len({figure.label for figure in FIGURES if figure.label}) == 8
 
 
 @pytest.mark.parametrize("function", sorted({equation.function for equation in EQUATIONS}))
@@ -47,29 +48,63 @@ def test_every_test_exists(test):
     assert name in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 
-def test_every_study_has_its_place_and_pictures():
-    assert set(studies()) == set(named_studies())
-    for figure in (*FIGURES, *MORE):
-        for picture in figure.pictures:
-            assert (RESULTS / figure.study / "figures" / f"{picture}.png").exists(), picture
-
-
-def test_what_is_kept_is_what_was_made():
-    """Where a manifest tells; a figure drawn again by other code would be a stranger."""
-    folders = [path.parent for path in RESULTS.glob("*/manifest.json")]
-    assert [line for folder in folders for line in strangers(folder)] == []
-
-
-def test_verdicts_are_words_that_the_table_knows():
+def test_every_verdict_is_known():
     for equation in EQUATIONS:
         assert equation.verdict.split(":")[0].split(";")[0] in ("holds", "differs"), equation.label
 
 
+def test_every_listed_study_has_its_results():
+    """A study that is not listed needs no committed results."""
+    runs = json.loads((REFERENCE / "runs.json").read_text(encoding="utf-8"))
+    for figure in FIGURES:
+        assert runs[figure.study]["seconds"] > 0
+        for picture in figure.pictures:
+            assert (REFERENCE / figure.study / "figures" / f"{picture}.png").exists(), picture
+
+
+def test_every_folder_of_reference_results_is_listed():
+    assert {path.name for path in REFERENCE.iterdir() if path.is_dir()} == set(studies())
+
+
 def test_the_page_is_up_to_date():
-    assert (RESULTS / "README.md").read_text(encoding="utf-8") == rendered()
+    assert PAGE.read_text(encoding="utf-8") == rendered(), "write it again: python -m workflows.pages.results"
 
 
-def test_nothing_committed_is_large():
-    for path in RESULTS.rglob("*"):
-        if path.suffix in (".png", ".gif", ".json", ".md"):
-            assert path.stat().st_size < 2**20, path
+def test_what_is_kept_replaces_what_was_kept(tmp_path):
+    made, kept = tmp_path / "made", tmp_path / "kept"
+    for folder, word in ((made, "new"), (kept, "old")):
+        (folder / "figures").mkdir(parents=True)
+        (folder / "figures" / f"{word}.png").write_text(word)
+        (folder / "claims.md").write_text(word)
+        (folder / f"{word}.nc").write_text(word)
+    keep(made, kept)
+    names = {str(path.relative_to(kept)) for path in kept.rglob("*") if path.is_file()}
+    assert names == {"figures/new.png", "claims.md", "old.nc"}
+    assert (kept / "claims.md").read_text() == "new" and "claims.md" in KEPT
+
+
+def git(*words, code=0):
+    """Lines that a git command prints."""
+    done = subprocess.run(["git", *words], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == code, done.stderr
+    return done.stdout.split()
+
+
+def test_a_run_changes_no_tracked_file():
+    """Everything that a run writes to results/NAME is ignored, and only that."""
+    for study in ("ensemble", "reference_free", "reference2"):
+        for file in ("study.json", "figures/gallery.png", "claims.json", "summary.json", f"{study}.nc", "shards/0.nc"):
+            assert git("check-ignore", f"results/{study}/{file}")
+    tracked = git("ls-files", "results")
+    assert tracked
+    assert all(name == "results/README.md" or name.startswith("results/reference/") for name in tracked)
+    git("check-ignore", "results/README.md", "results/reference/ensemble/claims.md", code=1)
+
+
+def test_no_tracked_file_is_large():
+    assert all((ROOT / name).stat().st_size <= 2**20 for name in git("ls-files") if (ROOT / name).is_file())
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "workflows").rglob("study.py")), ids=lambda path: path.parent.name)
+def test_every_study_loads_under_the_name_of_its_folder(path):
+    assert load_file(path).study.name == path.parent.name

@@ -1,0 +1,201 @@
+"""Fill the tables of Markdown pages from results/reference: `python -m workflows.pages.tables [FILE.md ...]`.
+
+A table stands between `<!-- NAME: any text -->` and `<!-- /NAME -->`, with a NAME of `TABLES`.  Without a file,
+README.md and the pages of docs/ are filled.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+REFERENCE = ROOT / "results" / "reference"
+FEW = {"bulk_modulus_0": "B_0", "C_B_exact": "C_B", "shear_modulus_0": "G_0", "C_G_exact": "C_G"}
+MEASURES = {
+    "bulk_modulus_0": "B_0",
+    "C_B_exact": "C_B",
+    "shear_modulus_0": "G_0",
+    "C_G_exact": "C_G, energy",
+    "C_G_stress_corrected_exact": "C_G, stress-corrected",
+    "length_variance": "V_L",
+    "tension_variance": "V_τ",
+    "stressed_fraction": "stressed edges",
+}
+# The default method of each task and the reason for it, from the measurements.
+REASONS = {
+    "configuration": "a sparse solver chosen by size: QDLDL for small matrices, Pardiso or METIS for large ones",
+    "gradient": "one more solve with the same factor",
+    "length_variance": "L-BFGS for low accuracy; then the cone program, whose optimum is exact",
+    "tension_variance": "L-BFGS; Newton's method where gradients alone stop",
+    "bulk_modulus": "closed form: one solve attains the bound",
+    "shear_modulus": "L-BFGS with the known curvature of the penalty; Newton's method where it stops",
+    "length_variance_pinned": "as above, on pinned networks, which other packages support",
+    "tension_variance_pinned": "as above, on pinned networks",
+    "rest_lengths": "cone program, then Newton's method on lengths and stresses together",
+    "strain_step": "Newton's method: the softness grows as 1/γ, and no other method reaches these errors",
+    "moduli": "linear response with the factor of the last Newton step",
+    "transition_moduli": "sums over edges, without a factorisation",
+    "coefficients": "exact, from the transition alone; fits have a bias and need a strain path",
+}
+
+
+def filled(page: str, reference: Path = REFERENCE) -> str:
+    """The text of a page with its tables made from the results of the studies."""
+
+    def table(match: re.Match[str]) -> str:
+        if match["name"] not in TABLES:
+            raise ValueError(f"there is no table {match['name']!r}: the tables are {', '.join(TABLES)}")
+        return f"{match['head']}{TABLES[match['name']](reference)}\n{match['tail']}"
+
+    marked = r"(?P<head><!-- (?P<name>\w+):[^>]*-->\n).*?(?P<tail><!-- /(?P=name) -->)"
+    return re.sub(marked, table, page, flags=re.S)
+
+
+def _read(reference: Path, study: str, name: str) -> dict:
+    return json.loads((reference / study / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _head(*cells: str) -> list[str]:
+    return [_row(*cells), "|" + "---|" * len(cells)]
+
+
+# The ensemble
+
+
+def populations(reference: Path) -> str:
+    """One row a population: moduli at the transition and their change with strain."""
+    return _populations(_read(reference, "ensemble", "summary"), FEW, outcomes=False)
+
+
+def measures(reference: Path) -> str:
+    """One row a population: all measures, and the outcomes of the solves."""
+    return _populations(_read(reference, "ensemble", "summary"), MEASURES, outcomes=True)
+
+
+def _populations(summary: dict, columns: dict[str, str], outcomes: bool) -> str:
+    lines = [
+        f"Mean ± standard deviation over {summary['networks']} networks of {summary['parameters']['n_vertices']} "
+        "vertices, in units of k:",
+        "",
+        *_head("population", *columns.values(), *(["outcomes"] if outcomes else [])),
+    ]
+    for population, rows in summary["populations"].items():
+        cells = [population, *(_spread(rows[name]) for name in columns)]
+        if outcomes:
+            cells.append(", ".join(f"{count} {status}" for status, count in rows["status"].items()))
+        lines.append(_row(*cells))
+    return "\n".join(lines)
+
+
+def _spread(row: dict) -> str:
+    if row["mean"] < 1e-12 and row["std"] < 1e-12:
+        return f"< {max(row['q95'], 1e-30):.0e}"
+    return f"{row['mean']:.3g} ± {row['std']:.1g}"
+
+
+def ensemble_claims(reference: Path) -> str:
+    """The claims of the ensemble with their verdicts."""
+    claims = _read(reference, "ensemble", "claims")
+    holding = sum(claim["verdict"] == "holds" for claim in claims)
+    lines = [f"{holding} of {len(claims)} tested claims hold; reasons: `results/reference/ensemble/claims.md`.", ""]
+    return "\n".join([*lines, *_claim_rows("the paper", claims)])
+
+
+def _claim_rows(statement: str, claims: list[dict]) -> list[str]:
+    return [*_head(statement, "measured", "verdict"), *(_row(c["statement"], c["value"], c["verdict"]) for c in claims)]
+
+
+# Speed, size and failure
+
+
+def speed(reference: Path) -> str:
+    """One row a task and size: the default method, its time and error, the other methods, the reason."""
+    lines = _head(
+        "task", "N_v", "default", "time", "error", "over the fastest", "others at their best accuracy", "reason"
+    )
+    for word, task in _read(reference, "speed_accuracy", "summary")["tasks"].items():
+        for size, cells in task["sizes"].items():
+            if "auto" in cells:
+                first = size == next(iter(task["sizes"]))
+                lines.append(_speed_row(word, task, int(size), cells, first))
+    return "\n".join(lines)
+
+
+def _speed_row(word: str, task: dict, size: int, cells: dict, first: bool) -> str:
+    seconds, error = min(cells["auto"], key=lambda point: point[1])
+    return _row(
+        _plain(task["title"]) if first else "", f"{size:,}", task["auto"], _time(seconds), f"{error:.0e}",
+        f"{cells['auto_over_front']:.2g} ×", _others(cells["gain"]), REASONS[word] if first else "",
+    )  # fmt: skip
+
+
+def _others(gains: dict[str, float]) -> str:
+    """The nearest and the farthest other method, in multiples of the time of the default."""
+    if not gains:
+        return "none"
+    order = sorted(gains, key=gains.__getitem__)
+    ends = order if len(order) == 1 else [order[0], order[-1]]
+    return ", ".join(f"{name} {_number(gains[name])} ×" if gains[name] else f"{name} is more accurate" for name in ends)
+
+
+def _plain(title: str) -> str:
+    """A title without the dollars of its mathematics."""
+    return re.sub(r"\$(.*?)\$", lambda m: m[1].replace("\\tau", "τ").replace("{", "").replace("}", ""), title)
+
+
+def _time(seconds: float) -> str:
+    return f"{_number(1e3 * seconds)} ms" if seconds < 1 else f"{_number(seconds)} s"
+
+
+def _number(value: float) -> str:
+    """Two digits, and no power of ten for large numbers."""
+    return f"{value:,.0f}" if value >= 99.5 else f"{value:.2g}"
+
+
+def sizes(reference: Path) -> str:
+    """One row a stage: seconds at every size, and the exponent of the large sizes."""
+    summary = _read(reference, "scale", "summary")
+    powers = summary["exponents_from_10000"]
+    lines = _head("seconds at N_v = ", *(f"{n:,}" for n in summary["n_vertices"]), "exponent from 10⁴")
+    for stage, seconds in summary["seconds"].items():
+        cells = [f"{s:.2g}" if s is not None else "" for s in seconds]
+        lines.append(_row(stage, *cells, f"{powers[stage]:.2f}" if stage in powers else ""))
+    return "\n".join(lines)
+
+
+def failures(reference: Path) -> str:
+    """The number of silent wrong answers in a sentence, and the claims about bounds."""
+    summary = _read(reference, "failure_map", "summary")
+    counts = summary["outcomes"].values()
+    points = sum(sum(kinds.values()) for kinds in counts)
+    correct = sum(kinds.get(kind, 0) for kinds in counts for kind in ("exact", "bounded", "tolerated"))
+    lines = [
+        f"Of {points:,} points (all quantities at all strengths of all difficulties) {correct:,} are correct within",
+        "the claimed bound or tolerance; the others return a status or an error message with the reason.",
+        f"Silent wrong answers: {summary['violations']}.",
+        "",
+    ]
+    return "\n".join([*lines, *_claim_rows("claim", _read(reference, "failure_map", "claims"))])
+
+
+TABLES: dict[str, Callable[[Path], str]] = {
+    table.__name__: table for table in (populations, measures, ensemble_claims, speed, sizes, failures)
+}
+
+
+def pages() -> list[Path]:
+    """The pages that are filled by default."""
+    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+if __name__ == "__main__":
+    for path in map(Path, sys.argv[1:]) if sys.argv[1:] else pages():
+        path.write_text(filled(path.read_text(encoding="utf-8")), encoding="utf-8")
