@@ -11,7 +11,7 @@ import numpy as np
 
 from critflow import InputError, SolveError, Status
 
-from .reference import Unknown
+from ..reference import Unknown
 
 # Relative to the largest coordinate, or to the value: what rounding alone may do.
 ROUNDING = 1e-13

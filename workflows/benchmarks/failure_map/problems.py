@@ -20,7 +20,7 @@ from critflow import (
 from critflow.mechanics.springs import SpringState, spring_state
 from critflow.workflow import stable_rng
 
-from . import reference as reference
+from .. import reference
 from .judge import Carried
 
 # Every map has so many steps; shorter lists of strengths leave the last ones empty.
@@ -181,9 +181,9 @@ def _near_singular(strength, seed, n_vertices):
 @reference.precise
 def _resistance(network, row):
     """g₀ P⁻¹ g₀ᵀ at σ = 1, as an exact number: rounding would move the singular point."""
-    right = reference.decimals(row)[:, None]
-    matrix = reference.laplacian(network, reference.decimals(np.ones(network.n_edges)))
-    return (right.T @ reference.solved(matrix, right))[0, 0]
+    right = reference.numbers(row)[:, None]
+    matrix = reference.laplacian(network, reference.numbers(np.ones(network.n_edges)))
+    return (right.T @ reference.solve(matrix, right))[0, 0]
 
 
 def _generic(seed):

@@ -22,10 +22,10 @@ from critflow import (
 from critflow.critical.objectives import named_objective, pure_shear, transition_modulus
 from critflow.mechanics.moduli_bounds import transition_bounds
 
-from . import reference as reference
+from .. import reference
+from ..reference import Unknown
 from .judge import Answer, Carried, Judgement, judged
 from .problems import METHODS, OBJECTIVES
-from .reference import Unknown
 
 # Beyond this FIRE has failed; the default limit would take a minute a network.
 _FIRE_STEPS = 20_000
@@ -44,14 +44,15 @@ def _coordinates(solution):
 def _off(problem, answer, exact):
     """Largest coordinate error, relative to the largest coordinate."""
     # A network without pins may have been carried away as a whole.
-    error = reference.distance(answer.values, exact.coordinates, moved=not problem.network.pins)
+    error = reference.largest_error(answer.values, exact.coordinates, moved=not problem.network.pins)
     return error, reference.largest(exact.coordinates)
 
 
 def _each(answer, truth):
     """Error of each number, relative to the largest of them."""
     errors = [
-        reference.distance([value], np.array([t], dtype=object)) for value, t in zip(answer.values, truth, strict=True)
+        reference.largest_error([value], np.array([t], dtype=object))
+        for value, t in zip(answer.values, truth, strict=True)
     ]
     return errors, reference.largest(truth)
 
@@ -75,7 +76,7 @@ def _transition_moduli(problem):
 def _transition_error(problem, answer):
     truth = problem.moduli or reference.transition_moduli(problem.network, problem.exact, digits=problem.digits)
     if problem.moduli:
-        truth = reference.decimals(problem.moduli)
+        truth = reference.numbers(problem.moduli)
     return _each(answer, truth)
 
 
@@ -147,7 +148,7 @@ def _equilibrium_near(problem, state, coordinates):
     for before, size in pairwise(sizes):
         network = problem.network.deformed(size * np.eye(2))
         exact = reference.equilibrium(network, state.rest_lengths, size / before * x)
-        x = reference.floats(exact.coordinates)
+        x = exact.coordinates.astype(float)
     return exact
 
 
@@ -229,11 +230,11 @@ def _optimum_error(name):
         if name == "bulk_modulus":
             best = reference.largest_bulk_modulus(problem.network)
         elif name == "length_variance" and _equal_lengths(problem):
-            best = reference.decimals(0.0)
+            best = reference.numbers(0.0)
         if best is not None and np.isfinite(answer.bounds):
-            return reference.distance(answer.values, best), scale
-        short = _uphill(problem, name) if best is None else reference.distance(float(there), best)
-        return max(reference.distance(answer.values, there), short), scale
+            return reference.largest_error(answer.values, best), scale
+        short = _uphill(problem, name) if best is None else reference.largest_error(float(there), best)
+        return max(reference.largest_error(answer.values, there), short), scale
 
     return compare
 
