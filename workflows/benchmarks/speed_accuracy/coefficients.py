@@ -2,8 +2,8 @@
 
 Fits and extrapolation need the moduli at several strains, each a relaxation and a linear response; levels are the
 largest strain.  A fit of degree n has a bias of that strain to the nth power, and the rounding of the moduli over it.
-The reference is the slope at γ = 0 of the polynomial through moduli at 13 strains, all in extended precision, which
-knows nothing of the exact formula.
+The reference is the derivative at γ = 0 of the polynomial through moduli at 13 strains, in double-double arithmetic,
+and does not contain the exact formula.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from critflow.networks.network import Array
 from critflow.precision.double_double import Extended
 
 from ..timing import Contestant, Task, Verdict
+from . import references
 from .moduli import LARGE, random_critical
-from .springs import apart, extended_slopes
+from .references import relative_error
 
 SIZES = (100, 1_000, 10_000)
 WINDOWS = (1e-2, 1e-3, 1e-4, 1e-5)
@@ -66,7 +67,7 @@ class Slopes:
     @classmethod
     def of(cls, n_vertices: int, seed: int) -> Slopes:
         manifold, critical = random_critical(n_vertices, seed)
-        return cls(manifold, critical, *extended_slopes(critical, manifold))
+        return cls(manifold, critical, *references.stiffening(manifold, critical.sigma))
 
     def path(self, strains: Array) -> tuple[StrainPath, Status]:
         """Moduli along a path that starts from the configuration without anything that was computed from it."""
@@ -76,7 +77,7 @@ class Slopes:
 
     def judge(self, answer: Answer) -> Verdict:
         """The larger of the relative errors."""
-        error = max(apart(answer.C_B, self.C_B), apart(answer.C_G, self.C_G))
+        error = max(relative_error(answer.C_B, self.C_B), relative_error(answer.C_G, self.C_G))
         return Verdict(error, answer.status, answer.iterations, answer.bound)
 
 

@@ -23,14 +23,13 @@ from critflow.precision.double_double import Extended
 from critflow.workflow import stable_rng
 
 from ..timing import Contestant, Task, Verdict, installed, peer
-from .reference import exact, refined
+from . import references
 
 SIZES = (100, 1_000, 10_000, 100_000)
 # From here on only backends and peers that take no more than some seconds.
 HUGE, _AT_HUGE = 1_000_000, ("superlu", "metis", "pardiso")
 # Dense matrices beyond are out of the question.
 DENSE = 2_000
-EXACT = 100
 # Backends that need a package beside critflow.
 FAST = {"metis": "pymetis", "pardiso": "pypardiso"}
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
@@ -164,8 +163,7 @@ class _Problem:
         manifold = CriticalManifold(voronoi_network(n_vertices, seed))
         sigma = np.abs(stable_rng(seed, "contest", "stress").standard_normal(manifold.network.n_edges))
         sigma *= np.sqrt(len(sigma) / (sigma @ sigma))
-        by_hand = n_vertices <= EXACT and bool(installed("mpmath"))
-        return cls(manifold, sigma, *(exact if by_hand else refined)(manifold, sigma))
+        return cls(manifold, sigma, *references.bulk_modulus_gradient(manifold, sigma))
 
     def judge(self, answer) -> Verdict:
         """Largest relative error of a bond vector; with a gradient, that over its largest component if it is larger."""

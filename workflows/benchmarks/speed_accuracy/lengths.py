@@ -13,13 +13,13 @@ from functools import partial
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state, voronoi_network
-from critflow.precision.double_double import Extended, ExtendedGeometry, add, divide, extended, multiply, subtract
+from critflow.precision.double_double import Extended
 from critflow.solvers.cone import fit_lengths, polish
 from critflow.workflow import stable_rng
 
 from ...shared.measurements import random_lengths
 from ..timing import Contestant, Task, Verdict
-from .reference import over_axes, total
+from . import references
 
 SIZES = (100, 1_000, 10_000)
 # Spreads of the rest lengths, the first one taken for which all edges are stressed.
@@ -29,7 +29,6 @@ FIRE_SIZE = 200
 STRAIN_STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
 WIDTHS = (1e-2, 1e-4, 1e-6, 1e-8)
 CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-REFINEMENTS = 4
 
 
 @dataclass(frozen=True)
@@ -37,31 +36,6 @@ class _Answer:
     sigma: np.ndarray
     status: Status = Status.ok
     iterations: int = 0
-
-
-def reference(manifold: CriticalManifold, lengths) -> Extended | None:
-    """σ (N_b,) with Σσ² = N_b that these rest lengths lead to, right to about 25 digits, or None with slack edges.
-
-    Newton on gᵀ(σ ∘ L) = 0 and |L|² = λ ℓ², with these residuals in extended precision.
-    """
-    found = critical_from_lengths(manifold, lengths, throw=False)
-    if not found.ok:
-        return None
-    network, geometry = manifold.network, ExtendedGeometry(manifold.network)
-    x, sigma = extended(found.value.coordinates[network.free]), extended(found.value.sigma)
-    target = multiply(extended(lengths), extended(0.5 * lengths))
-    for _ in range(REFINEMENTS):
-        L = geometry.bond_vectors(x, network.boundary_vectors)
-        h = multiply(extended(np.array([0.5])), over_axes(multiply(L, L)))
-        scale = divide(total(multiply(sigma, h)), total(multiply(sigma, target)))
-        column = Extended(sigma.high[:, None], sigma.low[:, None])
-        force = geometry.divergence(multiply(column, L))
-        short = subtract(multiply(scale, target), h)
-        u, change, _ = manifold.saddle.factorize(sigma.high, L.high).solve(-force.high, short.high)
-        x = add(x, extended(u))
-        sigma = add(sigma, extended(change - (change @ sigma.high) / (sigma.high @ sigma.high) * sigma.high))
-    size = np.sqrt(len(lengths) / (sigma.high @ sigma.high))
-    return multiply(sigma, extended(np.array([size])))
 
 
 def _judge(best: Extended):
@@ -80,7 +54,7 @@ def _problem(n_vertices: int, seed: int):
     noise = stable_rng(seed, "contest", "lengths")
     for spread in SPREADS:
         lengths = random_lengths(noise, manifold.network.n_edges, spread)
-        best = reference(manifold, lengths)
+        best = references.stress_of_lengths(manifold, lengths)
         if best is not None:
             return manifold, lengths, best
     raise ValueError("some edges are slack at every spread of the rest lengths")

@@ -28,9 +28,9 @@ from critflow.solvers.minimize import lbfgs
 from critflow.workflow import stable_rng
 
 from ..timing import Contestant, Task, Verdict, installed, peer
+from . import references
 from .ase import ase_springs, atoms_of
 from .lammps import Lammps, representable
-from .springs import extended_equilibrium
 
 STRAIN = 1e-3
 # A hundredth of what the start is off, or less.
@@ -76,7 +76,7 @@ class StrainStep:
         F = np.sqrt(1 + STRAIN) * np.eye(2)
         start = spring_state(manifold.network.deformed(F), critical.lengths, critical.coordinates @ F.T)
         near = equilibrium(start, pattern=manifold.hessian).value.coordinates[start.network.free]
-        state, _ = extended_equilibrium(start.network, extended(critical.lengths), near, manifold.hessian)
+        state, _ = references.equilibrium(start.network, extended(critical.lengths), near, manifold.hessian)
         return cls(start, manifold.hessian, state.x)
 
     @property

@@ -1,0 +1,303 @@
+"""References of the benchmarks: mpmath against numpy, definitions and the library; double-double against mpmath."""
+
+import numpy as np
+import pytest
+from problems import TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS, random_stress
+
+from critflow import (
+    CriticalManifold,
+    bulk_modulus_bound,
+    critical_from_lengths,
+    equilibrium,
+    linear_response,
+    stiffening,
+    triangular_network,
+    voronoi_network,
+)
+from critflow.mechanics.springs import SpringState
+from critflow.precision.double_double import extended, lengths
+from workflows.benchmarks import reference
+from workflows.benchmarks.reference import MP
+from workflows.benchmarks.speed_accuracy import references
+
+# Digits in which energies are differentiated.
+DIGITS = 70
+
+
+@pytest.fixture(scope="module")
+def network():
+    return voronoi_network(12, 3, hard_core=0.5)
+
+
+@pytest.fixture(scope="module")
+def manifold(network):
+    return CriticalManifold(network)
+
+
+@pytest.fixture(scope="module")
+def exact(network):
+    return reference.configuration(network, random_stress(network.n_edges, 1), digits=DIGITS)
+
+
+# Linear systems
+
+
+def test_systems_are_solved_and_singular_ones_refused():
+    rng = np.random.default_rng(0)
+    matrix, right = rng.standard_normal((2, 9, 9))
+    matrix[0, 0] = 0.0  # needs an exchange of rows
+    found = reference.solve(reference.numbers(matrix), reference.numbers(right))
+    residual = reference.numbers(matrix) @ found - reference.numbers(right)
+    np.testing.assert_allclose(found.astype(float), np.linalg.solve(matrix, right), rtol=1e-12)
+    assert reference.largest(residual) < 1e-55
+    matrix[1] = matrix[0]
+    with pytest.raises(reference.Unknown):
+        reference.solve(reference.numbers(matrix), reference.numbers(right))
+
+
+def test_too_few_digits_are_detected_and_increased():
+    """Two vertices joined by σ = 1e40: 20 digits lose their bonds to the rest, of σ = 1e-40."""
+    a, b = reference.numbers([1e40, 1e-40])
+    attempts = []
+
+    @reference.precise
+    def ends():
+        attempts.append(MP.dps)
+        matrix = np.array([[a + b, -a], [-a, a + b]], dtype=object)
+        return reference.solve(matrix, np.array([[0 * b], [b]], dtype=object))
+
+    # (a + b) x = a y and (a + b) y − a x = b have y = (a + b)/(2a + b), x = a/(2a + b).
+    np.testing.assert_allclose(ends(digits=20).astype(float).ravel(), [0.5, 0.5], rtol=1e-15)
+    assert attempts[0] == 20 and attempts[-1] > 80
+
+
+def test_digits_lost_to_rounding_are_detected():
+    """The Hilbert matrix of order 8 loses ten digits of 35, and 30 are required."""
+    with MP.workdps(100):
+        hilbert = np.array([[MP.one / (i + j + 1) for j in range(8)] for i in range(8)], dtype=object)
+        right = hilbert.sum(axis=1)[:, None]
+    with pytest.raises(reference.Unknown), MP.workdps(35):
+        reference.solve(hilbert, right)
+    assert reference.largest_error(np.ones((8, 1)), reference.solve(hilbert, right)) < 1e-40
+
+
+def test_errors_of_doubles_are_exact():
+    truth = np.array([MP.one, MP.mpf("2.000000000000000000000000000001")])
+    assert reference.largest_error([1.0, 2.0], truth) == pytest.approx(1e-30, rel=1e-15)
+    assert reference.largest_error([np.nan, 2.0], truth) == np.inf
+    moved = reference.numbers([[0.0], [2.1]]) - reference.numbers([[0.0], [0.1]])
+    assert reference.largest_error([[0.1], [2.1]], moved, moved=True) < 1e-50
+
+
+def test_the_precision_of_other_users_of_mpmath_does_not_change():
+    assert reference.mpmath.mp.dps == 15
+    assert MP.dps == reference.DIGITS
+
+
+# mpmath against dense numpy, and against the library in well-conditioned cases
+
+
+def test_the_largest_bulk_modulus_agrees_with_the_library(network):
+    assert float(reference.largest_bulk_modulus(network)) == pytest.approx(bulk_modulus_bound(network), rel=1e-13)
+
+
+def test_configurations_agree_with_dense_numpy(network, exact):
+    sigma = random_stress(network.n_edges, 1)
+    g, b = network.free_incidence.toarray(), network.boundary_vectors
+    free = np.linalg.solve(g.T @ (sigma[:, None] * g), -g.T @ (sigma[:, None] * b))
+    L = g @ free + b
+    np.testing.assert_allclose(exact.coordinates[network.free].astype(float), free, atol=1e-13)
+    np.testing.assert_allclose(exact.bond_vectors.astype(float), L, atol=1e-13)
+    cost = network.volume * np.sum(sigma**2 * np.sum(L**2, axis=1))
+    expected = np.sum(sigma * np.sum(L**2, axis=1)) ** 2 / (4 * cost), np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / cost
+    np.testing.assert_allclose(reference.transition_moduli(network, exact).astype(float), expected, rtol=1e-12)
+
+
+def test_stiffening_and_response_agree_with_the_library(network, manifold, exact):
+    critical = manifold.configuration(random_stress(network.n_edges, 1))
+    easy = stiffening(network, critical).value
+    np.testing.assert_allclose(reference.stiffening(network, exact).astype(float), list(vars(easy).values()), rtol=1e-9)
+    start = SpringState(network, critical.lengths, critical.coordinates, critical.bond_vectors)
+    state = equilibrium(start.deformed(1.05 * np.eye(2))).value
+    there = reference.equilibrium(state.network, state.rest_lengths, state.coordinates)
+    assert reference.largest_error(state.coordinates, there.coordinates) < 1e-12
+    found = reference.linear_response(state.network, there.bond_vectors, state.rest_lengths)
+    easy = linear_response(state)[0].value
+    np.testing.assert_allclose(found.astype(float), list(vars(easy).values()), rtol=1e-9)
+
+
+def test_critical_lengths_are_proportional_and_balanced(network, manifold):
+    target = 1 + 0.05 * np.random.default_rng(2).standard_normal(network.n_edges)
+    found = critical_from_lengths(manifold, target).value
+    critical = reference.critical_from_lengths(network, target, found.sigma, found.coordinates)
+    ratios = reference.lengths(critical.bond_vectors) / reference.numbers(target)
+    assert reference.largest(ratios / ratios[0] - 1) < 1e-50
+    force = reference.incidence(network).T @ (critical.sigma[:, None] * critical.bond_vectors)
+    assert reference.largest(force) < 1e-50
+
+
+def test_slack_edges_are_refused(network):
+    sigma = np.ones(network.n_edges)
+    sigma[3] = -1.0
+    signed = reference.configuration(network, sigma)
+    with pytest.raises(reference.Unknown, match="slack"):
+        reference.critical_from_lengths(network, reference.lengths(signed.bond_vectors), sigma, signed.coordinates)
+
+
+def test_springs_at_rest_of_the_triangular_lattice():
+    lattice = triangular_network(3, 3)
+    found = reference.moduli_at_rest(lattice, lattice.positions).astype(float)
+    np.testing.assert_allclose(found, [TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS], rtol=1e-14)
+
+
+# mpmath against derivatives of its energy
+
+
+class Energy:
+    """The energy of springs at rest in a critical configuration after a deformation F of the boundary."""
+
+    def __init__(self, network, critical):
+        self.network, self.critical, self.rest = network, critical, reference.lengths(critical.bond_vectors)
+
+    def relaxed(self, F):
+        start = self.critical.coordinates @ F.T
+        return reference.equilibrium(self.network, self.rest, start, F, digits=DIGITS)
+
+    def __call__(self, F):
+        return reference.energy(self.network, self.rest, self.relaxed(F).bond_vectors, digits=DIGITS)
+
+
+def expanded(strain):
+    """F of a relative change of the area."""
+    return reference.numbers(np.eye(2)) * MP.sqrt(1 + strain)
+
+
+def sheared(strain):
+    return reference.numbers(np.eye(2)) + reference.numbers([[0.0, 0.5], [0.5, 0.0]]) * strain
+
+
+def relative(found, expected):
+    return abs(float(found / expected - 1))
+
+
+@pytest.fixture
+def springs(network, exact):
+    with MP.workdps(DIGITS):
+        yield Energy(network, exact)
+
+
+def test_moduli_are_second_derivatives_of_the_energy(network, springs):
+    strain, h = MP.mpf(1) / 1024, MP.mpf("1e-11")
+    F = expanded(strain)
+    # The same springs in a cell of the doubles that the network has: lengths in units of √(1 + γ).
+    state = springs.relaxed(F)
+    size = MP.sqrt(1 + strain)
+    bulk, shear, corrected = reference.linear_response(network, state.bond_vectors / size, springs.rest / size)
+    V, middle = reference.volume(network) * (1 + strain), springs(F)
+    # B refers to the relative change of the strained volume.
+    around = [springs(expanded((1 + strain) * (1 + e) - 1)) for e in (-h, h)]
+    assert relative(bulk, (sum(around) - 2 * middle) / (h * h * V)) < 1e-17
+    assert relative(shear - corrected, (around[1] - around[0]) / (4 * h * V)) < 1e-15
+    around = [springs(sheared(e) @ F) for e in (-h, h)]
+    assert relative(shear, (sum(around) - 2 * middle) / (h * h * V)) < 1e-15
+
+
+def test_stiffening_coefficients_are_third_derivatives_of_the_energy(network, exact, springs):
+    # E(γ) above the transition is Σ e_n γⁿ from n = 2; six strains leave an error of γ⁶.
+    h, n = MP.mpf("1e-6"), 6
+    energies = np.array([[springs(expanded(h * j)) / h**2] for j in range(1, n + 1)])
+    powers = reference.numbers([[float(j**m) for m in range(2, n + 2)] for j in range(1, n + 1)])
+    coefficients = reference.solve(powers, energies)[:, 0]
+    second, third = 2 * coefficients[0], 6 * coefficients[1] / h
+    V = reference.volume(network)
+    B_0, _, C_B, _, _ = reference.stiffening(network, exact)
+    assert relative(B_0, reference.transition_moduli(network, exact)[0]) < 1e-50
+    assert relative(B_0, second / V) < 1e-24
+    assert relative(C_B, (second + third) / V) < 1e-18
+
+
+def test_the_gradient_of_the_bulk_modulus_is_its_derivative(network, exact):
+    gradient = reference.bulk_modulus_gradient(network, exact)
+    sigma, h = reference.numbers(exact.sigma), MP.mpf("1e-20")
+    for edge in (0, 7):
+        step = 0 * sigma
+        step[edge] = h
+        around = [
+            reference.transition_moduli(network, reference.configuration(network, sigma + s * step))[0] for s in (-1, 1)
+        ]
+        assert relative(gradient[edge], (around[1] - around[0]) / (2 * h)) < 1e-25
+
+
+# Double-double arithmetic against mpmath
+
+
+def error(found, truth):
+    """Largest error of double-double numbers, relative to the largest number."""
+    return reference.largest(reference.numbers(found.high, found.low) - truth) / reference.largest(truth)
+
+
+def test_sums_of_any_number_of_values():
+    for n in (1, 2, 3, 7, 64, 101):
+        values = 1.0 / np.arange(1, n + 1)
+        assert error(references.total(extended(values)), np.array([sum(reference.numbers(values))])) < 1e-29
+
+
+def test_initial_derivatives_of_polynomials():
+    t = np.array([0.0, 0.1, 0.25, 0.5])
+    values = [extended(np.array([3.0 - 2.0 * s + 5.0 * s**2 - s**3])) for s in t]
+    assert references.initial_derivative(t, values).high[0] == pytest.approx(-2.0, rel=1e-14)
+
+
+def test_double_double_configurations_and_gradients(network, manifold, exact):
+    sigma = random_stress(network.n_edges, 1)
+    x, L = references.configuration(manifold, sigma)
+    assert error(x, exact.coordinates[network.free]) < 1e-28
+    assert error(L, exact.bond_vectors) < 1e-28
+    # V is a double there.
+    volume = reference.volume(network) / reference.numbers(network.volume)
+    L, gradient = references.bulk_modulus_gradient(manifold, sigma)
+    assert error(L, exact.bond_vectors) < 1e-28
+    assert error(gradient, reference.bulk_modulus_gradient(network, exact) * volume) < 1e-28
+    found, truth = references.transition_moduli(manifold, sigma), reference.transition_moduli(network, exact)
+    assert error(found.bulk, truth[:1] * volume) < 1e-28
+    assert error(found.shear, truth[1:] * volume) < 1e-26
+
+
+@pytest.mark.parametrize("strain", [1e-3, 1e-5])
+def test_double_double_equilibria_and_moduli(network, manifold, exact, strain):
+    x, L = references.configuration(manifold, random_stress(network.n_edges, 1))
+    rest = references.strained_rest_lengths(lengths(L), strain)
+    state, factor = references.equilibrium(network, rest, x.high, manifold.hessian)
+    rest_lengths = reference.lengths(exact.bond_vectors) / MP.sqrt(1 + MP.mpf(strain))
+    truth = reference.equilibrium(network, rest_lengths, exact.coordinates)
+    # Rounding of 1e-31 in forces, over the softness 1/γ of the springs.
+    assert error(state.x, truth.coordinates[network.free]) < 1e-26 / strain
+    found = references.moduli(state, factor)
+    response = reference.linear_response(network, truth.bond_vectors, rest_lengths)
+    volume = reference.volume(network) / reference.numbers(network.volume)
+    assert error(found.bulk, response[:1] * volume) < 1e-26 / strain
+    assert error(found.shear, response[1:2] * volume) < 1e-26 / strain
+
+
+def test_double_double_stiffening_coefficients(network, manifold, exact):
+    sigma = random_stress(network.n_edges, 1)
+    truth = reference.stiffening(network, exact) * (reference.volume(network) / reference.numbers(network.volume))
+    for options in ({}, {"reach": 2e-3, "n_strains": 10}):
+        C_B, C_G = references.stiffening(manifold, sigma, **options)
+        assert error(C_B, truth[2:3]) < 1e-18
+        assert error(C_G, truth[3:4]) < 1e-18
+
+
+def test_double_double_stress_of_lengths(network, manifold):
+    target = 1 + 0.05 * np.random.default_rng(2).standard_normal(network.n_edges)
+    found = references.stress_of_lengths(manifold, target)
+    start = manifold.configuration(found.high)
+    truth = reference.critical_from_lengths(network, target, start.sigma, start.coordinates).sigma
+    assert np.sum(found.high**2) == pytest.approx(network.n_edges, rel=1e-14)
+    high = reference.numbers(found.high, found.low)
+    assert error(found, truth * (high @ truth) / (truth @ truth)) < 1e-24
+
+
+def test_slack_edges_have_no_stress():
+    manifold = CriticalManifold(voronoi_network(100, 0))
+    assert references.stress_of_lengths(manifold, np.exp(np.random.default_rng(0).standard_normal(150))) is None
