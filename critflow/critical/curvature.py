@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
-from critflow.linalg.matrices import Factor, Saddle, block_laplacian, edge_blocks, laplacian
+from critflow.linalg.factor import Factor
+from critflow.linalg.matrices import edge_blocks
 from critflow.networks.network import Array, edge_values
 from critflow.result import InputError, Solution, Stats, Status
 
@@ -266,7 +267,7 @@ def inverse_response(manifold: CriticalManifold, configuration: CriticalConfigur
     """
     network, size = manifold.network, float(np.linalg.norm(configuration.sigma))
     normal = configuration.sigma / size
-    saddle = Saddle(network).factorize(configuration.sigma, configuration.bond_vectors)
+    saddle = manifold.saddle.factorize(configuration.sigma, configuration.bond_vectors)
     forces = np.zeros((len(network.free), network.dimension))
 
     def apply(h: Array) -> Array:
@@ -301,8 +302,8 @@ def gaussian_curvature(
         solution = Solution(GaussianCurvature(np.nan, 0), found.status, Stats("determinants"))
         return solution.or_raise("no curvature for this stress") if throw else solution
     stress, L, n = found.value.sigma, found.value.bond_vectors, network.n_edges
-    prestress = laplacian(network).factorize(stress)
-    pattern = block_laplacian(network)
+    prestress = manifold.prestress.factorize(stress)
+    pattern = manifold.hessian
     softness = _SOFT * float(np.mean(L**2) / np.mean(np.abs(stress)))
     logs = []
     for soft in softness * np.array([1.0, 2.0, 4.0]):

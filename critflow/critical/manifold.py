@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
-from critflow.linalg.condensed import CondensedSaddle, positive
-from critflow.linalg.matrices import Factor, FixedPattern, Saddle, block_laplacian, laplacian
+from critflow.linalg.factor import Factor, FixedPattern
+from critflow.linalg.matrices import block_laplacian, laplacian
+from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
 from critflow.networks.network import Array, Network, edge_values
 from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
@@ -28,10 +29,6 @@ from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
 # An edge shorter than this part of the mean length counts as collapsed.
 COLLAPSED = 1e-8
-
-# Part of the mean stress that P is shifted by where pivots vanish though no eigenvalue may, and where two such shifts
-# have different inertias, the distance of an eigenvalue from zero.
-_BESIDE = 1e-9
 
 # From so many edges on systems of stresses and displacements are cheaper condensed.
 _CONDENSED = 100_000
@@ -112,13 +109,52 @@ def require_one_self_stress(network: Network, instead: str) -> None:
         raise InputError(f"this holds for one self-stress and the network has at least {certain}: {instead}")
 
 
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """A stress, its configuration and the factor of P(σ): all that derivatives at this stress need.
+
+    sigma         σ, (N_b,)
+    coordinates   of the free vertices, (n_free, d)
+    bond_vectors  L(σ), (N_b, d)
+    factor        of P(σ)
+    """
+
+    network: Network
+    sigma: Array
+    coordinates: Array
+    bond_vectors: Array
+    factor: Factor
+
+    def pull_back(self, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
+        """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
+        gy = self._difference(dO_dL)
+        return dO_dsigma - np.einsum("ad,ad->a", self.bond_vectors, gy), gy
+
+    def tangent(self, dsigma: Array) -> Array:
+        """Change of the bond vectors along σ̇: L̇ = −g P⁻¹ gᵀ(σ̇ ∘ L) (`SelfStressParamaterization_BondVectorDeriv`)."""
+        return -self._difference(dsigma[:, None] * self.bond_vectors)
+
+    def pull_back_tangent(self, dL: Array, gy: Array, dsigma: Array, second: tuple[Array, Array]) -> Array:
+        """Derivative of `pull_back` along (σ̇, L̇): the exact Hessian-vector product of an objective.
+
+        second  derivatives along (σ̇, L̇) of (∂O/∂σ, ∂O/∂L)
+        """
+        ddO_dsigma, ddO_dL = second
+        dgy = self._difference(ddO_dL - dsigma[:, None] * gy)
+        return ddO_dsigma - np.einsum("ad,ad->a", dL, gy) - np.einsum("ad,ad->a", self.bond_vectors, dgy)
+
+    def _difference(self, edge_vectors: Array) -> Array:
+        """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
+        return self.network.free_incidence @ self.factor.solve(self.network.divergence @ edge_vectors)
+
+
 class CriticalManifold:
     """The map σ → configuration of one network, its pull-back and its tangents.
 
     It also keeps the symbolic analysis of the network's other matrices, made when first asked for; functions that
     take a network and a manifold alike are faster with the manifold when they are called more than once.
 
-    prestress  the pattern of P; every factorisation makes earlier factors stale
+    prestress  the pattern of P
     backend    sparse solver of all of them (`critflow.linalg.backends`)
     """
 
@@ -185,9 +221,9 @@ class CriticalManifold:
         # The balance is that of the stress as given: scaling rounds it, and a nearly singular P would show that.
         exact = _scaled(given)
         sigma = exact.high
-        free, _, factor = self.balance(sigma)
-        n_negative, status = factor.n_negative, Status.ok
-        refined = self.refinement(exact, factor, free)
+        balance = self.balance(sigma)
+        n_negative, status = balance.factor.n_negative, Status.ok
+        refined = self.refinement(exact, balance.factor, balance.coordinates)
         if not refined.certain:
             refined, n_negative, status = self._beside(exact, refined)
         x = self.network.all_coordinates(refined.x)
@@ -215,14 +251,11 @@ class CriticalManifold:
         status = Status.ill_conditioned if self._tied(stress) else Status.singular
         n_negative = 0 if (stress >= 0).all() else len(self.network.free)
         if (stress > 0).any() and (stress < 0).any():
-            shift = _BESIDE * float(np.mean(np.abs(stress)))
-            below = self.prestress.factorize(stress, -shift)
-            sound, n_negative = below.sound, below.n_negative
-            above = self.prestress.factorize(stress, shift)
-            if sound and above.sound and above.n_negative == n_negative:
-                refined = self.refinement(sigma, above, self._placed(stress, above)[0])
-            else:
+            above, _, n_negative = self.prestress.factorize_shifted(stress)
+            if above is None:
                 status = Status.singular
+            else:
+                refined = self.refinement(sigma, above, self._placed(stress, above)[0])
         if refined.certain:
             return refined, n_negative, Status.ok
         nothing, lost = np.full_like(self._b, np.nan), np.full_like(refined.x, np.nan)
@@ -236,10 +269,10 @@ class CriticalManifold:
         graph = sp.coo_array((np.ones(len(ends[0])), ends), shape=(self.network.n_vertices,) * 2)
         return bool(connected_components(graph, directed=False)[0] == 1)
 
-    def balance(self, sigma: Array) -> tuple[Array, Array, Factor]:
-        """Free coordinates, bond vectors L(σ) and the factor of P, unchecked: the inner step of every optimisation."""
+    def balance(self, sigma: Array) -> Balance:
+        """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation."""
         factor = self.prestress.factorize(sigma)
-        return *self._placed(sigma, factor), factor
+        return Balance(self.network, sigma, *self._placed(sigma, factor), factor)
 
     def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
         x = np.empty((self._g.shape[1], len(self._load)))
@@ -248,41 +281,17 @@ class CriticalManifold:
         np.negative(x, out=x)
         return x, self._g @ x + self._b
 
-    def _difference(self, factor: Factor, edge_vectors: Array) -> Array:
-        """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
-        return self._g @ factor.solve(self.network.divergence @ edge_vectors)
-
-    def pull_back(self, L: Array, factor: Factor, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
-        """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
-        gy = self._difference(factor, dO_dL)
-        return dO_dsigma - np.einsum("ad,ad->a", L, gy), gy
-
-    def tangent(self, L: Array, factor: Factor, dsigma: Array) -> Array:
-        """Change of the bond vectors along σ̇: L̇ = −g P⁻¹ gᵀ(σ̇ ∘ L) (`SelfStressParamaterization_BondVectorDeriv`)."""
-        return -self._difference(factor, dsigma[:, None] * L)
-
-    def pull_back_tangent(
-        self, factor: Factor, L: Array, dL: Array, gy: Array, dsigma: Array, second: tuple[Array, Array]
-    ) -> Array:
-        """Derivative of `pull_back` along (σ̇, L̇): the exact Hessian-vector product of an objective.
-
-        second  derivatives along (σ̇, L̇) of (∂O/∂σ, ∂O/∂L)
-        """
-        ddO_dsigma, ddO_dL = second
-        dgy = self._difference(factor, ddO_dL - dsigma[:, None] * gy)
-        return ddO_dsigma - np.einsum("ad,ad->a", dL, gy) - np.einsum("ad,ad->a", L, dgy)
-
     def response(self, configuration: CriticalConfiguration) -> LinearOperator:
         """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).
 
         B is symmetric and σᵀ B = 0: the stress is normal to the manifold (`TangentVectors`).
         """
-        L = configuration.bond_vectors
-        # Its own pattern, so that no later factorisation makes the operator stale.
-        factor = laplacian(self.network).factorize_signed(configuration.sigma)
+        sigma, L = configuration.sigma, configuration.bond_vectors
+        free = configuration.coordinates[self.network.free]
+        balance = Balance(self.network, sigma, free, L, self.prestress.factorize_signed(sigma))
 
         def apply(dsigma: Array) -> Array:
-            return np.einsum("ad,ad->a", L, self.tangent(L, factor, np.ravel(dsigma)))
+            return np.einsum("ad,ad->a", L, balance.tangent(np.ravel(dsigma)))
 
         n = self.network.n_edges
         return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
@@ -291,7 +300,7 @@ class CriticalManifold:
         """Refuse networks with parts that collapse under every stress: nothing pulls them open."""
         # A stress without any symmetry, so that a vanishing edge is no accident.
         generic = np.mod(0.6180339887498949 * np.arange(self.network.n_edges), 1.0) + 1.0
-        lengths = np.linalg.norm(self.balance(generic)[1], axis=1)
+        lengths = np.linalg.norm(self.balance(generic).bond_vectors, axis=1)
         loose = np.flatnonzero(~(lengths > COLLAPSED * lengths.max()))
         if len(loose):
             raise NetworkError(

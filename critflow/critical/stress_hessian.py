@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
+from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import Objective, named_objective
 from critflow.networks.network import Array
@@ -47,19 +48,12 @@ def stress_hessian(critical: CriticalConfiguration, objective: str | Objective =
     A product costs two solves on the factor of P; the matrix itself is never formed.
     """
     network = critical.network
-    # Its own manifold, so that no later factorisation makes the operator stale.
     manifold = CriticalManifold(network)
     goal = named_objective(network, objective) if isinstance(objective, str) else objective
-    sigma = manifold.configuration(critical.sigma).sigma
-    _, L, factor = manifold.balance(sigma)
-    _, partials = goal.evaluate(sigma, L)
-    _, gy = manifold.pull_back(L, factor, *partials)
+    evaluation = evaluate(manifold, goal, manifold.configuration(critical.sigma).sigma)
 
     def apply(direction: Array) -> Array:
-        dsigma = np.ravel(direction)
-        dL = manifold.tangent(L, factor, dsigma)
-        second = goal.differential(sigma, L, dsigma, dL)
-        return manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second)
+        return evaluation.hessian_product(np.ravel(direction))
 
     n = network.n_edges
     return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)

@@ -6,11 +6,11 @@ qdldl    row by row on a minimum-degree ordering; always there, and the fastest 
 superlu  SciPy's SuperLU on a minimum-degree ordering; always there
 metis    SuperLU on a nested dissection, which keeps large planar networks sparser (extra `fast`)
 pardiso  Intel's MKL, blocked, on a nested dissection (extra `fast`, x86 only)
-single   SuperLU in single precision, refined in double; only where it is asked for
 """
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Protocol
 
 import numpy as np
@@ -48,8 +48,11 @@ class Backend(Protocol):
 
     def __init__(self, model: sp.csc_matrix): ...
 
+    def another(self, model: sp.csc_matrix) -> Backend:
+        """A second solver for the same pattern, with the same analysis, so that it gives the same bits."""
+
     def update(self, matrix: sp.csc_matrix) -> None:
-        """Factorise anew."""
+        """Factorise a matrix; the numbers of the last one are overwritten."""
 
     def solve(self, right: Array) -> Array:
         """x of A x = r, both (n,)."""
@@ -57,16 +60,16 @@ class Backend(Protocol):
     def pivots(self) -> Array:
         """D in the order of elimination, (n,)."""
 
-    def lost(self) -> float:
-        """Size of a pivot, against the largest, that is lost in rounding."""
-
 
 class QDLDL:
     """Without pivoting; stops at an exact zero, and the pivots after it are leftovers."""
 
     def __init__(self, model: sp.csc_matrix):
-        self._size = model.shape[0]
         self._solver = qdldl.Solver(model, upper=True)
+
+    def another(self, model: sp.csc_matrix) -> QDLDL:
+        # The library shares no analysis between solvers, but repeats it alike.
+        return QDLDL(model)
 
     def update(self, matrix: sp.csc_matrix) -> None:
         self._solver.update(matrix, upper=True)
@@ -77,14 +80,9 @@ class QDLDL:
     def pivots(self) -> Array:
         return self._solver.factors()[1].copy()
 
-    def lost(self) -> float:
-        return self._size * np.finfo(float).eps
-
 
 class MinimumDegree:
     """SuperLU in its symmetric mode, on an ordering that is found once."""
-
-    precision: type[np.floating] = np.float64
 
     def __init__(self, model: sp.csc_matrix):
         # The matrix in full and in its order, with the place of each entry in the upper triangle, from 1.
@@ -94,8 +92,14 @@ class MinimumDegree:
         full = full[self._order][:, self._order].tocsc()
         full.sort_indices()
         self._place = full.data - 1
-        self._matrix = sp.csc_matrix((np.empty(full.nnz, self.precision), full.indices, full.indptr), full.shape)
+        self._matrix = sp.csc_matrix((np.empty(full.nnz), full.indices, full.indptr), full.shape)
         self._factor: SuperLU | None = None
+
+    def another(self, model: sp.csc_matrix) -> MinimumDegree:
+        # The ordering is shared, and so is the matrix, which SuperLU reads only while it eliminates.
+        solver = copy(self)
+        solver._factor = None
+        return solver
 
     def _ordering(self, full: sp.csc_matrix) -> IntArray:
         factor = _eliminate(full, "MMD_AT_PLUS_A")
@@ -111,8 +115,7 @@ class MinimumDegree:
         return order[depth_first_order(tree, n, return_predecessors=False)[:0:-1]]
 
     def update(self, matrix: sp.csc_matrix) -> None:
-        with np.errstate(over="ignore"):
-            np.copyto(self._matrix.data, matrix.data[self._place])
+        np.take(matrix.data, self._place, out=self._matrix.data)
         self._factor = None
         if np.isfinite(self._matrix.data).all():
             try:
@@ -124,74 +127,27 @@ class MinimumDegree:
     def solve(self, right: Array) -> Array:
         x = np.full(right.shape, np.nan)
         if self._factor is not None:
-            x[self._order] = self._factor.solve(right[self._order].astype(self.precision, copy=False))
+            x[self._order] = self._factor.solve(right[self._order])
         return x
 
     def pivots(self) -> Array:
         # Where the diagonal vanished, rows were exchanged, and the pivots are not those of L D Lᵀ.
         if self._factor is None or (self._factor.perm_r != np.arange(len(self._order))).any():
             return np.zeros(len(self._order))
-        return self._factor.U.diagonal().astype(float)
-
-    def lost(self) -> float:
-        return len(self._order) * np.finfo(float).eps
+        return self._factor.U.diagonal()
 
 
 class NestedDissection(MinimumDegree):
-    """SuperLU on the ordering of METIS, whose columns stand almost in postorder already."""
+    """SuperLU on the ordering of METIS, whose columns are almost in postorder."""
 
     def _ordering(self, full: sp.csc_matrix) -> IntArray:
-        return _nested_dissection(full)
-
-
-def _nested_dissection(full: sp.csc_matrix) -> IntArray:
-    graph = (sp.triu(full, 1) + sp.tril(full, -1)).tocsc()
-    adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
-    return np.array(pymetis.nested_dissection(adjacency)[0], dtype=np.int32)
+        graph = (sp.triu(full, 1) + sp.tril(full, -1)).tocsc()
+        adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
+        return np.array(pymetis.nested_dissection(adjacency)[0], dtype=np.int32)
 
 
 def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
     return splu(matrix, permc_spec=ordering, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-
-
-class Single(MinimumDegree):
-    """SuperLU in single precision, whose solutions are refined in double.
-
-    Solutions are NaN where the refinement fails, beyond a condition of about 10⁷; a pivot below 10⁻⁶ of the largest
-    counts as lost, so that `singular` is said far more often than by the others.
-    """
-
-    precision = np.float32
-
-    def _ordering(self, full: sp.csc_matrix) -> IntArray:
-        return super()._ordering(full) if pymetis is None else _nested_dissection(full)
-
-    def update(self, matrix: sp.csc_matrix) -> None:
-        super().update(matrix)
-        self._upper, self._lower, self._norm = matrix, matrix.T, float(np.abs(matrix.data).max())
-
-    def solve(self, right: Array) -> Array:
-        scale = float(np.abs(right).max(initial=0.0))
-        if not scale:
-            return np.zeros_like(right)
-        x, rest, best = np.zeros_like(right), right / scale, np.inf
-        for _ in range(_MOST_REFINEMENTS):
-            trial = x + super().solve(rest)
-            rest = right / scale - multiply(self._upper, self._lower, trial)
-            # Backward error: the change of the matrix, against its largest entry, that would explain the residual.
-            error = float(np.abs(rest).max() / (self._norm * np.abs(trial).max()))
-            if not error < 0.5 * best:
-                break
-            x, best = trial, error
-        return scale * x if best < _REFINED else np.full_like(right, np.nan)
-
-    def lost(self) -> float:
-        return 1e-6
-
-
-_MOST_REFINEMENTS = 30
-# Backward error of a solution that is as good as one in double precision.
-_REFINED = 1e-14
 
 
 def multiply(upper: sp.csc_matrix, lower: sp.csr_matrix, x: Array) -> Array:
@@ -200,7 +156,7 @@ def multiply(upper: sp.csc_matrix, lower: sp.csr_matrix, x: Array) -> Array:
     return upper @ x + lower @ x - (diagonal * x.T).T
 
 
-_ALWAYS: dict[str, type[Backend]] = {"qdldl": QDLDL, "superlu": MinimumDegree, "single": Single}
+_ALWAYS: dict[str, type[Backend]] = {"qdldl": QDLDL, "superlu": MinimumDegree}
 
 
 def _installed() -> dict[str, type[Backend]]:

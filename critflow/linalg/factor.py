@@ -1,38 +1,53 @@
-"""Sparse symmetric matrices whose pattern is fixed and whose values change, and their factors.
+"""Sparse symmetric matrices with a fixed pattern and variable values, and their factors.
 
 The pattern and its symbolic analysis are made once, the values follow from their sources by one precomputed sparse
-product, and every later factorisation L D Lᵀ is numeric only.  The signs of D give the inertia, which tells rigid from
-unstable.  Which solver does it depends on the size and on what is installed (`critflow.linalg.backends`).
+product, and each factorisation A = L D Lᵀ is numeric only.  The signs of D are the inertia of A, which separates rigid
+from unstable configurations.  The solver depends on the size and on the installed packages
+(`critflow.linalg.backends`).
+
+A `Factor` owns its numbers.  Solvers overwrite their L and D in place, so the pattern gives its first solver to the
+newest factor; an older factor in use again eliminates its own matrix once more, in a second solver that stays with it.
+One factor at a time thus needs one analysis and the memory of one L, and any number of factors are valid together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+import weakref
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from critflow.linalg.backends import choose_backend, make_backend, multiply
-from critflow.result import CritflowError
+from critflow.linalg.backends import Backend, choose_backend, make_backend, multiply
+from critflow.linalg.tolerances import EPS, INERTIA_SHIFT, REFINED_SOLVES
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 
 
-class StaleFactorError(CritflowError):
-    """A factor was used after its matrix had been factorised anew."""
+class Entries(NamedTuple):
+    """Contributions coefficients_e × values[sources_e] to the entries (rows_e, cols_e) of a matrix, (n_entries,) each.
+
+    Symmetric contributions may be listed in full: entries below the diagonal, and those with a negative index, are
+    ignored.
+    """
+
+    rows: Any
+    cols: Any
+    sources: Any
+    coefficients: Any
 
 
 class FixedPattern:
-    """A sparse symmetric matrix A = Σ_s values_s A_s with constant A_s, given as entries of its upper triangle.
+    """A sparse symmetric matrix A = Σ_s values_s A_s with constant A_s, from the entries of its upper triangle.
 
-    rows, cols, sources, coefficients  (n_entries,) entry (row, col) gains coefficient × values[source]; entries
-    below the diagonal are ignored, so that symmetric contributions may be listed in full
+    size       number of rows n
+    n_sources  number of values
     """
 
-    def __init__(self, size: int, n_sources: int, entries: Iterable[tuple[Any, Any, Any, Any]], backend: str = "auto"):
+    def __init__(self, size: int, n_sources: int, entries: Iterable[Entries], backend: str = "auto"):
         parts = [_upper(*np.broadcast_arrays(*part)) for part in entries]
         rows, cols, sources, coefficients = (np.concatenate(part) for part in zip(*parts, strict=True))
         del parts
@@ -53,30 +68,52 @@ class FixedPattern:
             (coefficients[order], sources[order], _starts(slot, len(rows))), shape=(len(rows), n_sources)
         )
         self._gather.sum_duplicates()
+        # One matrix and its transpose take the data of each factor in turn; making them takes longer than a product.
         self._matrix = sp.csc_matrix((np.zeros(len(rows)), rows, _starts(cols, size)), shape=(size, size))
-        # A view of the same numbers; making one takes longer than a product of small matrices.
         self._transposed = self._matrix.T
         # The diagonal ends each column of an upper triangle.
         self._diagonal = self._matrix.indptr[1:] - 1
         self.backend = choose_backend(backend, len(rows))
-        self._solver: Any = None
-        self._generation = 0
-
-    def assemble(self, values: Array, shift: float | Array = 0.0) -> sp.csc_matrix:
-        """The upper triangle of A + shift·1; it is overwritten by the next call."""
-        np.copyto(self._matrix.data, self._gather @ values)
-        if np.ndim(shift) or shift:
-            self._matrix.data[self._diagonal] += shift
-        return self._matrix
+        # Solvers and the factors whose numbers they contain; the first one belongs to the newest factor.
+        self._solvers: list[Backend] = []
+        self._owners: list[Callable[[], Factor | None]] = []
 
     def factorize(self, values: Array, shift: float | Array = 0.0) -> Factor:
-        """Factorise A + shift·1, numerically only after the first time.  Earlier factors become stale."""
-        matrix = self.assemble(values, shift)
-        if self._solver is None:
-            self._solver = make_backend(self.backend, self._model())
-        self._solver.update(matrix)
-        self._generation += 1
-        return Factor(self, self._generation)
+        """L D Lᵀ of A + shift·1, with values (n_sources,) and a shift for all or for each of the rows (n,)."""
+        data = self._gather @ values
+        if np.ndim(shift) or shift:
+            data[self._diagonal] += shift
+        factor = Factor(self, data)
+        if not self._solvers:
+            self._add(make_backend(self.backend, self._model()))
+        self._eliminate(factor, 0)
+        return factor
+
+    def factorize_shifted(self, values: Array) -> tuple[Factor | None, float, int]:
+        """L D Lᵀ of A + δ, where its inertia is that of A; also δ and the number of negative pivots of A − δ.
+
+        Values of both signs may give a vanishing pivot without a vanishing eigenvalue.  Where the inertias of A + δ
+        and A − δ differ, an eigenvalue lies within δ of zero, and there is no factor.
+        """
+        shift = INERTIA_SHIFT * float(np.mean(np.abs(values)))
+        below = self.factorize(values, -shift)
+        sound, n_negative = below.sound, below.n_negative
+        above = self.factorize(values, shift)
+        regular = sound and above.sound and above.n_negative == n_negative
+        return above if regular else None, shift, n_negative
+
+    def factorize_signed(self, values: Array) -> Factor:
+        """As `factorize` for values of both signs: `singular` only where an eigenvalue is as good as zero.
+
+        Where a pivot vanishes and no eigenvalue does, the factor is that of A + δ, and `solve` refines its answers.
+        """
+        factor = self.factorize(values)
+        if factor.singular:
+            above, shift, _ = self.factorize_shifted(values)
+            if above is not None:
+                above._shift = shift
+                return above
+        return factor
 
     def _model(self) -> sp.csc_matrix:
         """A matrix of this pattern for the analysis, safely positive definite: a Laplacian with a weak ground."""
@@ -85,50 +122,62 @@ class FixedPattern:
         data[self._diagonal] = np.diff(indptr) + np.bincount(indices, minlength=self.size) - 2 + 0.01
         return sp.csc_matrix((data, indices, indptr), shape=self._matrix.shape)
 
-    def factorize_signed(self, values: Array) -> Factor:
-        """As `factorize` for values of both signs, where a pivot may vanish though no eigenvalue does.
+    def _multiply(self, factor: Factor, x: Array) -> Array:
+        self._matrix.data = self._transposed.data = factor._data
+        return multiply(self._matrix, self._transposed, x)
 
-        Then A + δ is factorised instead.  Where the inertias of A + δ and A − δ differ, an eigenvalue lies within δ of
-        zero and the factor is `singular`.
-        """
-        factor = self.factorize(values)
-        if factor.singular:
-            shift = _BESIDE * float(np.mean(np.abs(values)))
-            below = self.factorize(values, -shift)
-            sound, n_negative = below.sound, below.n_negative
-            self.factorize(values, shift)
-            above = ShiftedFactor(self, self._generation, shift)
-            regular = sound and above.sound and above.n_negative == n_negative
-            factor = above if regular else self.factorize(values)
-        return factor
+    def _solver_of(self, factor: Factor) -> Backend:
+        """The solver that contains the numbers of a factor, after another elimination if they are overwritten."""
+        for solver, owner in zip(self._solvers, self._owners, strict=True):
+            if owner() is factor:
+                return solver
+        # The first solver stays with the newest factor, or two factors in use would overwrite each other for ever.
+        unused = (place for place, owner in enumerate(self._owners) if place and owner() is None)
+        place = next(unused, len(self._solvers))
+        if place == len(self._solvers):
+            self._add(self._solvers[0].another(self._model()))
+        self._eliminate(factor, place)
+        return self._solvers[place]
+
+    def _add(self, solver: Backend) -> None:
+        self._solvers.append(solver)
+        self._owners.append(_nobody)
+
+    def _eliminate(self, factor: Factor, place: int) -> None:
+        self._owners[place] = _nobody
+        self._matrix.data = factor._data
+        self._solvers[place].update(self._matrix)
+        self._owners[place] = weakref.ref(factor)
 
 
-# Shift, in units of the mean value, that tells a singular matrix from a vanishing pivot.
-_BESIDE = 1e-9
+def _nobody() -> None:
+    """The owner of a solver without numbers."""
 
 
 class Factor:
-    """L D Lᵀ of one matrix, serving many right-hand sides."""
+    """L D Lᵀ of one matrix A, for any number of right-hand sides; no other factorisation changes its answers.
 
-    __slots__ = ("_generation", "_owner", "_pivots")
+    A factor that another one of the same pattern has displaced repeats its elimination at its next use.
+    """
 
-    def __init__(self, owner: FixedPattern, generation: int):
-        self._owner, self._generation = owner, generation
+    __slots__ = ("__weakref__", "_data", "_pattern", "_pivots", "_shift")
+
+    def __init__(self, pattern: FixedPattern, data: Array):
+        # The upper triangle of A + shift, which stands in for A where the shift is not zero.
+        self._pattern, self._data, self._shift = pattern, data, 0.0
         self._pivots: Array | None = None
-
-    def _current(self) -> FixedPattern:
-        if self._owner._generation != self._generation:
-            raise StaleFactorError("this factor is stale: its matrix was factorised anew, so factorise it again")
-        return self._owner
 
     @property
     def backend(self) -> str:
-        """Name of the solver that made it (`critflow.linalg.backends`)."""
-        return self._owner.backend
+        """Name of the solver (`critflow.linalg.backends`)."""
+        return self._pattern.backend
 
     def solve(self, right_side: Array) -> Array:
-        """Solve A x = r for r of shape (n,) or (n, d)."""
-        solver = self._current()._solver
+        """x of A x = r, for r of shape (n,) or (n, d)."""
+        return self._refined(right_side) if self._shift else self._solved(right_side)
+
+    def _solved(self, right_side: Array) -> Array:
+        solver = self._pattern._solver_of(self)
         if right_side.ndim == 1:
             return solver.solve(right_side)
         x = np.empty(right_side.shape)
@@ -136,16 +185,27 @@ class Factor:
             x[:, column] = solver.solve(right_side[:, column])
         return x
 
+    def _refined(self, right_side: Array) -> Array:
+        """Iterative refinement, which removes the shift."""
+        x, best = self._solved(right_side), np.inf
+        for _ in range(REFINED_SOLVES):
+            residual = right_side - self.multiply(x)
+            size = float(np.abs(residual).max(initial=0.0))
+            if not size < 0.5 * best:
+                break
+            x, best = x + self._solved(residual), size
+        return x
+
     def multiply(self, x: Array) -> Array:
-        """A x, with the matrix that was factorised."""
-        owner = self._current()
-        return multiply(owner._matrix, owner._transposed, x)
+        """A x, for x of shape (n,) or (n, d)."""
+        product = self._pattern._multiply(self, x)
+        return product - self._shift * x if self._shift else product
 
     @property
     def pivots(self) -> Array:
         """The diagonal D in the order of elimination, (n,); zero where a pivot vanished."""
         if self._pivots is None:
-            self._pivots = self._current()._solver.pivots()
+            self._pivots = self._pattern._solver_of(self).pivots()
         return self._pivots
 
     @property
@@ -155,46 +215,22 @@ class Factor:
 
     @property
     def sound(self) -> bool:
-        """Whether the elimination came to its end: no pivot is zero or not finite, so that their signs count."""
+        """Whether the elimination is complete: all pivots are finite and not zero, so that their signs count."""
         return bool(np.isfinite(self.pivots).all() and (self.pivots != 0).all())
 
     @property
     def singular(self) -> bool:
-        """Whether a pivot vanished, is not finite, or is lost in the rounding of the largest."""
+        """Whether a pivot vanishes, is not finite, or is below the rounding of the largest one."""
+        if self._shift:
+            # The inertias of A + δ and A − δ agree.
+            return False
         size = np.abs(self.pivots)
-        return not bool(size.min() > self._owner._solver.lost() * size.max() and np.isfinite(size).all())
+        return not bool(size.min() > len(size) * EPS * size.max() and np.isfinite(size).all())
 
     @property
     def indefinite(self) -> bool:
         """Whether A is not safely positive definite."""
         return self.singular or self.n_negative > 0
-
-
-class ShiftedFactor(Factor):
-    """L D Lᵀ of A + δ, serving right-hand sides of A itself by iterative refinement."""
-
-    __slots__ = ("_shift",)
-
-    def __init__(self, owner: FixedPattern, generation: int, shift: float):
-        super().__init__(owner, generation)
-        self._shift = shift
-
-    def multiply(self, x: Array) -> Array:
-        return super().multiply(x) - self._shift * x
-
-    def solve(self, right_side: Array) -> Array:
-        x, best = super().solve(right_side), np.inf
-        for _ in range(20):
-            rest = right_side - self.multiply(x)
-            size = float(np.abs(rest).max(initial=0.0))
-            if not size < 0.5 * best:
-                break
-            x, best = x + super().solve(rest), size
-        return x
-
-    @property
-    def singular(self) -> bool:
-        return False
 
 
 def _upper(rows: Any, cols: Any, sources: Any, coefficients: Any) -> tuple[IntArray, IntArray, IntArray, Array]:
@@ -212,5 +248,5 @@ def _sorted_positions(keys: IntArray, n_keys: int) -> IntArray:
 
 
 def _starts(keys: IntArray, n_keys: int) -> IntArray:
-    """Where each key begins in a sorted list, (n_keys + 1,)."""
+    """First position of each key in a sorted list, (n_keys + 1,)."""
     return np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=n_keys))]).astype(np.int32)

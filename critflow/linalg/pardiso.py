@@ -73,6 +73,10 @@ class Pardiso:
         weakref.finalize(self, _call, _RELEASE, self._memory, self._settings, self.size)
         self._run(_ANALYSE)
 
+    def another(self, model: sp.csc_matrix) -> Pardiso:
+        # One handle keeps as many factors as its analysis was made for, so each solver has a handle.
+        return Pardiso(model)
+
     def _run(self, phase: int, right: Array | None = None, x: Array | None = None) -> int:
         arrays = (self._values, self._starts, self._columns, right, x)
         error = _call(phase, self._memory, self._settings, self.size, *arrays)
@@ -96,9 +100,6 @@ class Pardiso:
         if self._factorised and not self._n_replaced:
             self._run(_SOLVE, np.ascontiguousarray(right, dtype=float), x)
         return x
-
-    def lost(self) -> float:
-        return self.size * np.finfo(float).eps
 
     def pivots(self) -> Array:
         pivots, before = np.zeros(self.size), np.empty(self.size)

@@ -1,0 +1,241 @@
+"""Systems of stresses and displacements: the saddle matrix [[P ⊗ 1, Rᵀ], [R, 0]], by two strategies.
+
+With P = gᵀ diag(σ) g and R = g L, the equations are  P u + Rᵀ λ = f,  R u = e  for displacements u (n_free, d) and edge
+multipliers λ (N_b,).  R has a left null vector, the self-stress σ: the second equation needs a consistent e, and λ is
+defined up to a multiple of σ.
+
+`Saddle` factorises the matrix itself, with a small −δ in place of its zero block; it serves stresses of any sign.
+
+`CondensedSaddle` eliminates the multipliers, for σ > 0.  With a small compliance 1/w,  R u − λ/w = e,  the equations are
+(P ⊗ 1 + Rᵀ w R) u = f + Rᵀ w e,  λ = w (R u − e).  That matrix has the pattern of the elastic Hessian, d·n_free
+unknowns in place of d·n_free + N_b, and is positive definite.
+
+Either removes its regularisation by iteration on the residuals of the saddle system; for the compliance this is the
+method of multipliers (Hestenes; Powell, 1969).  Each step gains 1/w times the least stiffness that the constraints add.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from critflow.linalg.factor import Entries, Factor, FixedPattern
+from critflow.linalg.matrices import block_laplacian, edge_blocks, free_ends
+from critflow.linalg.tolerances import (
+    CONDENSED_WEIGHT,
+    CONTRACTION,
+    MOST_REFINEMENTS,
+    REFINED,
+    REGULARISATION,
+    STABLE_MARGIN,
+)
+from critflow.networks.network import Array, Network
+
+
+def positive(sigma: Array, margin: float = STABLE_MARGIN) -> bool:
+    """Whether every stress is positive, by `margin` times the mean."""
+    return bool((sigma > margin * np.mean(np.abs(sigma))).all())
+
+
+class Saddle:
+    """The saddle matrix of one network, quasi-definite by −δ on the diagonal of the multipliers.
+
+    Each row of R is divided by the length of its edge, or rounding would hide the equations of the shortest edges.
+    """
+
+    def __init__(self, network: Network, backend: str = "auto"):
+        d, n_edges = network.dimension, network.n_edges
+        n_coordinates = d * len(network.free)
+        self._shape = (len(network.free), d)
+        tail, head = free_ends(network).T
+        edge = np.arange(n_edges)
+
+        def entries() -> Iterator[Entries]:
+            for axis in range(d):
+                i, j = d * tail + axis, d * head + axis
+                i[tail < 0], j[head < 0] = -1, -1
+                both = (i >= 0) & (j >= 0)
+                yield Entries(i, i, edge, 1.0)
+                yield Entries(j, j, edge, 1.0)
+                off_diagonal = np.where(i == j, -2.0, -1.0)[both]
+                yield Entries(np.minimum(i, j)[both], np.maximum(i, j)[both], edge[both], off_diagonal)
+                component = n_edges * (1 + axis) + edge
+                yield Entries(i, n_coordinates + edge, component, -1.0)
+                yield Entries(j, n_coordinates + edge, component, 1.0)
+
+        self._pattern = FixedPattern(n_coordinates + n_edges, n_edges * (1 + d), entries(), backend)
+
+    @property
+    def backend(self) -> str:
+        """Name of the sparse solver."""
+        return self._pattern.backend
+
+    def factorize(self, sigma: Array, bond_vectors: Array) -> SaddleFactor:
+        """The factor at stresses σ (N_b,) and bond vectors L (N_b, d)."""
+        shift = self._shifts(sigma)
+        length = np.linalg.norm(bond_vectors, axis=1)
+        scale = np.full(self._pattern.size, float(np.mean(length)))
+        scale[: self._shape[0] * self._shape[1]] = float(np.mean(np.abs(sigma) * length))
+        factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift)
+        return SaddleFactor(factor, shift, sigma / np.linalg.norm(sigma), scale, _divisors(length))
+
+    def stable(self, sigma: Array, bond_vectors: Array, margin: float = STABLE_MARGIN) -> bool:
+        """Whether P is positive on the null space of R, by `margin` times the mean stress.
+
+        Then exactly the multipliers give negative pivots.  A positive stress needs no factorisation.
+        """
+        if positive(sigma, margin):
+            return True
+        n_coordinates = self._shape[0] * self._shape[1]
+        shift = self._shifts(sigma)
+        shift[:n_coordinates] = -margin * float(np.mean(np.abs(sigma)))
+        factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift)
+        return factor.sound and factor.n_negative == self._pattern.size - n_coordinates
+
+    def _shifts(self, sigma: Array) -> Array:
+        shift = np.zeros(self._pattern.size)
+        shift[self._shape[0] * self._shape[1] :] = -REGULARISATION / (self._shape[1] * float(np.mean(np.abs(sigma))))
+        return shift
+
+    def _values(self, sigma: Array, bond_vectors: Array) -> Array:
+        directions = bond_vectors / _divisors(np.linalg.norm(bond_vectors, axis=1))[:, None]
+        return np.concatenate([sigma, directions.T.ravel()])
+
+
+@dataclass(frozen=True, eq=False)
+class SaddleFactor:
+    """A factorised saddle matrix at one σ and L.
+
+    factor   of the matrix with the regularisation
+    shift    the regularisation of each row, (n,)
+    null     σ/|σ|, (N_b,)
+    scale    size of the terms that cancel in the residual of each row, (n,); the right-hand side itself may vanish
+    divisor  lengths that divide the rows of R, (N_b,)
+    """
+
+    factor: Factor
+    shift: Array
+    null: Array
+    scale: Array
+    divisor: Array
+
+    def solve(
+        self, forces: Array, elongations: Array, tolerance: float = REFINED, max_refinements: int = MOST_REFINEMENTS
+    ) -> tuple[Array, Array, float]:
+        """u, λ of P u + Rᵀ λ = forces (n_free, d), R u = elongations (N_b,), and the relative residual.
+
+        The component of the elongations along σ, which no displacement gives, is ignored.
+        """
+        consistent = elongations - (self.null @ elongations) * self.null
+        right = np.concatenate([forces.ravel(), consistent / self.divisor])
+        solution = np.zeros_like(right)
+        residual, best = right, np.inf
+        for _ in range(max_refinements):
+            trial = solution + self.factor.solve(residual)
+            residual = right - self.factor.multiply(trial) + self.shift * trial
+            error = float(np.max(np.abs(residual) / self.scale))
+            if not error < CONTRACTION * best:
+                break
+            solution, best = trial, error
+            if error < tolerance:
+                break
+        return solution[: forces.size].reshape(forces.shape), solution[forces.size :] / self.divisor, best
+
+    def solve_bordered(self, forces: Array, elongations: Array, target: Array) -> tuple[Array, Array]:
+        """u, λ of P u + Rᵀ λ = forces (n_free, d), R u − μ t = elongations (N_b,), tᵀ λ = 0.
+
+        These are the steps of Newton's method to lengths in the ratios of a target t (N_b,).  Before convergence R has
+        no left null vector, only a nearly null one; the factor μ of the target then keeps the system well-conditioned.
+        """
+        border = np.concatenate([np.zeros(forces.size), -target / self.divisor])
+        right = np.concatenate([forces.ravel(), elongations / self.divisor])
+        through = self.factor.solve(border)
+        solution, ratio, best = np.zeros_like(right), 0.0, np.inf
+        residual, ratio_residual = right, 0.0
+        for _ in range(MOST_REFINEMENTS):
+            change = self.factor.solve(residual)
+            change_of_ratio = float((border @ change - ratio_residual) / (border @ through))
+            trial, trial_ratio = solution + change - change_of_ratio * through, ratio + change_of_ratio
+            residual = right - self.factor.multiply(trial) + self.shift * trial - trial_ratio * border
+            ratio_residual = -float(border @ trial)
+            error = float(np.max(np.abs(residual) / self.scale))
+            if not error < CONTRACTION * best:
+                break
+            solution, ratio, best = trial, trial_ratio, error
+            if error < REFINED:
+                break
+        return solution[: forces.size].reshape(forces.shape), solution[forces.size :] / self.divisor
+
+
+class CondensedSaddle:
+    """The same systems for σ > 0, through the matrix P ⊗ 1 + Rᵀ w R."""
+
+    def __init__(self, network: Network, backend: str = "auto"):
+        self._network = network
+        self._pattern = block_laplacian(network, backend)
+
+    @property
+    def backend(self) -> str:
+        """Name of the sparse solver."""
+        return self._pattern.backend
+
+    def stable(self, sigma: Array, bond_vectors: Array, margin: float = STABLE_MARGIN) -> bool:
+        """Whether every stress is positive, by `margin` times the mean: this class serves no other case."""
+        return positive(sigma, margin)
+
+    def factorize(self, sigma: Array, bond_vectors: Array) -> CondensedFactor:
+        """The factor at stresses σ > 0 (N_b,) and bond vectors L (N_b, d)."""
+        square = np.einsum("ad,ad->a", bond_vectors, bond_vectors)
+        # Relative to |L|²: directions count, or rounding would hide the equations of short edges.
+        weight = CONDENSED_WEIGHT * float(np.mean(np.abs(sigma))) / square
+        factor = self._pattern.factorize(edge_blocks(weight, bond_vectors, sigma))
+        return CondensedFactor(self._network, factor, sigma, bond_vectors, np.sqrt(square), weight)
+
+
+@dataclass(frozen=True, eq=False)
+class CondensedFactor:
+    """A factorised condensed matrix at σ (N_b,) and L (N_b, d), with lengths |L| and weights w (N_b,)."""
+
+    network: Network
+    factor: Factor
+    sigma: Array
+    bond_vectors: Array
+    lengths: Array
+    weight: Array
+
+    def solve(
+        self, forces: Array, elongations: Array, tolerance: float = REFINED, max_refinements: int = MOST_REFINEMENTS
+    ) -> tuple[Array, Array, float]:
+        """As `SaddleFactor.solve`."""
+        L, w = self.bond_vectors, self.weight
+        g, divergence = self.network.free_incidence, self.network.divergence
+        # Residuals are relative to the size of the terms that cancel in them.
+        force_scale = float(np.mean(np.abs(self.sigma) * self.lengths))
+        length_scale = float(np.mean(self.lengths))
+        null = self.sigma / np.linalg.norm(self.sigma)
+        elongations = elongations - (null @ elongations) * null
+        u, multipliers, best = np.zeros_like(forces), np.zeros_like(elongations), np.inf
+        force, elongation = forces, elongations
+        for _ in range(max_refinements):
+            right = force + divergence @ ((w * elongation)[:, None] * L)
+            step = self.factor.solve(right.ravel()).reshape(forces.shape)
+            new_u = u + step
+            new_multipliers = multipliers + w * (np.einsum("ad,ad->a", L, g @ step) - elongation)
+            rates = g @ new_u
+            elongation = elongations - np.einsum("ad,ad->a", L, rates)
+            force = forces - divergence @ (self.sigma[:, None] * rates + new_multipliers[:, None] * L)
+            missing = float(np.abs(elongation / self.lengths).max())
+            error = max(float(np.abs(force).max()) / force_scale, missing / length_scale)
+            if not error < CONTRACTION * best:
+                break
+            u, multipliers, best = new_u, new_multipliers, error
+            if error < tolerance:
+                break
+        return u, multipliers, best
+
+
+def _divisors(length: Array) -> Array:
+    """Divisors of the rows of R; the row of an edge without length is zero."""
+    return np.where(length > 0, length, 1.0)
