@@ -49,16 +49,14 @@ def main():
     manifold = manifolds[0]
 
     def gradient(_seed):
-        _, L, factor = manifold.balance(sigma)
-        return manifold.pull_back(L, factor, *partials)
+        return manifold.balance(sigma).pull_back(*partials)
 
-    _, L, _ = manifold.balance(sigma)
-    _, partials = goal.evaluate(sigma, L)
+    _, partials = goal.evaluate(sigma, manifold.balance(sigma).bond_vectors)
     pattern = manifold.prestress
     right = rng.standard_normal(pattern.size)
 
     def bare(_seed):
-        solver = pattern._solver
+        solver = pattern._solvers[0]
         solver.update(pattern._matrix)
         for _ in range(4):
             solver.solve(right)

@@ -162,6 +162,12 @@ def dense_free(network: Network) -> tuple[np.ndarray, np.ndarray]:
     return g[:, free], b
 
 
+def grounded(network):
+    """Dense free incidence and b as the library takes them: without pins, vertex 0 is the ground."""
+    g, b = dense_free(network)
+    return (g if network.pins else g[:, 1:]), b
+
+
 def dense_bond_vectors(network: Network, sigma: np.ndarray) -> np.ndarray:
     """L(σ) = b − g P⁺ gᵀ(σ ∘ b) by a dense pseudo-inverse, which needs no ground."""
     g, b = dense_free(network)

@@ -14,12 +14,23 @@ SOURCES = {
 LAYERS = ("networks", "linalg", "precision", "solvers", "critical", "rigidity", "mechanics", "design")
 PHYSICS = {name for name in SOURCES if name.split(".")[1] in LAYERS} | {"critflow.result"}
 HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer", "rich"}
-ALLOWED = {"__future__", "abc", "collections", "copy", "dataclasses", "enum", "functools", "itertools", "typing"}
+ALLOWED = {
+    "__future__",
+    "abc",
+    "collections",
+    "copy",
+    "dataclasses",
+    "enum",
+    "functools",
+    "itertools",
+    "typing",
+    "weakref",
+}
 # What the modules that talk to solvers may import besides; MKL is a library of C, found on the disk.
 SOLVERS = {
     "critflow.linalg.backends": {"pymetis", "qdldl"},
     "critflow.solvers.cone": {"clarabel"},
-    "critflow.linalg.pardiso": {"ctypes", "os", "pathlib", "sys", "sysconfig", "weakref"},
+    "critflow.linalg.pardiso": {"ctypes", "os", "pathlib", "sys", "sysconfig"},
     "critflow.solvers.semidefinite": {"clarabel"},
 }
 

@@ -27,7 +27,7 @@ from critflow import (
 )
 from critflow.critical.objectives import OBJECTIVES, pure_shear
 from critflow.design.modulus_bounds import largest_modulus, modulus_bound
-from critflow.linalg.matrices import FixedPattern
+from critflow.linalg.factor import FixedPattern
 from critflow.mechanics.moduli import linear_response
 from critflow.workflow.batch import Job, run_batch
 from critflow.workflow.load import load_study

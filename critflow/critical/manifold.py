@@ -251,11 +251,11 @@ class CriticalManifold:
         status = Status.ill_conditioned if self._tied(stress) else Status.singular
         n_negative = 0 if (stress >= 0).all() else len(self.network.free)
         if (stress > 0).any() and (stress < 0).any():
-            above, _, n_negative = self.prestress.factorize_shifted(stress)
-            if above is None:
-                status = Status.singular
-            else:
+            above, regular, n_negative = self.prestress.factorize_shifted(stress)
+            if regular:
                 refined = self.refinement(sigma, above, self._placed(stress, above)[0])
+            else:
+                status = Status.singular
         if refined.certain:
             return refined, n_negative, Status.ok
         nothing, lost = np.full_like(self._b, np.nan), np.full_like(refined.x, np.nan)

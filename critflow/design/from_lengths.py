@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold, critical_configuration
-from critflow.linalg.matrices import FixedPattern, edge_blocks
+from critflow.linalg.factor import FixedPattern
+from critflow.linalg.matrices import edge_blocks
 from critflow.mechanics.equilibrium import equilibrium, relaxation_method
 from critflow.mechanics.springs import spring_state
 from critflow.networks.network import Array, Network, edge_values

@@ -34,7 +34,7 @@ def modulus_bound(network: Network | CriticalManifold, strain: ArrayLike) -> flo
     """The largest modulus μ_A for the affine strain A (d, d) over all stresses of any sign; nothing exceeds it."""
     manifold = CriticalManifold.of(network)
     A = transition_modulus(manifold.network, strain).symmetric
-    F, moment = _force_map(manifold.network, manifold.balance(manifold.network.stiffness)[1], A)
+    F, moment = _force_map(manifold.network, manifold.balance(manifold.network.stiffness).bond_vectors, A)
     return float(np.trace(F @ moment @ F.T)) / manifold.network.volume
 
 
@@ -58,9 +58,9 @@ def largest_modulus(network: Network | CriticalManifold, strain: ArrayLike) -> S
     if np.allclose(A, A[0, 0] * np.eye(len(A)), rtol=0, atol=1e-14 * np.abs(A).max()):
         # F = A only stretches L*, which is the answer then.
         found = manifold.solve(k)
-        F, moment = _force_map(network, found.value.bond_vectors if found.ok else manifold.balance(k)[1], A)
+        F, moment = _force_map(network, found.value.bond_vectors if found.ok else manifold.balance(k).bond_vectors, A)
     elif network.dimension == 2:
-        L_star = manifold.balance(k)[1]
+        L_star = manifold.balance(k).bond_vectors
         F, moment = _force_map(network, L_star, A)
         sigma, shortest = _closed(manifold, L_star, F)
         found = manifold.solve(sigma)
@@ -91,7 +91,7 @@ def least_compressed_length(network: Network | CriticalManifold, strain: ArrayLi
     network = manifold.network
     if network.dimension != 2:
         raise InputError("configurations of one force network are found in two dimensions only")
-    L_star = manifold.balance(network.stiffness)[1]
+    L_star = manifold.balance(network.stiffness).bond_vectors
     F, _ = _force_map(network, L_star, transition_modulus(network, strain).symmetric)
     T = network.stiffness[:, None] * (L_star @ F.T)
     along = T / np.linalg.norm(T, axis=1)[:, None]

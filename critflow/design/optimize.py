@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.objectives import (
     ConstrainedModulus,
@@ -193,9 +194,8 @@ def _equal_lengths(manifold: CriticalManifold) -> Solution[CriticalConfiguration
 
 def _residual(manifold: CriticalManifold, goal: Objective, value: CriticalConfiguration) -> tuple[float, float]:
     """Value of an objective at a configuration, and the largest component of dO/dσ."""
-    _, L, factor = manifold.balance(value.sigma)
-    O, partials = goal.evaluate(value.sigma, L)
-    return O, float(np.abs(manifold.pull_back(L, factor, *partials)[0]).max())
+    evaluation = evaluate(manifold, goal, value.sigma)
+    return evaluation.value, float(np.abs(evaluation.gradient).max())
 
 
 def _descend(

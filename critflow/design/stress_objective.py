@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.objectives import Objective
 from critflow.networks.network import Array
@@ -76,10 +77,9 @@ class Landscape:
         # Trials far out may overflow; they are told by a value that is not finite.
         with np.errstate(all="ignore"):
             sigma = self.sigma(x)
-            _, L, factor = self.manifold.balance(sigma)
-            value, partials = self._goal.evaluate(sigma, L)
-            gradient, gy = self.manifold.pull_back(L, factor, *partials)
-        self._last = (x, sigma, L, factor, gradient, gy)
+            evaluation = evaluate(self.manifold, self._goal, sigma)
+        value, gradient = evaluation.value, evaluation.gradient
+        self._last = (x, sigma, evaluation.balance.bond_vectors, evaluation)
         residual = float(np.abs(gradient).max())
         slope = self.sign * self.slope(x, sigma, gradient)
         return Point(x, self.sign * value, slope, residual if np.isfinite(residual) else np.inf)
@@ -116,16 +116,14 @@ class Landscape:
         return False
 
     def curvature(self, point: Point, direction: Array) -> Array:
-        x, sigma, L, factor, gradient, gy = self._last
+        x, sigma, _, evaluation = self._last
         assert x is point.x, "the curvature belongs to the point evaluated last"
         dsigma = self.along(x, sigma, direction)
-        dL = self.manifold.tangent(L, factor, dsigma)
         try:
-            second = self._goal.differential(sigma, L, dsigma, dL)
+            dgradient = evaluation.hessian_product(dsigma)
         except NotImplementedError:
             return self._by_differences(point, direction)
-        dgradient = self.manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second)
-        return self.sign * (self.bend(x, sigma, gradient, direction) + self.slope(x, sigma, dgradient))
+        return self.sign * (self.bend(x, sigma, evaluation.gradient, direction) + self.slope(x, sigma, dgradient))
 
     def _by_differences(self, point: Point, direction: Array) -> Array:
         """The curvature of objectives without a differential, to about nine digits."""
@@ -161,7 +159,7 @@ class SignedLandscape(Landscape):
         return -np.sqrt(len(x) / size) * (x @ direction / size) * gradient
 
     def _end(self, point: Point) -> Status | None:
-        factor = self._last[3]
+        factor = self._last[3].balance.factor
         pivots = np.abs(factor.pivots)
         self._nearest = min(self._nearest, float(pivots.min() / pivots.max()))
         if self._negative is not None and factor.n_negative != self._negative:

@@ -20,7 +20,8 @@ from scipy.optimize import linprog
 
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.design.from_lengths import balanced_part
-from critflow.linalg.matrices import Saddle, block_laplacian, laplacian
+from critflow.linalg.matrices import block_laplacian, laplacian
+from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import spread_columns

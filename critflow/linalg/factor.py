@@ -89,30 +89,28 @@ class FixedPattern:
         self._eliminate(factor, 0)
         return factor
 
-    def factorize_shifted(self, values: Array) -> tuple[Factor | None, float, int]:
-        """L D Lᵀ of A + δ, where its inertia is that of A; also δ and the number of negative pivots of A − δ.
+    def factorize_shifted(self, values: Array) -> tuple[Factor, bool, int]:
+        """L D Lᵀ of A + δ, whether its inertia is that of A, and the number of negative pivots of A − δ.
 
         Values of both signs may give a vanishing pivot without a vanishing eigenvalue.  Where the inertias of A + δ
-        and A − δ differ, an eigenvalue lies within δ of zero, and there is no factor.
+        and A − δ differ, an eigenvalue lies within δ of zero.
         """
         shift = INERTIA_SHIFT * float(np.mean(np.abs(values)))
         below = self.factorize(values, -shift)
         sound, n_negative = below.sound, below.n_negative
         above = self.factorize(values, shift)
-        regular = sound and above.sound and above.n_negative == n_negative
-        return above if regular else None, shift, n_negative
+        return above, sound and above.sound and above.n_negative == n_negative, n_negative
 
     def factorize_signed(self, values: Array) -> Factor:
         """As `factorize` for values of both signs: `singular` only where an eigenvalue is as good as zero.
 
-        Where a pivot vanishes and no eigenvalue does, the factor is that of A + δ, and `solve` refines its answers.
+        Where a pivot vanishes, A + δ is factorised instead, and `solve` refines its answers.  Right-hand sides in the
+        range of a singular A have answers too: none of the null space enters them.
         """
         factor = self.factorize(values)
         if factor.singular:
-            above, shift, _ = self.factorize_shifted(values)
-            if above is not None:
-                above._shift = shift
-                return above
+            factor, regular, _ = self.factorize_shifted(values)
+            factor._refine(INERTIA_SHIFT * float(np.mean(np.abs(values))), regular)
         return factor
 
     def _model(self) -> sp.csc_matrix:
@@ -160,12 +158,17 @@ class Factor:
     A factor that another one of the same pattern has displaced repeats its elimination at its next use.
     """
 
-    __slots__ = ("__weakref__", "_data", "_pattern", "_pivots", "_shift")
+    __slots__ = ("__weakref__", "_data", "_pattern", "_pivots", "_shift", "_singular")
 
     def __init__(self, pattern: FixedPattern, data: Array):
         # The upper triangle of A + shift, which stands in for A where the shift is not zero.
         self._pattern, self._data, self._shift = pattern, data, 0.0
         self._pivots: Array | None = None
+        self._singular = False
+
+    def _refine(self, shift: float, regular: bool) -> None:
+        """Serve A in place of A + shift; `regular` as the inertias on both sides of A have it."""
+        self._shift, self._singular = shift, not regular
 
     @property
     def backend(self) -> str:
@@ -222,8 +225,7 @@ class Factor:
     def singular(self) -> bool:
         """Whether a pivot vanishes, is not finite, or is below the rounding of the largest one."""
         if self._shift:
-            # The inertias of A + δ and A − δ agree.
-            return False
+            return self._singular
         size = np.abs(self.pivots)
         return not bool(size.min() > len(size) * EPS * size.max() and np.isfinite(size).all())
 

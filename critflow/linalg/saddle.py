@@ -6,8 +6,8 @@ defined up to a multiple of σ.
 
 `Saddle` factorises the matrix itself, with a small −δ in place of its zero block; it serves stresses of any sign.
 
-`CondensedSaddle` eliminates the multipliers, for σ > 0.  With a small compliance 1/w,  R u − λ/w = e,  the equations are
-(P ⊗ 1 + Rᵀ w R) u = f + Rᵀ w e,  λ = w (R u − e).  That matrix has the pattern of the elastic Hessian, d·n_free
+`CondensedSaddle` eliminates the multipliers, for σ > 0.  With a small compliance 1/w,  R u − λ/w = e,  the equations
+are (P ⊗ 1 + Rᵀ w R) u = f + Rᵀ w e,  λ = w (R u − e).  That matrix has the pattern of the elastic Hessian, d·n_free
 unknowns in place of d·n_free + N_b, and is positive definite.
 
 Either removes its regularisation by iteration on the residuals of the saddle system; for the compliance this is the

@@ -1,7 +1,7 @@
 """Constants of the linear algebra that decide, with their reasons.
 
-EPS              Relative spacing of doubles, 2⁻⁵².  A pivot below n EPS of the largest is as good as zero: rounding of the
-                 elimination makes pivots of that size.
+EPS              Relative spacing of doubles, 2⁻⁵².  A pivot below n EPS of the largest is as good as zero: rounding of
+                 the elimination makes pivots of that size.
 INERTIA_SHIFT    Shift δ in units of the mean value.  A matrix whose inertia is the same at ±δ is regular: the shift is
                  far above rounding and far below the eigenvalues of the networks in use (1/N_v² or more).
 REFINED_SOLVES   Most refinements of a solve with A + δ.  Each gains the ratio of δ to the smallest eigenvalue.

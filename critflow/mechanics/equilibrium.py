@@ -7,7 +7,7 @@ from typing import Generic
 
 import numpy as np
 
-from critflow.linalg.matrices import Factor, FixedPattern
+from critflow.linalg.factor import Factor, FixedPattern
 from critflow.mechanics.springs import FLOPPY_REST, ElasticState, State
 from critflow.networks.network import Array
 from critflow.precision.double_double import two_sum

@@ -73,7 +73,6 @@ def bond_operator(state: SpringState, max_refinements: int = 10) -> LinearOperat
     """
     network = state.network
     R = spread_columns(network, state.bond_vectors / state.lengths[:, None])
-    # Its own pattern, so that no later factorisation makes the operator stale.
     pattern = block_laplacian(network)
     values = edge_blocks(state.modified_stiffness, state.bond_vectors, state.sigma)
     shift = 0.0

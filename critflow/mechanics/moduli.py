@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import dilation, pure_shear, transition_modulus
-from critflow.linalg.matrices import Factor, FixedPattern
+from critflow.linalg.factor import Factor, FixedPattern
 from critflow.mechanics.laws import HOOKEAN, SpringLaw
 from critflow.mechanics.springs import FLOPPY_REST, ElasticState, spring_state
 from critflow.networks.network import Array, Network

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.critical.objectives import dilation, pure_shear
-from critflow.linalg.matrices import Factor, FixedPattern, pair_laplacian
+from critflow.linalg.factor import Factor, FixedPattern
+from critflow.linalg.matrices import pair_laplacian
 from critflow.mechanics.equilibrium import equilibrium
 from critflow.mechanics.moduli import FLOPPY, Moduli, linear_response, self_stress_moduli
 from critflow.mechanics.springs import ElasticState, embedded

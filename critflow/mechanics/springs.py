@@ -15,7 +15,8 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.linalg.matrices import Factor, FixedPattern, block_laplacian, edge_blocks
+from critflow.linalg.factor import Factor, FixedPattern
+from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.networks.network import Array, Network, edge_values
 from critflow.precision.double_double import Extended, subtract, two_product

@@ -11,8 +11,7 @@ import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import dilation, pure_shear
-from critflow.linalg.condensed import CondensedSaddle
-from critflow.linalg.matrices import Saddle
+from critflow.linalg.saddle import CondensedSaddle, Saddle
 from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.mechanics.moduli import together
 from critflow.networks.network import Array, Network
@@ -118,7 +117,7 @@ class _Response:
         self._steepening = checked.stiffening(np.zeros_like(lengths), lengths, self._k)
         flexibility = lengths**2 / self._k
         self._D = float(s**2 @ flexibility)
-        system.factorize(sigma, L)
+        factor = system.factorize(sigma, L)
         self._u, self._gu, self._multipliers, self._c, self._missed, errors = [], [], [], [], [], []
         for A in self._strains:
             affine = L @ A
@@ -126,11 +125,11 @@ class _Response:
             c = float(s @ hdot) / self._D
             goal = c * s * flexibility
             pull = -(network.divergence @ (sigma[:, None] * affine))
-            u, multiplier, error = system.solve(pull, goal - hdot, _FIRST)
+            u, multiplier, error = factor.solve(pull, goal - hdot, _FIRST)
             rate = affine + network.free_incidence @ u
             force = -(network.divergence @ (sigma[:, None] * rate + multiplier[:, None] * L))
             rest = goal - np.einsum("ad,ad->a", L, rate)
-            change, correction, _ = system.solve(force, rest)
+            change, correction, _ = factor.solve(force, rest)
             self._missed.append((abs(float(np.vdot(force, change))) + abs(float(rest @ correction))) / norm)
             u, multiplier = u + change, (multiplier + correction) / norm
             self._u.append(u)

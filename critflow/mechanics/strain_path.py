@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.linalg.matrices import FixedPattern
+from critflow.linalg.factor import FixedPattern
 from critflow.mechanics.equilibrium import relaxation_method, relaxed
 from critflow.mechanics.laws import CONVEX_LAWS, HOOKEAN, SpringLaw, checked_law
 from critflow.mechanics.moduli import Moduli, linear_response

@@ -17,7 +17,7 @@ from functools import reduce
 
 import numpy as np
 
-from critflow.linalg.matrices import Factor
+from critflow.linalg.factor import Factor
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, ExtendedGeometry, add, extended, multiply, two_sum
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.linalg.matrices import Factor
+from critflow.linalg.factor import Factor
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, add, multiply, two_product, two_sum
 

@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
-from critflow.linalg.matrices import Saddle, block_laplacian, edge_blocks
+from critflow.linalg.matrices import block_laplacian, edge_blocks
+from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
 

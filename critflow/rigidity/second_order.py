@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
-from critflow.linalg.matrices import Saddle
+from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
 from critflow.result import Solution, Stats, Status
 from critflow.rigidity.counts import LARGEST, Rigidity, rigidity, zero_modes

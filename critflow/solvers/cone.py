@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from critflow.linalg.matrices import Saddle
+from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import (
     Extended,
@@ -147,8 +147,7 @@ def polish(
             best = (x, sigma, error, step)
         if last:
             break
-        saddle.factorize(sigma, L)
-        u, change = saddle.solve_bordered(-force, scale * target - h, target)
+        u, change = saddle.factorize(sigma, L).solve_bordered(-force, scale * target - h, target)
         x, sigma = x.copy(), sigma + change
         x[network.free] += u
     return best

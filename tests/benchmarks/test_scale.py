@@ -3,15 +3,11 @@
 import json
 import sys
 
-import numpy as np
 import pytest
 import xarray as xr
 
 from critflow import Status, bulk_modulus_bound, optimize, stiffening, voronoi_network
 from critflow.cli import main
-from critflow.critical.manifold import CriticalManifold
-from critflow.linalg.condensed import CondensedSaddle
-from critflow.linalg.matrices import Saddle
 from critflow.workflow.load import load_study
 
 SIZES = 100, 200
@@ -113,37 +109,3 @@ def test_bad_settings_are_refused_before_anything_runs(setting, sentence, tmp_pa
 
 
 # The condensed saddle
-
-
-@pytest.mark.parametrize("n_vertices", [40, 1000])
-@pytest.mark.parametrize("spread", [0.0, 0.9])
-def test_the_condensed_saddle_solves_the_saddle(n_vertices, spread):
-    network = voronoi_network(n_vertices, seed=3)
-    rng = np.random.default_rng(5)
-    sigma = rng.uniform(1 - spread, 1 + spread, network.n_edges)
-    L = CriticalManifold(network).configuration(sigma).bond_vectors
-    forces = rng.standard_normal((n_vertices - 1, 2))
-    given = rng.standard_normal(network.n_edges)
-    u, multipliers, error = CondensedSaddle(network).factorize(sigma, L).solve(forces, given)
-    assert error < 1e-13
-    # The equations themselves, by products with g; elongations along σ cannot be met and are left out.
-    rates = network.free_incidence @ u
-    met = given - (sigma @ given) / (sigma @ sigma) * sigma
-    np.testing.assert_allclose(np.sum(L * rates, axis=1), met, rtol=0, atol=1e-11)
-    balance = network.divergence @ (sigma[:, None] * rates + multipliers[:, None] * L)
-    np.testing.assert_allclose(balance, forces, rtol=0, atol=1e-11)
-    other, lagrange, _ = Saddle(network).factorize(sigma, L).solve(forces, given)
-    np.testing.assert_allclose(u, other, rtol=0, atol=1e-9 * np.abs(other).max())
-    # The multipliers are free by a multiple of the self-stress.
-    apart = multipliers - lagrange
-    apart -= (sigma @ apart) / (sigma @ sigma) * sigma
-    np.testing.assert_allclose(apart, 0, rtol=0, atol=1e-9 * np.abs(multipliers).max())
-
-
-def test_the_condensed_saddle_serves_positive_stresses_only():
-    network = voronoi_network(40, seed=3)
-    sigma = np.ones(network.n_edges)
-    L = CriticalManifold(network).configuration(sigma).bond_vectors
-    assert CondensedSaddle(network).stable(sigma, L)
-    sigma[7] = -0.1
-    assert not CondensedSaddle(network).stable(sigma, L)

@@ -14,6 +14,7 @@ from problems import (
 )
 
 from critflow import CriticalManifold, InputError, honeycomb_network, transition_moduli, voronoi_network
+from critflow.critical.derivatives import evaluate
 from critflow.critical.objectives import (
     OBJECTIVES,
     ConstrainedModulus,
@@ -41,20 +42,12 @@ def stress(network, sign):
 
 def value_and_gradient(network, goal, sigma):
     """O and dO/dσ at a stress."""
-    manifold = CriticalManifold(network)
-    _, L, factor = manifold.balance(sigma)
-    value, partials = goal.evaluate(sigma, L)
-    return value, manifold.pull_back(L, factor, *partials)[0]
+    evaluation = evaluate(CriticalManifold(network), goal, sigma)
+    return evaluation.value, evaluation.gradient
 
 
 def hessian_product(network, goal, sigma, direction):
-    manifold = CriticalManifold(network)
-    _, L, factor = manifold.balance(sigma)
-    _, partials = goal.evaluate(sigma, L)
-    _, gy = manifold.pull_back(L, factor, *partials)
-    dL = manifold.tangent(L, factor, direction)
-    second = goal.differential(sigma, L, direction, dL)
-    return manifold.pull_back_tangent(factor, L, dL, gy, direction, second)
+    return evaluate(CriticalManifold(network), goal, sigma).hessian_product(direction)
 
 
 def taylor_slopes(function, x, direction, gradient, product):

@@ -17,7 +17,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.design.from_lengths import stressed_fraction
-from critflow.linalg.matrices import Saddle
+from critflow.linalg.saddle import Saddle
 from critflow.solvers.cone import fit_lengths, polish
 
 NETWORK = voronoi_network(100, seed=1)

@@ -18,8 +18,7 @@ from critflow import (
     strain_path,
     voronoi_network,
 )
-from critflow.linalg.condensed import CondensedSaddle
-from critflow.linalg.matrices import Saddle
+from critflow.linalg.saddle import CondensedSaddle, Saddle
 from workflows.benchmarks import reference
 
 MANIFOLD = sys.modules["critflow.critical.manifold"]

@@ -105,7 +105,8 @@ def test_a_residual_says_how_far_a_solution_is():
     network = NETWORKS["tiny"]()
     sigma = random_stress(network.n_edges, 1)
     manifold = CriticalManifold(network)
-    x, _, factor = manifold.balance(sigma)
+    balance = manifold.balance(sigma)
+    x, factor = balance.coordinates, balance.factor
     geometry = ExtendedGeometry(network)
     L = geometry.bond_vectors(extended(x), network.boundary_vectors)
     error = factor.solve(geometry.divergence(multiply(extended(sigma[:, None]), L)).high)

@@ -204,8 +204,8 @@ def test_a_wrong_factor_is_refined_away_or_refused():
     true = exact_configuration(NETWORK, sigma)
     for distance in (0.0, 1e-6, 1e-2, 0.3, 3.0, 30.0):
         other = sigma * (1 + distance * np.random.default_rng(1).random(18))
-        start, _, factor = manifold.balance(other)
-        refined = refinement(extended(sigma), factor, start)
+        start = manifold.balance(other)
+        refined = refinement(extended(sigma), start.factor, start.coordinates)
         assert refined.certain == (distance < 1)
         if refined.certain:
             assert reference.largest_error(refined.x, true.coordinates[NETWORK.free]) <= refined.error

@@ -14,7 +14,7 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.linalg.matrices import Saddle
+from critflow.linalg.saddle import Saddle
 from critflow.rigidity import second_order
 
 ANSWERS = {

@@ -26,6 +26,7 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
+from critflow.critical.derivatives import evaluate
 from critflow.critical.objectives import dilation, transition_modulus
 from critflow.design.from_lengths import stressed_fraction
 from critflow.design.isogonal import affine_bulk_modulus
@@ -102,14 +103,8 @@ def configuration(manifold, chosen, parameters, seed, panel) -> tuple[Solution, 
 def flat_directions(manifold, critical):
     """Eigenvalues of the Hessian of B_0 in log σ that vanish: how many, and the gap that the count rests on."""
     goal, sigma = transition_modulus(manifold.network, dilation(2)), critical.sigma
-    _, L, factor = manifold.balance(sigma)
-    _, partials = goal.evaluate(sigma, L)
-    _, gy = manifold.pull_back(L, factor, *partials)
-    rows = []
-    for dsigma in np.diag(sigma):
-        dL = manifold.tangent(L, factor, dsigma)
-        second = goal.differential(sigma, L, dsigma, dL)
-        rows.append(sigma * manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second))
+    evaluation = evaluate(manifold, goal, sigma)
+    rows = [sigma * evaluation.hessian_product(dsigma) for dsigma in np.diag(sigma)]
     size = np.sort(np.abs(np.linalg.eigvalsh(np.array(rows))))
     count = np.count_nonzero(size < FLAT * size[-1])
     return count, size[count - 1] / size[-1], size[count] / size[-1]

@@ -37,7 +37,7 @@ def case(parameters, *, seed):
     sigma = np.full((len(steps), network.n_edges), np.nan)
     sigma[:stored] = ascent.sigmas
     coordinates = np.full((len(steps), *network.positions.shape), np.nan)
-    coordinates[:stored] = [network.all_coordinates(manifold.balance(s)[0]) for s in ascent.sigmas]
+    coordinates[:stored] = [network.all_coordinates(manifold.balance(s).coordinates) for s in ascent.sigmas]
     details = found.stats.details
     return {
         **shared,

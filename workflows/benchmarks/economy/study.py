@@ -76,7 +76,7 @@ def ways(manifold, parameters, seed):
             lambda: member(parameters, seed)["C_B_exact"],
         ),
         "moduli": Ways(lambda: transition_moduli(critical).bulk, just_past),
-        "configuration": Ways(lambda: manifold.balance(sigma)[0], by_hessian),
+        "configuration": Ways(lambda: manifold.balance(sigma).coordinates, by_hessian),
         "optimum": Ways(
             lambda: optimize(manifold, "bulk_modulus").stats.details["objective"],
             lambda: optimize(manifold, "bulk_modulus", "lbfgs", start=sigma, throw=False).stats.details["objective"],

@@ -48,7 +48,7 @@ def seconds(network, assemblies):
 
 
 def _plain(manifold, sigma):
-    return manifold.network.all_coordinates(manifold.balance(sigma)[0])
+    return manifold.network.all_coordinates(manifold.balance(sigma).coordinates)
 
 
 def _refined(manifold, sigma):

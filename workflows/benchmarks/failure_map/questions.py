@@ -19,6 +19,7 @@ from critflow import (
     stress_hessian,
     transition_moduli,
 )
+from critflow.critical.derivatives import evaluate
 from critflow.critical.objectives import named_objective, pure_shear, transition_modulus
 from critflow.mechanics.moduli_bounds import transition_bounds
 
@@ -252,8 +253,7 @@ def _uphill(problem, name):
     value = problem.found.value
     goal = _goal(problem, name)
     sigma = problem.manifold.solve(value.sigma).value.sigma
-    _, L, factor = problem.manifold.balance(sigma)
-    slope, _ = problem.manifold.pull_back(L, factor, *goal.evaluate(sigma, L)[1])
+    slope = evaluate(problem.manifold, goal, sigma).gradient
     # Along σ nothing changes, but the Hessian has −dO/dσ there.
     across = np.eye(len(sigma)) - np.outer(sigma, sigma) / (sigma @ sigma)
     hessian = across @ (stress_hessian(value, goal) @ across)

@@ -96,22 +96,22 @@ def case(parameters, *, n_vertices, seed):
 
     manifold = clock("analysis", CriticalManifold, network)
     sigma = stable_rng(seed, "stress", str(n_vertices)).uniform(0.5, 1.5, network.n_edges)
-    free, L, factor = clock("configuration", manifold.balance, sigma)
-    plain = critical_configuration(network, sigma, network.all_coordinates(free))
-    clock.note("configuration", plain.residual, factor.backend)
-    gradient = clock("gradient", _gradient, manifold, sigma, L, factor)
+    balance = clock("configuration", manifold.balance, sigma)
+    backend = balance.factor.backend
+    plain = critical_configuration(network, sigma, network.all_coordinates(balance.coordinates))
+    clock.note("configuration", plain.residual, backend)
+    gradient = clock("gradient", _gradient, balance)
     # The configuration knows no scale of the stress, so no objective changes along it.
-    clock.note("gradient", abs(gradient @ sigma) / (np.abs(gradient) @ sigma), factor.backend)
+    clock.note("gradient", abs(gradient @ sigma) / (np.abs(gradient) @ sigma), backend)
     solved = clock("checked", manifold.solve, sigma)
-    clock.note("checked", solved.stats.residual, factor.backend, solved.status)
-    error = np.abs(solved.value.bond_vectors - L).max()
+    clock.note("checked", solved.stats.residual, backend, solved.status)
+    error = np.abs(solved.value.bond_vectors - balance.bond_vectors).max()
     bound = float(solved.stats.error_bound)
-    del free, L, plain, gradient, solved
+    del balance, plain, gradient, solved
 
     best = clock("optimum", _optimum, manifold)
     gap = best.stats.details["gap"]
-    clock.note("optimum", abs(gap), factor.backend, best.status)
-    del factor
+    clock.note("optimum", abs(gap), backend, best.status)
     moduli = clock("moduli", transition_moduli, best.value)
     clock.note("moduli", abs(moduli.bulk / best.stats.details["bound"] - 1))
     # The configurations' part is not needed any more.
@@ -141,9 +141,9 @@ def _points(n_cells, seed):
     return random_sequential_addition(n_cells, STANDARD_HARD_CORE / np.sqrt(n_cells), np.random.default_rng(seed))
 
 
-def _gradient(manifold, sigma, L, factor):
+def _gradient(balance):
     """dV_L/dσ, (N_b,), on the factor of the configuration."""
-    return manifold.pull_back(L, factor, *LengthVariance().evaluate(sigma, L)[1])[0]
+    return balance.pull_back(*LengthVariance().evaluate(balance.sigma, balance.bond_vectors)[1])[0]
 
 
 def _optimum(manifold):

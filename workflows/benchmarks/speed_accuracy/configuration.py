@@ -195,11 +195,12 @@ def _contestants(n_vertices: int, seed: int, gradient: bool) -> list[Contestant]
 
     def own_run(manifold: CriticalManifold):
         def run(level):
-            _, L, factor = manifold.balance(sigma)
+            balance = manifold.balance(sigma)
+            L = balance.bond_vectors
             if not gradient:
                 return L, None, np.nan
             _, partials = goal.evaluate(sigma, L)
-            return L, manifold.pull_back(L, factor, *partials)[0], np.nan
+            return L, balance.pull_back(*partials)[0], np.nan
 
         return run
 

@@ -31,7 +31,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical.objectives import pure_shear
-from critflow.linalg.matrices import FixedPattern
+from critflow.linalg.factor import FixedPattern
 from critflow.mechanics.moduli import Moduli
 from critflow.mechanics.springs import SpringState
 from critflow.networks.network import Array

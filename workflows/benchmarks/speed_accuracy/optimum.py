@@ -28,6 +28,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
+from critflow.critical.derivatives import evaluate
 from critflow.critical.objectives import named_objective
 from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
@@ -58,21 +59,17 @@ class _Landscape:
 
     def at(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
         sigma = _stress(theta)
-        _, L, factor = self._manifold.balance(sigma)
-        value, partials = self._goal.evaluate(sigma, L)
-        slope, gy = self._manifold.pull_back(L, factor, *partials)
-        self._last = theta.copy(), sigma, L, factor, slope, gy
-        return self._sign * value, self._sign * sigma * slope
+        evaluation = evaluate(self._manifold, self._goal, sigma)
+        self._last = theta.copy(), evaluation
+        return self._sign * evaluation.value, self._sign * sigma * evaluation.gradient
 
     def curvature(self, theta: np.ndarray, direction: np.ndarray) -> np.ndarray:
         if not np.array_equal(theta, self._last[0]):
             self.at(theta)
-        _, sigma, L, factor, slope, gy = self._last
-        dsigma = sigma * direction
-        dL = self._manifold.tangent(L, factor, dsigma)
-        second = self._goal.differential(sigma, L, dsigma, dL)
-        dslope = self._manifold.pull_back_tangent(factor, L, dL, gy, dsigma, second)
-        return self._sign * sigma * (direction * slope + dslope)
+        evaluation = self._last[1]
+        sigma = evaluation.balance.sigma
+        product = evaluation.hessian_product(sigma * direction)
+        return self._sign * sigma * (direction * evaluation.gradient + product)
 
 
 def _stress(theta: np.ndarray) -> np.ndarray:
@@ -143,16 +140,15 @@ def _judge(manifold: CriticalManifold, word: str):
         if not (np.isfinite(answer.sigma).all() and (answer.sigma > 0).all()):
             return Verdict(np.nan, answer.status, answer.iterations)
         sigma = answer.sigma
-        _, L, factor = manifold.balance(sigma)
-        value, partials = goal.evaluate(sigma, L)
+        evaluation = evaluate(manifold, goal, sigma)
         if word == "bulk_modulus":
-            forces = (sigma[:, None] * L).ravel()
+            forces = (sigma[:, None] * evaluation.balance.bond_vectors).ravel()
             across = forces - (forces @ best) * best
             error = (across @ across) / (forces @ forces)
         elif word == "length_variance":
-            error = value
+            error = evaluation.value
         else:
-            error = np.abs(sigma * manifold.pull_back(L, factor, *partials)[0] / value).max()
+            error = np.abs(sigma * evaluation.gradient / evaluation.value).max()
         return Verdict(float(error), answer.status, answer.iterations)
 
     return judge

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from critflow import CriticalManifold, Solution, Stats, Status, equilibrium, spring_state, voronoi_network
-from critflow.linalg.matrices import FixedPattern
+from critflow.linalg.factor import FixedPattern
 from critflow.mechanics.equilibrium import Relaxation
 from critflow.mechanics.springs import SpringState
 from critflow.networks.network import Array

@@ -1,0 +1,126 @@
+"""Factors of matrices with a fixed pattern: each owns its numbers, and tells a singular matrix from a lost pivot."""
+
+import gc
+
+import numpy as np
+import pytest
+from problems import random_stress
+
+from critflow import voronoi_network
+from critflow.linalg.backends import available_backends
+from critflow.linalg.factor import Entries, FixedPattern
+from critflow.linalg.matrices import laplacian
+
+NETWORK = voronoi_network(300, seed=2)
+RIGHT = np.random.default_rng(3).standard_normal((len(NETWORK.free), 2))
+
+
+def stresses(count):
+    """Stresses of both signs."""
+    sigmas = [random_stress(NETWORK.n_edges, seed) for seed in range(count)]
+    for sigma in sigmas:
+        sigma[::9] *= -0.5
+    return sigmas
+
+
+@pytest.mark.parametrize("backend", available_backends())
+def test_every_live_factor_keeps_its_numbers(backend):
+    pattern, sigmas = laplacian(NETWORK, backend), stresses(4)
+    factors = [pattern.factorize(sigma) for sigma in sigmas[:2]]
+    answers = [factor.solve(RIGHT) for factor in factors]
+    factors += [pattern.factorize(sigma) for sigma in sigmas[2:]]
+    # In turn, so that each is displaced by the others.
+    for _ in range(2):
+        for sigma, factor in zip(sigmas, factors, strict=True):
+            alone = laplacian(NETWORK, backend).factorize(sigma)
+            np.testing.assert_array_equal(factor.solve(RIGHT), alone.solve(RIGHT))
+            np.testing.assert_array_equal(factor.multiply(RIGHT), alone.multiply(RIGHT))
+            np.testing.assert_array_equal(factor.pivots, alone.pivots)
+    for factor, answer in zip(factors, answers, strict=False):
+        np.testing.assert_array_equal(factor.solve(RIGHT), answer)
+
+
+def counting(pattern, monkeypatch):
+    """The solvers of a pattern in the order of their eliminations."""
+    pattern.factorize(np.ones(NETWORK.n_edges))
+    kind, order = type(pattern._solvers[0]), []
+    update = kind.update
+
+    def counted(self, matrix):
+        order.append(self)
+        update(self, matrix)
+
+    monkeypatch.setattr(kind, "update", counted)
+    return order
+
+
+@pytest.mark.parametrize("backend", available_backends())
+def test_the_newest_factor_costs_one_elimination_and_no_second_solver(backend, monkeypatch):
+    pattern = laplacian(NETWORK, backend)
+    order = counting(pattern, monkeypatch)
+    factor = None
+    for sigma in stresses(5):
+        factor = pattern.factorize(sigma)
+        factor.solve(RIGHT)
+        _ = factor.pivots, factor.multiply(RIGHT)
+    assert len(order) == 5 and set(order) == {pattern._solvers[0]} == set(pattern._solvers)
+
+
+@pytest.mark.parametrize("backend", available_backends())
+def test_two_factors_in_use_do_not_displace_each_other(backend, monkeypatch):
+    pattern = laplacian(NETWORK, backend)
+    order = counting(pattern, monkeypatch)
+    kept = pattern.factorize(stresses(1)[0])
+    for sigma in stresses(5):
+        newest = pattern.factorize(sigma)
+        for factor in (kept, newest, kept):
+            factor.solve(RIGHT)
+    # Six factors, and one more elimination of the one that is kept.
+    assert len(order) == 7 and len(pattern._solvers) == 2
+    # Its solver is free again once it is gone.
+    del kept, factor
+    gc.collect()
+    pattern.factorize(sigma)
+    newest.solve(RIGHT)
+    assert len(pattern._solvers) == 2 and order[-1] is pattern._solvers[1]
+
+
+def test_factors_of_two_patterns_do_not_mix():
+    network = voronoi_network(20, seed=1)
+    first, second = laplacian(network), laplacian(network)
+    one, two = first.factorize(np.ones(30)), second.factorize(np.full(30, 2.0))
+    right = np.ones(first.size)
+    np.testing.assert_allclose(one.solve(right), 2 * two.solve(right), rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "matrix, singular",
+    [
+        (np.array([[1.0, 1.0], [1.0, 1.0]]), True),
+        (np.array([[0.0, 1.0], [1.0, 0.0]]), True),
+        (np.array([[1.0, 1.0], [1.0, 1.0 + 1e-16]]), True),
+        (np.array([[1.0, 0.5], [0.5, 1.0]]), False),
+        (np.array([[1.0, 2.0], [2.0, 1.0]]), False),
+        (np.diag([1.0, 1e-10]), False),
+        (np.array([[1.0, np.nan], [np.nan, 1.0]]), True),
+    ],
+)
+def test_singular_matrices_are_flagged(matrix, singular):
+    rows, cols = np.triu_indices(2)
+    factor = FixedPattern(2, 3, [Entries(rows, cols, np.arange(3), 1.0)]).factorize(matrix[rows, cols])
+    assert factor.singular == singular
+
+
+@pytest.mark.parametrize("backend", available_backends())
+def test_a_vertex_without_stress_leaves_the_others_their_answers(backend):
+    # Every edge of one free vertex is slack: P has a row of zeros, and forces elsewhere have one answer up to it.
+    sigma = random_stress(NETWORK.n_edges, 1)
+    loose = NETWORK.free[70]
+    sigma[(NETWORK.edges == loose).any(axis=1)] = 0.0
+    factor = laplacian(NETWORK, backend).factorize_signed(sigma)
+    assert factor.singular and factor.indefinite
+    right = RIGHT.copy()
+    right[70] = 0.0
+    x = factor.solve(right)
+    np.testing.assert_allclose(factor.multiply(x), right, rtol=0, atol=1e-12)
+    assert not x[70].any()

@@ -1,0 +1,103 @@
+"""Systems of stresses and displacements: both strategies against the equations themselves."""
+
+import numpy as np
+import pytest
+from problems import NETWORKS, dense_bond_vectors, grounded, random_stress
+
+from critflow import CriticalManifold, voronoi_network
+from critflow.linalg.backends import available_backends
+from critflow.linalg.saddle import CondensedSaddle, Saddle
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "square-octagon"])
+def test_saddle_solves_both_equations(name):
+    network = NETWORKS[name]()
+    d, m = network.dimension, network.n_edges
+    sigma = random_stress(m, 4)
+    sigma *= np.sqrt(m / np.sum(sigma**2))
+    L = dense_bond_vectors(network, sigma)
+    g, _ = grounded(network)
+    rng = np.random.default_rng(5)
+    forces, elongations = rng.standard_normal((g.shape[1], d)), rng.standard_normal(m)
+    elongations -= (elongations @ sigma) / (sigma @ sigma) * sigma
+    factor = Saddle(network).factorize(sigma, L)
+    u, multipliers, error = factor.solve(forces, elongations)
+    # Two residuals, each against its own right side; refinement stops at rounding times the condition.
+    assert error < 1e-12
+    np.testing.assert_allclose(np.einsum("ad,ad->a", L, g @ u), elongations, rtol=0, atol=1e-10)
+    balance = g.T @ (sigma[:, None] * (g @ u) + multipliers[:, None] * L)
+    np.testing.assert_allclose(balance, forces, rtol=0, atol=1e-10)
+
+
+def test_saddle_leaves_out_what_no_displacement_can_give():
+    network = voronoi_network(20, seed=1)
+    sigma = random_stress(30, 4)
+    L = dense_bond_vectors(network, sigma)
+    rng = np.random.default_rng(5)
+    forces, elongations = rng.standard_normal((19, 2)), rng.standard_normal(30)
+    factor = Saddle(network).factorize(sigma, L)
+    u, _, error = factor.solve(forces, elongations)
+    assert error < 1e-12
+    consistent = elongations - (elongations @ sigma) / (sigma @ sigma) * sigma
+    np.testing.assert_allclose(u, factor.solve(forces, consistent)[0], rtol=0, atol=1e-10)
+
+
+def test_saddle_tells_a_stress_that_does_not_stabilise():
+    network = voronoi_network(20, seed=1)
+    sigma = np.ones(30)
+    L = dense_bond_vectors(network, sigma)
+    assert Saddle(network).stable(sigma, L)
+    assert not Saddle(network).stable(-sigma, L)
+
+
+@pytest.mark.parametrize("backend", available_backends())
+def test_saddle_systems(backend):
+    network = voronoi_network(300, seed=1)
+    sigma = random_stress(network.n_edges, 4)
+    L = CriticalManifold(network).configuration(sigma).bond_vectors
+    forces = np.random.default_rng(5).standard_normal((len(network.free), 2))
+    elongations = np.zeros(network.n_edges)
+    expected = Saddle(network, "qdldl").factorize(sigma, L).solve(forces, elongations)
+    saddle = Saddle(network, backend)
+    u, multipliers, error = saddle.factorize(sigma, L).solve(forces, elongations)
+    assert error < 1e-12
+    np.testing.assert_allclose(u, expected[0], rtol=0, atol=1e-9)
+    # The multipliers are free by a multiple of σ.
+    change = multipliers - expected[1]
+    change -= (change @ sigma) / (sigma @ sigma) * sigma
+    np.testing.assert_allclose(change, 0, rtol=0, atol=1e-9)
+    assert saddle.stable(sigma, L) and not saddle.stable(-sigma, L)
+
+
+@pytest.mark.parametrize("n_vertices", [40, 1000])
+@pytest.mark.parametrize("spread", [0.0, 0.9])
+def test_the_condensed_saddle_solves_the_saddle(n_vertices, spread):
+    network = voronoi_network(n_vertices, seed=3)
+    rng = np.random.default_rng(5)
+    sigma = rng.uniform(1 - spread, 1 + spread, network.n_edges)
+    L = CriticalManifold(network).configuration(sigma).bond_vectors
+    forces = rng.standard_normal((n_vertices - 1, 2))
+    given = rng.standard_normal(network.n_edges)
+    u, multipliers, error = CondensedSaddle(network).factorize(sigma, L).solve(forces, given)
+    assert error < 1e-13
+    # The equations themselves, by products with g; elongations along σ cannot be met and are left out.
+    rates = network.free_incidence @ u
+    met = given - (sigma @ given) / (sigma @ sigma) * sigma
+    np.testing.assert_allclose(np.sum(L * rates, axis=1), met, rtol=0, atol=1e-11)
+    balance = network.divergence @ (sigma[:, None] * rates + multipliers[:, None] * L)
+    np.testing.assert_allclose(balance, forces, rtol=0, atol=1e-11)
+    other, lagrange, _ = Saddle(network).factorize(sigma, L).solve(forces, given)
+    np.testing.assert_allclose(u, other, rtol=0, atol=1e-9 * np.abs(other).max())
+    # The multipliers are free by a multiple of the self-stress.
+    apart = multipliers - lagrange
+    apart -= (sigma @ apart) / (sigma @ sigma) * sigma
+    np.testing.assert_allclose(apart, 0, rtol=0, atol=1e-9 * np.abs(multipliers).max())
+
+
+def test_the_condensed_saddle_serves_positive_stresses_only():
+    network = voronoi_network(40, seed=3)
+    sigma = np.ones(network.n_edges)
+    L = CriticalManifold(network).configuration(sigma).bond_vectors
+    assert CondensedSaddle(network).stable(sigma, L)
+    sigma[7] = -0.1
+    assert not CondensedSaddle(network).stable(sigma, L)
