@@ -222,7 +222,7 @@ def _contestants(n_vertices: int, seed: int, gradient: bool) -> list[Contestant]
     return [*own, *peers]
 
 
-_BACKENDS = ("qdldl", "superlu", "single", *FAST)
+_BACKENDS = ("qdldl", "superlu", *FAST)
 _PEERS = ("dense Cholesky", "pseudo-inverse", "splu", "splu float32", "pyamg CG")
 
 TASKS = (

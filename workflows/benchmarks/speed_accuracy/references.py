@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow import CriticalManifold, Network, critical_from_lengths
-from critflow.linalg.matrices import Factor, FixedPattern, edge_blocks
+from critflow.linalg.factor import Factor, FixedPattern
+from critflow.linalg.matrices import edge_blocks
 from critflow.networks.network import Array
 from critflow.precision.double_double import (
     Extended,
