@@ -156,11 +156,12 @@ def multiply(upper: sp.csc_matrix, lower: sp.csr_matrix, x: Array) -> Array:
     return upper @ x + lower @ x - (diagonal * x.T).T
 
 
-_ALWAYS: dict[str, type[Backend]] = {"qdldl": QDLDL, "superlu": MinimumDegree}
+# Solvers by name, without the optional ones.  A further solver is a further entry.
+BACKENDS: dict[str, type[Backend]] = {"qdldl": QDLDL, "superlu": MinimumDegree}
 
 
 def _installed() -> dict[str, type[Backend]]:
-    backends = dict(_ALWAYS)
+    backends = dict(BACKENDS)
     if pymetis is not None:
         backends["metis"] = NestedDissection
     if MKL is not None:
