@@ -54,11 +54,11 @@ def clipped_length(ends: np.ndarray, cell: np.ndarray) -> float:
 
 @pytest.mark.parametrize("moved", [0.0, 13.37], ids=["as it is", "far from the origin"])
 @pytest.mark.parametrize("name", CASES)
-def test_the_images_in_the_cell_make_up_every_edge(name, moved):
+def test_periodic_images_cover_every_edge(name, moved):
     critical = configuration(name)
     network = critical.network
     segments, edge = periodic_segments(network.edges, network.offsets, network.cell, critical.coordinates + moved)
-    # Every image is the edge itself, shifted.
+    # Every image is a shifted copy of the edge.
     np.testing.assert_allclose(segments[:, 1] - segments[:, 0], critical.bond_vectors[edge], rtol=0, atol=1e-11)
     drawn = np.zeros(network.n_edges)
     for ends, owner in zip(segments, edge, strict=True):
@@ -67,7 +67,7 @@ def test_the_images_in_the_cell_make_up_every_edge(name, moved):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_no_image_is_drawn_twice_or_outside(name):
+def test_images_are_unique_and_inside_the_cell(name):
     critical = configuration(name)
     network = critical.network
     segments, edge = periodic_segments(network.edges, network.offsets, network.cell, critical.coordinates)
@@ -86,7 +86,7 @@ def test_tensions_at_unit_pressure():
     np.testing.assert_allclose(ratio, ratio[0], rtol=1e-13)
 
 
-def test_colours_follow_tensions_and_compressed_edges_stand_apart():
+def test_colours_follow_tensions_and_mark_compression():
     critical = configuration("voronoi")
     network = critical.network
     tensions = critical.tensions.copy()
@@ -102,7 +102,7 @@ def test_colours_follow_tensions_and_compressed_edges_stand_apart():
     assert (np.diff(lines.get_linewidths()) >= 0).all()
     compressed = [c for c in axes.collections if c is not lines]
     assert [len(c.get_segments()) for c in compressed] == [np.count_nonzero(expected < 0)]
-    # The strongest edge is drawn last, and is where it belongs.
+    # The edge with the largest tension is drawn last, at its position.
     strongest = critical.bond_vectors[np.argmax(tensions)]
     ends = lines.get_segments()[-1]
     np.testing.assert_allclose(ends[1] - ends[0], strongest, rtol=0, atol=1e-12)
@@ -134,7 +134,7 @@ def test_compressed_edges_are_in_the_legend():
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["compressed"]
 
 
-def test_violins_show_medians_of_what_is_finite():
+def test_violins_show_medians_of_finite_values():
     rng = np.random.default_rng(1)
     axes = Figure().add_subplot()
     groups = [rng.standard_normal(50) + 3, np.full(6, 2.0), np.array([1.0, np.nan, 5.0]), np.array([np.nan])]
@@ -145,7 +145,7 @@ def test_violins_show_medians_of_what_is_finite():
     assert [text.get_text() for text in axes.texts] == ["none"]
 
 
-def test_violins_count_what_is_left_out_under_the_label():
+def test_violin_labels_count_omitted_values():
     axes = Figure().add_subplot()
     violins(axes, [np.array([1.0, np.nan, 5.0])], ["a"])
     assert "1" in axes.get_xticklabels()[0].get_text()
@@ -158,7 +158,7 @@ def test_violins_in_decades():
     assert median == pytest.approx(-5, abs=1e-12)
 
 
-def test_three_dimensions_are_drawn_edge_by_edge_from_far_to_near():
+def test_three_dimensional_networks_are_drawn_by_depth():
     network = foam_network(60, seed=1)
     sigma = random_stress(network.n_edges, 2)
     sigma[7] = -0.01
@@ -169,19 +169,19 @@ def test_three_dimensions_are_drawn_edge_by_edge_from_far_to_near():
     segments, widths = np.array(edges.get_segments()), np.asarray(edges.get_linewidths())
     assert len(segments) == len(widths) == network.n_edges
     assert len(frame.get_segments()) == 12
-    # The projection is along one direction, so projected lengths are |L|² less the part along it, in some order.
+    # Projection on the plane of two unit vectors; the order of the edges is by depth.
     across, up = np.array([0.94, -0.34, 0]), np.array([0.09, 0.25, 0.96])
     drawn = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
     projected = np.hypot(critical.bond_vectors @ across, critical.bond_vectors @ up)
     np.testing.assert_allclose(np.sort(drawn), np.sort(projected), atol=1e-12)
-    # Far edges come first and are pale; the one under compression is not blue.
+    # Far edges come first and are pale; the compressed one is not blue.
     colours = np.asarray(edges.get_colors())[:, :3]
     assert colours[:50].mean() > colours[-50:].mean() + 0.2
     assert np.count_nonzero(colours[:, 0] > colours[:, 2] + 1e-3) == 1
     assert bar.norm.vmin == 0 and bar.norm.vmax > 0
 
 
-def test_the_figure_of_one_network_in_three_dimensions():
+def test_figure_of_a_three_dimensional_network():
     network = diamond_network(2, 2, 2)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     figure = network_figure(
@@ -191,18 +191,18 @@ def test_the_figure_of_one_network_in_three_dimensions():
     assert len(figure.axes) == 2 and figure.axes[0].get_title() == "diamond"
 
 
-def test_quads_cover_a_grid_of_points():
+def test_quads_of_a_grid():
     points = np.random.default_rng(2).random((4, 3, 3))
     quads = surface_quads(points)
     assert quads.shape == (6, 4, 3)
     np.testing.assert_array_equal(quads[0], [points[0, 0], points[1, 0], points[1, 1], points[0, 1]])
 
 
-def test_clipping_keeps_what_is_in_the_box():
+def test_clipped_polygons_lie_in_the_box():
     square = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]])
     (cut,) = clipped_polygons([square, square + 5.0], 1.5)
     assert cut.max() == 1.5
-    # Shoelace area of the part of the square that is left.
+    # Shoelace area of the clipped square.
     x, y = cut[:, 0], cut[:, 1]
     assert abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2 == pytest.approx(2.25, rel=1e-14)
     # A corner cut off by a slanted edge.
@@ -210,11 +210,11 @@ def test_clipping_keeps_what_is_in_the_box():
     assert len(triangle) == 4
 
 
-def test_surfaces_hide_each_other_and_keep_their_colours(tmp_path):
+def test_surfaces_are_sorted_by_depth_and_keep_their_colours(tmp_path):
     figure = Figure()
     axes = figure.add_subplot(projection="3d")
     quad = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    # Both have the same direction, so the same shade.
+    # Both have the same normal, so the same shade.
     collection = draw_surfaces(axes, [([quad], "red", 1.0), ([quad + 0.5], "blue", 0.5)], light=(0, 0, 1))
     figure.savefig(tmp_path / "surfaces.png")
     assert sorted(map(tuple, np.round(collection.get_facecolor(), 12))) == [(0, 0, 1, 0.5), (1, 0, 0, 1)]
@@ -239,7 +239,7 @@ def test_face_polygons_tile_the_cell_and_follow_the_edges(name):
     assert tree.query(corners)[0].max() < 1e-12
 
 
-def test_shaded_faces_cover_the_cell_once():
+def test_shaded_faces_cover_the_cell():
     critical = configuration("oblique")
     network = critical.network
     polygons = face_polygons(

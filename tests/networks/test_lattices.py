@@ -8,7 +8,6 @@ import pytest
 from critflow import (
     CriticalManifold,
     InputError,
-    Network,
     bulk_modulus_bound,
     cubic_network,
     diamond_network,
@@ -40,7 +39,7 @@ SELF_STRESSES = {
     "honeycomb": lambda *n: 1,
     "square": lambda m, n: m + n,
     "triangular": lambda m, n: m * n + 2,
-    # Lines along the two sides of the cell, and diagonal ones, which close after winding around both.
+    # Lines parallel to the two sides of the cell, and diagonal ones, which close after winding around both.
     "kagome": lambda m, n: m + n + gcd(m, n),
     "diamond": lambda *n: 1,
     "cubic": lambda m, n, o: m * n + n * o + o * m,
@@ -61,8 +60,8 @@ def test_geometry(name, size):
 
 
 @pytest.mark.parametrize("name, size", CASES)
-def test_every_vertex_sees_all_neighbours_in_their_directions(name, size):
-    # No two edges at a vertex point the same way, which edges through wrong images would.
+def test_neighbours_of_every_vertex(name, size):
+    # No two edges at a vertex have the same direction, which edges through wrong images would have.
     network = LATTICES[name][0](*size)
     L = network.bond_vectors(network.positions)
     for vertex in range(network.n_vertices):
@@ -113,24 +112,24 @@ def test_moduli(name, size, edge_length):
 
 
 @pytest.mark.parametrize("name, size", CASES)
-def test_equal_stress_makes_the_lattice(name, size):
+def test_configuration_of_equal_stresses_is_the_lattice(name, size):
     network = LATTICES[name][0](*size)
     found = CriticalManifold(network).configuration(np.ones(network.n_edges))
     np.testing.assert_allclose(found.bond_vectors, network.bond_vectors(network.positions), rtol=0, atol=1e-12)
 
 
-def test_two_edges_between_the_same_vertices_are_two_edges():
-    # In a kagome cell of its own each pair of vertices is joined inside the cell and through its border.
+def test_multiple_edges_between_two_vertices():
+    # In a kagome lattice of one unit cell each pair of vertices has an edge inside the cell and one across its border.
     network = kagome_network(1, 1)
     pairs = np.sort(network.edges, axis=1)
     np.testing.assert_array_equal(np.unique(pairs, axis=0, return_counts=True)[1], [2, 2, 2])
     configuration = CriticalManifold(network).configuration([1, 1, 1, 2, 2, 2])
-    # In a row 1, 2, 1, 2 of stresses lengths are as 2 : 1.
+    # In series with stresses 1, 2, 1, 2 lengths are as 2 : 1.
     np.testing.assert_allclose(configuration.lengths, [4 / 3] * 3 + [2 / 3] * 3, rtol=1e-14)
 
 
-def test_the_smallest_sizes_repeat_to_the_larger_ones():
-    # Doubling a small lattice by hand gives the lattice of twice the size, edge by edge up to order.
+def test_small_lattices_repeated_are_larger_ones():
+    # Two copies of a small lattice are the lattice of twice the size, edge by edge up to order.
     small, large = triangular_network(2, 3), triangular_network(4, 3)
     for copy in (0, 1):
         middle = small.positions + copy * small.cell[0]
@@ -142,28 +141,27 @@ def test_the_smallest_sizes_repeat_to_the_larger_ones():
 
 
 @pytest.mark.parametrize("make", [row[0] for row in LATTICES.values()], ids=LATTICES)
-def test_bad_sizes_are_refused_in_one_sentence(make):
+def test_bad_sizes_raise(make):
     for size in (0, -1, 1.5, True + 0.0):
-        with pytest.raises(InputError, match=r"at least 1 of unit cells.* not .*×"):
+        with pytest.raises(InputError, match="unit cells"):
             make(size, 3)
     for length in (0.0, -1.0, np.nan, np.inf):
-        with pytest.raises(InputError, match="edge length of a lattice must be positive"):
+        with pytest.raises(InputError, match="positive"):
             make(edge_length=length)
 
 
 @pytest.mark.parametrize("make", [square_network, triangular_network, lambda *n: cubic_network(*n, 1)])
-def test_a_single_vertex_is_refused(make):
-    with pytest.raises(InputError, match="single vertex"):
+def test_single_vertex_raises(make):
+    with pytest.raises(InputError, match="single"):
         make(1, 1)
 
 
-def test_an_edge_to_the_own_image_pulls_at_nothing():
+def test_edge_to_its_image_exerts_no_force():
     network = square_network(1, 3)
-    assert isinstance(network, Network)
     sigma = np.linspace(0.5, 2, network.n_edges)
     own = network.edges[:, 0] == network.edges[:, 1]
     assert own.sum() == 3
     configuration = CriticalManifold(network).configuration(sigma)
     np.testing.assert_allclose(configuration.lengths[own], 1.0, rtol=1e-14)
-    # The others hang in a row: lengths as 1/σ.
+    # The other edges are in series: lengths ∝ 1/σ.
     np.testing.assert_allclose(configuration.lengths[~own], 3 / sigma[~own] / np.sum(1 / sigma[~own]), rtol=1e-13)

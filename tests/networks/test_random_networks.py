@@ -1,4 +1,4 @@
-"""Generation: the standard networks are what their definition says, and always the same."""
+"""Random networks: definition, statistics and reproducibility."""
 
 import hashlib
 
@@ -10,6 +10,12 @@ from critflow import InputError, foam_network, random_sequential_addition, voron
 from critflow.networks.random_networks import STANDARD_HARD_CORE
 
 
+def digest(*arrays: np.ndarray) -> str:
+    """Hash of every bit of the arrays."""
+    bits = [array.astype("<i8" if array.dtype.kind == "i" else "<f8").tobytes() for array in arrays]
+    return hashlib.sha256(b"".join(bits)).hexdigest()[:16]
+
+
 def periodic_distances(points: np.ndarray) -> np.ndarray:
     """All pair distances in the periodic unit cube, with infinity on the diagonal."""
     step = points[:, None] - points[None]
@@ -19,7 +25,7 @@ def periodic_distances(points: np.ndarray) -> np.ndarray:
 
 
 def plain_addition(n_points: int, distance: float, rng: np.random.Generator) -> np.ndarray:
-    """Random sequential addition as it is defined: trials uniform in the square, kept where nothing is too near."""
+    """Random sequential addition by its definition: trials uniform in the square, rejected within the distance."""
     points: list[np.ndarray] = []
     while len(points) < n_points:
         trial = rng.random(2)
@@ -42,8 +48,8 @@ def test_standard_network(n_vertices, seed):
     assert 0.6 < np.linalg.norm(network.bond_vectors(network.positions), axis=1).mean() < 1.0
 
 
-def test_vertices_are_equidistant_from_their_cells_centres():
-    # The definition of a Voronoi vertex, checked without any Delaunay triangulation.
+def test_vertices_are_equidistant_from_three_centres():
+    # The definition of a Voronoi vertex: its three nearest centres are equidistant.
     points = random_sequential_addition(30, 0.12, np.random.default_rng(1))
     network = voronoi_of(points, side=1.0)
     step = network.positions[:, None] - points[None]
@@ -76,7 +82,7 @@ def test_three_dimensional_voronoi():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_points_keep_their_distance(seed):
+def test_points_satisfy_the_minimum_distance(seed):
     distance = STANDARD_HARD_CORE / np.sqrt(200)
     points = random_sequential_addition(200, distance, np.random.default_rng(seed))
     assert points.shape == (200, 2)
@@ -84,14 +90,14 @@ def test_points_keep_their_distance(seed):
     assert periodic_distances(points).min() >= distance
 
 
-def test_points_keep_their_distance_in_three_dimensions():
+def test_points_satisfy_the_minimum_distance_in_three_dimensions():
     points = random_sequential_addition(100, 0.15, np.random.default_rng(1), dimension=3)
     assert points.shape == (100, 3)
     assert periodic_distances(points).min() >= 0.15
 
 
 @pytest.mark.parametrize("hard_core", [0.5, 0.75])
-def test_addition_has_the_statistics_of_plain_trials(hard_core):
+def test_fast_addition_has_the_statistics_of_plain_addition(hard_core):
     # Mean nearest-neighbour distance over independent packings of each kind; four standard errors of the difference.
     n_points, n_packings = 40, 60
     distance = hard_core / np.sqrt(n_points)
@@ -108,7 +114,7 @@ def test_addition_has_the_statistics_of_plain_trials(hard_core):
 
 
 def test_points_are_uniform_in_the_square():
-    # No place is preferred: first Fourier modes of the density vanish within four standard errors.
+    # Fourier modes of the density vanish within four standard errors.
     rng = np.random.default_rng(3)
     packings = [random_sequential_addition(40, 0.6 / np.sqrt(40), rng) for _ in range(80)]
     for mode in ([1, 0], [0, 1], [4, 0], [0, 4], [7, 7]):
@@ -117,7 +123,7 @@ def test_points_are_uniform_in_the_square():
             assert abs(part.mean()) < 4 * part.std(ddof=1) / np.sqrt(len(part))
 
 
-def test_one_seed_gives_one_network():
+def test_same_seed_same_network():
     first, second = voronoi_network(100, seed=5), voronoi_network(100, seed=5)
     for name in ("edges", "offsets", "positions", "cell"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
@@ -125,27 +131,20 @@ def test_one_seed_gives_one_network():
     assert not np.array_equal(first.positions, other.positions)
 
 
-def test_a_generator_is_drawn_from():
+def test_generator_is_advanced():
     rng = np.random.default_rng(5)
     assert not np.array_equal(voronoi_network(40, seed=rng).positions, voronoi_network(40, seed=rng).positions)
 
 
-def test_seed_one_is_frozen():
+def test_network_of_seed_one_is_frozen():
     # A change of these numbers changes every stored result: topology exactly, positions to rounding.
     network = voronoi_network(40, seed=1)
-    digest = hashlib.sha256(network.edges.astype("<i8").tobytes() + network.offsets.astype("<i8").tobytes())
-    assert digest.hexdigest()[:16] == "9a76d55c25d53adf"
+    assert digest(network.edges, network.offsets) == "9a76d55c25d53adf"
     np.testing.assert_allclose(
         network.positions[[0, 39]],
         [[0.6195094517945733, 1.4681486733039535], [0.42160539154920795, 5.51305491897013]],
         rtol=1e-12,
     )
-
-
-def digest(*arrays: np.ndarray) -> str:
-    """Of every bit of the arrays."""
-    bits = [array.astype("<i8" if array.dtype.kind == "i" else "<f8").tobytes() for array in arrays]
-    return hashlib.sha256(b"".join(bits)).hexdigest()[:16]
 
 
 @pytest.mark.parametrize(
@@ -159,8 +158,8 @@ def digest(*arrays: np.ndarray) -> str:
         (100, 0.85, 3, "6acfe489e6980cce"),
     ],
 )
-def test_points_and_what_they_draw_are_frozen(n_points, hard_core, dimension, bits):
-    # From sums, products and comparisons alone, so every bit is the same anywhere; the numbers drawn next as well.
+def test_points_are_frozen(n_points, hard_core, dimension, bits):
+    # Sums, products and comparisons only, so every bit is the same on every machine; so are the next random numbers.
     rng = np.random.default_rng(7)
     points = random_sequential_addition(n_points, hard_core / n_points ** (1 / dimension), rng, dimension)
     assert digest(points, rng.random(3)) == bits
@@ -180,8 +179,8 @@ def test_graphs_and_faces_are_frozen(n_vertices, seed, graph, faces, total):
     assert network.positions.sum() == pytest.approx(total, rel=1e-12)
 
 
-def test_the_global_generator_is_left_alone():
-    before = np.random.get_state()[1].copy()  # noqa: NPY002 the point is that nobody touches it
+def test_global_generator_is_unchanged():
+    before = np.random.get_state()[1].copy()  # noqa: NPY002 the state under test
     voronoi_network(40, seed=1)
     np.testing.assert_array_equal(np.random.get_state()[1], before)  # noqa: NPY002
 
@@ -194,12 +193,12 @@ def test_foam(n_vertices, seed):
     np.testing.assert_allclose(network.cell, n_vertices ** (1 / 3) * np.eye(3), rtol=1e-14)
     fraction = network.positions @ np.linalg.inv(network.cell)
     assert fraction.min() >= 0 and fraction.max() < 1
-    # Space-filling truncated octahedra have edges of 0.79 at one vertex a unit of volume.
+    # Space-filling truncated octahedra with one vertex per unit of volume have edges of length 0.79.
     assert 0.7 < np.linalg.norm(network.bond_vectors(network.positions), axis=1).mean() < 0.9
 
 
-def test_a_foam_is_the_tessellation_of_its_cells():
-    # Circumcentres: every vertex has four nearest centres at one distance, found without any triangulation.
+def test_foam_vertices_are_equidistant_from_four_centres():
+    # Every vertex is a circumcentre: its four nearest centres are equidistant.
     points = random_sequential_addition(20, 0.87 / 20 ** (1 / 3), np.random.default_rng(4), dimension=3)
     network = voronoi_of(points, side=1.0)
     images = np.array([[i, j, k] for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)])
@@ -209,10 +208,9 @@ def test_a_foam_is_the_tessellation_of_its_cells():
     assert (nearest[:, 4] > nearest[:, 3]).all()
 
 
-def test_seed_one_of_foams_is_frozen():
+def test_foam_of_seed_one_is_frozen():
     network = foam_network(60, seed=1)
-    digest = hashlib.sha256(network.edges.astype("<i8").tobytes() + network.offsets.astype("<i8").tobytes())
-    assert digest.hexdigest()[:16] == "ce4b7c1fd54add8a"
+    assert digest(network.edges, network.offsets) == "ce4b7c1fd54add8a"
     np.testing.assert_array_equal(foam_network(60, seed=1).positions, network.positions)
     assert not np.array_equal(foam_network(60, seed=2).edges, network.edges)
 
@@ -220,18 +218,18 @@ def test_seed_one_of_foams_is_frozen():
 @pytest.mark.parametrize(
     "words, message",
     [
-        ({"n_vertices": 40}, "at least 52"),
-        ({"n_vertices": 60.5}, "whole number"),
-        ({"n_vertices": 100, "hard_core": 1.2}, "0.902 is the limit in 3 dimensions"),
-        ({"n_vertices": 100, "hard_core": -1.0}, "positive distance"),
+        ({"n_vertices": 40}, "52"),
+        ({"n_vertices": 60.5}, "whole"),
+        ({"n_vertices": 100, "hard_core": 1.2}, "0.902"),
+        ({"n_vertices": 100, "hard_core": -1.0}, "positive"),
     ],
 )
-def test_foams_that_cannot_be_are_refused(words, message):
+def test_impossible_foams_raise(words, message):
     with pytest.raises(InputError, match=message):
         foam_network(**words)
 
 
 @pytest.mark.parametrize("points", [[[0.1, 0.2]], np.argwhere(np.ones((4, 4))) / 4 + 0.1], ids=["one", "lattice"])
-def test_points_without_one_tessellation_are_refused(points):
-    with pytest.raises(InputError, match="regular lattice"):
+def test_degenerate_points_raise(points):
+    with pytest.raises(InputError, match="lattice"):
         voronoi_of(np.asarray(points))
