@@ -9,7 +9,6 @@ from collections import Counter
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from critflow import (
     CriticalManifold,
@@ -29,10 +28,12 @@ from critflow.critical.objectives import OBJECTIVES, pure_shear
 from critflow.design.modulus_bounds import largest_modulus, modulus_bound
 from critflow.linalg.factor import FixedPattern
 from critflow.mechanics.moduli import linear_response
-from critflow.workflow.batch import Job, run_batch
+from critflow.workflow.dataset import labelled_dataset
+from critflow.workflow.folder import Folder
 from critflow.workflow.load import load_study
-from critflow.workflow.merge import write_dataset
 from critflow.workflow.plan import select
+from critflow.workflow.store import read_shard
+from critflow.workflow.tasks import Job, run_cases
 
 NETWORKS = {"planar": voronoi_network(60, seed=1), "foam": foam_network(60, seed=1)}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]
@@ -163,15 +164,17 @@ def test_the_counter_tells_a_hessian_apart(factorised, network, critical):
     assert factorised(network, lambda: state.factorize(state.pattern())) == {SPRINGS: 1}
 
 
-def stored(name, words, folder):
-    """The dataset of a run, without what is read off it."""
+def stored(name, words, path):
+    """The dataset of a run, without its report."""
     loaded = load_study(name)
     selection = select(loaded.study, words)
-    job = Job(str(folder), str(loaded.path), loaded.digest, str(folder), selection.parameters, selection.study.selected)
-    for batch in selection.batches():
-        run_batch(job, [case.values for case in batch])
-    write_dataset(selection, folder, folder / "stored.nc", "")
-    return xr.load_dataset(folder / "stored.nc")
+    folder, parameters = Folder(path), selection.parameters
+    for part in (folder.shards, folder.failed):
+        part.mkdir(parents=True, exist_ok=True)
+    job = Job(str(loaded.path), loaded.digest, str(path), parameters, selection.study.selected, command=(name,))
+    run_cases(job, [case.values for case in selection.cases()])
+    shards = [(case, read_shard(folder.shards, selection.study, case)) for case in selection.cases()]
+    return labelled_dataset(selection, shards, failed=[])
 
 
 STUDIES = {"ensemble": "n_vertices=60", "three_dimensions": "n_vertices=60"}

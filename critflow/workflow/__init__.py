@@ -1,7 +1,6 @@
-"""Studies: what a workflow file declares.  The engine that runs them is behind the `critflow` command."""
+"""Experiments: a study declares cases, the `critflow` command computes, stores, labels and verifies them."""
 
-from critflow.workflow.plan import decimals
-from critflow.workflow.seeds import stable_rng
+from critflow.workflow.plan import decimals, stable_rng
 from critflow.workflow.study import Axis, Claim, Coordinate, Study, Variable
 
 __all__ = ["Axis", "Claim", "Coordinate", "Study", "Variable", "decimals", "stable_rng"]

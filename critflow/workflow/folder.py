@@ -1,39 +1,78 @@
-"""A results folder: where things are, which study and settings it belongs to, and who is at work in it."""
+"""A results folder: its files, its lock, the note about its study and settings, and the state of its cases.
+
+    study.json            the note: study, settings, version, file
+    shards/CASE_ID.nc     a complete case
+    failed/CASE_ID.txt    a failed case: the command that runs it alone, its parameters, its traceback
+    NAME.nc  figures/  claims.md  claims.json  summary.json  run.log  .lock
+
+A shard counts before a failed text of the same case.  The existence of a failed text alone says that the case failed:
+its contents are for the reader, and damage in them changes no result.
+"""
 
 from __future__ import annotations
 
 import json
-import math
 import os
 import platform
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from critflow.result import EnvironmentFailure, IntegrityError, StudyError
-from critflow.workflow.errors import LockedError
-from critflow.workflow.load import StudyFile, is_unchanged, load_file, load_study, named_studies
-from critflow.workflow.plan import LONGEST, Named, Plan, Selection
-from critflow.workflow.provenance import code_version, library_version
-from critflow.workflow.store import PARTIAL, SCHEMA_VERSION, write_text
-from critflow.workflow.study import Axis
+from filelock import FileLock, Timeout
 
-if os.name == "posix":
-    import fcntl
+from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, StudyError
+from critflow.workflow.load import StudyFile, load_file, load_study
+from critflow.workflow.plan import Case, Selection
+from critflow.workflow.provenance import code_version
+from critflow.workflow.store import (
+    PARTIAL,
+    SCHEMA_VERSION,
+    OtherTable,
+    failure_path,
+    failure_reason,
+    read_shard,
+    shard_path,
+    write_text,
+)
 
-_ANEW = "run the study again to write it anew"
+DONE, FAILED, MISSING, DAMAGED, CHANGED = STATES = ("done", "failed", "missing", "damaged", "changed")
 
 
-class Noted(NamedTuple):
-    """What can be told of the last run in a folder without its study."""
+class LockedError(CritflowError):
+    """Another run is active in the folder."""
 
-    plan: Plan  # a `Selection` where the study had to be loaded
-    table: str  # digest of the table of variables, as of now
-    code: str  # what computes a case, as of now
+
+class CaseState(NamedTuple):
+    """A case and its state; the reason explains every state but `done`."""
+
+    case: Case
+    state: str
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Note:
+    """The note of the last run in a folder."""
+
+    study: str
+    version: int
+    file: str | None  # relative to the folder; None for a named study
+    parameters: dict[str, Any]
+    axes: dict[str, tuple]
+    variables: tuple[str, ...]
+    table: str  # digest of the table of variables
+    code: str
+
+    def selects_like(self, selection: Selection) -> bool:
+        """Whether cases of both have the same ids: the same parameters, version and variables."""
+        study = selection.study
+        ours = (study.version, dict(selection.parameters), study.selected, study.axis_names)
+        return (self.version, self.parameters, self.variables, tuple(self.axes)) == ours
 
 
 @dataclass(frozen=True)
@@ -47,6 +86,10 @@ class Folder:
         return self.path / "shards"
 
     @property
+    def failed(self) -> Path:
+        return self.path / "failed"
+
+    @property
     def figures(self) -> Path:
         return self.path / "figures"
 
@@ -55,177 +98,166 @@ class Folder:
         return self.path / "run.log"
 
     @property
-    def index(self) -> Path:
-        return self.path / "shards.index"
-
-    @property
     def note(self) -> Path:
         return self.path / "study.json"
+
+    @property
+    def stop(self) -> Path:
+        """File whose existence tells workers to begin no further case."""
+        return self.path / ".stop"
 
     def dataset(self, study: str) -> Path:
         return self.path / f"{study}.nc"
 
     @contextmanager
-    def held(self, loaded: StudyFile, selection: Selection) -> Iterator[None]:
-        """Make the folder ready for this study and keep other runs out of it; the lock dies with its process."""
-        self.refuse_other(loaded)
-        try:
-            self.shards.mkdir(parents=True, exist_ok=True)
-            lock = open(self.path / ".lock", "ab+", buffering=0, opener=_not_for_others)
-        except OSError as error:
-            reason = f"{error.strerror}: choose another folder with --out"
-            raise EnvironmentFailure(f"cannot write in {self.path}: {reason}") from error
-        with lock:
-            self._take(lock)
-            try:
-                for folder in (self.path, self.shards, self.figures):
-                    for left_over in folder.glob(f".*{PARTIAL}"):  # of a run that was killed while it wrote
-                        left_over.unlink(missing_ok=True)
-                self._write_note(loaded, selection)
-                yield
-            finally:
-                os.ftruncate(lock.fileno(), 0)
+    def locked(self, loaded: StudyFile) -> Iterator[None]:
+        """Exclude other runs, and delete temporary files of runs that were killed.
 
-    def _take(self, lock: IO[bytes]) -> None:
-        """Lock the file, or say who has it."""
-        if os.name == "posix":
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                lock.seek(0)
-                holder = lock.read(200).decode(errors="replace").strip()
-                raise LockedError(
-                    f"another run is at work in {self.path}{f', {holder}' if holder else ''}: "
-                    "wait for it, or choose another folder with --out"
-                ) from None
-            except OSError as error:
-                reason = f"{error.strerror}: choose a folder on another disk with --out"
-                raise EnvironmentFailure(f"cannot lock {self.path}: {reason}") from error
-        since = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        The lock is released by the end of the process.  Raises `LockedError` if another run holds it.
+        """
+        self.check_owner(loaded)
+        lock = FileLock(self.path / ".lock", timeout=0)
+        holder = Path(lock.lock_file)
         try:
-            lock.truncate(0)
-            lock.write(f"process {os.getpid()} on {platform.node()} since {since}\n".encode())
-        except OSError as error:
-            reason = f"{error.strerror}: make room there, or choose another folder with --out"
+            for folder in (self.shards, self.failed, self.figures):
+                folder.mkdir(parents=True, exist_ok=True)
+            lock.acquire()
+            since = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+            holder.write_text(f"process {os.getpid()} on {platform.node()} since {since}\n")
+            self._delete_temporary()
+        except Timeout:
+            name = holder.read_text(errors="replace")[:200].strip()
+            raise LockedError(
+                f"another run is active in {self.path}{f', {name}' if name else ''}: "
+                "wait for its end, or choose another folder with --out"
+            ) from None
+        except (OSError, NotImplementedError) as error:
+            reason = f"{getattr(error, 'strerror', None) or error}: choose another folder with --out"
             raise EnvironmentFailure(f"cannot write in {self.path}: {reason}") from error
+        try:
+            yield
+        finally:
+            self.stop.unlink(missing_ok=True)
+            lock.release()
 
-    def refuse_other(self, loaded: StudyFile) -> None:
+    def _delete_temporary(self) -> None:
+        for folder in (self.path, self.shards, self.failed, self.figures):
+            for pattern in (f".*{PARTIAL}", ".*.trace", ".stop", ".dask-jobqueue.*"):
+                for left_over in folder.glob(pattern):
+                    left_over.unlink(missing_ok=True)
+
+    def check_owner(self, loaded: StudyFile) -> None:
         """Raise unless the folder is new or belongs to this study."""
         if self.path.exists() and not self.path.is_dir():
             raise EnvironmentFailure(f"{self.path} is a file: give a folder with --out")
         try:
-            owner = self._read_note()["study"] if self.note.exists() else loaded.study.name
-        except IntegrityError:  # nobody can say whose it was, and what a run stores carries the name of its study
+            owner = self.read_note().study if self.note.exists() else loaded.study.name
+        except IntegrityError:  # `run` reports it
             return
         if owner != loaded.study.name:
             raise StudyError(
-                f"{self.path} holds study {owner!r}, not {loaded.study.name!r}: choose another folder with --out"
+                f"{self.path} contains study {owner!r}, not {loaded.study.name!r}: choose another folder with --out"
             )
 
-    def selection(self) -> tuple[StudyFile, Selection]:
-        """The study and the settings of the last run here."""
-        note = self._note_of_a_run()
-        file = note["file"]
-        loaded = load_study(note["study"]) if file is None else load_file(self.path / file)
-        parameters, axes = _settings(note)
-        if set(parameters) != set(loaded.study.parameters) or tuple(axes) != loaded.study.axis_names:
-            raise StudyError(f"study {loaded.study.name!r} has other settings now than {self.path}: run it again there")
-        for key, default in loaded.study.parameters.items():
-            if _kind(parameters[key]) != _kind(default):
-                raise IntegrityError(f"{self.note} has {key} = {parameters[key]!r}: {_ANEW}")
-        known = [variable.name for variable in loaded.study.variables]
-        if not set(note["variables"]) <= set(known):
-            raise StudyError(
-                f"study {loaded.study.name!r} has other variables now than {self.path}: run it again there"
-            )
-        return loaded, Selection(loaded.study.storing(note["variables"]), parameters, axes)
-
-    def noted(self) -> Noted:
-        """The last run here; its study is loaded only when something that it is made of is not as it was then."""
-        note = self._note_of_a_run()
-        path = named_studies().get(note["study"]) if note["file"] is None else self.path / note["file"]
-        same = note["code"].startswith(f"{library_version()}, ")
-        if path is None or not same or not is_unchanged(path, note["files"]):
-            _, selection = self.selection()
-            return Noted(selection, selection.study.table_digest, code_version(selection.study))
-        named = Named(note["study"], note["study_version"], tuple(note["variables"]))
-        return Noted(Plan(named, *_settings(note)), note["table"], note["code"])
-
-    def _write_note(self, loaded: StudyFile, selection: Selection) -> None:
+    def write_note(self, loaded: StudyFile, selection: Selection) -> None:
         note = {
             "schema_version": SCHEMA_VERSION,
             "study": loaded.study.name,
-            "study_version": loaded.study.version,
+            "version": loaded.study.version,
             "file": None if loaded.by_name else os.path.relpath(loaded.path, self.path.absolute()),
-            "axes": selection.axes,
             "parameters": selection.parameters,
+            "axes": selection.axes,
             "variables": selection.study.selected,
             "table": selection.study.table_digest,
             "code": code_version(selection.study),
-            "files": loaded.files,
         }
         write_text(self.note, _note_text(note))
 
-    def _note_of_a_run(self) -> dict:
+    def read_note(self) -> Note:
+        """The note; `IntegrityError` if it is damaged, `StudyError` if it does not exist."""
         if not self.note.exists():
             raise StudyError(f"{self.path} is not a results folder: it has no study.json, which `critflow run` writes")
-        return self._read_note()
-
-    def _read_note(self) -> dict:
-        """What a run wrote of itself, when it is whole and says what a run says."""
         try:
-            if not self.note.is_file():
-                raise ValueError("it is not a file")
-            text = self.note.read_text(encoding="utf-8")
+            text = self.note.read_text(encoding="utf-8") if self.note.is_file() else "null"
             note = json.loads(text)
-            del note["sha256"]
-            if text != _note_text(note):
+            if text != _note_text({key: value for key, value in note.items() if key != "sha256"}):
                 raise ValueError("it does not match its checksum")
-            if note["schema_version"] != SCHEMA_VERSION:
-                raise ValueError(f"its schema_version is {note['schema_version']}, not {SCHEMA_VERSION}")
-            return _checked(note)
+            if (found := note.pop("schema_version")) != SCHEMA_VERSION:
+                raise ValueError(f"its schema_version is {found}, not {SCHEMA_VERSION}")
         except OSError as error:
-            raise EnvironmentFailure(f"cannot read {self.note}: {error.strerror}: mend that and run again") from error
-        except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-            raise IntegrityError(f"{self.note} is not readable: {error}: {_ANEW}") from error
+            raise EnvironmentFailure(f"cannot read {self.note}: {error.strerror}: correct this first") from error
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+            raise IntegrityError(f"{self.note} is damaged: {error}: run the study again to write it") from error
+        del note["sha256"]
+        parameters = {k: tuple(v) if isinstance(v, list) else v for k, v in note.pop("parameters").items()}
+        axes = {name: tuple(values) for name, values in note.pop("axes").items()}
+        return Note(parameters=parameters, axes=axes, variables=tuple(note.pop("variables")), **note)
+
+    def selection(self) -> tuple[StudyFile, Selection]:
+        """The study of the note, and the cases of its dataset."""
+        note = self.read_note()
+        loaded = load_study(note.study) if note.file is None else load_file(self.path / note.file)
+        study = loaded.study
+        variables = {variable.name for variable in study.variables}
+        same = set(note.parameters) == set(study.parameters) and tuple(note.axes) == study.axis_names
+        if not same or not set(note.variables) <= variables:
+            raise StudyError(f"study {study.name!r} has other settings now than {self.path}: run it again there")
+        return loaded, Selection(study.storing(note.variables), note.parameters, note.axes)
+
+    def states(self, selection: Selection, read: bool = False) -> list[CaseState]:
+        """State of every case: the single decision whether a case is stored.
+
+        Without `read` file names decide; with it every shard is read and verified to the last byte.
+        """
+        shards, failed = _names(self.shards, ".nc"), _names(self.failed, ".txt")
+        found = []
+        for case in selection.cases():
+            if case.id in shards:
+                found.append(self._read_state(selection, case) if read else CaseState(case, DONE))
+            elif case.id in failed and failure_path(self.failed, case).is_file():
+                found.append(CaseState(case, FAILED, failure_reason(self.failed, case)))
+            else:
+                found.append(CaseState(case, MISSING, "not computed yet"))
+        return found
+
+    def _read_state(self, selection: Selection, case: Case) -> CaseState:
+        try:
+            found = read_shard(self.shards, selection.study, case)
+        except OtherTable:
+            return CaseState(case, CHANGED, "stored with another table of variables")
+        except IntegrityError as error:
+            return CaseState(case, DAMAGED, str(error).removeprefix(f"{shard_path(self.shards, case)} is damaged: "))
+        return CaseState(case, DONE) if found else CaseState(case, MISSING, "not computed yet")
 
 
-def _not_for_others(path: str, flags: int) -> int:
-    """Open the lock: whoever may read it may hold it, and keep its owner out for ever."""
-    return os.open(path, flags, 0o660)
+def reason_lines(states: list[CaseState], most: int = 20) -> list[str]:
+    """One line for each state and reason, without the cases that are done."""
+    groups: dict[tuple[str, str], list[Case]] = {}
+    for case, state, reason in states:
+        if state != DONE:
+            groups.setdefault((state, reason), []).append(case)
+    lines = []
+    for (state, reason), cases in groups.items():
+        first = ", ".join(f"{name} {value}" for name, value in cases[0].values.items())
+        others = f" and {len(cases) - 1} more" if len(cases) > 1 else ""
+        lines.append(f"{state}: {first}{others}: {reason}")
+    return lines if len(lines) <= most else [*lines[:most], f"and {len(lines) - most} more reasons"]
+
+
+def count_states(states: list[CaseState]) -> dict[str, int]:
+    """Number of cases in each state, zeros included."""
+    counts = Counter(state for _, state, _ in states)
+    return {state: counts[state] for state in STATES}
+
+
+def _names(folder: Path, suffix: str) -> set[str]:
+    try:
+        return {name.removesuffix(suffix) for name in os.listdir(folder) if name.endswith(suffix)}
+    except FileNotFoundError:
+        return set()
 
 
 def _note_text(note: dict[str, Any]) -> str:
-    """What the file says: the note and its checksum."""
+    """The file of a note, which contains its checksum."""
     checksum = sha256(json.dumps(note, sort_keys=True).encode()).hexdigest()
-    lines = [f" {json.dumps(key)}: {json.dumps(value)}" for key, value in (note | {"sha256": checksum}).items()]
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def _settings(note: dict[str, Any]) -> tuple[dict[str, Any], dict[str, tuple]]:
-    """Parameters and axes; lists in JSON are tuples here."""
-    parameters = {key: tuple(value) if isinstance(value, list) else value for key, value in note["parameters"].items()}
-    return parameters, {name: tuple(values) for name, values in note["axes"].items()}
-
-
-def _kind(value: Any) -> tuple[type, ...]:
-    return (tuple, *{type(item) for item in value}) if isinstance(value, tuple) else (type(value),)
-
-
-def _checked(note: dict) -> dict:
-    """The note, unless something in it is of a type or a size that no run writes: a checksum is no secret."""
-    for name, values in note["axes"].items():
-        if not isinstance(values, list):
-            raise ValueError(f"its {name!r} is not a list")
-        Axis(name, values, "")  # refuses what is no axis
-    if math.prod(len(values) for values in note["axes"].values()) > LONGEST:
-        raise ValueError(f"it has more than {LONGEST:,} cases")
-    texts = [note["study"], note["table"], note["code"], *note["variables"], *note["files"], *note["files"].values()]
-    texts += [] if note["file"] is None else [note["file"]]
-    if not all(isinstance(text, str) and "\0" not in text for text in texts):
-        raise ValueError("its names are not text")
-    if type(note["study_version"]) is not int:
-        raise ValueError("its study_version is not a number")
-    if not isinstance(note["parameters"], dict):
-        raise ValueError("its parameters have no names")
-    return note
+    return json.dumps(note | {"sha256": checksum}, indent=1) + "\n"

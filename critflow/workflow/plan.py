@@ -1,154 +1,135 @@
-"""From `--set` words to the cases of a run.
+"""The cases of a run: settings, identities and random streams.
 
-One spelling serves every setting, read by the type of its default:
+One spelling of `--set` serves every setting; the type of the default decides how it is read:
 
     whole numbers   7    0,3,5    0:100         half-open, as in Python
-    decimals        0.1  0.1,0.2  0.001:0.01:0.001   start:stop:step, the stop included
+    decimals        0.1  0.1,0.2  0.001:0.01:0.001   start:stop:step, stop included
     words           bulk_modulus,random_stress
 
-Every study has the setting `variables`: what is computed and stored, by names of its table, or `scalars` for all that
-have no dimensions of their own, or `all`.
+Every study has the setting `variables`: names of its table to compute and store, `scalars` for all variables without
+inner dimensions, or `all`.
 """
 
 from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from functools import cached_property
-from hashlib import sha256
+from hashlib import blake2b, sha256
 from typing import Any
+
+import numpy as np
 
 from critflow.result import CritflowError, StudyError
 from critflow.workflow.study import LONGEST, Axis, Study, nearest
 
+# Derivation of every random number, stored in the files that contain some.
+SEED_ENTROPY = (
+    "numpy.random.default_rng(SeedSequence(entropy, spawn_key)): entropy is the value of the axis seed, or a number "
+    "in the source; spawn_key is the BLAKE2b-128 of the words of the stream as JSON, in four little-endian words"
+)
+
 _UNREADABLE = re.compile(r"[^A-Za-z0-9_.-]")
+
+
+def stable_rng(entropy: int, *words: str) -> np.random.Generator:
+    """Independent generator of the stream `(entropy, *words)`, equal on every machine and in every order of cases.
+
+    `stable_rng(seed, "rest_lengths", population)` is independent of `stable_rng(seed, "network")`; further seeds or
+    words change neither.
+    """
+    digest = blake2b(json.dumps(words).encode(), digest_size=16).digest()
+    key = tuple(int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4))
+    return np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=key))
 
 
 @dataclass(frozen=True)
 class Case:
-    """One unit of work: the parameters and one value of every axis.  Its id depends on nothing else."""
+    """One unit of computation: the parameters and one value of every axis.  Its id depends on nothing else."""
 
     study: str
     version: int
     parameters: Mapping[str, Any]
     values: Mapping[str, int | str]
-    variables: tuple[str, ...] = ()  # what is stored of it; all where none is named
+    variables: tuple[str, ...] = ()  # stored variables; empty if all are stored
 
     @cached_property
     def identity(self) -> str:
-        """All that tells the case from others, as JSON."""
+        """Everything that distinguishes the case from others, as JSON."""
         identity = [self.study, self.version, dict(self.parameters), dict(self.values)]
-        if self.variables:  # shards with fewer variables stand beside the whole ones and never replace them
+        if self.variables:  # shards with fewer variables never replace complete ones
             identity.append(self.variables)
         return json.dumps(identity, sort_keys=True)
 
     @cached_property
     def id(self) -> str:
-        """Readable name and hash of the identity, so that other axis values never change it."""
-        return f"{self.readable}-{sha256(self.identity.encode()).hexdigest()[:16]}"
-
-    @property
-    def readable(self) -> str:
-        """Axis values in the letters that file names may have."""
-        return _readable(self.values)[:80]
+        """Axis values and hash of the identity, in characters that are valid in file names."""
+        values = [f"{k}{v}" if isinstance(v, int) else _UNREADABLE.sub("_", v) for k, v in self.values.items()]
+        return f"{'-'.join(values)[:80]}-{sha256(self.identity.encode()).hexdigest()[:16]}"
 
 
 @dataclass(frozen=True)
-class Named:
-    """What the ids of cases take from a study."""
+class Selection:
+    """The cases of one run: a study restricted to the stored variables, its parameters and the values of every axis."""
 
-    name: str
-    version: int
-    selected: tuple[str, ...] = ()  # variables; all where none is named
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The cases of one run, enough to name and to count them: parameters and the values along every axis."""
-
-    study: Study | Named
+    study: Study
     parameters: Mapping[str, Any]
     axes: Mapping[str, tuple]
 
     def case(self, **values: int | str) -> Case:
         return Case(self.study.name, self.study.version, self.parameters, values, self.study.selected)
 
-    def batches(self) -> Iterator[list[Case]]:
-        """The cases, those of one value of the first axis together."""
-        first, *others = self.axes
-        for value in self.axes[first]:
-            rest = itertools.product(*(self.axes[name] for name in others))
-            yield [self.case(**{first: value}, **dict(zip(others, values, strict=True))) for values in rest]
-
     def cases(self) -> list[Case]:
-        return [case for batch in self.batches() for case in batch]
-
-    def case_at(self, place: int) -> Case:
-        """The case at this place in their order."""
-        values = {}
-        for name in reversed(tuple(self.axes)):
-            place, row = divmod(place, len(self.axes[name]))
-            values[name] = self.axes[name][row]
-        return self.case(**{name: values[name] for name in self.axes})
+        """All cases; the first axis varies slowest."""
+        return [self.case(**dict(zip(self.axes, v, strict=True))) for v in itertools.product(*self.axes.values())]
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """How many values there are along each axis."""
-        return tuple(len(values) for values in self.axes.values())
+    def count(self) -> int:
+        return math.prod(len(values) for values in self.axes.values())
 
-    def ids(self) -> Iterator[str]:
-        """The ids of the cases in their order, without the cases: what they share is put into words once."""
-        begun = json.dumps([self.study.name, self.study.version, dict(self.parameters)], sort_keys=True)[:-1]
-        digest_of_begun = sha256(f"{begun}, {{".encode())
-        variables = [list(self.study.selected)] if self.study.selected else []
-        end = "}" + "".join(f", {json.dumps(item)}" for item in variables) + "]"
-        order = sorted(self.axes)
-        place = [list(self.axes).index(name) for name in order]
-        told = [
-            [f'"{name}": {_json(value)}{end if name == order[-1] else ", "}'.encode() for value in values]
-            for name, values in self.axes.items()
-        ]
-        readable = [[_readable({name: value}) for value in values] for name, values in self.axes.items()]
-        for pieces, names in zip(itertools.product(*told), itertools.product(*readable), strict=True):
-            digest = digest_of_begun.copy()
-            digest.update(b"".join([pieces[i] for i in place]))
-            yield f"{'-'.join(names)[:80]}-{digest.hexdigest()[:16]}"
-
-
-@dataclass(frozen=True)
-class Selection(Plan):
-    """What one run covers: a plan, and the study with the variables asked for."""
-
-    study: Study
-
-
-@dataclass(frozen=True)
-class Cases(Sequence[Case]):
-    """Some cases of a plan, each made when it is looked at: there may be very many."""
-
-    plan: Plan
-    places: Sequence[int]
-
-    def __len__(self) -> int:
-        return len(self.places)
-
-    def __getitem__(self, which: Any) -> Any:
-        chosen = self.places[which]
-        return Cases(self.plan, chosen) if isinstance(which, slice) else self.plan.case_at(chosen)
+    @property
+    def sizes(self) -> str:
+        """Number of values of each axis, as text."""
+        axes = zip(self.study.axes, self.axes.values(), strict=True)
+        return " × ".join(f"{len(values)} {axis.key}" for axis, values in axes)
 
 
 def select(study: Study, words: Sequence[str] = ()) -> Selection:
-    """The study's defaults with the `key=value` words in their place; every bad word is a `StudyError`."""
+    """The defaults of the study with the `key=value` words in their place; `StudyError` for any invalid word."""
+    given = _settings(study, words)
+    values = {a.name: _axis_values(a, given[a.key]) if a.key in given else tuple(a.values) for a in study.axes}
+    axes = {axis.name: axis.ordered(values[axis.name]) for axis in study.axes}
+    parameters = {k: _parameter(k, given[k], v) if k in given else v for k, v in study.parameters.items()}
+    for coordinate in study.coordinates:
+        labels = parameters[coordinate.parameter]
+        if not isinstance(labels[0], str) and any(later <= earlier for earlier, later in itertools.pairwise(labels)):
+            raise StudyError(f"{coordinate.parameter} must increase from each value to the next")
+    selection = Selection(study.storing(_variables(study, given.get("variables", "all"))), parameters, axes)
+    if selection.count > LONGEST:
+        raise StudyError(f"these settings give {selection.count:,} cases: choose at most {LONGEST:,}")
+    if study.check is not None:
+        try:
+            study.check(parameters, axes)
+        except CritflowError:
+            raise
+        except Exception as error:
+            cause = f"{type(error).__name__}: {error}"
+            raise StudyError(f"the check of study {study.name!r} failed: {cause}: correct its file") from error
+    return selection
+
+
+def _settings(study: Study, words: Sequence[str]) -> dict[str, str]:
+    """Text of each setting in the words."""
     given: dict[str, str] = {}
-    axes = {axis.key: axis for axis in study.axes}
-    keys = [*axes, *study.parameters, "variables"]
+    keys = [*(axis.key for axis in study.axes), *study.parameters, "variables"]
     for word in words:
         if not word.isprintable():
-            raise StudyError(f"--set {word!a} is not text: leave out what cannot be printed")
+            raise StudyError(f"--set {word!a} contains unprintable characters")
         key, equals, text = word.partition("=")
         if not equals:
             raise StudyError(f"--set {word} has no value: write --set {word}=VALUE")
@@ -157,40 +138,25 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
         if key in given:
             raise StudyError(f"{key} is set twice: give it once, with all its values")
         given[key] = text.strip()
-    values = {a.name: _axis_values(a, given[a.key]) if a.key in given else tuple(a.values) for a in study.axes}
-    parameters = {k: _parameter(k, given[k], v) if k in given else v for k, v in study.parameters.items()}
-    for coordinate in study.coordinates:
-        labels = parameters[coordinate.parameter]
-        if not isinstance(labels[0], str) and any(later <= earlier for earlier, later in itertools.pairwise(labels)):
-            raise StudyError(f"{coordinate.parameter} must increase from each value to the next")
-    count = 1
-    for chosen in values.values():
-        count *= len(chosen)
-    if count > LONGEST:
-        raise StudyError(f"that makes {count:,} cases: choose at most {LONGEST:,}")
-    selection = Selection(study.storing(_variables(study, given.get("variables", "all"))), parameters, values)
-    if study.check is not None:
-        try:
-            study.check(parameters, values)
-        except CritflowError:
-            raise
-        except Exception as error:
-            told = f"{type(error).__name__}: {error}"
-            raise StudyError(f"the check of study {study.name!r} broke: {told}: mend it in its file") from error
-    return selection
+    return given
 
 
-def _json(value: int | str) -> str:
-    return str(value) if type(value) is int else json.dumps(value)  # ten times faster
+def spelled(value: Any) -> str:
+    """A value as `--set` reads it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return ",".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
-def _readable(values: Mapping[str, int | str]) -> str:
-    """Axis values in the letters that file names may have; names of axes have no others."""
-    return "-".join([f"{k}{v}" if isinstance(v, int) else _UNREADABLE.sub("_", v) for k, v in values.items()])
+def words_of_case(study: Study, case: Case) -> list[str]:
+    """The `key=value` words that select exactly this case."""
+    words = [f"{axis.key}={spelled(case.values[axis.name])}" for axis in study.axes]
+    words += [f"{k}={spelled(value)}" for k, value in case.parameters.items() if value != study.parameters[k]]
+    return words + ([f"variables={spelled(case.variables)}"] if case.variables else [])
 
 
 def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:
-    """`start:stop:step` with the stop included, or a comma list, parsed in decimal so that 0.003 is 0.003."""
+    """`start:stop:step` with the stop included, or a comma list; decimal arithmetic gives 0.003 exactly."""
     if ":" not in text:
         return tuple(_float(_decimal(key, piece)) for piece in _pieces(key, text))
     parts = text.split(":")
@@ -220,7 +186,7 @@ def _axis_values(axis: Axis, text: str) -> tuple:
 
 
 def _variables(study: Study, text: str) -> tuple[str, ...]:
-    """Names of the variables that the text asks for."""
+    """Names of the requested variables."""
     table = [variable.name for variable in study.variables]
     words = {"all": table, "scalars": [name for name in table if not study.inner_dims[name]]}
     words |= {name: [name] for name in table}
@@ -235,7 +201,7 @@ def _variables(study: Study, text: str) -> tuple[str, ...]:
 
 
 def _parameter(key: str, text: str, default: Any) -> Any:
-    """The text as a value of the default's type; negative numbers only where the default has some."""
+    """The text as a value of the type of the default; negative numbers only if the default contains some."""
     if isinstance(default, bool):
         if text not in ("true", "false"):
             raise StudyError(f"{key}={text} must be true or false")
@@ -268,7 +234,7 @@ def _integers(key: str, text: str) -> tuple[int, ...]:
             raise StudyError(f"{key}={text} must be start:stop, as in {key}=0:100")
         start, stop = (_integer(key, end) for end in ends)
         if stop <= start:
-            raise StudyError(f"{key}={piece} is an empty range: the stop is left out, so give one above {start}")
+            raise StudyError(f"{key}={piece} is an empty range: the stop is excluded, so give one above {start}")
         _check_length(key, text, stop - start + len(values))
         values.extend(range(start, stop))
     return tuple(values)
@@ -299,7 +265,7 @@ def _decimal(key: str, text: str) -> Decimal:
 
 
 def _float(value: Decimal) -> float:
-    return float(value) + 0.0  # no negative zero: it would be another identity for the same case
+    return float(value) + 0.0  # a negative zero would be another identity of the same case
 
 
 def _check_length(key: str, text: str, count: int) -> None:

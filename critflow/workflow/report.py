@@ -1,167 +1,151 @@
-"""What is read off a finished dataset: figures, claims and the scalar summary.  No physics is called here."""
+"""The report of a dataset: figures, animations, claims and summary.  It uses the dataset alone."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
 
-from critflow.result import CritflowError, IntegrityError, Status, StudyError
-from critflow.workflow.errors import ReportError
+from critflow.result import CritflowError, StudyError
+from critflow.workflow.dataset import opened_dataset
 from critflow.workflow.folder import Folder
-from critflow.workflow.manifest import write_manifest
-from critflow.workflow.pictures import gif, picture
-from critflow.workflow.probe import refusal
-from critflow.workflow.store import check_seal, write_text, written_beside
+from critflow.workflow.store import replacing, write_text
 from critflow.workflow.study import Claim, Study
 
-_ANEW = "run the study again to write it anew"
 FORMATS = ("png", "pdf", "svg")
+
+_FRAME, _LAST_FRAME = 140, 2500  # milliseconds
+
+
+class ReportError(CritflowError):
+    """A part of the report could not be made; the dataset is complete."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """What was read off a dataset, and what could not be because the run left its variables out."""
+    """Parts that were written, and parts that need variables which the run does not store."""
 
-    written: list[str] = field(default_factory=list)  # figures and animations by name
+    written: list[str] = field(default_factory=list)  # figures and animations
     claims: list[Claim] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
-    files: list[Path] = field(default_factory=list)
 
 
-def left_out_by(study: Study, error: Exception) -> bool:
-    """Whether an error of xarray is about a variable that this run was asked to leave out, or a dimension of one."""
-    here = {*study.axis_names, *(name for variable in study.variables for name in (variable.name, *variable.dims))}
-    missing = {name for variable in study.left_out for name in (variable.name, *variable.dims)} - here
-    return isinstance(error, (KeyError, AttributeError, ValueError)) and any(
-        f"'{name}'" in str(error) for name in missing
-    )
+def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
+    """Write every part of the report; an error in one part does not stop the others.
 
-
-@contextmanager
-def opened_dataset(path: Path, *, known: bool = False) -> Iterator[xr.Dataset]:
-    """A dataset that a study wrote, or a sentence about why it cannot be read; `known` when this process wrote it."""
-    if not path.exists():
-        raise StudyError(f"there is no dataset {path}: run the study first")
-    unreadable = f"{path} is not a readable dataset"
-    if not path.is_file():
-        raise IntegrityError(f"{unreadable}: it is not a file: {_ANEW}")
-    check_seal(path)
-    if not known and (reason := refusal(path)):
-        raise IntegrityError(f"{unreadable}: {reason}: {_ANEW}")
-    try:
-        dataset = xr.open_dataset(path, engine="netcdf4")
-    except MemoryError:
-        raise
-    except Exception as error:  # attributes can make the decoding raise anything
-        raise IntegrityError(f"{unreadable}: {_ANEW}") from error
-    with dataset:
-        axes = dataset.attrs.get("axes")
-        if "study" not in dataset.attrs or not isinstance(axes, str):
-            raise IntegrityError(f"{path} was not written by `critflow run`: it names no study")
-        status = dataset.get("status")
-        if status is None or status.dtype.kind != "i" or not set(axes.split()) <= set(map(str, dataset.indexes)):
-            raise IntegrityError(f"{path} was not written by `critflow run`: it has no status along labelled axes")
-        if not np.isin(status.values, list(Status)).all():
-            raise IntegrityError(f"{path} was not written by `critflow run`: its status has no meaning")
-        yield dataset
-
-
-def write_report(study: Study, folder: Folder, format: str = "png", *, known: bool = False) -> Report:
-    """Write all that the study reads off its dataset; one bad part does not keep others back.
-
-    What needs variables that the run left out is left out too, and files of it from a fuller run are deleted.
+    Parts that need variables which are not stored are left out, and their files of an earlier run are deleted.
+    Raises `ReportError` if a part could not be made.
     """
     if format not in FORMATS:
         raise StudyError(f"figures can be {', '.join(FORMATS)}, not {format!r}")
-    report = Report()
-    troubles: dict[str, Exception] = {}
-
-    @contextmanager
-    def part(what: str, *files: Path) -> Iterator[None]:
-        try:
-            yield
-        except CritflowError:
-            raise
-        except Exception as error:
-            if left_out_by(study, error):
-                report.left_out.append(what)
-                for file in files:
-                    file.unlink(missing_ok=True)
-            else:
-                troubles[what] = error
-
-    with opened_dataset(folder.dataset(study.name), known=known) as dataset:
-        for name, draw in study.figures.items():
-            # Where nothing is to be drawn stands NaN, which the layout of three-dimensional axes computes with.
-            path = folder.figures / f"{name}.{format}"
-            with part(f"figure {name!r}", path), np.errstate(over="ignore", invalid="ignore"):
-                figure = draw(dataset)
-                _write_picture(path, picture(figure, format))
-                plt.close(figure)
-                report.written.append(name)
-                report.files.append(path)
-        for name, frames in study.animations.items():
-            path = folder.figures / f"{name}.gif"
-            with part(f"animation {name!r}", path):
-                _write_picture(path, gif(frames(dataset)))
-                report.written.append(name)
-                report.files.append(path)
-        if study.claims is not None:
-            words, table = folder.path / "claims.json", folder.path / "claims.md"
-            with part("the claims", words, table):
-                claims = list(study.claims(dataset))
-                for file, text in zip((words, table), claims_texts(study, claims), strict=True):
-                    write_text(file, text)
-                    report.files.append(file)
-                report.claims.extend(claims)
-        if study.summary is not None:
-            path = folder.path / "summary.json"
-            with part("the summary", path):
-                write_text(path, summary_text(study.summary(dataset)))
-                report.files.append(path)
-        write_manifest(folder.path, dataset.attrs, report.files)
-    if troubles:
-        what, error = next(iter(troubles.items()))
-        others = f" (and {len(troubles) - 1} more)" if len(troubles) > 1 else ""
-        raise ReportError(f"{what} could not be made{others}: {type(error).__name__}: {error}") from error
+    report, errors = Report(), dict[str, Exception]()
+    with opened_dataset(folder.dataset(study.name)) as dataset:
+        for part, paths, write in _parts(study, folder, dataset, format, report):
+            if not study.can_report(part):
+                report.left_out.append(part)
+                for path in paths:
+                    path.unlink(missing_ok=True)
+                continue
+            try:
+                write()
+            except CritflowError:
+                raise
+            except Exception as error:
+                errors[part] = error
+    if errors:
+        part, cause = next(iter(errors.items()))
+        others = f" (and {len(errors) - 1} more parts)" if len(errors) > 1 else ""
+        raise ReportError(f"{part!r} could not be made{others}: {type(cause).__name__}: {cause}") from cause
     return report
 
 
-def _write_picture(path: Path, content: bytes) -> None:
+def texts(study: Study, dataset: xr.Dataset) -> dict[str, Callable[[], dict[str, str]]]:
+    """For each part of the report that is text, a function that returns its files by name."""
+    parts: dict[str, Callable[[], dict[str, str]]] = {}
+    if (claims := study.claims) is not None:
+        parts["claims"] = lambda: _claims_files(study, list(claims(dataset)))
+    if (summary := study.summary) is not None:
+        parts["summary"] = lambda: {"summary.json": _json(summary(dataset))}
+    return parts
+
+
+def _parts(
+    study: Study, folder: Folder, dataset: xr.Dataset, format: str, report: Report
+) -> Iterator[tuple[str, list[Path], Callable[[], None]]]:
+    """Name, files and writer of every part."""
+    for name, draw in study.figures.items():
+        path = folder.figures / f"{name}.{format}"
+        yield name, [path], partial(_write_figure, path, draw, dataset, report)
+    for name, frames in study.animations.items():
+        path = folder.figures / f"{name}.gif"
+        yield name, [path], partial(_write_animation, path, frames, dataset, report)
+    names = {"claims": ("claims.json", "claims.md"), "summary": ("summary.json",)}
+    for part, made in texts(study, dataset).items():
+        paths = [folder.path / name for name in names[part]]
+        yield part, paths, partial(_write_texts, folder.path, made, report)
+
+
+def _write_figure(path: Path, draw: Callable[[xr.Dataset], Figure], dataset: xr.Dataset, report: Report) -> None:
+    # Axes in three dimensions compute with the NaN of missing data.
+    with np.errstate(over="ignore", invalid="ignore"):
+        figure = draw(dataset)
+        path.parent.mkdir(exist_ok=True)
+        with replacing(path) as partial_path:
+            # Without the version of matplotlib equal data give equal bytes.
+            metadata = {"Software": None} if path.suffix == ".png" else None
+            figure.savefig(partial_path, format=path.suffix[1:], metadata=metadata)
+    plt.close(figure)
+    report.written.append(path.stem)
+
+
+def _write_animation(
+    path: Path, frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dataset, report: Report
+) -> None:
+    images = []
+    for figure in frames(dataset):
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+        plt.close(figure)
+    if not images:
+        raise ValueError("an animation needs at least one frame")
     path.parent.mkdir(exist_ok=True)
-    with written_beside(path) as partial:
-        partial.write_bytes(content)
+    durations = [_FRAME] * (len(images) - 1) + [_LAST_FRAME]
+    with replacing(path) as partial_path:
+        images[0].save(partial_path, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
+    report.written.append(path.stem)
 
 
-def claims_texts(study: Study, claims: Sequence[Claim]) -> tuple[str, str]:
-    """What claims.json and claims.md say."""
-    return _json([asdict(claim) for claim in claims]), claims_table(study, claims)
+def _write_texts(folder: Path, made: Callable[[], dict[str, str]], report: Report) -> None:
+    files = made()
+    for name, text in files.items():
+        write_text(folder / name, text)
+    if "claims.json" in files:
+        report.claims.extend(Claim(**claim) for claim in json.loads(files["claims.json"]))
 
 
-def summary_text(summary: Mapping[str, Any]) -> str:
-    """What summary.json says."""
-    return _json(summary)
-
-
-def claims_table(study: Study, claims: Sequence[Claim]) -> str:
-    """The claims as a Markdown table, the reasons of those that differ below it."""
+def _claims_files(study: Study, claims: Sequence[Claim]) -> dict[str, str]:
+    """The claims as JSON, and as a Markdown table followed by the reasons."""
     lines = [f"# {study.title}", "", "| claim | the paper says | paper | here | verdict |", "|---|---|---|---|---|"]
     lines += [f"| {_cells(c.key, c.statement, c.paper, c.value, c.verdict)} |" for c in claims]
     reasons = [f"- **{c.key}** {c.verdict}: {c.because}" for c in claims if c.because]
-    return "\n".join([*lines, *(["", *reasons] if reasons else [])]) + "\n"
+    table = "\n".join([*lines, *(["", *reasons] if reasons else [])]) + "\n"
+    return {"claims.json": _json([asdict(claim) for claim in claims]), "claims.md": table}
 
 
-def _cells(*texts: str) -> str:
-    return " | ".join(text.replace("|", "\\|").replace("\n", " ") for text in texts)
+def _cells(*cells: str) -> str:
+    return " | ".join(text.replace("|", "\\|").replace("\n", " ") for text in cells)
 
 
 def _json(value: Any) -> str:
@@ -169,7 +153,7 @@ def _json(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Arrays and their scalars as plain values, NaN and infinity as null; `json` refuses what it has no word for."""
+    """Arrays and NumPy scalars as plain values, NaN and infinity as null."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (np.ndarray, np.generic, xr.DataArray)):

@@ -1,214 +1,237 @@
-"""One run of a study: find what is missing, fan it out, store it, merge it, report it."""
+"""One run of a study: plan the missing cases, compute and store them, write the dataset and its report.
+
+The dataset contains the requested cases and all cases of the same settings that the folder already stores: fewer seeds
+never shrink it.  Combinations of axis values that were never computed have the status `missing`.  Other parameters
+replace the dataset; the cases of the former settings stay stored, and a run with these settings restores it.
+"""
 
 from __future__ import annotations
 
-import math
-import os
-import platform
 import time
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass
-from importlib.metadata import version
-from itertools import groupby, islice
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
-from uuid import uuid4
+from types import TracebackType
 
-from critflow.result import IntegrityError, Status
-from critflow.workflow import attempts, faults
-from critflow.workflow.batch import Job, Outcome
-from critflow.workflow.errors import Interrupted, OtherTable, ReportError
-from critflow.workflow.fanout import Batch, Interruption, fan_out
-from critflow.workflow.folder import Folder
-from critflow.workflow.index import Stored, append_to_index, listed_shards
-from critflow.workflow.limits import Limits
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from critflow.result import IntegrityError, Status, StudyError
+from critflow.workflow.dataset import labelled_dataset, write_dataset
+from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, MISSING, CaseState, Folder, reason_lines
 from critflow.workflow.load import StudyFile
-from critflow.workflow.merge import write_dataset
-from critflow.workflow.plan import Case, Cases, Selection
-from critflow.workflow.profiles import Cluster
-from critflow.workflow.progress import RunProgress
-from critflow.workflow.quarantine import write_quarantine
-from critflow.workflow.reasons import OTHER_TABLE, Why, damaged, failed, last_line
-from critflow.workflow.report import Report, write_report
-from critflow.workflow.room import Room
-from critflow.workflow.status import folder_status
-from critflow.workflow.store import read_ending
-from critflow.workflow.supervise import supervised
+from critflow.workflow.plan import LONGEST, Case, Selection, spelled
+from critflow.workflow.provenance import code_version, host_facts
+from critflow.workflow.report import Report, ReportError, write_report
+from critflow.workflow.store import failure_path, read_shard
+from critflow.workflow.tasks import Job, Outcome
+from critflow.workflow.workers import Interrupted, Interruption, Task, Workers, compute
 
-_MOST_SAID = 20  # lines about damaged shards
-_SAMPLE = 100  # stored shards whose sizes are looked at
 _RESUME = "run the same command again to resume"
 
 
 @dataclass(frozen=True)
+class RunPlan:
+    """What a run computes."""
+
+    requested: Selection
+    selection: Selection  # the cases of the dataset
+    states: list[CaseState]
+    todo: list[Case]
+    messages: list[str]
+
+
+@dataclass(frozen=True)
 class RunResult:
-    """What a run left behind."""
+    """What a run has written."""
 
     dataset: Path
-    kept: int  # cases that were there before
-    failed: dict[str, str]  # now or before: ids and why
-    report: Report
+    kept: int  # requested cases that were stored before
+    failed: dict[str, str] = field(default_factory=dict)  # ids of requested cases, with reasons
+    report: Report = field(default_factory=Report)
+    messages: list[str] = field(default_factory=list)
 
 
-class Missing(NamedTuple):
-    """What a run has to do before all is there."""
-
-    todo: list[int]  # places of the cases to compute
-    damage: list[str]  # a line for each damaged one of them
-    failed: list[int]  # places of the cases that failed before
-    why: dict[int, Why]  # of those that have a shard
-    others: list[str]  # ids of shards that belong to no case of this run
+def plan_run(folder: Folder, requested: Selection, retry_failed: bool) -> RunPlan:
+    """The cases to compute; every stored shard is read and verified."""
+    selection, messages = _joined_selection(folder, requested)
+    states = folder.states(selection, read=True)
+    wanted = {MISSING, FAILED} if retry_failed else {MISSING}
+    todo = [c for c, state, _ in states if state in (DAMAGED, CHANGED) or (state in wanted and _among(requested, c))]
+    return RunPlan(requested, selection, states, todo, messages)
 
 
 def run_study(
     loaded: StudyFile,
-    selection: Selection,
+    requested: Selection,
     folder: Folder,
+    workers: Workers,
     *,
-    workers: int,
-    cluster: Cluster | None = None,
-    limits: Limits = Limits(),  # noqa: B008 (frozen)
     retry_failed: bool = False,
     command: str = "",
 ) -> RunResult:
-    """Compute the cases that are not stored yet, then write the dataset and all that is read off it."""
-    count = math.prod(selection.shape)
-    with folder.held(loaded, selection):
-        faults.passing("run.begun")
-        attempts.forget(folder.shards)
-        missing = missing_cases(selection, folder)
-        todo, failed = missing.todo, [selection.case_at(place).id for place in missing.failed]
-        if retry_failed:  # a failure that is found later is of this run, and is not tried again by it
-            for case_id in failed:
-                (folder.shards / f"{case_id}.nc").unlink()
-            todo, failed = sorted(todo + missing.failed), []
-        faults.passing("run.planned")
-        batches = _batches(selection, todo)
-        room = Room(folder.shards, len(todo), count)
-        kept = set(range(count)).difference(todo)
-        room.look((selection.case_at(place).id for place in islice(kept, _SAMPLE)), computed=False)
-        with RunProgress(loaded.study.name, loaded.study.axes[0].noun, len(batches)) as progress:
-            for line in missing.damage[:_MOST_SAID]:
-                progress.say(f"{line}: computing the case again")
-            if len(missing.damage) > _MOST_SAID:
-                progress.say(f"and {len(missing.damage) - _MOST_SAID} more: computing these cases again too")
-            if batches:
-                failed += _compute(loaded, selection, folder, batches, workers, cluster, limits, progress, room)
-        attempts.forget(folder.shards)
-        faults.passing("run.computed")
-        path = folder.dataset(loaded.study.name)
-        write_dataset(selection, folder.shards, path, command)
-        append_to_index(folder.index, folder.shards, selection.study.table_digest, folder_status(folder).read)
-        reasons = write_quarantine(loaded, selection, folder, _cases(selection, failed), limits)
-        faults.passing("run.written")
-        try:
-            report = write_report(selection.study, folder, known=True)
-        except ReportError as error:
-            if not failed:
-                raise
-            report = Report()
-            progress.say(f"critflow: {error}")
-        faults.passing("run.reported")
-    return RunResult(path, count - len(todo), reasons, report)
+    """Compute the cases that are not stored, then write the dataset and its report.
 
-
-def missing_cases(selection: Selection, folder: Folder) -> Missing:
-    """What is not stored or damaged, and what failed, which is not computed again unless that is asked for.
-
-    Every shard is read to its last byte: no other may be kept.
+    command: stored in the attribute `history`.  Raises `Interrupted` if the run is stopped.
     """
-    shards = set(listed_shards(folder.shards))
-    missing = Missing([], [], [], {}, [])
-    for place, case_id in enumerate(selection.ids()):
-        if case_id not in shards:
-            missing.todo.append(place)
-            continue
-        shards.remove(case_id)
+    with folder.locked(loaded):
+        plan = plan_run(folder, requested, retry_failed)
+        folder.write_note(loaded, plan.selection)
+        for case in plan.todo:
+            failure_path(folder.failed, case).unlink(missing_ok=True)
+        if plan.todo:
+            _compute(loaded, plan, folder, workers)
+        kept = requested.count - sum(_among(requested, case) for case in plan.todo)
+        return _finish(plan, folder, kept, command)
+
+
+def _joined_selection(folder: Folder, requested: Selection) -> tuple[Selection, list[str]]:
+    """The requested cases and all that are stored with the same settings, with messages about the dataset before."""
+    try:
+        note = folder.read_note()
+    except IntegrityError as error:
+        return requested, [f"{error}; the dataset will contain the requested cases only"]
+    except StudyError:
+        return requested, []
+    if not note.selects_like(requested):
+        if not folder.dataset(requested.study.name).exists():
+            return requested, []
+        settings = [f"{k}={spelled(v)}" for k, v in note.parameters.items() if requested.parameters.get(k) != v]
+        settings += [f"variables={spelled(note.variables) or 'all'}"] * (note.variables != requested.study.selected)
+        settings += [f"version {note.version} of the study"] * (note.version != requested.study.version)
+        before = "; ".join(settings) or "other settings"
+        return requested, [
+            f"replaces the dataset of {before}: its cases stay stored, and the same command with these settings "
+            "restores it"
+        ]
+    stored = folder.states(replace(requested, axes=note.axes))
+    present = [case.values for case, state, _ in stored if state in (DONE, FAILED)]
+    axes = {
+        axis.name: axis.ordered({*requested.axes[axis.name], *(values[axis.name] for values in present)})
+        for axis in requested.study.axes
+    }
+    joined = replace(requested, axes=axes)
+    if joined.count > LONGEST:
+        raise StudyError(f"the dataset would have {joined.count:,} cases: choose another folder with --out")
+    if axes == requested.axes:
+        return joined, []
+    return joined, [f"dataset contains {joined.sizes}: {requested.sizes} requested, the others were stored before"]
+
+
+def _among(requested: Selection, case: Case) -> bool:
+    return all(case.values[name] in values for name, values in requested.axes.items())
+
+
+def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers) -> None:
+    """Compute the planned cases; `Interrupted` if some were not begun or finished."""
+    study, first = plan.selection.study, plan.selection.study.axis_names[0]
+    command = (loaded.word, f"--out={folder.path}-alone", "--retry-failed", *workers.options)
+    seconds = workers.case_seconds if workers.processes or workers.remote else None
+    parameters, where = dict(plan.selection.parameters), str(folder.path.absolute())
+    job = Job(str(loaded.path), loaded.digest, where, parameters, study.selected, command, seconds)
+    tasks: list[Task] = [
+        [case.values for case in group] for _, group in groupby(plan.todo, lambda case: case.values[first])
+    ]
+    left = Counter(case.values[first] for case in plan.todo)
+    stored = 0
+    with (
+        _RunProgress(study.name, study.axes[0].noun, len(left)) as progress,
+        open(folder.log, "a", encoding="utf-8") as log,
+        Interruption(folder.stop) as interruption,
+    ):
+        log.write(f"# {host_facts()}; {len(plan.todo)} cases in {workers.place}\n")
+        for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
+            progress.say(line)
+        progress.say(f"{study.name}: {len(left)} {progress.noun}, {len(plan.todo)} cases in {workers.place}")
         try:
-            ending = read_ending(folder.shards, selection.study, selection.case_at(place), verify=True)
-        except IntegrityError as error:
-            missing.todo.append(place)
-            if isinstance(error, OtherTable):
-                missing.why[place] = OTHER_TABLE
-            else:
-                missing.damage.append(str(error))
-                missing.why[place] = damaged(error, folder.shards / f"{case_id}.nc")
-            continue
-        if ending.status is Status.failed:
-            missing.failed.append(place)
-            missing.why[place] = failed(last_line(ending.error))
-        elif ending.status is Status.missing:  # deleted in this moment
-            missing.todo.append(place)
-    missing.others.extend(shards)
-    return missing
-
-
-def _batches(selection: Selection, places: list[int]) -> list[list[Case]]:
-    """The cases at these places, those of one value of the first axis together."""
-    size = math.prod(selection.shape[1:])
-    return [list(map(selection.case_at, batch)) for _, batch in groupby(places, lambda place: place // size)]
-
-
-def _cases(selection: Selection, ids: Iterable[str]) -> Cases:
-    """The cases that have these ids."""
-    wanted = set(ids)
-    return Cases(selection, [place for place, case_id in enumerate(selection.ids()) if case_id in wanted])
-
-
-def _compute(
-    loaded: StudyFile,
-    selection: Selection,
-    folder: Folder,
-    batches: list[list[Case]],
-    workers: int,
-    cluster: Cluster | None,
-    limits: Limits,
-    progress: RunProgress,
-    room: Room,
-) -> list[str]:
-    """Compute the batches and return ids of the failed cases; `Interrupted` when some were not begun or finished."""
-    shards, parameters = str(folder.shards.absolute()), dict(selection.parameters)
-    watched = limits if workers or cluster else None
-    job = Job(uuid4().hex[:12], str(loaded.path), loaded.digest, shards, parameters, selection.study.selected, watched)
-    total = sum(len(batch) for batch in batches)
-    first = loaded.study.axis_names[0]
-    left = Counter(case.values[first] for batch in batches for case in batch)
-    stored: list[Outcome] = []
-    with open(folder.log, "a", encoding="utf-8") as log, Interruption(job.run) as interruption:
-        workers = min(workers, len(batches))
-        where = cluster or (f"{workers} worker process{'es' * (workers > 1)}" if workers else "this process")
-        progress.say(f"{loaded.study.name}: {progress.total} {progress.noun}, {total} cases to compute in {where}")
-        log.write(f"# {_host_facts()}; {total} cases in {where}\n")
-
-        def note(batch: Batch, outcomes: list[Outcome]) -> None:
-            stored.extend(outcomes)
-            for values, _ in zip(batch, outcomes, strict=False):  # an interrupted batch has fewer outcomes
-                left[values[first]] -= 1
-                if not left[values[first]]:
-                    progress.advance()
-            known = [Stored(outcome.case_id, outcome.status, outcome.code, outcome.error) for outcome in outcomes]
-            append_to_index(folder.index, folder.shards, selection.study.table_digest, known)
-            for outcome in outcomes:
-                status = Status(outcome.status).name
-                log.write(f"{outcome.case_id} {status} {outcome.seconds:.3f} s {outcome.checksum} {outcome.error}\n")
-            faults.passing("run.logged")
-            log.flush()
-            room.look((outcome.case_id for outcome in outcomes), computed=True)
-
-        try:
-            with fan_out(job, interruption, workers, cluster) as compute:
-                plain = [[case.values for case in batch] for batch in batches]
-                for batch, outcomes in supervised(compute, job, selection, plain, interruption):
-                    note(batch, outcomes)
+            for outcomes in compute(job, tasks, workers, interruption):
+                stored += len(outcomes)
+                log.writelines(_log_line(outcome) for outcome in outcomes)
+                log.flush()
+                for outcome in outcomes:
+                    left[outcome.values[first]] -= 1
+                    if not left[outcome.values[first]]:
+                        progress.advance()
         except KeyboardInterrupt:
             raise Interrupted(f"stopped at once; complete cases are stored: {_RESUME}") from None
-        if len(stored) < total:
-            raise Interrupted(f"interrupted with {len(stored)} of {total} cases computed: {_RESUME}")
-    return [outcome.case_id for outcome in stored if outcome.status == Status.failed]
+    if stored < len(plan.todo):
+        raise Interrupted(f"interrupted after {stored} of {len(plan.todo)} cases: {_RESUME}")
 
 
-def _host_facts() -> str:
-    stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-    packages = ", ".join(f"{name} {version(name)}" for name in ("critflow", "numpy", "scipy"))
-    return f"{stamp} {packages}, Python {platform.python_version()}, {platform.platform()}, {os.cpu_count()} CPUs"
+def _log_line(outcome: Outcome) -> str:
+    status = Status(outcome.status).name
+    return f"{outcome.case_id} {status} {outcome.seconds:.3f} s {outcome.checksum} {outcome.error}\n"
+
+
+def _finish(plan: RunPlan, folder: Folder, kept: int, command: str) -> RunResult:
+    """Write the dataset of all stored cases, and its report."""
+    study, states = plan.selection.study, folder.states(plan.selection)
+    path = folder.dataset(study.name)
+    shards = (
+        (case, shard)
+        for case, state, _ in states
+        if state == DONE and (shard := read_shard(folder.shards, study, case)) is not None
+    )
+    failed = [(case, reason) for case, state, reason in states if state == FAILED]
+    dataset = labelled_dataset(plan.selection, shards, [case for case, _ in failed])
+    write_dataset(dataset, path, command)
+    requested = {case.id: reason for case, reason in failed if _among(plan.requested, case)}
+    messages = [*plan.messages, *_other_code(dataset.attrs.get("cases_code", ""), code_version(study))]
+    try:
+        report = write_report(study, folder)
+    except ReportError as error:
+        if not requested:
+            raise
+        report = Report()
+        messages.append(str(error))
+    return RunResult(path, kept, requested, report, messages)
+
+
+def _other_code(cases_code: str, code: str) -> Sequence[str]:
+    """A message if other code than the present one computed some of the cases."""
+    other = [text for text in cases_code.split("; ") if text and not text.startswith(f"{code}:")]
+    advice = "they are kept; raise the study's version to compute them again"
+    return [f"cases computed by other code than {code}: {'; '.join(other)}: {advice}"] if other else []
+
+
+class _RunProgress:
+    """Number of finished values of the first axis: a bar on a terminal, ten lines elsewhere."""
+
+    def __init__(self, title: str, noun: str, total: int):
+        self.title, self.noun, self.total = title, noun, total
+        self.console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self.done = 0
+        self.start = time.monotonic()
+        self.bar: Progress | None = None
+        if self.console.is_terminal and total:
+            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn(noun))
+            times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+            self.bar = Progress(*columns, *times, console=self.console)
+
+    def __enter__(self) -> _RunProgress:
+        if self.bar:
+            self.bar.start()
+            self.task = self.bar.add_task(self.title, total=self.total)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self.bar:
+            self.bar.stop()
+
+    def say(self, line: str) -> None:
+        """Print a line on stderr without disturbing the bar."""
+        self.console.print(line, markup=False)
+
+    def advance(self) -> None:
+        self.done += 1
+        if self.bar:
+            self.bar.advance(self.task)
+        elif self.done * 10 // self.total > (self.done - 1) * 10 // self.total:
+            elapsed = time.monotonic() - self.start
+            left = elapsed / self.done * (self.total - self.done)
+            ending = f"about {left:.0f} s left" if self.done < self.total else f"in {elapsed:.1f} s"
+            self.say(f"{self.title}: {self.done}/{self.total} {self.noun}, {ending}")

@@ -1,13 +1,13 @@
-"""What a study is: what is fanned out, what each case returns, and the one table that labels it.
+"""A study: its axes, its case function, and the table of the variables that a case returns.
 
-The case function gets the parameters and one value of every axis and returns plain arrays; it knows no files:
+The case function receives the parameters and one value of every axis and returns plain arrays; it uses no files:
 
     case(parameters, *, seed, population) -> {"status": Status.ok, "sigma": array, ...}
 
-A case function with one more keyword, `wanted`, gets the names of the variables that the run stores, and may leave out
-whatever work only the others need; what it returns beyond them is dropped.
+A case function with the keyword `wanted` receives the names of the variables that the run stores and may skip the
+computation of all others; other variables that it returns are dropped.
 
-Everything said about those arrays (dimensions, type, units, meaning) stands in the `variables` of the study.
+Dimensions, type, units and meaning of the arrays are declared once, in `Study.variables`.
 """
 
 from __future__ import annotations
@@ -29,34 +29,34 @@ import numpy as np
 
 from critflow.result import Status, StudyError
 
-if TYPE_CHECKING:  # only the types: workers and `critflow list` need neither library
+if TYPE_CHECKING:  # a case function needs neither library
     import xarray as xr
     from matplotlib.figure import Figure
 
-LONGEST = 1_000_000  # values of one setting, and cases of one run: more is a slip of the keyboard
+LONGEST = 1_000_000  # values of one setting, and cases of one run: a larger number is a typing error
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _DTYPES = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4")
 
 
-def nearest(word: str, known: Sequence[str], what: str) -> str:
-    """End of a sentence about an unknown word: the nearest right one, else all of them."""
+def nearest(word: str, known: Sequence[str], noun: str) -> str:
+    """End of a message about an unknown word: the closest known word, otherwise all of them."""
     close = get_close_matches(word, known, n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}?" if close else f"the {what} are {', '.join(known)}"
+    return f"did you mean {close[0]!r}?" if close else f"the {noun} are {', '.join(known)}"
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One direction of the fan-out: a case is computed for every combination of axis values.
+    """An axis of the study: one case is computed for every combination of axis values.
 
-    The values are whole numbers (from zero) or words.  `choices` are the words allowed beyond the default `values`.
+    The values are whole numbers (from zero) or words.  `choices` are further words that are allowed.
     """
 
     name: str  # dimension of the dataset and keyword of the case function, as in "seed"
-    values: Sequence[int] | Sequence[str]  # what a plain `critflow run` computes
+    values: Sequence[int] | Sequence[str]  # default values
     long_name: str
     key: str = ""  # word of `--set`; the name with an s by default
-    noun: str = ""  # what progress counts, on the first axis; the key by default
+    noun: str = ""  # counted by the progress line, on the first axis; the key by default
     choices: Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -80,10 +80,14 @@ class Axis:
     def is_words(self) -> bool:
         return isinstance(self.values[0], str)
 
+    def ordered(self, values: Iterable[Any]) -> tuple:
+        """Values of this axis in the order of every dataset: numbers increase, words are in the declared order."""
+        return tuple(sorted(values, key=self.choices.index if self.is_words else None))
+
 
 @dataclass(frozen=True)
 class Coordinate:
-    """An inner dimension whose labels are the values of a parameter, as strains along a path."""
+    """An inner dimension labelled by the values of a parameter, for example the strains of a path."""
 
     name: str
     parameter: str
@@ -93,10 +97,10 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Variable:
-    """One row of the table that labels what cases return.
+    """One row of the table of variables.
 
-    Dimensions that are axes of the study are fanned out; the others are inside a case, in this order.  A variable
-    without some axis must be returned bit for bit equal by every case along it.
+    Dimensions that are axes of the study count the cases; the others are dimensions of the array of one case, in this
+    order.  All cases that differ only in an axis missing from `dims` must return the same bits.
     """
 
     name: str
@@ -105,8 +109,8 @@ class Variable:
     long_name: str = field(kw_only=True)
     units: str = field(default="1", kw_only=True)
     flags: type[IntEnum] | None = field(default=None, kw_only=True)  # the meaning of integer codes
-    fill: int | None = field(default=None, kw_only=True)  # where no integer was given; an end of the dtype by default
-    volatile: bool = field(default=False, kw_only=True)  # differs from run to run, as a time does
+    fill: int | None = field(default=None, kw_only=True)  # stands for a missing integer; an end of the dtype by default
+    volatile: bool = field(default=False, kw_only=True)  # differs between runs, for example a time
 
     def __post_init__(self) -> None:
         _identifier(self.name, "variable")
@@ -129,13 +133,13 @@ class Variable:
 
     @property
     def filler(self) -> float | int:
-        """What stands where no case gave a value: NaN, the code for missing, or the integer fill."""
+        """Value of cases without a result: NaN, the code for missing, or the integer fill."""
         if self.flags is Status:
             return int(Status.missing)
         return float("nan") if self.fill is None else self.fill
 
     def cast(self, value: Any) -> np.ndarray:
-        """The value in the declared dtype, refused when the change would lose anything but float digits."""
+        """The value in the declared dtype; `StudyError` if the conversion loses more than digits of a float."""
         given = np.asarray(value)
         target = np.dtype(self.dtype)
         if not np.can_cast(given.dtype, target, "same_kind") and not (given.dtype.kind in "iu" and target.kind in "iu"):
@@ -153,13 +157,13 @@ class Variable:
 
 @dataclass(frozen=True)
 class Claim:
-    """One sentence of the paper beside what the dataset says about it."""
+    """A statement of the paper and the value measured in the dataset."""
 
     key: str
-    statement: str  # what the paper says
-    paper: str  # the value it prints
+    statement: str  # of the paper
+    paper: str  # value printed there
     value: str  # measured, with its spread
-    verdict: str  # "holds" or "differs"; "measured" where the paper says nothing to compare with
+    verdict: str  # "holds" or "differs"; "measured" without a value to compare with
     because: str = ""  # required when it differs
 
     def __post_init__(self) -> None:
@@ -168,7 +172,7 @@ class Claim:
                 f"verdict of claim {self.key!r} must be 'holds', 'differs' or 'measured', not {self.verdict!r}"
             )
         if self.verdict == "differs" and not self.because.strip():
-            raise StudyError(f"claim {self.key!r} differs: say why in `because`")
+            raise StudyError(f"claim {self.key!r} differs: give the reason in `because`")
 
     @classmethod
     def tested(
@@ -184,14 +188,14 @@ class Claim:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """A fan-out over axes, the case function, the table that labels its arrays, and what is read off the dataset.
+    """Axes, case function and table of variables, with the figures, claims and checks made from the dataset.
 
-    Raise `version` when the same parameters shall give other numbers: cases stored before are then computed anew.
+    Raise `version` when the same parameters must give other numbers: all cases are then computed again.
     """
 
     name: str
     title: str
-    axes: Sequence[Axis]  # the first one is the unit of batching and of progress
+    axes: Sequence[Axis]  # the cases of one value of the first axis form one task
     parameters: Mapping[str, Any]  # defaults; numbers, words, truth values, or lists of one of them
     case: Callable[..., Mapping[str, Any]]
     variables: Sequence[Variable]
@@ -202,12 +206,12 @@ class Study:
     animations: Mapping[str, Callable[[xr.Dataset], Iterable[Figure]]] = field(default_factory=dict)  # frames in turn
     claims: Callable[[xr.Dataset], Sequence[Claim]] | None = None
     summary: Callable[[xr.Dataset], Mapping[str, Any]] | None = None
-    verify: Callable[[xr.Dataset], Sequence[str]] | None = None  # recomputes what it can; a line for each contradiction
-    references: str = ""  # what it reproduces, for the dataset attribute of the same name
-    # Variables that a figure, an animation, "claims", "summary" or "verify" reads; all of them where it has no entry.
+    verify: Callable[[xr.Dataset], Sequence[str]] | None = None  # recomputes results; a line per contradiction
+    references: str = ""  # dataset attribute of the same name
+    # Variables that a figure, an animation, "claims", "summary" or "verify" reads; all variables without an entry.
     needs: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    workers: int | None = None  # at most so many cases at a time: 1 where cases measure time
-    left_out: Sequence[Variable] = ()  # rows of the table that this run does not store; `storing` sets it
+    workers: int | None = None  # largest number of simultaneous cases: 1 if cases measure time
+    left_out: Sequence[Variable] = ()  # rows of the table that are not stored; set by `storing`
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name):
@@ -222,8 +226,15 @@ class Study:
             raise StudyError(f"version {self.version!r} of study {self.name!r} must be a whole number above zero")
         for name in (*self.figures, *self.animations):
             _identifier(name, "figure")
-        self._check_needs()
+        if self.workers is not None and self.workers < 1:
+            raise StudyError(f"study {self.name!r} allows {self.workers} workers: allow one, or omit it")
         self._check_case()
+        self._check_needs()
+        self._check_table()
+
+    def _check_table(self) -> None:
+        """Raise unless names are unique and axes, parameters, coordinates and variables agree."""
+        parameters = self.parameters
         labels = [*self.axis_names, *(c.name for c in self.coordinates), *(v.name for v in self.variables)]
         for names in (labels, ["variables", *(axis.key for axis in self.axes), *parameters]):
             if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -235,9 +246,7 @@ class Study:
                 )
         for variable in self.variables:
             if variable.volatile and not set(self.axis_names) <= set(variable.dims):
-                raise StudyError(f"variable {variable.name!r} is volatile, so cases cannot share it: add every axis")
-        if self.workers is not None and self.workers < 1:
-            raise StudyError(f"study {self.name!r} allows {self.workers} workers: allow one, or leave it out")
+                raise StudyError(f"variable {variable.name!r} is volatile and needs every axis in its dims")
         status = next((variable for variable in self.variables if variable.name == "status"), None)
         if status is None or status.flags is not Status or set(status.dims) != set(self.axis_names):
             raise StudyError(f"study {self.name!r} needs a variable 'status' over exactly its axes with flags=Status")
@@ -248,14 +257,14 @@ class Study:
             raise StudyError(f"case of study {self.name!r} must be a function, not {self.case!r}")
         try:
             signature = inspect.signature(self.case)
-        except ValueError:  # some functions in C do not tell
+        except ValueError:  # functions in C may have no signature
             return
         wanted = {"wanted"} & signature.parameters.keys()
         try:
             signature.bind({}, **dict.fromkeys((*self.axis_names, *wanted)))
         except TypeError as error:
-            right = f"case(parameters, *, {', '.join(self.axis_names)})"
-            raise StudyError(f"the case function of study {self.name!r} must be {right}: {error}") from error
+            expected = f"case(parameters, *, {', '.join(self.axis_names)})"
+            raise StudyError(f"the case function of study {self.name!r} must be {expected}: {error}") from error
 
     def _check_needs(self) -> None:
         """Raise unless `needs` names parts of the report and variables of the table."""
@@ -271,20 +280,25 @@ class Study:
                     hint = nearest(name, variables, "variables")
                     raise StudyError(f"{part!r} needs {name!r}, which no variable declares: {hint}")
 
-    def worker_count(self, asked: int | None, available: int) -> int:
-        """How many workers to start: as many as asked for, else one for each CPU, and never more than it allows."""
-        allowed = available if self.workers is None else self.workers
-        if asked is None:
-            return min(available, allowed)
-        if self.workers is not None and asked > allowed:
-            raise StudyError(f"--workers {asked} would disturb what {self.name!r} measures: give at most {allowed}")
-        return asked
+    def worker_count(self, requested: int | None, available: int) -> int:
+        """Number of worker processes: the requested number, otherwise one per CPU within the limit of the study."""
+        if requested is None:
+            return min(available, self.workers or available)
+        if self.workers is not None and requested > self.workers:
+            limit = f"give at most {self.workers}"
+            raise StudyError(f"--workers {requested} disturbs the times that {self.name!r} measures: {limit}")
+        return requested
+
+    def can_report(self, part: str) -> bool:
+        """Whether all variables that a part of the report needs are stored."""
+        stored = {variable.name for variable in self.variables}
+        return set(self.needs[part]) <= stored if part in self.needs else not self.left_out
 
     @cached_property
     def description(self) -> str:
-        """What the file of the study says at its top, in one line."""
-        told = inspect.getdoc(sys.modules.get(getattr(self.case, "__module__", ""))) or ""
-        return " ".join(told.split())
+        """Docstring of the study file, in one line."""
+        text = inspect.getdoc(sys.modules.get(getattr(self.case, "__module__", ""))) or ""
+        return " ".join(text.split())
 
     @cached_property
     def axis_names(self) -> tuple[str, ...]:
@@ -292,22 +306,22 @@ class Study:
 
     @cached_property
     def inner_dims(self) -> Mapping[str, tuple[str, ...]]:
-        """Dimensions of what one case returns, for every variable."""
+        """Dimensions of the array of one case, for every variable."""
         return {v.name: tuple(dim for dim in v.dims if dim not in self.axis_names) for v in self.variables}
 
     @cached_property
     def table_digest(self) -> str:
-        """What tells apart the shards of a study that measures something else than it did."""
+        """Digest of names, inner dimensions and dtypes: a shard with another one is computed again."""
         table = [[v.name, self.inner_dims[v.name], v.dtype] for v in self.variables]
         return sha256(json.dumps(table).encode()).hexdigest()[:16]
 
     @cached_property
     def selected(self) -> tuple[str, ...]:
-        """Names of the variables that are stored where a run asked for some of them; nothing where it stores all."""
+        """Names of the stored variables if they are a part of the table; empty if all are stored."""
         return tuple(variable.name for variable in self.variables) if self.left_out else ()
 
     def storing(self, names: Sequence[str]) -> Study:
-        """The study with these variables and the status alone, in the order of its table; all where none is named."""
+        """The study with only these variables and the status, in the order of the table; no name selects all."""
         kept = [variable for variable in self.variables if variable.name in (*names, "status")]
         if not names or len(kept) == len(self.variables):
             return self
@@ -317,13 +331,13 @@ class Study:
         return replace(self, variables=kept, coordinates=labels, left_out=left_out)
 
     def computed(self, parameters: Mapping[str, Any], values: Mapping[str, int | str]) -> dict[str, np.ndarray]:
-        """The arrays of one case, computed and checked."""
-        asks = "wanted" in inspect.signature(self.case).parameters
-        wanted = {"wanted": frozenset(variable.name for variable in self.variables)} if asks else {}
+        """Arrays of one case, computed and checked."""
+        selective = "wanted" in inspect.signature(self.case).parameters
+        wanted = {"wanted": frozenset(variable.name for variable in self.variables)} if selective else {}
         return self.arrays(self.case(parameters, **values, **wanted), parameters)
 
     def arrays(self, returned: Any, parameters: Mapping[str, Any]) -> dict[str, np.ndarray]:
-        """What a case returned, checked against the table and in its dtypes; a bad case may leave variables out."""
+        """The returned arrays, checked against the table and cast; variables may be missing unless the status is ok."""
         if not isinstance(returned, Mapping) or "status" not in returned:
             raise StudyError("the case function must return a dict with at least 'status'")
         status = Status(int(returned["status"]))
@@ -349,18 +363,18 @@ class Study:
                 )
             for dim, size in zip(dims, array.shape, strict=True):
                 if sizes.setdefault(dim, size) != size:
-                    raise StudyError(f"{variable.name!r} has {size} along {dim!r} where {sizes[dim]} are expected")
+                    raise StudyError(f"{variable.name!r} has length {size} in {dim!r}, not {sizes[dim]}")
             arrays[variable.name] = array
         return arrays
 
 
-def _identifier(name: str, what: str) -> None:
+def _identifier(name: str, kind: str) -> None:
     if not _NAME.fullmatch(name):
-        raise StudyError(f"{what} name {name!r} must be a word of letters, digits and _")
+        raise StudyError(f"{kind} name {name!r} must be a word of letters, digits and _")
 
 
 def _plain_parameter(key: str, value: Any) -> Any:
-    """The default as a plain Python number, word, truth value or tuple, so that every spelling has one identity."""
+    """The default as a plain Python number, word, truth value or tuple: equal values have one identity."""
     _identifier(key, "parameter")
     value = value.item() if isinstance(value, np.generic) else value
     if type(value) in (bool, int, float, str):

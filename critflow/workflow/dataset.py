@@ -1,0 +1,224 @@
+"""The labelled dataset: the only place where names, units and meanings are applied to the arrays of cases."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from critflow.linalg.backends import available_backends
+from critflow.result import IntegrityError, Status, StudyError
+from critflow.workflow.plan import SEED_ENTROPY, Case, Selection
+from critflow.workflow.provenance import code_version, dataset_versions, source_tree, timestamp
+from critflow.workflow.store import SCHEMA_VERSION, Shard, append_seal, replacing, verified_checksum
+from critflow.workflow.study import Variable
+
+REWRITE = "run the study again to write it"  # end of a message about a damaged or outdated file
+
+_KEYWORDS = ("rigidity transition", "spring networks", "force density", "prestress stability")
+_COMMENT = (
+    "Attributes named in volatile_attributes, and variables with such a comment, differ from run to run; shards_sha256 "
+    "adds up, modulo 2**256, the SHA-256 of a line for each case: its name and its shard's checksum."
+)
+_MOST_CHECKSUMS = 100  # checksums of single shards in the attributes
+
+
+def labelled_dataset(selection: Selection, shards: Iterable[tuple[Case, Shard]], failed: Iterable[Case]) -> xr.Dataset:
+    """The dataset of a selection, in memory; cases without a result have fill values and the status `missing`.
+
+    Raises `IntegrityError` if inner sizes differ between cases, or values that cases share differ.
+    """
+    study = selection.study
+    table = _Table(selection)
+    origins = _Origins(volatile=any(variable.volatile for variable in study.variables))
+    for case, shard in shards:
+        table.add(case, {**shard.arrays, "status": np.asarray(int(shard.status))})
+        origins.add(case, shard)
+    for case in failed:
+        table.add(case, {"status": np.asarray(int(Status.failed))})
+    data = {
+        variable.name: xr.Variable(variable.dims, table.array(variable), variable_attributes(variable))
+        for variable in study.variables
+    }
+    dataset = xr.Dataset(data, _coordinates(selection), _global_attributes(selection) | origins.attributes())
+    for name, labelled in dataset.variables.items():
+        # xarray would add a fill value to coordinates, which have none.
+        filled = labelled.dtype.kind == "f" and name in data
+        labelled.encoding["_FillValue"] = np.nan if filled else None
+        if labelled.dtype.kind == "U":
+            # Fixed characters: the library crashes on strings of variable length in a file that is opened twice.
+            labelled.encoding["dtype"] = "S1"
+    return dataset
+
+
+def write_dataset(dataset: xr.Dataset, path: Path, command: str) -> None:
+    """Write the file; its `history` is the only attribute that differs between equal runs."""
+    with replacing(path) as partial:
+        stamped = dataset.assign_attrs(history=f"{timestamp()} {command}")
+        stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4")
+        with xr.open_dataset(partial, engine="netcdf4") as written:
+            if not written.equals(dataset):
+                raise OSError("it does not read back as written")
+        append_seal(partial)
+
+
+@contextmanager
+def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
+    """A dataset of `critflow run`, every byte verified; one message if it cannot be read."""
+    if not path.exists():
+        raise StudyError(f"there is no dataset {path}: run the study first")
+    try:
+        verified_checksum(path)
+        dataset = xr.open_dataset(path, engine="netcdf4")
+    except IntegrityError as error:
+        raise IntegrityError(f"{error}: {REWRITE}") from error
+    except (OSError, RuntimeError, ValueError) as error:
+        raise IntegrityError(f"{path} is not a readable dataset: {error}: {REWRITE}") from error
+    with dataset:
+        if not {"study", "axes"} <= dataset.attrs.keys() or "status" not in dataset:
+            raise IntegrityError(f"{path} was not written by `critflow run`: it has no study and no status")
+        yield dataset
+
+
+def variable_attributes(variable: Variable) -> dict[str, Any]:
+    """Attributes of a variable after the CF and ACDD conventions."""
+    content = "qualityInformation" if variable.flags is Status else "modelResult"
+    attributes = _meaning(variable.long_name, variable.units, content)
+    if variable.flags is not None:
+        attributes["flag_values"] = np.array([flag.value for flag in variable.flags], variable.dtype)
+        attributes["flag_meanings"] = " ".join(flag.name for flag in variable.flags)
+    elif variable.fill is not None:
+        attributes["value_if_missing"] = np.array(variable.fill, variable.dtype)[()]
+    if variable.volatile:
+        attributes["comment"] = "differs from run to run"
+    return attributes
+
+
+class _Table:
+    """The arrays of a dataset during the merge; sizes of inner dimensions come from the first case that has them."""
+
+    def __init__(self, selection: Selection):
+        self.variables = {variable.name: variable for variable in selection.study.variables}
+        self.inner_dims = selection.study.inner_dims
+        self.sizes = {c.name: len(selection.parameters[c.parameter]) for c in selection.study.coordinates}
+        self.sizes |= {name: len(values) for name, values in selection.axes.items()}
+        self.rows = {name: {value: row for row, value in enumerate(values)} for name, values in selection.axes.items()}
+        self.arrays: dict[str, np.ndarray] = {}
+        self.shared: set[tuple[str, tuple]] = set()  # filled places of variables without some axis
+
+    def add(self, case: Case, arrays: Mapping[str, np.ndarray]) -> None:
+        """Insert the arrays of one case at the place of its axis values."""
+        for name, array in arrays.items():
+            variable = self.variables[name]
+            for dim, size in zip(self.inner_dims[name], array.shape, strict=True):
+                if self.sizes.setdefault(dim, size) != size:
+                    raise IntegrityError(
+                        f"case {case.id} has length {size} in {dim!r} of {name!r}, the cases before it have "
+                        f"{self.sizes[dim]}: run different sizes as separate studies"
+                    )
+            place = tuple(
+                self.rows[dim][case.values[dim]] if dim in self.rows else slice(None) for dim in variable.dims
+            )
+            merged = self.array(variable)
+            if not self.rows.keys() <= set(variable.dims):
+                where = (name, tuple(row for row in place if isinstance(row, int)))
+                if where in self.shared and merged[place].tobytes() != array.tobytes():
+                    raise IntegrityError(
+                        f"case {case.id} gives another {name!r} than the cases that share it: correct the case "
+                        f"function and raise the study's version"
+                    )
+                self.shared.add(where)
+            merged[place] = array
+
+    def array(self, variable: Variable) -> np.ndarray:
+        """The array of a variable; fill values where no case has given any."""
+        if variable.name not in self.arrays:
+            shape = [self.sizes.setdefault(dim, 0) for dim in variable.dims]  # 0: no case has this variable
+            self.arrays[variable.name] = np.full(shape, variable.filler, variable.dtype)
+        return self.arrays[variable.name]
+
+
+class _Origins:
+    """What the shards of a dataset say about their computation."""
+
+    def __init__(self, volatile: bool):
+        self._volatile = volatile
+        self._checksums: dict[str, str] = {}
+        self._code: Counter[str] = Counter()
+        self._environment: Counter[str] = Counter()
+
+    def add(self, case: Case, shard: Shard) -> None:
+        self._checksums[case.id] = shard.checksum
+        self._code[shard.code] += 1
+        self._environment[shard.environment] += 1
+
+    def attributes(self) -> dict[str, str]:
+        """Global attributes; the code that computed the cases may be older than the code that wrote the dataset."""
+        lines = [f"{case_id} {checksum}\n".encode() for case_id, checksum in self._checksums.items()]
+        whole = sum(int.from_bytes(sha256(line).digest()) for line in lines)
+        each = " ".join(sorted(f"{case_id}:{checksum}" for case_id, checksum in self._checksums.items()))
+        found = {
+            "cases_code": _counted(self._code),
+            "cases_environment": _counted(self._environment),
+            "shards_sha256": f"{whole % 2**256:064x}",
+            "shards_sha256_each": each if len(lines) <= _MOST_CHECKSUMS else "",
+        }
+        volatile = ["history", *(name for name in found if self._volatile and name.startswith("shards_"))]
+        return _nonempty(found | {"volatile_attributes": " ".join(volatile)})
+
+
+def _counted(counter: Counter[str]) -> str:
+    return "; ".join(f"{text}: {count} cases" for text, count in sorted(counter.items()))
+
+
+def _coordinates(selection: Selection) -> dict[str, xr.Variable]:
+    coordinates = {
+        axis.name: xr.Variable(axis.name, list(selection.axes[axis.name]), _meaning(axis.long_name, "1"))
+        for axis in selection.study.axes
+    }
+    for coordinate in selection.study.coordinates:
+        labels = np.asarray(selection.parameters[coordinate.parameter])
+        meaning = _meaning(coordinate.long_name, coordinate.units)
+        coordinates[coordinate.name] = xr.Variable(coordinate.name, labels, meaning)
+    return coordinates
+
+
+def _global_attributes(selection: Selection) -> dict[str, Any]:
+    study, versions = selection.study, dataset_versions()
+    attributes = {
+        "Conventions": "CF-1.11, ACDD-1.3",
+        "title": study.title,
+        "summary": f"{study.description or study.title} Here: {selection.sizes}.",
+        "keywords": ", ".join((*_KEYWORDS, study.name.replace("_", " "))),
+        "id": study.name,
+        "product_version": str(study.version),
+        "source": f"critflow {versions['critflow']}",
+        "references": study.references,
+        "comment": _COMMENT,
+        "code": code_version(study),
+        **source_tree(),
+        "sparse_solvers": " ".join(available_backends()),
+        "seed_entropy": SEED_ENTROPY,
+        "versions": json.dumps(versions),
+        "study": study.name,
+        "study_version": study.version,
+        "schema_version": SCHEMA_VERSION,
+        "axes": " ".join(study.axis_names),
+        "parameters": json.dumps(dict(selection.parameters), sort_keys=True),
+    }
+    return _nonempty(attributes)
+
+
+def _nonempty(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in attributes.items() if value != ""}
+
+
+def _meaning(long_name: str, units: str, content: str = "coordinate") -> dict[str, Any]:
+    return {"long_name": long_name, "units": units, "coverage_content_type": content}

@@ -1,0 +1,174 @@
+"""Tasks: the computation of some cases of a study in one process, and the record of each result.
+
+A worker process may die in a case, or the case may exceed its time limit, which ends the process: nothing gentler stops
+compiled code.  A trace file per case, `failed/.CASE_ID.trace`, exists as long as the case runs; after a death it names
+the case and contains the stack that the interpreter could still write.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import shlex
+import signal
+import socket
+import threading
+import time
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from threadpoolctl import threadpool_limits
+
+from critflow.result import EnvironmentFailure, IntegrityError, Status, StudyError
+from critflow.workflow.folder import Folder
+from critflow.workflow.load import load_file
+from critflow.workflow.plan import Case, spelled, words_of_case
+from critflow.workflow.provenance import code_version, libraries
+from critflow.workflow.store import failure_path, last_line, read_shard, write_shard, write_text
+from critflow.workflow.study import Study
+
+_LONGEST_ERROR = 20_000  # characters
+# BLAS threads, the netCDF library and the timer of the interpreter belong to the whole process.
+_one_at_a_time = threading.Lock()
+
+
+class Outcome(NamedTuple):
+    """Result of one case; its arrays remain in the shard."""
+
+    case_id: str
+    values: Mapping[str, int | str]
+    status: int
+    seconds: float
+    checksum: str = ""
+    error: str = ""  # last line of the traceback
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that the tasks of one run share."""
+
+    study_path: str
+    study_digest: str
+    folder: str  # absolute path of the results folder
+    parameters: Mapping[str, Any]
+    variables: tuple[str, ...]  # stored variables; empty if all are stored
+    command: tuple[str, ...]  # words after `critflow run` and the settings that run one case alone
+    seconds: float | None = None  # time limit of a case, in worker processes
+    libraries: Mapping[str, str] = field(default_factory=libraries)  # workers must have the same
+
+    def study(self) -> Study:
+        """The study as the run has it; raises if the file or a library is not the same in this process."""
+        loaded = load_file(Path(self.study_path))
+        if loaded.digest != self.study_digest:
+            raise StudyError(f"{self.study_path} changed during the run: run it again")
+        found = libraries()
+        if different := [name for name in {**self.libraries, **found} if self.libraries.get(name) != found.get(name)]:
+            words = [
+                f"{n} {found.get(n, 'missing')} (not {self.libraries.get(n, 'installed here')})" for n in different
+            ]
+            machine = socket.gethostname()
+            raise EnvironmentFailure(f"the worker on {machine} has {', '.join(words)}: install the same versions there")
+        return loaded.study.storing(self.variables)
+
+    def case(self, study: Study, values: Mapping[str, int | str]) -> Case:
+        return Case(study.name, study.version, self.parameters, values, study.selected)
+
+
+def run_cases(job: Job, cases: Sequence[Mapping[str, int | str]]) -> list[Outcome]:
+    """Compute the cases with these axis values in order; a stopped run begins no further case."""
+    folder, outcomes = Folder(Path(job.folder)), []
+    with _one_at_a_time, threadpool_limits(limits=1):  # the number of threads must not change a digit
+        study = job.study()
+        for values in cases:
+            if folder.stop.exists():
+                break
+            case = job.case(study, values)
+            outcomes.append(_stored(folder, study, case) or _attempted(job, folder, study, case))
+    return outcomes
+
+
+def record_failure(job: Job, study: Study, case: Case, error: str, seconds: float = 0.0) -> Outcome:
+    """Store that the case failed: the command that runs it alone, its parameters and the error."""
+    error = error.strip().replace("\0", "\\0").encode(errors="backslashreplace").decode()
+    if len(error) > _LONGEST_ERROR:
+        error = f"{error[: _LONGEST_ERROR // 2]}\n...\n{error[-_LONGEST_ERROR // 2 :]}"
+    settings = [f"--set={word}" for word in words_of_case(study, case)]
+    lines = [shlex.join(["critflow", "run", job.command[0], *settings, *job.command[1:]]), ""]
+    lines += [f"{key} = {spelled(value)}" for key, value in {**case.values, **case.parameters}.items()]
+    lines += [f"code = {code_version(study)}", "", error]
+    write_text(failure_path(Folder(Path(job.folder)).failed, case), "\n".join(lines) + "\n")
+    return Outcome(case.id, case.values, int(Status.failed), seconds, error=last_line(error))
+
+
+def take_trace(folder: Folder, case: Case) -> str | None:
+    """Reason and stack of the death in this case, whose trace file is deleted; None if there was no death in it."""
+    path = _trace_path(folder, case)
+    try:
+        stack = path.read_text(encoding="utf-8", errors="replace").strip()
+    except FileNotFoundError:
+        return None
+    path.unlink()
+    if stack.startswith("Timeout"):
+        reason = "the case exceeded its time limit"
+    elif stack.startswith("Fatal Python error: "):
+        reason = f"the case crashed: {stack.splitlines()[0].removeprefix('Fatal Python error: ')}"
+    elif stack:
+        reason = "the case was terminated from outside, for example for exceeding the memory limit"
+    else:
+        reason = "the case ended its worker process without a message: out of memory, or an exit in compiled code"
+    return f"{stack}\n{reason}".strip()
+
+
+def _stored(folder: Folder, study: Study, case: Case) -> Outcome | None:
+    """The case if this run has stored it before the death of the worker that had the task."""
+    try:
+        shard = read_shard(folder.shards, study, case)
+    except IntegrityError:
+        return None
+    return Outcome(case.id, case.values, int(shard.status), 0.0, shard.checksum) if shard else None
+
+
+def _attempted(job: Job, folder: Folder, study: Study, case: Case) -> Outcome:
+    start = time.perf_counter()
+    with _traced(folder, case, job.seconds) if job.seconds else nullcontext():
+        try:
+            arrays = study.computed(case.parameters, case.values)
+            status = Status(int(arrays.pop("status")))
+        except BaseException as error:  # one case must not end the others, whatever it raises
+            if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
+                raise  # from the keyboard
+            return record_failure(job, study, case, traceback.format_exc(), time.perf_counter() - start)
+        seconds = time.perf_counter() - start
+        try:
+            checksum = write_shard(folder.shards, study, case, status, arrays)
+        except EnvironmentFailure:
+            raise
+        except Exception:  # too large for the memory or the format
+            return record_failure(job, study, case, traceback.format_exc(), seconds)
+        failure_path(folder.failed, case).unlink(missing_ok=True)
+        return Outcome(case.id, case.values, int(status), seconds, checksum)
+
+
+@contextmanager
+def _traced(folder: Folder, case: Case, seconds: float) -> Iterator[None]:
+    """Keep a trace file during the block, and end the process if it takes longer than its time limit."""
+    path = _trace_path(folder, case)
+    with open(path, "w") as trace:
+        faulthandler.enable(trace)
+        faulthandler.register(signal.SIGTERM, trace, chain=True)  # sent by dask for too much memory
+        # A thread without the lock of the interpreter, so that no compiled code can delay it.
+        faulthandler.dump_traceback_later(seconds, exit=True, file=trace)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+            faulthandler.unregister(signal.SIGTERM)
+            faulthandler.disable()
+    path.unlink(missing_ok=True)
+
+
+def _trace_path(folder: Folder, case: Case) -> Path:
+    return folder.failed / f".{case.id}.trace"

@@ -1,0 +1,392 @@
+"""Workers: this process, local worker processes, a dask scheduler, or jobs of a batch system.
+
+One task is the cases of one value of the first axis.  If a worker dies, its trace files name the case that ran; the
+other cases of the task are submitted again one by one, and the case itself fails after `ATTEMPTS` deaths.
+
+A local cluster listens on the loopback address with temporary TLS certificates.  The options of a batch system come
+from dask's configuration alone (`jobqueue.slurm` for `--cluster slurm`); each job has one worker process per core.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import math
+import os
+import signal
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from pathlib import Path
+from types import FrameType
+from typing import Any
+from uuid import uuid4
+
+import dask.config
+from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
+from distributed.security import Security
+
+from critflow.result import CritflowError, EnvironmentFailure, InputError
+from critflow.workflow.folder import Folder
+from critflow.workflow.study import nearest
+from critflow.workflow.tasks import Job, Outcome, record_failure, run_cases, take_trace
+
+Task = Sequence[Mapping[str, int | str]]  # axis values of some cases
+
+ATTEMPTS = 3
+HOUR = 3600.0
+CLUSTERS = {  # module and class of dask-jobqueue
+    "slurm": "SLURMCluster",
+    "pbs": "PBSCluster",
+    "sge": "SGECluster",
+    "lsf": "LSFCluster",
+    "oar": "OARCluster",
+    "moab": "MoabCluster",
+    "htcondor": "HTCondorCluster",
+    "local": "LocalCluster",  # jobs are processes of this machine, for a trial without a queue
+}
+
+_GIGABYTE = 10**9
+_GRACE = 60.0  # seconds beyond the time limit before the scheduler restarts a silent worker
+_SCHEDULER_ANSWERS = 10.0  # seconds
+_WORKERS_START = 60.0  # seconds: local workers that died are back earlier
+_UNEXPLAINED = 20  # deaths in a row without a running case: the workers cannot start
+_POLL = 0.05  # seconds
+_NO_DASHBOARD: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+_RESUME = "run the same command again to resume"
+
+
+class Interrupted(CritflowError):
+    """The run was stopped; all cases computed before are stored."""
+
+
+class Interruption:
+    """First Ctrl-C or SIGTERM: running cases finish and no other begins.  Second: `KeyboardInterrupt`."""
+
+    def __init__(self, stop: Path):
+        self.stop = stop  # workers look for this file before each case
+        self.requested = False
+
+    def __enter__(self) -> Interruption:
+        self.before = {}
+        if threading.current_thread() is threading.main_thread():  # signals are handled only there
+            self.before = {number: signal.signal(number, self._request) for number in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self.before.items():
+            signal.signal(number, handler)
+
+    def _request(self, number: int, frame: FrameType | None) -> None:
+        if self.requested:
+            raise KeyboardInterrupt
+        self.requested = True
+        with suppress(OSError):
+            self.stop.touch()
+        # Not through the console: the interrupted line may own its lock.
+        os.write(2, b"\nstopping: running cases finish and are stored; press Ctrl-C again to stop at once\n")
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Where cases are computed, and their limits; `InputError` for contradicting options."""
+
+    processes: int = 0  # local worker processes; 0 is this process
+    scheduler: str = ""  # address
+    cluster: str = ""  # batch system, a name of `CLUSTERS`
+    jobs: int = 1  # batch jobs
+    insecure: bool = False  # allows a scheduler without encryption
+    case_seconds: float = HOUR
+    gigabytes: float | None = None  # memory of a local worker; an equal share by default
+
+    def __post_init__(self) -> None:
+        for option, value in (("--time-limit", self.case_seconds), ("--memory-limit", self.gigabytes)):
+            if value is not None and not 0 < value < math.inf:
+                raise InputError(f"{option} {value:g} must be a number above zero")
+        if self.processes < 0 or self.jobs < 1:
+            raise InputError("--workers must not be negative, and --jobs must be positive")
+        if self.scheduler and self.cluster:
+            raise InputError("--scheduler and --cluster exclude each other: give one of them")
+        if self.cluster and self.cluster not in CLUSTERS:
+            raise InputError(f"there is no cluster {self.cluster!r}: {nearest(self.cluster, [*CLUSTERS], 'clusters')}")
+        if self.scheduler and not self.scheduler.startswith("tls://") and not self.insecure:
+            raise InputError(f"the scheduler at {self.scheduler!r} is not encrypted: use tls://, or add --insecure")
+        if not self.processes and not self.remote and (self.case_seconds, self.gigabytes) != (HOUR, None):
+            raise InputError("limits apply to worker processes, and --workers 0 has none: give --workers 1")
+        if self.remote and self.gigabytes is not None:
+            raise InputError("--memory-limit applies to local workers: set it where the other workers are started")
+
+    @property
+    def remote(self) -> bool:
+        return bool(self.scheduler or self.cluster)
+
+    @property
+    def place(self) -> str:
+        """Where the cases are computed, without addresses."""
+        if self.remote:
+            return f"{self.jobs} jobs of {self.cluster}" if self.cluster else "a dask scheduler"
+        words = {0: "one process", 1: "1 worker process"}
+        return words.get(self.processes, f"{self.processes} worker processes")
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Words that give one case alone the same limits."""
+        limits = [] if self.case_seconds == HOUR else [f"--time-limit={self.case_seconds:g}"]
+        return ("--workers=1", *limits, *([] if self.gigabytes is None else [f"--memory-limit={self.gigabytes:g}"]))
+
+
+def compute(job: Job, tasks: Sequence[Task], workers: Workers, interruption: Interruption) -> Iterator[list[Outcome]]:
+    """Outcomes of the tasks in the order in which they end; a stopped run ends earlier."""
+    if workers.processes or workers.remote:
+        with _client(workers, min(workers.processes, len(tasks)), Path(job.folder)) as client:
+            yield from _distributed(client, job, tasks, interruption)
+        return
+    for task in tasks:
+        if interruption.requested:
+            return
+        yield run_cases(job, task)
+
+
+def _distributed(
+    client: Client, job: Job, tasks: Sequence[Task], interruption: Interruption
+) -> Iterator[list[Outcome]]:
+    completed = as_completed([], loop=client.loop, with_results=True, raise_errors=False)
+    running: dict[Future, Task] = {}
+    deaths = _Deaths(job)
+
+    def submit(task: Task) -> None:
+        # A new key for every attempt: dask answers a known key with the stored result.
+        future = client.submit(run_cases, job, task, key=f"critflow-{uuid4().hex}", pure=False)
+        running[future] = task
+        completed.add(future)
+
+    for task in tasks:
+        submit(task)
+    cancelled = False
+    while running:
+        if interruption.requested and not cancelled:
+            cancelled = True
+            _cancel_waiting(client, running)
+        ended = completed.next_batch(block=False)
+        if not ended:
+            time.sleep(_POLL)
+        for future, result in ended:
+            if (task := running.pop(future, ())) and future.status == "finished":
+                deaths.unexplained = 0
+                yield result
+            elif task and not interruption.requested:
+                failed, again = deaths.explain(task, result)
+                yield failed
+                for part in again:
+                    submit(part)
+
+
+def _cancel_waiting(client: Client, running: dict[Future, Task]) -> None:
+    """Cancel the tasks that no worker has begun."""
+    begun = {key for keys in client.processing().values() for key in keys}
+    waiting = [future for future in running if future.key not in begun]
+    client.cancel(waiting)
+    for future in waiting:
+        del running[future]
+
+
+class _Deaths:
+    """Decides which case killed its worker."""
+
+    def __init__(self, job: Job):
+        self.job, self.study, self.folder = job, job.study(), Folder(Path(job.folder))
+        self.of_case: Counter[str] = Counter()
+        self.unexplained = 0  # in a row
+
+    def explain(self, task: Task, result: Any) -> tuple[list[Outcome], list[Task]]:
+        """Failed cases of a task without a result, and the tasks to submit again; raises errors of the run."""
+        error = result[1] if isinstance(result, tuple) else result
+        if isinstance(error, CancelledError):
+            raise EnvironmentFailure(f"the connection to the scheduler ended: {_RESUME}") from error
+        if type(error).__name__ == "NoWorkerError":
+            raise EnvironmentFailure(f"all workers ended: {_RESUME}") from error
+        if not isinstance(error, KilledWorker):
+            raise error
+        failed, again, explained = list[Outcome](), list[Task](), False
+        for values in task:
+            case = self.job.case(self.study, values)
+            if trace := take_trace(self.folder, case):
+                explained = True
+                self.of_case[case.id] += 1
+                if self.of_case[case.id] == ATTEMPTS:
+                    failed.append(record_failure(self.job, self.study, case, f"{trace}, in {ATTEMPTS} attempts"))
+                    continue
+            again.append([values])
+        if explained:
+            self.unexplained = 0
+            return failed, again
+        self.unexplained += 1  # the task waited in a worker that died, or the worker cannot start
+        if self.unexplained == _UNEXPLAINED:
+            raise EnvironmentFailure("the worker processes end before they begin a case: try fewer, or --workers 0")
+        return [], [task]
+
+
+@contextmanager
+def _client(workers: Workers, processes: int, folder: Path) -> Iterator[Client]:
+    """A client of the workers; temporary credentials of jobs are stored in the folder."""
+    with dask.config.set(_dask_settings(workers)):
+        if workers.scheduler:
+            with _joined(lambda: _scheduler_client(workers)) as client:
+                yield client
+            return
+        cluster = _jobs_cluster(workers, folder) if workers.cluster else _local_cluster(workers, processes)
+        try:
+            with _joined(lambda: Client(cluster, set_as_default=False)) as client:
+                yield client
+        except BaseException:
+            if isinstance(cluster, LocalCluster):
+                _kill_workers(cluster)
+            raise
+        finally:
+            cluster.close(timeout=10)
+
+
+def _dask_settings(workers: Workers) -> dict[str, object]:
+    settings: dict[str, object] = {
+        "distributed.worker.profile.enabled": False,
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
+        # A death is reported at once: trace files decide which case is tried again.
+        "distributed.scheduler.allowed-failures": 0,
+        # A worker that does not answer, for example a stopped process, is restarted.
+        "distributed.scheduler.worker-ttl": f"{workers.case_seconds + _GRACE:.3f}s",
+        # Arrays do not stay in workers: nothing to spill, and a paused worker would never continue.
+        "distributed.worker.memory.target": False,
+        "distributed.worker.memory.spill": False,
+        "distributed.worker.memory.pause": False,
+        # Cases allocate the same arrays again and again: returning the memory each time costs 10 % of the time.
+        "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": str(2**28),
+        "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": str(2**28),
+    }
+    if not workers.remote:
+        settings["distributed.scheduler.no-workers-timeout"] = f"{_WORKERS_START}s"
+        # The nanny restarts a worker as often as it dies; this would dismiss a slow one.
+        settings["distributed.deploy.lost-worker-timeout"] = "365 days"
+    return settings
+
+
+def _local_cluster(workers: Workers, processes: int) -> LocalCluster:
+    def start() -> LocalCluster:
+        with _without_interrupts():
+            return LocalCluster(
+                n_workers=processes,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit="auto" if workers.gigabytes is None else int(workers.gigabytes * _GIGABYTE),
+                host="127.0.0.1",
+                security=True,
+                scheduler_kwargs=_NO_DASHBOARD,
+                silence_logs=logging.CRITICAL,
+            )
+
+    with suppress(Exception):  # a worker may be killed by chance while it starts
+        return start()
+    try:
+        return start()
+    except Exception as error:
+        advice = "try fewer, or --workers 0"
+        raise EnvironmentFailure(f"cannot start {processes} worker processes ({error}): {advice}") from error
+
+
+def _kill_workers(cluster: LocalCluster) -> None:
+    """End the workers at once; stored cases are complete."""
+    logging.getLogger("distributed").handlers = [logging.NullHandler()]  # only news of broken connections follow
+    for nanny in cluster.workers.values():
+        nanny.auto_restart = False
+        if nanny.pid is not None:
+            os.kill(nanny.pid, signal.SIGKILL)
+
+
+def _scheduler_client(workers: Workers) -> Client:
+    address, security = workers.scheduler, Security(require_encryption=not workers.insecure)
+    try:
+        client = Client(address, timeout=_SCHEDULER_ANSWERS, security=security, set_as_default=False)
+    except TypeError as error:  # without certificates
+        raise InputError(f"{address} needs certificates: set distributed.comm.tls in dask's configuration") from error
+    except (OSError, ValueError) as error:
+        raise EnvironmentFailure(f"no scheduler answers at {address}: start one, or give another address") from error
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_START)
+    except TimeoutError as error:
+        client.close()
+        raise EnvironmentFailure(f"the scheduler at {address} has no worker: start some") from error
+    return client
+
+
+def _jobs_cluster(workers: Workers, folder: Path) -> Any:
+    """Jobs of a batch system, kept at their number, over TLS with temporary credentials of this run."""
+    name = workers.cluster
+    where = f"jobqueue.{name} in dask's configuration"
+    try:
+        interrupt = signal.getsignal(signal.SIGINT)
+        kind = getattr(importlib.import_module(f"dask_jobqueue.{name}"), CLUSTERS[name])
+        signal.signal(signal.SIGINT, interrupt)  # the import of dask-jobqueue replaces it
+        options = dask.config.get(f"jobqueue.{name}")
+        inherited = dask.config.serialize(_dask_settings(workers))
+        here = {"host": "127.0.0.1"} if name == "local" else {}
+        dashboard = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
+        prologue = [f"export DASK_INTERNAL_INHERIT_CONFIG={inherited}", *(options.get("job-script-prologue") or [])]
+        with _without_interrupts():
+            cluster = kind(
+                processes=options.get("cores"),
+                protocol="tls://",
+                security=Security.temporary(),
+                shared_temp_directory=str(folder),
+                worker_extra_args=[*(options.get("worker-extra-args") or []), *dashboard],
+                scheduler_options={**(options.get("scheduler-options") or {}), **_NO_DASHBOARD, **here},
+                silence_logs=logging.CRITICAL,
+                **({} if name == "local" else {"job_script_prologue": prologue}),
+            )
+    except ImportError as error:
+        advice = "install it with pip install dask-jobqueue"
+        raise EnvironmentFailure(f"batch systems need dask-jobqueue: {advice}") from error
+    except Exception as error:
+        raise EnvironmentFailure(f"cannot prepare jobs of {name}: {error}: set {where}") from error
+    try:
+        cluster.scale(jobs=workers.jobs)
+        cluster.sync(_submitted, cluster)
+        cluster.adapt(minimum_jobs=workers.jobs, maximum_jobs=workers.jobs)  # replaces jobs that end
+    except Exception as error:
+        cluster.close(timeout=10)
+        reason = f"there is no {error.filename} here" if isinstance(error, FileNotFoundError) else str(error)
+        raise EnvironmentFailure(f"cannot submit jobs of {name}: {reason}: look at {where}") from error
+    return cluster
+
+
+async def _submitted(cluster: Any) -> None:
+    await cluster
+
+
+@contextmanager
+def _joined(join: Callable[[], Client]) -> Iterator[Client]:
+    """A client that is always closed: an open one delays the end of the interpreter by a minute."""
+    with _without_interrupts():
+        client = join()
+    try:
+        yield client
+    finally:
+        client.close()
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Delay Ctrl-C until the end of the block; processes started in it, or by its threads, never receive one.
+
+    A terminal sends Ctrl-C to every process of a command, but only the command decides what happens.
+    """
+    resource_tracker.ensure_running()  # started inside, it would lift the mask
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
