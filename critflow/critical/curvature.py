@@ -24,6 +24,8 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
 from critflow.linalg.factor import Factor
 from critflow.linalg.matrices import edge_blocks
+from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, edge_values
 from critflow.result import InputError, Solution, Stats, Status
 
@@ -245,8 +247,7 @@ def _few(manifold: CriticalManifold, configuration: CriticalConfiguration, k: in
     """The k flattest or sharpest, by Lanczos iteration with −|σ|B or its inverse."""
     n = manifold.network.n_edges
     operator = -unit_response(manifold, configuration) if end == "flat" else inverse_response(manifold, configuration)
-    # A start without symmetry, and the same always.
-    start = np.mod(0.6180339887498949 * np.arange(n), 1.0) - 0.5
+    start = quasi_random(n) - 0.5
     values, vectors = eigsh(operator, k=k, which="LM", v0=start)
     radii = values if end == "flat" else 1 / values
     order = np.argsort(-np.abs(radii))
@@ -311,7 +312,7 @@ def gaussian_curvature(
         logs.append(_log_size(stiffened) - network.dimension * _log_size(prestress) + (n - 1) * np.log(soft))
     # Values at δ, 2δ and 4δ cancel the first two orders; the step between the orders bounds what is left.
     linear, quadratic = 2 * logs[0] - logs[1], (8 * logs[0] - 6 * logs[1] + logs[2]) / 3
-    rounding = 4 * np.finfo(float).eps / _SOFT * np.sqrt(n)
+    rounding = 4 * EPS / _SOFT * np.sqrt(n)
     value = GaussianCurvature(
         float(-quadratic - (n - 1) * np.log(np.linalg.norm(stress))),
         network.dimension * prestress.n_negative - stiffened.n_negative,

@@ -22,6 +22,7 @@ from scipy.sparse.linalg import LinearOperator
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
+from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network, edge_values
 from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
@@ -298,8 +299,8 @@ class CriticalManifold:
 
     def _check_held(self) -> None:
         """Refuse networks with parts that collapse under every stress: nothing pulls them open."""
-        # A stress without any symmetry, so that a vanishing edge is no accident.
-        generic = np.mod(0.6180339887498949 * np.arange(self.network.n_edges), 1.0) + 1.0
+        # Without symmetry, so that an edge of length zero is no coincidence.
+        generic = quasi_random(self.network.n_edges) + 1.0
         lengths = np.linalg.norm(self.balance(generic).bond_vectors, axis=1)
         loose = np.flatnonzero(~(lengths > COLLAPSED * lengths.max()))
         if len(loose):

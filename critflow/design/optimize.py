@@ -27,6 +27,7 @@ from critflow.critical.objectives import (
 from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.modulus_bounds import largest_modulus
 from critflow.design.stress_objective import FADED, SOUND, Landscape, Observer, SignedLandscape
+from critflow.linalg.tolerances import EPS
 from critflow.mechanics.moduli_bounds import transition_modulus_bound
 from critflow.networks.network import Array, Network, edge_values
 from critflow.result import InputError, Solution, Stats, Status
@@ -175,7 +176,7 @@ def _largest(manifold: CriticalManifold, goal: Objective, signs: str) -> Solutio
         details["value_error"] = transition_modulus_bound(goal, solution.value)
     elif solution.ok:
         # Value and bound are both rounded, and the value is at most the exact bound.
-        rounding = np.finfo(float).eps * manifold.network.n_edges * details["bound"]
+        rounding = EPS * manifold.network.n_edges * details["bound"]
         details["value_error"] = abs(details["bound"] - details["objective"]) + rounding
     return Solution(solution.value, solution.status, replace(stats, residual=residual))
 

@@ -2,9 +2,9 @@
 
 EPS              Relative spacing of doubles, 2⁻⁵².  A pivot below n EPS of the largest is as good as zero: rounding of
                  the elimination makes pivots of that size.
-INERTIA_SHIFT    Shift δ in units of the mean value.  A matrix whose inertia is the same at ±δ is regular: the shift is
-                 far above rounding and far below the eigenvalues of the networks in use (1/N_v² or more).
-REFINED_SOLVES   Most refinements of a solve with A + δ.  Each gains the ratio of δ to the smallest eigenvalue.
+INERTIA_SHIFT    Shift δ in units of the mean value.  A matrix with the same inertia at ±δ counts as regular; the shift
+                 is far above the rounding of pivots.
+REFINED_SOLVES   Most refinements of a solve with A + δ.  Each reduces the error by δ over the smallest eigenvalue.
 REGULARISATION   −δ on the diagonal of the multipliers of a saddle matrix, in units of 1/⟨|σ|⟩: it makes the matrix
                  quasi-definite, so that any ordering factorises it, and refinement removes it.
 STABLE_MARGIN    Part of the mean stress by which P must be positive on the zero modes to count as stable.

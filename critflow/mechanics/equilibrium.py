@@ -8,14 +8,13 @@ from typing import Generic
 import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
+from critflow.linalg.tolerances import EPS
 from critflow.mechanics.springs import FLOPPY_REST, ElasticState, State
 from critflow.networks.network import Array
 from critflow.precision.double_double import two_sum
-from critflow.precision.residual import Distance, inverse_norm
+from critflow.precision.residual import Displacement, inverse_norm
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.minimize import Point, fire
-
-_EPS = float(np.finfo(float).eps)
 
 # Compression, in units of k, that is rounding.
 NO_COMPRESSION = 1e-10
@@ -135,14 +134,14 @@ def _bounded(
     state = solution.value
     way, factor = _way(state, pattern, factor)
     error = way.displacement
-    if corrected and np.isfinite(way.missing):
+    if corrected and np.isfinite(way.remainder):
         x, free = state.coordinates.copy(), state.network.free
         x[free], error = two_sum(state.coordinates[free], way.displacement)
         state = replace(state, coordinates=x, bond_vectors=way.bond_vectors)  # type: ignore[type-var]
-        apart = 0.5 * _EPS * float(np.abs(way.bond_vectors).max())
+        apart = 0.5 * EPS * float(np.abs(way.bond_vectors).max())
     else:
         apart = float(np.abs(state.bond_vectors - way.bond_vectors).max())
-    bound = max(float(np.abs(error).max()), apart) + 2 * way.missing
+    bound = max(float(np.abs(error).max()), apart) + 2 * way.remainder
     condition = state.largest_stiffness * inverse_norm(factor, way.last)
     stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=condition)
     status = solution.status
@@ -152,20 +151,20 @@ def _bounded(
     return Solution(state, status, stats), factor
 
 
-def _way(state: ElasticState, pattern: FixedPattern, factor: Factor | None = None) -> tuple[Distance, Factor]:
+def _way(state: ElasticState, pattern: FixedPattern, factor: Factor | None = None) -> tuple[Displacement, Factor]:
     """The distance to the exact equilibrium, and the factor that it took.
 
     factor  of the Hessian near the state, if there is one; where corrections by it do not settle others are tried
     """
     if factor is not None:
         way = state.distance(factor)
-        if np.isfinite(way.missing):
+        if np.isfinite(way.remainder):
             return way, factor
     factor = state.factorize(pattern)
     if factor.sound and not factor.n_negative:
         # Pivots that are small beside the others may still be good: corrections tell.
         way = state.distance(factor)
-        if np.isfinite(way.missing):
+        if np.isfinite(way.remainder):
             return way, factor
     # Perhaps some part is floppy.
     factor = state.factorize(pattern, FLOPPY_REST * state.stiffness_scale)

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import dilation, pure_shear, transition_modulus
 from critflow.linalg.factor import Factor, FixedPattern
+from critflow.linalg.tolerances import EPS
 from critflow.mechanics.laws import HOOKEAN, SpringLaw
 from critflow.mechanics.springs import FLOPPY_REST, ElasticState, spring_state
 from critflow.networks.network import Array, Network
@@ -47,7 +48,6 @@ class Fit:
     slope_error: float
 
 
-_EPS = float(np.finfo(float).eps)
 # Corrections of relaxations below this part of them have settled; so many are tried.
 _SETTLED, _REFINEMENTS = 0.05, 4
 # Largest error bound, in units of the larger modulus, of a modulus that is given.
@@ -96,8 +96,8 @@ def linear_response(
     if not exact:
         way = state.distance(factor, held=floppy)
         apart = np.abs(way.bond_vectors - state.bond_vectors)
-        sure = sure and np.isfinite(way.missing)
-        if sure and (apart > _EPS * state.lengths[:, None]).any():
+        sure = sure and np.isfinite(way.remainder)
+        if sure and (apart > EPS * state.lengths[:, None]).any():
             there = _responses(replace(state, bond_vectors=way.bond_vectors), factor)  # type: ignore[type-var]
             bounds = bounds + 2 * np.abs(there.moduli - found.moduli)
             sure = there.settled
@@ -149,7 +149,7 @@ def _responses(state: ElasticState, factor: Factor) -> _Responses:
             # Where all follows affinely there is next to no relaxation to compare with.
             small = moved <= _SETTLED * max(float(np.abs(u).max()), 1e-5 * state.length_scale)
             # What is gained must not be more than rounding, for it is all that is known of what is missing.
-            if refinement and small and abs(gained) <= 4 * _EPS * energy:
+            if refinement and small and abs(gained) <= 4 * EPS * energy:
                 break
         settled = settled and small
         residual = max(residual, size / max(scale, 1e-300))
@@ -158,16 +158,16 @@ def _responses(state: ElasticState, factor: Factor) -> _Responses:
         # Of each edge: the roundings of σ, of the rates from vertices that move further than edges do, of products.
         vertex_speed = np.zeros(network.n_vertices)
         vertex_speed[network.free] = np.sqrt(np.einsum("id,id->i", u, u))
-        slip = _EPS * (speed + vertex_speed[network.edges].sum(axis=1) + length)
+        slip = EPS * (speed + vertex_speed[network.edges].sum(axis=1) + length)
         noise = state.stress_rounding * (speed**2 + abs(curvature) * square)
         noise += 2 * (np.abs(stress) * length + np.abs(sigma) * speed) * slip
-        noise += 4 * _EPS * np.abs(sigma) * abs(curvature) * square
-        rounding[n] = (together(noise) + abs(gained)) / V + 4 * _EPS * abs(moduli[n])
+        noise += 4 * EPS * np.abs(sigma) * abs(curvature) * square
+        rounding[n] = (together(noise) + abs(gained)) / V + 4 * EPS * abs(moduli[n])
         if n == 0:
             relaxation, last = u, correction
     pressure = float(sigma @ square) / (d * V)
     moduli[2] = moduli[1] - 0.5 * pressure
-    rounding[2] = rounding[1] + 0.5 * together(2 * state.stress_rounding * square) / (d * V) + 4 * _EPS * abs(pressure)
+    rounding[2] = rounding[1] + 0.5 * together(2 * state.stress_rounding * square) / (d * V) + 4 * EPS * abs(pressure)
     return _Responses(moduli, rounding, relaxation, last, residual, settled)
 
 

@@ -11,11 +11,10 @@ import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import TransitionModulus, dilation, pure_shear, transition_modulus
+from critflow.linalg.tolerances import EPS
 from critflow.mechanics.moduli import Moduli
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, add, divide, extended, multiply, total, two_product
-
-_EPS = float(np.finfo(float).eps)
 
 
 def transition_bounds(critical: CriticalConfiguration) -> Moduli:
@@ -42,12 +41,12 @@ def transition_modulus_bound(goal: TransitionModulus, critical: CriticalConfigur
 
     value, (dO_dsigma, dO_dL) = goal.evaluate(sigma, L)
     # σ is the rounded copy of the stress that was solved for.
-    first = np.linalg.norm(dO_dL, axis=1) @ dL + 0.5 * _EPS * (np.abs(dO_dsigma) @ size)
+    first = np.linalg.norm(dO_dL, axis=1) @ dL + 0.5 * EPS * (np.abs(dO_dsigma) @ size)
     # f = w²/c changes by its first order and, exactly, (δw − f_w δc/2)²/(c + δc) more; w and c are quadratic in L.
     bent_work = float(np.linalg.norm(goal.symmetric, 2) * (size @ dL**2))
     bent_cost = float((sigma**2 / goal.stiffness) @ dL**2)
-    dwork = 2 * (size * stretch) @ dL + 0.5 * _EPS * (size @ hdot) + bent_work
-    dcost = 2 * (sigma**2 * length / goal.stiffness) @ dL + _EPS * cost + bent_cost
+    dwork = 2 * (size * stretch) @ dL + 0.5 * EPS * (size @ hdot) + bent_work
+    dcost = 2 * (sigma**2 * length / goal.stiffness) @ dL + EPS * cost + bent_cost
     if dcost >= cost:
         return np.inf
     second = 2 * abs(ratio) * bent_work + ratio**2 * bent_cost + (dwork + abs(ratio) * dcost) ** 2 / (cost - dcost)
@@ -68,8 +67,7 @@ def _lost_in_sums(goal: TransitionModulus, value: float, sigma: Array, L: Array)
     tension = multiply(multiply(stress, stress), square)
     work = total(multiply(stress, hdot))
     cost = total(divide(tension, extended(goal.stiffness)))
-    w, c, V = (Extended(*map(np.atleast_1d, pair)) for pair in (work, cost, (goal.volume, 0.0)))
-    exact = divide(multiply(w, w), multiply(c, V))
+    exact = divide(multiply(work, work), multiply(cost, extended(np.array([goal.volume]))))
     return float(abs((value - exact.high[0]) - exact.low[0]))
 
 
@@ -78,4 +76,4 @@ def _given(critical: CriticalConfiguration, value: float) -> float:
     cell = critical.network.cell
     assert cell is not None, "a network without a cell has no modulus"
     skew = float(np.prod(np.linalg.norm(cell, axis=1))) / critical.network.volume
-    return _EPS * abs(value) * (2 + 2 * len(cell) * skew)
+    return EPS * abs(value) * (2 + 2 * len(cell) * skew)

@@ -20,12 +20,13 @@ from critflow.critical.manifold import CriticalConfiguration, critical_configura
 from critflow.critical.objectives import dilation, pure_shear
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import pair_laplacian
+from critflow.linalg.tolerances import EPS
 from critflow.mechanics.equilibrium import equilibrium
 from critflow.mechanics.moduli import FLOPPY, Moduli, linear_response, self_stress_moduli
 from critflow.mechanics.springs import ElasticState, embedded
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, lengths
-from critflow.precision.residual import exact_sums
+from critflow.precision.geometry import exact_sums
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity_matrix
 from critflow.solvers.cone import fit_perimeters
@@ -34,7 +35,6 @@ from critflow.solvers.cone import fit_perimeters
 _COLLAPSED = 1e-5
 # Stiffness of perimeters, in units of the mean tension over the mean perimeter, that polishing holds them with.
 _HELD = 100.0
-_EPS = float(np.finfo(float).eps)
 # Relative error of perimeters and forces that polishing must reach.
 _FITTED = 1e-11
 
@@ -136,7 +136,7 @@ class PerimeterState(ElasticState):
     @property
     def stress_rounding(self) -> Array:
         A = self.cells.sides
-        return _EPS * (A.T @ (self.cells.stiffness * self.perimeters)) / self.lengths
+        return EPS * (A.T @ (self.cells.stiffness * self.perimeters)) / self.lengths
 
     def exact_stress(self, bond_vectors: Extended) -> Array:
         A, length = self.cells.sides, lengths(bond_vectors)
@@ -240,7 +240,7 @@ def critical_from_perimeters(cells: Cells, targets: ArrayLike, throw: bool = Tru
         status = Status.ok if error < _FITTED else Status.stalled
     length = np.linalg.norm(network.bond_vectors(x), axis=1)
     # Of an edge without length only the tension is known.
-    sigma = (cells.sides.T @ T) / np.maximum(length, np.finfo(float).eps * length.mean())
+    sigma = (cells.sides.T @ T) / np.maximum(length, EPS * length.mean())
     value = CriticalPerimeters(critical_configuration(network, sigma, x), cells, T / T.mean())
     solution = Solution(value, status, Stats("conic", cone.iterations, cone.iterations, error, details))
     return solution.or_raise("these perimeters have no all-tension critical configuration") if throw else solution

@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike
 
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks
+from critflow.linalg.tolerances import EPS
 from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.networks.network import Array, Network, edge_values
-from critflow.precision.double_double import Extended, subtract, two_product
-from critflow.precision.residual import Distance, distance, square_lengths
+from critflow.precision.double_double import Extended, dot, subtract, two_product
+from critflow.precision.residual import Displacement, exact_displacement
 from critflow.result import InputError
 
 
@@ -108,7 +109,7 @@ class ElasticState(ABC):
         at_vertex = np.bincount(self.network.edges.ravel(), np.repeat(self.edge_stiffness, 2))
         return 2 * float(at_vertex.max())
 
-    def distance(self, factor: Factor, held: bool = False) -> Distance:
+    def distance(self, factor: Factor, held: bool = False) -> Displacement:
         """What leads from here to the exact equilibrium, by a factor of the Hessian at or near this state.
 
         held  whether the factor holds floppy modes
@@ -117,7 +118,7 @@ class ElasticState(ABC):
         def solve(forces: Array) -> Array:
             return factor.solve(forces.ravel()).reshape(forces.shape)
 
-        return distance(self.network, self.coordinates, self.exact_stress, solve, held)
+        return exact_displacement(self.network, self.coordinates, self.exact_stress, solve, held)
 
     def moved(self: State, displacement: Array) -> State:
         """The state after displacing the free vertices by u (n_free, d)."""
@@ -186,11 +187,11 @@ class SpringState(ElasticState):
 
     @property
     def stress_rounding(self) -> Array:
-        return _EPS * self.edge_stiffness
+        return EPS * self.edge_stiffness
 
     def exact_stress(self, bond_vectors: Extended) -> Array:
         rest = self.rest_lengths
-        square = square_lengths(bond_vectors)
+        square = dot(bond_vectors, bond_vectors)
         length = np.sqrt(square.high)
         extension = subtract(square, two_product(rest, rest)).high / (length + rest)
         return self.law.tension(extension, rest, self.network.stiffness) / length
@@ -211,8 +212,6 @@ class SpringState(ElasticState):
         along = (np.maximum(self.edge_stiffness, 0.0) - tension) / self.lengths**2
         return pattern.factorize(edge_blocks(along, self.bond_vectors, tension), shift)
 
-
-_EPS = float(np.finfo(float).eps)
 
 # Stiffness, in units of k, that keeps floppy modes in place: they feel no force, so it changes nothing else.
 FLOPPY_REST = 1e-11

@@ -12,14 +12,14 @@ import numpy as np
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import dilation, pure_shear
 from critflow.linalg.saddle import CondensedSaddle, Saddle
+from critflow.linalg.tolerances import EPS
 from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.mechanics.moduli import together
 from critflow.networks.network import Array, Network
-from critflow.precision.residual import distance
+from critflow.precision.residual import exact_displacement
 from critflow.result import Solution, Stats, Status
 from critflow.rigidity.uniqueness import require_only_self_stress
 
-_EPS = float(np.finfo(float).eps)
 # Largest error bound, in units of the largest coefficient, of coefficients that are given.
 _TRUSTED = 0.1
 # Step, in units of a length, of differences that need two digits.
@@ -77,8 +77,8 @@ def stiffening(
         return solution.or_raise("no stiffening coefficients") if throw else solution
 
     factor = manifold.prestress.factorize_signed(critical.sigma)
-    balance = distance(network, critical.coordinates, lambda _: critical.sigma, factor.solve)
-    if not np.isfinite(balance.missing):
+    balance = exact_displacement(network, critical.coordinates, lambda _: critical.sigma, factor.solve)
+    if not np.isfinite(balance.remainder):
         note = "rounding hides which configuration balances this stress exactly"
         stats = Stats("exact", 1, 1, details={"note": note}, error_bound=Stiffening(*[np.inf] * 5))
         solution = Solution(_NO_STIFFENING, Status.ill_conditioned, stats)
@@ -208,9 +208,7 @@ class _Response:
         shear = 4 * third * goals[0] * goals[1] ** 2 + 2 * c[0] * (s * rates[1] + m[1] * length) * slips[1]
         shear += 2 * c[1] * (s * (rates[0] * slips[1] + rates[1] * slips[0] + length**2))
         shear += 2 * c[1] * length * (m[1] * slips[0] + m[0] * slips[1])
-        return [
-            _EPS * (part + 2 * change) for part, change in zip((bulk, shear), sensitivity, strict=True)
-        ], sensitivity
+        return [EPS * (part + 2 * change) for part, change in zip((bulk, shear), sensitivity, strict=True)], sensitivity
 
     def bound(self) -> Stiffening:
         """Bounds on the errors of the coefficients."""
@@ -218,8 +216,8 @@ class _Response:
         length = np.linalg.norm(L, axis=1)
         seconds = []
         for A, c in zip(self._strains, self._c, strict=True):
-            work = together(2 * _EPS * s * length * np.linalg.norm(L @ A, axis=1))
-            seconds.append(2 * abs(c) * work + 4 * _EPS * c**2 * D + work**2 / D)
+            work = together(2 * EPS * s * length * np.linalg.norm(L @ A, axis=1))
+            seconds.append(2 * abs(c) * work + 4 * EPS * c**2 * D + work**2 / D)
         bulk_0, shear_0 = (second / V for second in seconds)
         c, e = abs(self._c[0]), abs(self._c[1])
         (gg, ee), mixed = self._missed, float(np.sqrt(np.prod(self._missed)))

@@ -1,18 +1,18 @@
-"""Extended precision: numbers as unevaluated sums of two doubles, for residuals of which no digit may be lost.
+"""Double-double arithmetic: numbers as unevaluated sums of two doubles, with about 32 digits.
 
-A residual is a difference of nearly equal terms, so in working precision it is mostly rounding.  With 32 digits it says
-how far a solution really is from the exact one, P δ = r, and refinement then converges to all digits that doubles hold
-(Wilkinson; Dekker, 1971).  Every function is a fixed number of plain operations on arrays, the same on any processor.
+A residual is a difference of nearly equal terms, so in working precision it is mostly rounding.  With 32 digits it is
+the distance of a solution from the exact one, P δ = r, and refinement converges to all digits of a double (Wilkinson;
+Dekker, 1971).  Every function is a fixed number of plain operations on arrays, the same on any processor.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.networks.network import Array, Network
+Array = NDArray[np.float64]
 
 
 class Extended(NamedTuple):
@@ -23,7 +23,7 @@ class Extended(NamedTuple):
 
 
 def extended(values: Array) -> Extended:
-    """Doubles as they are."""
+    """Doubles, with low parts of zero."""
     return Extended(values, np.zeros_like(values))
 
 
@@ -86,65 +86,35 @@ def _fast_two_sum(a: Array, b: Array) -> Extended:
     return Extended(total, b - (total - a))
 
 
-class ExtendedGeometry:
-    """Bond vectors L = g x + b, their lengths, and sums of edge forces, in extended precision, for one graph."""
-
-    def __init__(self, network: Network):
-        free = network.free
-        index = np.full(network.n_vertices, -1)
-        index[free] = np.arange(len(free))
-        # A fixed vertex adds what stands in the boundary vectors already; it reads the zero after the last one.
-        self._tail, self._head = index[network.edges].T
-        # An edge to its own image pulls at nothing; its two forces would cancel only to rounding.
-        ends = np.where(self._tail == self._head, -1, [self._tail, self._head]).ravel()
-        order = np.argsort(ends, kind="stable")
-        order = order[ends[order] >= 0]
-        degree = np.bincount(ends[order], minlength=len(free))
-        first = np.cumsum(degree) - degree
-        place = np.arange(len(order)) - np.repeat(first, degree)
-        # Entry 2 N_b of the doubled list of edge forces is a zero.
-        self._around: NDArray[np.int64] = np.full((int(degree.max()), len(free)), 2 * network.n_edges)
-        self._around[place, ends[order]] = order
-
-    def bond_vectors(self, x: Extended, b: Array) -> Extended:
-        """L (N_b, d) from free coordinates x (n_free, d) and boundary vectors b (N_b, d), to 32 digits of those."""
-        zero = np.zeros((1, x.high.shape[1]))
-        high = np.concatenate([x.high, zero])
-        ends, rest = two_sum(high[self._head], -high[self._tail])
-        total, low = two_sum(ends, b)
-        low += rest
-        if x.low.any():
-            shift = np.concatenate([x.low, zero])
-            low += shift[self._head] - shift[self._tail]
-        return two_sum(total, low)
-
-    def divergence(self, edge_vectors: Extended) -> Extended:
-        """gᵀ v over the free vertices, (n_free, d), of edge vectors v (N_b, d), to 32 digits of those."""
-        zero = np.zeros((1, edge_vectors.high.shape[1]))
-        high = np.concatenate([-edge_vectors.high, edge_vectors.high, zero])
-        low = np.concatenate([-edge_vectors.low, edge_vectors.low, zero])
-        total, rest = high[self._around[0]], low[self._around[0]]
-        for around in self._around[1:]:
-            total, lost = two_sum(total, high[around])
-            rest += low[around]
-            rest += lost
-        return two_sum(total, rest)
+def dot(a: Extended, b: Extended) -> Extended:
+    """a·b of each row, (n,), of vectors (n, d)."""
+    product = multiply(a, b)
+    result = part(product, (..., 0))
+    for axis in range(1, product.high.shape[1]):
+        result = add(result, part(product, (..., axis)))
+    return result
 
 
 def lengths(vectors: Extended) -> Extended:
     """|v|, (n,), of vectors (n, d)."""
-    square = multiply(vectors, vectors)
-    total = Extended(square.high[:, 0], square.low[:, 0])
-    for axis in range(1, vectors.high.shape[1]):
-        total = add(total, Extended(square.high[:, axis], square.low[:, axis]))
-    return square_root(total)
+    return square_root(dot(vectors, vectors))
 
 
-def total(a: Extended) -> tuple[float, float]:
-    """Σ a, of numbers (n,), as high and low, to 31 digits of the sum of their sizes."""
-    while len(a.high) > 1:
-        half = len(a.high) // 2
-        rest = Extended(a.high[2 * half :], a.low[2 * half :])
-        paired = add(Extended(a.high[:half], a.low[:half]), Extended(a.high[half : 2 * half], a.low[half : 2 * half]))
-        a = Extended(np.concatenate([paired.high, rest.high]), np.concatenate([paired.low, rest.low]))
-    return float(a.high.sum()), float(a.low.sum())
+def scaled(factors: Extended, vectors: Extended) -> Extended:
+    """Rows of vectors (n, d) times factors (n,)."""
+    return multiply(Extended(factors.high[:, None], factors.low[:, None]), vectors)
+
+
+def total(values: Extended) -> Extended:
+    """Σ values, of numbers (n,), in pairs, as an array (1,); to 31 digits of the sum of their sizes."""
+    while len(values.high) > 1:
+        half = len(values.high) // 2
+        odd = part(values, slice(2 * half, None))
+        values = add(part(values, slice(half)), part(values, slice(half, 2 * half)))
+        values = Extended(np.append(values.high, odd.high), np.append(values.low, odd.low))
+    return values
+
+
+def part(values: Extended, index: Any) -> Extended:
+    """values[index]."""
+    return Extended(values.high[index], values.low[index])

@@ -1,8 +1,8 @@
-"""How far a configuration is from the exact equilibrium of its springs, x* − x = H⁻¹ f with f in extended precision.
+"""The displacement from a configuration to the exact equilibrium of its springs, x* − x = H⁻¹ f.
 
-Forces of springs are differences of nearly equal lengths, and past the transition soft modes resist them by no more
-than the strain: a small force is not a small error.  The stress from extended lengths has all its digits; with it the
-correction, repeated at x + δ with the same factor, shrinks by a constant, which bounds what it still misses.
+Forces of springs are differences of nearly equal lengths, and past the transition the stiffness of soft modes is of the
+order of the strain: a small force is not a small error.  Forces f from bond vectors in extended precision keep their
+digits; the correction, repeated at x + δ with the same factor, shrinks by a constant, which bounds the remainder.
 """
 
 from __future__ import annotations
@@ -11,129 +11,78 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 
 from critflow.linalg.factor import Factor
+from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network
-from critflow.precision.double_double import Extended, add, multiply, two_product, two_sum
-
-# Corrections that have not settled after so many will not.
-_MOST_CORRECTIONS = 10
+from critflow.precision.double_double import Extended
+from critflow.precision.geometry import exact_bond_vectors, exact_forces
+from critflow.precision.tolerances import CONTRACTION, MOST_CORRECTIONS, UNSEEN
 
 
 @dataclass(frozen=True)
-class Distance:
-    """What leads to the exact equilibrium: displacement D = x* − x (n_free, d), bond vectors L* (N_b, d).
+class Displacement:
+    """Displacement D = x* − x (n_free, d) to the exact equilibrium, and its bond vectors L* (N_b, d).
 
-    missing  bound on what D still misses, largest component; infinite where the corrections do not shrink
-    last     the last of the corrections that D is the sum of
+    remainder  bound on the error of D, largest component; infinite where the corrections do not shrink
+    last       the last of the corrections whose sum is D
     """
 
     displacement: Array
     bond_vectors: Array
-    missing: float
+    remainder: float
     last: Array
 
 
-def distance(
+def exact_displacement(
     network: Network,
     coordinates: Array,
     stress: Callable[[Extended], Array],
     solve: Callable[[Array], Array],
-    held: bool = False,
-) -> Distance:
-    """Correct by solves with H at or near the configuration until less than the rounding of coordinates is missing.
+    regularised: bool = False,
+) -> Displacement:
+    """Sum corrections H⁻¹ f until the remainder is below the rounding of the coordinates (N_v, d).
 
-    stress  σ (N_b,) from extended bond vectors
-    solve   displacements H⁻¹ f (n_free, d) of forces f (n_free, d)
-    held    the solves are not with H alone but hold floppy modes in place: then corrections must shrink to the end,
-            since soft modes that they hold as well would make small ones
+    stress       σ (N_b,) from extended bond vectors
+    solve        displacements H⁻¹ f (n_free, d) of forces f (n_free, d), with H at or near the configuration
+    regularised  the solves are with H + shift, which resists floppy modes: corrections must then shrink to the end,
+                 since soft modes would give small corrections too
+
+    Error bound (estimate): the remainder continues the last observed contraction, of at least a half, as a geometric
+    series.
     """
-    rounding = float(np.finfo(float).eps * np.abs(coordinates).max())
-    enough, noise = 0.05 * rounding, 0.0 if held else rounding
+    rounding = float(EPS * np.abs(coordinates).max())
+    enough, noise = UNSEEN * rounding, 0.0 if regularised else rounding
     D = np.zeros((len(network.free), network.dimension))
-    before, missing = np.inf, np.inf
-    for _ in range(_MOST_CORRECTIONS):
+    before, remainder = np.inf, np.inf
+    for _ in range(MOST_CORRECTIONS):
         L = exact_bond_vectors(network, coordinates, D)
         correction = solve(exact_forces(network, stress(L), L))
         size = float(np.abs(correction).max())
         if size == 0.0:
-            missing = 0.0
+            remainder = 0.0
             break
-        shrinking = size / before
-        if not shrinking < 0.5:
-            # Rounding does not shrink.
-            missing = 2 * size if size <= max(noise, enough) else np.inf
+        if not size / before < CONTRACTION:
+            # Corrections of the size of rounding do not shrink.
+            remainder = 2 * size if size <= max(noise, enough) else np.inf
             break
         D = D + correction
-        # A first correction may shrink faster than those after it, so never less than half is taken to be missing.
-        missing = 0.5 * size
-        if before < np.inf and missing <= enough:
+        # A first correction may shrink faster than those after it, so the remainder is never below half of it.
+        remainder = 0.5 * size
+        if before < np.inf and remainder <= enough:
             break
         before = size
     else:
-        missing = np.inf
-    return Distance(D, L.high + (L.low + network.free_incidence @ correction), missing, correction)
-
-
-def exact_bond_vectors(network: Network, coordinates: Array, displacement: Array) -> Extended:
-    """L = g (x + D) + b, (N_b, d), with displacements D (n_free, d) too small for the coordinates to hold."""
-    x = coordinates
-    if network.pins:
-        # What a pin adds is in b; of a periodic network only differences count.
-        x = coordinates.copy()
-        x[list(network.pins)] = 0.0
-    tail, head = network.edges.T
-    difference, rest = two_sum(x[head], -x[tail])
-    high, low = two_sum(difference, network.boundary_vectors)
-    return Extended(*two_sum(high, low + rest + network.free_incidence @ displacement))
-
-
-def square_lengths(vectors: Extended) -> Extended:
-    """|v|², (n,), of vectors (n, d)."""
-    squares = multiply(vectors, vectors)
-    total = Extended(squares.high[:, 0], squares.low[:, 0])
-    for axis in range(1, squares.high.shape[1]):
-        total = add(total, Extended(squares.high[:, axis], squares.low[:, axis]))
-    return total
-
-
-def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Array:
-    """−gᵀ(σ ∘ L), (n_free, d), with the rounding of σ and of the result alone."""
-    L, weight = bond_vectors, sigma[:, None]
-    pull = two_product(weight, L.high)
-    return -exact_sums(network.divergence, Extended(pull.high, pull.low + weight * L.low))
-
-
-def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.0) -> Array:
-    """A v − w for a sparse A, its terms cancelling without loss.
-
-    The leading halves of A and v lie on grids on which their products and sums are exact; what is left of them is
-    smaller by 2⁻²⁵, and so is its rounding.
-    """
-    leading = _leading(vectors.high)
-    small = matrix @ ((vectors.high - leading) + vectors.low)
-    coarse = _leading(matrix.data)
-    if not np.array_equal(coarse, matrix.data):
-        small = small + sp.csr_array((matrix.data - coarse, matrix.indices, matrix.indptr), matrix.shape) @ leading
-        matrix = sp.csr_array((coarse, matrix.indices, matrix.indptr), matrix.shape)
-    return np.asarray((matrix @ leading - less) + small)
-
-
-def _leading(values: Array) -> Array:
-    """Values rounded to a grid common to all, 2⁻²⁶ of the largest."""
-    largest = float(np.abs(values).max(initial=0.0))
-    if not largest:
-        return values
-    grid = 1.5 * 2.0 ** (np.ceil(np.log2(largest)) + 27)
-    return np.asarray((values + grid) - grid)
+        remainder = np.inf
+    return Displacement(D, L.high + (L.low + network.free_incidence @ correction), remainder, correction)
 
 
 def inverse_norm(factor: Factor, vector: Array) -> float:
-    """‖H⁻¹‖ from below, within a small factor where the vector is one that H⁻¹ has been applied to already."""
+    """A lower bound of ‖H⁻¹‖, sharp up to a small factor for a vector that is a result of H⁻¹ already."""
     vector = vector.ravel()
     size = float(np.linalg.norm(vector))
     if not size:
-        vector = np.mod(0.6180339887498949 * np.arange(1, len(vector) + 1), 1.0) - 0.5
+        vector = quasi_random(len(vector)) - 0.5
         size = float(np.linalg.norm(vector))
     return float(np.linalg.norm(factor.solve(vector / size)))

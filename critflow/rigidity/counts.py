@@ -21,6 +21,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.saddle import Saddle
+from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
 
@@ -184,7 +185,7 @@ class _Spectrum:
         if given is None:
             # The norm of what happens to the rows, each √2 times a direction.
             reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
-            rounding = float(np.finfo(float).eps) * reach * float(np.linalg.norm(np.sqrt(2) / length))
+            rounding = EPS * reach * float(np.linalg.norm(np.sqrt(2) / length))
             self._zero = max(_ROUNDED * rounding, _LEFT)
         self.n_coordinates = network.dimension * len(network.free)
         self._tolerance = tolerance

@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import (
-    Extended,
-    ExtendedGeometry,
-    add,
     divide,
+    dot,
     extended,
     multiply,
+    scaled,
     subtract,
     total,
     two_product,
 )
+from critflow.precision.geometry import ExtendedGeometry
 
 # Relative residual of a Newton step that is known well enough to measure a distance.
 _SOLVED = 1e-6
@@ -160,15 +160,12 @@ def distance(saddle: Saddle, network: Network, lengths: Array, coordinates: Arra
     """
     geometry, stress = ExtendedGeometry(network), extended(sigma)
     L = geometry.bond_vectors(extended(coordinates[network.free]), network.boundary_vectors)
-    square = multiply(L, L)
-    twice_h = Extended(square.high[:, 0], square.low[:, 0])
-    for axis in range(1, network.dimension):
-        twice_h = add(twice_h, Extended(square.high[:, axis], square.low[:, axis]))
+    twice_h = dot(L, L)
     target = two_product(lengths, lengths)
     # The second equation is consistent for one ratio only, which needs as many digits as the rest.
-    had, wanted = (Extended(*map(np.atleast_1d, total(multiply(stress, sizes)))) for sizes in (twice_h, target))
+    had, wanted = (total(multiply(stress, sizes)) for sizes in (twice_h, target))
     left = 0.5 * subtract(multiply(divide(had, wanted), target), twice_h).high
-    force = geometry.divergence(multiply(Extended(sigma[:, None], np.zeros((len(sigma), 1))), L)).high
+    force = geometry.divergence(scaled(stress, L)).high
     # Residuals are solved for as if they were large: their own scale is that of rounding.
     size = float(max(np.abs(left).max(), np.abs(force).max()))
     if size == 0.0:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
+from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array
 from critflow.solvers.minimize import Function, Point
 
@@ -29,7 +30,7 @@ def downhill(function: Function, point: Point, products: int = _PRODUCTS) -> tup
     out the known diagonal, which would hide all others.  The first vector has no symmetry.
     """
     n = len(point.x)
-    first = np.mod(0.6180339887498949 * np.arange(1.0, n + 1), 1.0) - 0.5
+    first = quasi_random(n) - 0.5
     diagonal, taken = function.stiff_diagonal(point), 0
     scale = np.ones(n)
     if np.any(diagonal):

@@ -4,7 +4,6 @@ import sys
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from problems import oblique, random_stress, voronoi_3d, with_random_stiffness
 
 from critflow import (
@@ -17,8 +16,7 @@ from critflow import (
     spring_state,
     voronoi_network,
 )
-from critflow.precision.double_double import Extended
-from critflow.precision.residual import exact_bond_vectors, exact_forces, exact_sums
+from critflow.precision.geometry import exact_bond_vectors, exact_forces
 from workflows.benchmarks import reference
 
 NETWORKS = {
@@ -167,14 +165,3 @@ def test_cells_with_one_side_are_springs(gamma):
     springs = equilibrium(state).value
     assert np.abs(solution.value.coordinates - springs.coordinates).max() < 1e-13
     assert solution.stats.error_bound < 1e-15
-
-
-def test_sums_lose_nothing():
-    rng = np.random.default_rng(1)
-    high = rng.standard_normal(40)
-    low = 1e-17 * rng.standard_normal(40)
-    weights = rng.uniform(0.1, 3.0, (5, 40))
-    goal = weights @ high
-    expected = reference.numbers(weights) @ reference.numbers(high, low) - reference.numbers(goal)
-    found = exact_sums(sp.csr_array(weights), Extended(high, low), goal)
-    np.testing.assert_allclose(found, expected.astype(float), rtol=1e-6, atol=1e-23)

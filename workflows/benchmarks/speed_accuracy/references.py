@@ -21,15 +21,19 @@ from critflow.linalg.matrices import edge_blocks
 from critflow.networks.network import Array
 from critflow.precision.double_double import (
     Extended,
-    ExtendedGeometry,
     add,
     divide,
+    dot,
     extended,
     lengths,
     multiply,
+    part,
+    scaled,
     square_root,
     subtract,
+    total,
 )
+from critflow.precision.geometry import ExtendedGeometry
 
 # Relative correction at which an iteration ends, and its most steps.
 _REFINED, _MOST = 1e-28, 30
@@ -59,27 +63,6 @@ class ExtendedModuli:
 # Arithmetic
 
 
-def total(values: Extended) -> Extended:
-    """Σ values (n,), in pairs, as an array (1,)."""
-    while len(values.high) > 1:
-        half = len(values.high) // 2
-        odd = _part(values, slice(2 * half, None))
-        values = add(_part(values, slice(half)), _part(values, slice(half, 2 * half)))
-        values = Extended(np.append(values.high, odd.high), np.append(values.low, odd.low))
-    return values
-
-
-def dot(a: Extended, b: Extended) -> Extended:
-    """a·b of each row (n,), of vectors (n, 2)."""
-    product = multiply(a, b)
-    return add(_part(product, (..., 0)), _part(product, (..., 1)))
-
-
-def scaled(factors: Extended, vectors: Extended) -> Extended:
-    """Rows of vectors (n, 2) times factors (n,)."""
-    return multiply(Extended(factors.high[:, None], factors.low[:, None]), vectors)
-
-
 def times(values: Extended, power_of_two: float) -> Extended:
     """Values times ±2ⁿ, without rounding."""
     return Extended(power_of_two * values.high, power_of_two * values.low)
@@ -93,10 +76,6 @@ def constant(value: float) -> Extended:
 def relative_error(value: float, reference: Extended) -> float:
     """|value − reference|/|reference|."""
     return float(abs((value - reference.high[0]) - reference.low[0]) / abs(reference.high[0]))
-
-
-def _part(values: Extended, index: object) -> Extended:
-    return Extended(values.high[index], values.low[index])  # type: ignore[index]
 
 
 # At the transition
@@ -172,7 +151,7 @@ def transition_moduli(manifold: CriticalManifold, sigma: Array) -> ExtendedModul
     square = dot(L, L)
     cost = total(divide(multiply(multiply(stress, stress), square), extended(network.stiffness)))
     values = []
-    for hdot in (times(square, 0.5), multiply(_part(L, (..., 0)), _part(L, (..., 1)))):
+    for hdot in (times(square, 0.5), multiply(part(L, (..., 0)), part(L, (..., 1)))):
         work = total(multiply(stress, hdot))
         values.append(divide(multiply(work, work), multiply(cost, constant(network.volume))))
     return ExtendedModuli(*values)

@@ -1,0 +1,18 @@
+"""The quasi-random vector: in [0, 1), equidistributed, without repetition or symmetry, the same always."""
+
+import numpy as np
+
+from critflow.linalg.vectors import quasi_random
+
+
+def test_no_value_repeats_and_no_symmetry_maps_it_to_itself():
+    values = quasi_random(10_000)
+    assert ((values >= 0) & (values < 1)).all()
+    gaps = np.diff(np.sort(values))
+    # Of all sequences i c mod 1 the golden section leaves the most even gaps; those of random numbers go to 0 and 10/n.
+    assert 0.5 / 10_000 < gaps.min() and gaps.max() < 2 / 10_000
+    for shift in range(1, 50):
+        assert not np.isclose(values, np.roll(values, shift)).any()
+    assert not np.isclose(values, values[::-1]).all()
+    np.testing.assert_array_equal(values[:100], quasi_random(100))
+    assert abs(values[0] - 0.618034) < 1e-6

@@ -1,0 +1,93 @@
+"""Bond vectors and force sums in extended precision against rational numbers."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from problems import NETWORKS, random_stress
+
+from critflow import CriticalManifold
+from critflow.precision.double_double import Extended, extended, lengths, multiply, two_sum
+from critflow.precision.geometry import ExtendedGeometry, exact_bond_vectors, exact_forces, exact_sums
+from workflows.benchmarks import reference
+
+# 2⁻¹⁰⁰: 30 digits, a few roundings of 32 digits.
+DIGITS = Fraction(1, 2**100)
+# Exact: sums and products of doubles are asserted without rounding.
+fractions = np.vectorize(Fraction, otypes=[object])
+
+
+def exact(a: Extended) -> np.ndarray:
+    return fractions(a.high) + fractions(a.low)
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "own images", "pinned grid", "sheared"])
+def test_bond_vectors_and_residuals(name):
+    network = NETWORKS[name]()
+    rng = np.random.default_rng(3)
+    geometry, b = ExtendedGeometry(network), network.boundary_vectors
+    shape, sigma = (len(network.free), network.dimension), random_stress(network.n_edges, 5)
+    if name == "own images":
+        # A large stress of an edge to its own image, which pulls at nothing.
+        sigma[6] = 1e12
+    high = 5 * rng.standard_normal(shape)
+    x = two_sum(high, 1e-17 * rng.standard_normal(shape))
+    g = fractions(network.free_incidence.toarray())
+    L = geometry.bond_vectors(x, b)
+    expected = g @ exact(x) + fractions(b)
+    size = Fraction(float(2 * np.abs(high).max() + np.abs(b).max()))
+    assert np.abs(exact(L) - expected).max() <= DIGITS * size
+    force = geometry.divergence(multiply(extended(sigma[:, None]), L))
+    weight = fractions(abs(network.divergence) @ sigma)[:, None]
+    assert (np.abs(exact(force) - g.T @ (fractions(sigma)[:, None] * expected)) <= DIGITS * size * weight).all()
+    found = exact(lengths(L)) ** 2
+    assert (np.abs(found - (expected**2).sum(axis=1)) <= DIGITS * (found + size * size)).all()
+
+
+def test_a_residual_says_how_far_a_solution_is():
+    # P⁻¹ gᵀ(σ ∘ L) at rounded coordinates is their error, to leading order.
+    network = NETWORKS["tiny"]()
+    sigma = random_stress(network.n_edges, 1)
+    manifold = CriticalManifold(network)
+    balance = manifold.balance(sigma)
+    x, factor = balance.coordinates, balance.factor
+    geometry = ExtendedGeometry(network)
+    L = geometry.bond_vectors(extended(x), network.boundary_vectors)
+    error = factor.solve(geometry.divergence(multiply(extended(sigma[:, None]), L)).high)
+    true = reference.numbers(x) - reference.configuration(network, sigma).coordinates[network.free]
+    np.testing.assert_allclose(error, true.astype(float), rtol=0, atol=1e-10 * reference.largest(true))
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "own images", "pinned grid"])
+def test_displacements_below_the_rounding_of_coordinates(name):
+    network = NETWORKS[name]()
+    rng = np.random.default_rng(4)
+    x = 5 * rng.standard_normal((network.n_vertices, network.dimension))
+    D = 1e-17 * rng.standard_normal((len(network.free), network.dimension))
+    L = exact_bond_vectors(network, x, D)
+    at = fractions(x)
+    if network.pins:
+        at[list(network.pins)] = 0
+    moved = at.copy()
+    moved[network.free] += fractions(D)
+    tail, head = network.edges.T
+    expected = moved[head] - moved[tail] + fractions(network.boundary_vectors)
+    assert np.abs(exact(L) - expected).max() <= DIGITS * 100
+    sigma = random_stress(network.n_edges, 5)
+    g = fractions(network.free_incidence.toarray())
+    force = -g.T @ (fractions(sigma)[:, None] * expected)
+    # Two roundings of a double: the result, and low parts of 2⁻²⁵ of the terms.
+    found = fractions(exact_forces(network, sigma, L))
+    assert (np.abs(found - force) <= Fraction(2) ** -53 * np.abs(force) + Fraction(2) ** -70).all()
+
+
+def test_sums_lose_nothing():
+    rng = np.random.default_rng(1)
+    high = rng.standard_normal(40)
+    low = 1e-17 * rng.standard_normal(40)
+    weights = rng.uniform(0.1, 3.0, (5, 40))
+    goal = weights @ high
+    expected = reference.numbers(weights) @ reference.numbers(high, low) - reference.numbers(goal)
+    found = exact_sums(sp.csr_array(weights), Extended(high, low), goal)
+    np.testing.assert_allclose(found, expected.astype(float), rtol=1e-6, atol=1e-23)
