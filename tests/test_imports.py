@@ -1,4 +1,4 @@
-"""The order of the modules: who may import what, read from the source without running it."""
+"""The layers of the package: who may import what, and how long a function may be, read from the source."""
 
 import ast
 from pathlib import Path
@@ -11,27 +11,43 @@ ROOT = Path(critflow.__file__).parent
 SOURCES = {
     ".".join(["critflow", *path.relative_to(ROOT).with_suffix("").parts]): path for path in sorted(ROOT.rglob("*.py"))
 }
-LAYERS = ("networks", "linalg", "precision", "solvers", "critical", "rigidity", "mechanics", "design")
-PHYSICS = {name for name in SOURCES if name.split(".")[1] in LAYERS} | {"critflow.result"}
+# Each layer imports only those before it.
+LAYERS = (
+    *("result", "networks", "linalg", "precision", "solvers", "critical", "rigidity", "mechanics", "design"),
+    *("plot", "workflow", "cli", "__main__"),
+)
+# Layers without xarray, files, figures and processes.
+PHYSICS = LAYERS[: LAYERS.index("plot")]
+# Solvers are functions of vectors and matrices.
+WITHOUT_NETWORKS: set[str] = set()
 HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer", "rich"}
 ALLOWED = {
-    "__future__",
-    "abc",
-    "collections",
-    "copy",
-    "dataclasses",
-    "enum",
-    "functools",
-    "itertools",
-    "typing",
-    "weakref",
+    *("__future__", "abc", "collections", "copy", "dataclasses", "enum", "functools", "itertools", "typing", "weakref")
 }
-# What the modules that talk to solvers may import besides; MKL is a library of C, found on the disk.
+# Modules that may import a solver package or, for the C library MKL, search the disk.
 SOLVERS = {
     "critflow.linalg.backends": {"pymetis", "qdldl"},
-    "critflow.solvers.cone": {"clarabel"},
     "critflow.linalg.pardiso": {"ctypes", "os", "pathlib", "sys", "sysconfig"},
+    "critflow.solvers.cone": {"clarabel"},
     "critflow.solvers.semidefinite": {"clarabel"},
+}
+
+LONGEST, MOST_PARAMETERS = 60, 8
+# A docstring with this marker and a reason after it justifies more parameters.
+REASON = "Many parameters: "
+# Exceptions for now.
+TOO_LONG = {
+    "critflow/design/optimize.py:optimize",
+    "critflow/mechanics/equilibrium.py:_newton",
+    "critflow/mechanics/strain_path.py:strain_path",
+    "workflows/benchmarks/scale/report.py:scale_figure",
+    "workflows/boundary/report.py:_claims",
+}
+TOO_MANY_PARAMETERS = {
+    "critflow/cli.py:run",
+    "critflow/design/optimize.py:optimize",
+    "critflow/mechanics/strain_path.py:strain_path",
+    "critflow/plot.py:draw_network",
 }
 
 
@@ -53,29 +69,40 @@ TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in SOU
 IMPORTS = {name: imported(tree) for name, tree in TREES.items()}
 
 
-def test_the_physics_is_there():
-    assert {
-        "critflow.networks.network",
-        "critflow.critical.manifold",
-        "critflow.mechanics.moduli",
-        "critflow.rigidity.structure",
-    } <= PHYSICS
+def layer(name: str) -> str:
+    return name.split(".")[1]
 
 
-@pytest.mark.parametrize("name", sorted(PHYSICS))
+def layers_of(modules: set[str]) -> set[str]:
+    """The layers of this package among modules."""
+    return {layer(module) for module in modules if module.startswith("critflow.")}
+
+
+def test_every_folder_is_a_layer():
+    assert {layer(name) for name in SOURCES} - {"__init__"} == set(LAYERS)
+
+
+@pytest.mark.parametrize("name", sorted(set(SOURCES) - {"critflow.__init__"}))
+def test_a_layer_imports_only_those_before_it(name):
+    before = set(LAYERS[: LAYERS.index(layer(name)) + 1])
+    if layer(name) in WITHOUT_NETWORKS:
+        before -= {"networks"}
+    assert layers_of(IMPORTS[name]) <= before
+
+
+@pytest.mark.parametrize("name", sorted(name for name in SOURCES if layer(name) in PHYSICS))
 def test_physics_imports_numbers_only(name):
     outside = {module.split(".")[0] for module in IMPORTS[name]} - ALLOWED
     assert outside <= {"critflow", "numpy", "scipy", *SOLVERS.get(name, ())}
-    assert {module for module in IMPORTS[name] if module.startswith("critflow")} <= PHYSICS
 
 
 def test_solvers_are_behind_their_doors():
     for solver in set().union(*SOLVERS.values()):
         doors = [name for name, allowed in SOLVERS.items() if solver in allowed]
-        assert [name for name in SOURCES if solver in IMPORTS[name] and name in PHYSICS] == doors, solver
+        assert [name for name in SOURCES if solver in IMPORTS[name] and layer(name) in PHYSICS] == doors, solver
 
 
-def test_drawing_and_storing_stay_where_they_belong():
+def test_figures_and_files_have_one_layer_each():
     for name, modules in IMPORTS.items():
         roots = {module.split(".")[0] for module in modules}
         if name.startswith("critflow.workflow") or name == "critflow.cli":
@@ -122,3 +149,34 @@ def test_every_public_name_is_there():
     assert all(hasattr(critflow, name) for name in critflow.__all__)
     with pytest.raises(AttributeError, match="'critflow' has no attribute 'nonsense'"):
         critflow.nonsense  # noqa: B018
+
+
+def functions(root: Path) -> dict[str, ast.FunctionDef | ast.AsyncFunctionDef]:
+    """The functions of a folder, by "path:name"."""
+    found = {}
+    for path in sorted(root.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                found[f"{path.relative_to(root.parent)}:{node.name}"] = node
+    return found
+
+
+FUNCTIONS = functions(ROOT) | functions(ROOT.parent / "workflows")
+
+
+def n_parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Parameters of a function or method, without self and cls."""
+    listed = function.args.posonlyargs + function.args.args
+    first = bool(listed) and listed[0].arg in ("self", "cls")
+    return len(listed) + len(function.args.kwonlyargs) - first
+
+
+def test_no_function_is_long():
+    long = {name: node.end_lineno - node.lineno + 1 for name, node in FUNCTIONS.items()}
+    assert {name: lines for name, lines in long.items() if lines > LONGEST and name not in TOO_LONG} == {}
+
+
+def test_many_parameters_have_a_reason():
+    many = {name for name, node in FUNCTIONS.items() if n_parameters(node) > MOST_PARAMETERS}
+    unexplained = {name for name in many if REASON not in (ast.get_docstring(FUNCTIONS[name]) or "")}
+    assert unexplained - TOO_MANY_PARAMETERS == set(), f"take fewer, or say {REASON!r} and why in the docstring"
