@@ -4,11 +4,13 @@ from importlib.metadata import version
 
 from critflow.critical.curvature import StereographicChart, gaussian_curvature, principal_curvatures, surface_geometry
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.objectives import Objective
 from critflow.critical.stress_hessian import flat_directions, stress_hessian
 from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.isogonal import face_modes, isogonal_modes
 from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound
 from critflow.design.optimize import optimize
+from critflow.design.optimum import Optimum
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
 from critflow.mechanics.equilibrium import equilibrium
 from critflow.mechanics.hessian import bond_operator, geometric_split, hookean_split
@@ -63,6 +65,8 @@ __all__ = [
     "IntegrityError",
     "Network",
     "NetworkError",
+    "Objective",
+    "Optimum",
     "PowerLaw",
     "SignedStress",
     "Solution",

@@ -101,7 +101,7 @@ def test_moduli_at_the_transition_factorise_nothing(factorised, network, critica
 
 def test_a_closed_form_is_never_iterated(factorised, monkeypatch, network, manifold):
     """Not one step of any method, and the configuration at σ = k is all that is solved for."""
-    monkeypatch.setattr(OPTIMIZE, "_descend", forbidden)
+    monkeypatch.setattr(OPTIMIZE, "descend", forbidden)
     answers = []
     counts = factorised(network, lambda: answers.append(optimize(manifold, "bulk_modulus")))
     assert set(counts) == {"P"} and counts["P"] <= 2  # P(k) for bound and configuration, and for the residual

@@ -1,12 +1,13 @@
-"""Objectives on the critical manifold: a value, its partial derivatives, and their change along a direction.
+"""Objectives on the critical manifold: a value, its partial derivatives, and their derivatives in a direction.
 
-An objective sees σ (N_b,) and L (N_b, d) and nothing else; the manifold turns its two partial derivatives into a
-gradient.  All objectives here are unchanged when σ is scaled, as the configuration is.
+An objective is a function of σ (N_b,) and L (N_b, d) only; the manifold converts its two partial derivatives into a
+gradient.  All objectives here are independent of the scale of σ, as the configuration is.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -21,17 +22,33 @@ Partials = tuple[Array, Array]
 
 
 class Objective(ABC):
-    """What can be optimised over stress."""
+    """A function O(σ, L) to be optimised over stress; derive from this class for a new objective.
+
+    A subclass must define `evaluate`, must not depend on the scale of σ, and sets `maximise` if the largest value is
+    the best.  It may define `differential`, which Newton's method and `stress_hessian` need; without it a descent uses
+    gradients only, and tests its end for a saddle by differences of gradients.
+
+    maximise         whether the largest value is the best
+    one_self_stress  whether the formula is valid only for networks with one self-stress
+    """
 
     maximise: ClassVar[bool] = False
+    one_self_stress: ClassVar[bool] = False
 
     @abstractmethod
     def evaluate(self, sigma: Array, L: Array) -> tuple[float, Partials]:
-        """Value and partial derivatives."""
+        """O, ∂O/∂σ (N_b,) and ∂O/∂L (N_b, d) at stresses σ (N_b,) and bond vectors L (N_b, d), as (O, (∂σ, ∂L))."""
 
-    @abstractmethod
     def differential(self, sigma: Array, L: Array, dsigma: Array, dL: Array) -> Partials:
-        """Derivatives of the two partials along (σ̇, L̇)."""
+        """Derivatives of ∂O/∂σ and ∂O/∂L in the direction (σ̇, L̇), with the shapes of the two."""
+        raise InputError(
+            f"{type(self).__name__} has no second derivatives: define its differential, or choose method='lbfgs'"
+        )
+
+    @property
+    def has_differential(self) -> bool:
+        """Whether `differential` is defined."""
+        return type(self).differential is not Objective.differential
 
     def stiff_diagonal(self, sigma: Array) -> Array | float:
         """A steep part of ∂²O/∂(log σ)² that is diagonal and known, of the sign of a penalty: ≥ 0 when minimised."""
@@ -44,15 +61,16 @@ class LengthVariance(Objective):
 
     def evaluate(self, sigma: Array, L: Array) -> tuple[float, Partials]:
         length = np.linalg.norm(L, axis=1)
-        value, slope = _relative_variance(length)
-        return value, (np.zeros_like(sigma), (slope / length)[:, None] * L)
+        value, derivative = _relative_variance(length)
+        return value, (np.zeros_like(sigma), (derivative / length)[:, None] * L)
 
     def differential(self, sigma: Array, L: Array, dsigma: Array, dL: Array) -> Partials:
         length = np.linalg.norm(L, axis=1)
         unit = L / length[:, None]
         dlength = np.einsum("ad,ad->a", unit, dL)
-        slope, dslope = _relative_variance_differential(length, dlength)
-        return np.zeros_like(sigma), dslope[:, None] * unit + (slope / length)[:, None] * (dL - dlength[:, None] * unit)
+        derivative, change = _relative_variance_differential(length, dlength)
+        turning = (derivative / length)[:, None] * (dL - dlength[:, None] * unit)
+        return np.zeros_like(sigma), change[:, None] * unit + turning
 
 
 @dataclass(frozen=True)
@@ -61,17 +79,17 @@ class TensionVariance(Objective):
 
     def evaluate(self, sigma: Array, L: Array) -> tuple[float, Partials]:
         length = np.linalg.norm(L, axis=1)
-        value, slope = _relative_variance(sigma * length)
-        return value, (slope * length, (slope * sigma / length)[:, None] * L)
+        value, derivative = _relative_variance(sigma * length)
+        return value, (derivative * length, (derivative * sigma / length)[:, None] * L)
 
     def differential(self, sigma: Array, L: Array, dsigma: Array, dL: Array) -> Partials:
         length = np.linalg.norm(L, axis=1)
         unit = L / length[:, None]
         dlength = np.einsum("ad,ad->a", unit, dL)
-        slope, dslope = _relative_variance_differential(sigma * length, dsigma * length + sigma * dlength)
-        along = (dslope * sigma + slope * dsigma)[:, None] * unit
-        across = (slope * sigma / length)[:, None] * (dL - dlength[:, None] * unit)
-        return dslope * length + slope * dlength, along + across
+        derivative, change = _relative_variance_differential(sigma * length, dsigma * length + sigma * dlength)
+        stretching = (change * sigma + derivative * dsigma)[:, None] * unit
+        turning = (derivative * sigma / length)[:, None] * (dL - dlength[:, None] * unit)
+        return change * length + derivative * dlength, stretching + turning
 
 
 @dataclass(frozen=True)
@@ -88,6 +106,7 @@ class TransitionModulus(Objective):
     volume: float
 
     maximise = True
+    one_self_stress = True
 
     def evaluate(self, sigma: Array, L: Array) -> tuple[float, Partials]:
         AL = L @ self.symmetric
@@ -125,7 +144,7 @@ class TransitionModulus(Objective):
 
     @property
     def symmetric(self) -> Array:
-        """The symmetric part of A, (d, d): the modulus does not see rotations."""
+        """The symmetric part of A, (d, d): rotations do not change the modulus."""
         return 0.5 * (self.strain + self.strain.T)
 
 
@@ -137,15 +156,16 @@ class ConstrainedModulus(Objective):
     threshold: float = 0.1
 
     maximise = True
+    one_self_stress = True
     exponent: ClassVar[int] = 10
 
     def evaluate(self, sigma: Array, L: Array) -> tuple[float, Partials]:
         value, (dO_dsigma, dO_dL) = self.modulus.evaluate(sigma, L)
         power, square = self._powers(sigma)
         penalty = power.mean()
-        # s scales as σ/|σ|, so the slope along σ cancels.
-        slope = self.exponent * (power / sigma - power.sum() * sigma / square) / len(sigma)
-        return value - float(penalty), (dO_dsigma + slope, dO_dL)
+        # s scales as σ/|σ|, so the derivative in the direction of σ cancels.
+        derivative = self.exponent * (power / sigma - power.sum() * sigma / square) / len(sigma)
+        return value - float(penalty), (dO_dsigma + derivative, dO_dL)
 
     def differential(self, sigma: Array, L: Array, dsigma: Array, dL: Array) -> Partials:
         ddO_dsigma, ddO_dL = self.modulus.differential(sigma, L, dsigma, dL)
@@ -189,22 +209,30 @@ def transition_modulus(network: Network, strain: ArrayLike) -> TransitionModulus
     return TransitionModulus(A, network.stiffness, network.volume)
 
 
-def named_objective(network: Network, name: str, threshold: float = 0.1) -> Objective:
-    """The objective of that name for a network; `threshold` is r of the constrained shear modulus."""
-    if name == "length_variance":
-        return LengthVariance()
-    if name == "tension_variance":
-        return TensionVariance()
-    if name == "bulk_modulus":
-        return transition_modulus(network, dilation(network.dimension))
-    if name == "shear_modulus":
-        if not threshold > 0:
-            raise InputError(f"the threshold r must be positive, not {threshold}: it keeps every stress above about r")
-        return ConstrainedModulus(transition_modulus(network, pure_shear(network.dimension)), threshold)
-    raise InputError(f"no objective is called {name!r}: choose one of {', '.join(OBJECTIVES)}")
+def constrained_shear_modulus(network: Network, threshold: float | None) -> Objective:
+    """G_0 with the penalty that keeps σ above about r = `threshold`; without a penalty for None."""
+    modulus = transition_modulus(network, pure_shear(network.dimension))
+    if threshold is None:
+        return modulus
+    if not threshold > 0:
+        raise InputError(f"the threshold r must be positive, not {threshold}: it keeps every stress above about r")
+    return ConstrainedModulus(modulus, threshold)
 
 
-OBJECTIVES = ("length_variance", "tension_variance", "bulk_modulus", "shear_modulus")
+OBJECTIVES: dict[str, Callable[[Network, float | None], Objective]] = {
+    "length_variance": lambda network, threshold: LengthVariance(),
+    "tension_variance": lambda network, threshold: TensionVariance(),
+    "bulk_modulus": lambda network, threshold: transition_modulus(network, dilation(network.dimension)),
+    "shear_modulus": constrained_shear_modulus,
+}
+"""Objectives by name: functions of a network and of the threshold r of a penalty, None without a penalty."""
+
+
+def named_objective(network: Network, name: str, threshold: float | None = 0.1) -> Objective:
+    """The objective of that name for a network; `threshold` is r of the constrained shear modulus, None without it."""
+    if name not in OBJECTIVES:
+        raise InputError(f"no objective is called {name!r}: choose one of {', '.join(OBJECTIVES)}")
+    return OBJECTIVES[name](network, threshold)
 
 
 def _relative_variance(values: Array) -> tuple[float, Array]:
@@ -218,7 +246,7 @@ def _relative_variance(values: Array) -> tuple[float, Array]:
 def _relative_variance_differential(values: Array, change: Array) -> tuple[Array, Array]:
     """The derivative of the relative variance, and its change when the values change."""
     mean, dmean = values.mean(), change.mean()
-    variance, slope = _relative_variance(values)
-    dvariance = slope @ change
-    dslope = 2 / (len(values) * mean**2) * (change - dmean - dvariance * mean - variance * dmean)
-    return slope, dslope - 2 * dmean / mean * slope
+    variance, derivative = _relative_variance(values)
+    dvariance = derivative @ change
+    second = 2 / (len(values) * mean**2) * (change - dmean - dvariance * mean - variance * dmean)
+    return derivative, second - 2 * dmean / mean * derivative

@@ -1,38 +1,71 @@
 """Rest lengths → critical configuration, by the cone program or by straining springs until they are rigid.
 
-Given rest lengths ℓ, shrinking them all alike (the same as expanding the box) drives the network to a critical
-configuration.  The cone program finds it at once and says which edges stay slack; the strain protocol of the paper
-walks there in steps and stops a little past it, where springs that stayed slack are slightly compressed.
+Given rest lengths ℓ, shrinking them uniformly (the same as expanding the box) leads the network to a critical
+configuration.  The cone program finds it directly and lists the slack edges; the strain protocol of the paper
+approaches it in steps and stops slightly past it, where slack springs are slightly compressed.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold, critical_configuration
-from critflow.linalg.factor import FixedPattern
-from critflow.linalg.matrices import edge_blocks
+from critflow.design.proportional_lengths import newton_error
+from critflow.design.stressed_part import balanced_part, polish_stressed, unknown_configuration
+from critflow.design.tolerances import EVEN, EXACT_CONE, FITTED, NO_STRESS, ROUGH_CONE
 from critflow.mechanics.equilibrium import equilibrium, relaxation_method
 from critflow.mechanics.springs import spring_state
 from critflow.networks.network import Array, Network, edge_values
-from critflow.result import InputError, NetworkError, Solution, Stats, Status
-from critflow.solvers.cone import distance, fit_lengths, polish
+from critflow.result import InputError, Solution, Stats, Status
+from critflow.solvers.cone import fit_lengths
 
-# A stress below this part of the mean counts as none.
-NO_STRESS = 1e-9
 
-# Tolerances of the cone program that tell slack edges from weakly stressed ones: nearly always, and as good as always.
-_TELLS_SLACK = (1e-12, 1e-13)
-# With about this tolerance Newton's method, which is far cheaper, does the rest where every edge is stressed.  Tensions
-# that balance at the right lengths prove that they are.
-_STARTS_NEWTON = 1e-6
-# Rest lengths with logarithms that spread by more leave edges slack in most networks: no cheap try.
-_EVEN = 0.12
-# Relative error of the lengths that Newton must reach on the stressed edges; short edges limit it by rounding.
-_FITTED = 1e-9
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FromLengths(Solution[CriticalConfiguration]):
+    """The critical configuration of rest lengths ℓ.
+
+    slack_edges   edges without tension
+    ratio         |L|/ℓ of the stressed edges (cone program)
+    polish_steps  steps of Newton's method after the cone program
+    """
+
+    slack_edges: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+    ratio: float = np.nan
+    polish_steps: int = 0
+
+    @property
+    def configuration(self) -> CriticalConfiguration:
+        """The critical configuration, the same as `value`."""
+        return self.value
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FromStrain(FromLengths):
+    """The critical configuration of rest lengths ℓ by the strain protocol.
+
+    strain         γ of the recorded state, whose rest lengths are ℓ/(1 + γ)
+    energy         energy of the recorded state
+    rest_lengths   ℓ/(1 + γ), (N_b,)
+    skipped_steps  strain steps below the transition that were not relaxed
+    """
+
+    strain: float
+    energy: float
+    rest_lengths: Array
+    skipped_steps: int
+
+
+@dataclass(frozen=True)
+class _Protocol:
+    """Parameters of the strain protocol."""
+
+    relaxation: str
+    strain_step: float
+    energy_threshold: float
 
 
 def critical_from_lengths(
@@ -44,211 +77,125 @@ def critical_from_lengths(
     strain_step: float = 0.01,
     energy_threshold: float = 1e-4,
     throw: bool = True,
-) -> Solution[CriticalConfiguration]:
-    """The critical configuration that rest lengths ℓ (N_b,) lead to when the box expands.
+) -> FromLengths:
+    """The critical configuration reached from rest lengths ℓ (N_b,) when the box expands.
 
-    method "conic" (or "auto"): lengths proportional to ℓ on every stressed edge, exactly at the transition.  Edges
-    without tension are listed in `stats.details["slack_edges"]`, have σ = 0 and set `Status.slack_edges`.
-    `stats.error_bound` bounds the error of every coordinate against the exact configuration with these ratios; where
-    edges are slack, coordinates are not determined and it is NaN.  The bounds of the configuration itself are, as
-    always, against the exact one of its stress.
+    method "conic" (or "auto"): lengths proportional to ℓ on every stressed edge, exactly at the transition.
+    `slack_edges` lists the edges without tension; they have σ = 0 and set `Status.slack_edges`.
+    `stats.error_bound` (estimate) is that of every coordinate against the exact configuration with these ratios; where
+    edges are slack, coordinates are not determined and it is NaN.  The bounds of the configuration itself are against
+    the exact one of its stress.
     method "strain": ℓ/(1 + γ) with γ in steps of `strain_step` from 0 until the energy reaches `energy_threshold`,
-    relaxed by the method `relaxation` of `equilibrium`; the recorded state is then slightly past the transition.
-    Where the cone program shows that every edge will be stressed, the end does not depend on the way, and the steps
-    of the floppy network are skipped (not by "fire").
+    relaxed by the method `relaxation` of `equilibrium`; the recorded state is then slightly past the transition, and
+    the solution is a `FromStrain`.  Where the cone program shows that every edge will be stressed, the end does not
+    depend on the path, and the steps of the floppy network are skipped (not by "fire").
     """
     manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
-    if method in ("auto", "conic"):
-        solution = _by_cone(manifold, lengths)
-    elif method == "strain":
-        if not (strain_step > 0 and energy_threshold > 0):
-            raise InputError("the strain step and the energy threshold must be positive")
-        solution = _by_strain(manifold, lengths, relaxation_method(relaxation), strain_step, energy_threshold)
-    else:
+    if method not in _METHODS:
         raise InputError(f"no method is called {method!r}: choose 'auto', 'conic' or 'strain'")
+    if not (strain_step > 0 and energy_threshold > 0):
+        raise InputError("the strain step and the energy threshold must be positive")
+    protocol = _Protocol(relaxation_method(relaxation), strain_step, energy_threshold)
+    solution = _METHODS[method](manifold, lengths, protocol)
     return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution
 
 
 def stressed_fraction(sigma: Array) -> float:
-    """Part of the edges that carry tension: σ above rounding of its mean."""
+    """Fraction of the edges under tension: σ above rounding of its mean."""
     return float(np.mean(sigma > NO_STRESS * np.mean(np.abs(sigma))))
 
 
-def _by_cone(manifold: CriticalManifold, lengths: Array) -> Solution[CriticalConfiguration]:
-    network, iterations = manifold.network, 0
+def _by_cone(manifold: CriticalManifold, lengths: Array, protocol: _Protocol | None = None) -> FromLengths:
+    """The critical configuration by the cone program and Newton's method on the stressed edges."""
+    network, steps = manifold.network, 0
     if lengths.min() <= COLLAPSED * lengths.mean():
-        note = f"edge {lengths.argmin()} is to be so short that rounding of coordinates hides it: lengthen it"
-        return Solution(_unknown(network), Status.stalled, Stats("conic", details={"note": note}))
-    even = float(np.std(np.log(lengths))) < _EVEN
-    for tolerance in (_STARTS_NEWTON, *_TELLS_SLACK) if even else _TELLS_SLACK:
-        cone = fit_lengths(network, lengths, tolerance)
-        iterations += cone.iterations
-        rounds, guess = 8, cone.stressed
-        if tolerance == _STARTS_NEWTON:
-            rounds, guess = 1, np.ones(network.n_edges, bool)
-        elif not cone.solved:
-            return Solution(_unknown(network), Status.stalled, Stats("conic", iterations))
-        stressed, polished, value, error, steps = _polish_stressed(
-            manifold, lengths, guess, cone.coordinates, cone.sigma, rounds
-        )
-        if error < _FITTED and (stressed.all() or tolerance < _STARTS_NEWTON):
+        note = f"the target length of edge {lengths.argmin()} is below the rounding of coordinates: lengthen it"
+        return FromLengths(value=unknown_configuration(network), status=Status.stalled, stats=Stats("conic"), note=note)
+    even = float(np.std(np.log(lengths))) < EVEN
+    for tolerance in (ROUGH_CONE, *EXACT_CONE) if even else EXACT_CONE:
+        cone = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, tolerance)
+        steps += cone.steps
+        rough = tolerance == ROUGH_CONE
+        if not (rough or cone.solved):
+            return FromLengths(value=unknown_configuration(network), status=Status.stalled, stats=Stats("conic", steps))
+        guess = np.ones(network.n_edges, bool) if rough else cone.stressed
+        coordinates = network.all_coordinates(cone.coordinates)
+        found = polish_stressed(manifold, lengths, guess, coordinates, cone.sigma, rounds=1 if rough else 8)
+        if found.error < FITTED and (found.stressed.all() or not rough):
             break
-    slack = np.flatnonzero(~stressed)
-    status = Status.slack_edges if len(slack) else Status.ok
-    ratio = float((value.lengths / lengths)[stressed].mean()) if error < _FITTED else cone.ratio
-    details = {"ratio": ratio, "slack_edges": slack, "polish_steps": steps}
+    slack, fitted = np.flatnonzero(~found.stressed), found.error < FITTED
+    value, status, note, bound = found.value, Status.ok, "", np.nan
     if len(slack):
-        details["note"] = (
-            f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
-        )
-    bound, condition = np.nan, polished.condition
-    if not error < _FITTED:
-        value, status = _unknown(network), Status.stalled
+        status = Status.slack_edges
+        note = f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
+    if not fitted:
+        value, status = unknown_configuration(network), Status.stalled
     elif status is Status.ok:
-        bound = 2 * distance(manifold.saddle, network, lengths, value.coordinates, value.sigma)
-    stats = Stats("conic", iterations, iterations + steps, error, details, condition, bound)
-    return Solution(value, status, stats)
+        bound = 2 * newton_error(manifold.saddle, network, lengths, value.coordinates, value.sigma)
+    return FromLengths(
+        value=value,
+        status=status,
+        stats=Stats("conic", steps, residual=found.error, condition=found.condition, error_bound=bound),
+        note=note,
+        slack_edges=slack,
+        ratio=float((found.value.lengths / lengths)[found.stressed].mean()) if fitted else cone.ratio,
+        polish_steps=found.steps,
+    )
 
 
-def _unknown(network: Network) -> CriticalConfiguration:
-    """What stands for a configuration that was not found."""
-    shape = (network.n_edges, network.dimension)
-    coordinates = np.full((network.n_vertices, network.dimension), np.nan)
-    return CriticalConfiguration(network, np.full(network.n_edges, np.nan), coordinates, np.full(shape, np.nan))
-
-
-def _polish_stressed(
-    manifold: CriticalManifold,
-    lengths: Array,
-    stressed: NDArray[np.bool_],
-    coordinates: Array,
-    sigma: Array,
-    rounds: int,
-) -> tuple[NDArray[np.bool_], Stats, CriticalConfiguration, float, int]:
-    """Stressed edges, how their balance was found, the configuration, relative error of the lengths and Newton steps.
-
-    Edges whose stress turns out to be none are given up, and where Newton fails, the weakest of those that remain.
-    """
-    network, candidate, doubtful, taken = manifold.network, stressed, 1e-5, 0
-    for _ in range(rounds):
-        candidate = _without_hanging(network, candidate)
-        try:
-            if candidate.all():
-                part, vertices = manifold, np.arange(network.n_vertices)
-            else:
-                cut, vertices = network.part(candidate)
-                part = CriticalManifold(cut)
-            # A part without pins is grounded at its own first vertex; carry it back to where that vertex was.
-            origin = 0.0 if network.pins else coordinates[vertices[0]]
-            start = coordinates[vertices] - origin
-            _, s, error, steps = polish(part.saddle, part.network, lengths[candidate], start, sigma[candidate])
-            taken += steps
-            weak = s <= NO_STRESS * s.mean()
-            if error < _FITTED and not weak.any():
-                # Of lengths and forces, which Newton has brought down together, let the forces be exact.
-                balanced = part.solve(s)
-                if balanced.ok:
-                    value = _with_slack(network, balanced.value, candidate, vertices, coordinates, origin)
-                    return candidate, balanced.stats, value, error, taken
-                error = np.inf
-        except NetworkError:
-            error, weak = np.inf, np.zeros(0, bool)
-        if not (error < _FITTED and weak.any()):
-            weak, doubtful = sigma[candidate] < doubtful * sigma.mean(), 10 * doubtful
-        candidate = candidate.copy()
-        candidate[np.flatnonzero(candidate)[weak]] = False
-        if not candidate.any():
-            break
-    return stressed, Stats("force density"), _unknown(network), np.inf, taken
-
-
-def _with_slack(
-    network: Network,
-    part: CriticalConfiguration,
-    stressed: NDArray[np.bool_],
-    vertices: NDArray[np.int64],
-    coordinates: Array,
-    origin: Array | float,
-) -> CriticalConfiguration:
-    """The configuration of a network from that of its stressed part; the other vertices are where they are."""
-    if stressed.all():
-        return part
-    x, sigma, errors = coordinates.copy(), np.zeros(network.n_edges), np.full(network.n_edges, np.nan)
-    x[vertices], sigma[stressed] = part.coordinates + origin, part.sigma
-    x = x if network.pins else x - x[0]
-    whole = critical_configuration(network, sigma, x)
-    # Short edges would lose digits in the rounding of the coordinates.
-    whole.bond_vectors[stressed], errors[stressed] = part.bond_vectors, part.bond_errors
-    return replace(whole, bond_errors=errors)
-
-
-def _without_hanging(network: Network, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Drop edges that end at a free vertex with no other edge, again and again: they cannot carry tension."""
-    kept = kept.copy()
-    pinned = np.zeros(network.n_vertices, bool)
-    pinned[list(network.pins or {})] = True
-    while True:
-        degree = np.bincount(network.edges[kept].ravel(), minlength=network.n_vertices)
-        hanging = kept & ((degree == 1) & ~pinned)[network.edges].any(axis=1)
-        if not hanging.any():
-            return kept
-        kept &= ~hanging
-
-
-def balanced_part(network: Network, L: Array, sigma: Array, pattern: FixedPattern, shift: float = 1e-13) -> Array:
-    """The part of σ that balances on bond vectors L, free of rounding: σ less its part along the columns of R^h.
-
-    Where extensions have few digits, as so close to the transition, or edges are much shorter than the coordinates
-    are large, forces that are zero to rounding are not small beside the tensions.
-    """
-    ones = np.ones(len(sigma))
-    factor = pattern.factorize(edge_blocks(ones, L, 0 * ones), shift)
-    for _ in range(3):
-        force = network.divergence @ (sigma[:, None] * L)
-        u = factor.solve(force.ravel()).reshape(force.shape)
-        sigma = sigma - np.einsum("ad,ad->a", L, network.free_incidence @ u)
-    return sigma
-
-
-def _by_strain(
-    manifold: CriticalManifold, lengths: Array, relaxation: str, strain_step: float, energy_threshold: float
-) -> Solution[CriticalConfiguration]:
+def _by_strain(manifold: CriticalManifold, lengths: Array, protocol: _Protocol) -> FromStrain:
+    """The rigid state of springs with rest lengths ℓ/(1 + γ), and the stress that balances at its coordinates."""
     network, pattern = manifold.network, manifold.hessian
-    x = network.positions
+    newton, strain_step = protocol.relaxation == "newton", protocol.strain_step
+    step, x = _skipped(manifold, lengths, strain_step) if newton else (0, None)
+    skipped = step
+    if x is None:
+        x = network.positions
     if x is None:
         x = manifold.configuration(network.stiffness).coordinates
-    iterations, step, skipped = 0, 0, 0
-    if relaxation == "newton":
-        transition = _by_cone(manifold, lengths)
-        if transition.ok:
-            # All edges stressed: the rigid states follow from the unique critical one, whatever came before.
-            step = skipped = max(0, int(np.floor((1 / transition.stats.details["ratio"] - 1) / strain_step)) + 1)
-            x = transition.value.coordinates
+    steps = 0
     state = spring_state(network, lengths / (1 + strain_step * step), x)
     while True:
-        solution = equilibrium(state, relaxation, pattern=pattern, throw=False)
-        state, iterations = solution.value, iterations + solution.stats.steps
-        if not solution.ok or state.energy >= energy_threshold:
+        solution = equilibrium(state, protocol.relaxation, pattern=pattern, throw=False)
+        state, steps = solution.value, steps + solution.stats.steps
+        if not solution.ok or state.energy >= protocol.energy_threshold:
             break
         step += 1
         state = spring_state(network, lengths / (1 + strain_step * step), state.coordinates)
-    if relaxation == "newton":
+    if newton:
         state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
-    # From the coordinates that are recorded, since many steps have rounded theirs and the bond vectors apart.
+    # From the coordinates: rounding of many steps separates the bond vectors of the state from them.
     sigma = balanced_part(network, network.bond_vectors(state.coordinates), state.sigma, pattern)
     value = critical_configuration(network, sigma, state.coordinates)
     slack = np.flatnonzero(value.sigma <= NO_STRESS * np.mean(np.abs(value.sigma)))
-    status = solution.status if not solution.ok else Status.slack_edges if len(slack) else Status.ok
-    if not solution.ok:
-        value = _unknown(network)
-    details = {
-        "strain": strain_step * step,
-        "energy": state.energy,
-        "slack_edges": slack,
-        "skipped_steps": skipped,
-        "rest_lengths": state.rest_lengths,
-    }
-    return Solution(
-        value, status, Stats(f"strain, {relaxation}", iterations, residual=solution.stats.residual, details=details)
+    status = Status.slack_edges if solution.ok and len(slack) else solution.status
+    return FromStrain(
+        value=value if solution.ok else unknown_configuration(network),
+        status=status,
+        stats=Stats(f"strain, {protocol.relaxation}", steps, residual=solution.stats.residual),
+        slack_edges=slack,
+        strain=strain_step * step,
+        energy=state.energy,
+        rest_lengths=state.rest_lengths,
+        skipped_steps=skipped,
     )
+
+
+def _skipped(manifold: CriticalManifold, lengths: Array, strain_step: float) -> tuple[int, Array | None]:
+    """The number of strain steps of the floppy network, and the coordinates at the transition; 0 if edges are slack.
+
+    With all edges stressed the rigid states follow from the unique critical configuration, for any path to it.
+    """
+    transition = _by_cone(manifold, lengths)
+    if not transition.ok:
+        return 0, None
+    steps = max(0, int(np.floor((1 / transition.ratio - 1) / strain_step)) + 1)
+    return steps, transition.value.coordinates
+
+
+_METHODS: dict[str, Callable[[CriticalManifold, Array, _Protocol], FromLengths]] = {
+    "auto": _by_cone,
+    "conic": _by_cone,
+    "strain": _by_strain,
+}

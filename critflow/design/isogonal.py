@@ -1,17 +1,17 @@
 """Isogonal modes: every edge keeps its direction, lengths change with closure.
 
-Tensions alone therefore fix no configuration (`ForceBalanceL`).  The modes keep the force network T_α = σ_α L_α, and
-with it the tension variance and every modulus at the transition: in balance T does the same work Σ T·A L on all bond
-vectors L that close on the same cell, so μ_A = (Σ T·A L)²/(VΣ|T|²/k) depends on T alone.  At the largest B_0, T ∝ k
-L* with L* the configuration at σ = k, they keep the bulk response to any strain: L + s L* is in balance at every
+Tensions alone therefore determine no configuration (`ForceBalanceL`).  The modes keep the force network T_α = σ_α L_α,
+and with it the tension variance and every modulus at the transition: in balance T does the same work Σ T·A L on all
+bond vectors L that close on the same cell, so μ_A = (Σ T·A L)²/(VΣ|T|²/k) depends on T alone.  At the largest B_0, T ∝
+k L* with L* the configuration at σ = k, they keep the bulk response to any strain: L + s L* is in balance at every
 expansion s, so that B(γ) = B_0 (1 + γ)^{−1/2} and C_B = −B_0/2.
 
-A displacement u that keeps the direction of edge α moves both its ends alike across it.  Where the three tensions of a
-vertex balance, Σ τ_α n_α = 0 for the normals too, so w_α = τ_α n_α·u flows into every vertex as much as out of it:
-isogonal displacements are the circulations w of the graph.  One that goes round a single face pushes each side of it
-outwards by w/τ_α and moves its corners along their third edge.  On a torus the N_f faces span all circulations but the
-two that wind around it, which are the translations; going round all faces at once gives w = 0, the one relation among
-them.  So N_f − 1 = N_v/2 − 1 modes remain, in any cell and at any configuration in balance (`BulkModulusHessian`).
+A displacement u that keeps the direction of edge α moves both ends equally across it.  Where the three tensions of a
+vertex balance, Σ τ_α n_α = 0 for the normals too, so the flow w_α = τ_α n_α·u is conserved at every vertex: isogonal
+displacements are the circulations w of the graph.  A circulation around a single face moves each side of it outwards by
+w/τ_α and its corners along their third edge.  On a torus the N_f faces span all circulations but the two that wind
+around it, which are the translations; the sum of all faces is w = 0, the one relation among them.  So N_f − 1 =
+N_v/2 − 1 modes remain, in any cell and at any configuration in balance (`BulkModulusHessian`).
 """
 
 from __future__ import annotations
@@ -25,12 +25,17 @@ from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
+from critflow.design.tolerances import FLAT_TRIANGLE
 from critflow.networks.network import Array, edge_values
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import LARGEST, spread_columns
 
-# Twice the area of a force triangle, over the square of the mean tension, that is no triangle any more.
-_FLAT = 1e-12
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class IsogonalOptimum(Solution[CriticalConfiguration]):
+    """The best configuration of an isogonal family, and the amplitudes a (n_modes,) that lead to it."""
+
+    amplitudes: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +44,8 @@ class IsogonalModes:
 
     displacements  (n_modes, N_v·2) of the vertices, x and y of each in turn
     elongations    (n_modes, N_b) of the edges, along their own directions
-    n_independent  number of modes that are independent and no translation
-    gap            largest singular value counted as zero, and the next one, where the modes were found by them
+    n_independent  number of independent modes, without translations
+    gap            largest singular value counted as zero, and the next one (modes by singular values)
     """
 
     critical: CriticalConfiguration
@@ -50,14 +55,14 @@ class IsogonalModes:
     gap: tuple[float, float] | None = None
 
     def limit(self, direction: ArrayLike) -> float:
-        """How many times a direction can be walked until the first edge loses its length; infinite if none does."""
+        """Largest multiple of a direction (n_modes,) with positive lengths; infinite if no edge shrinks."""
         shrinking = -self._elongation(direction) / self.critical.lengths
         return float(1 / shrinking.max()) if shrinking.max() > 0 else np.inf
 
     def walk(self, amplitudes: ArrayLike) -> CriticalConfiguration:
-        """The configuration with lengths |L| + Σ a_m e_m and the same tensions, exactly, at any distance.
+        """The configuration with lengths |L| + Σ a_m e_m and the same tensions, exact for amplitudes of any size.
 
-        Raises `InputError` where an edge would lose its length: nothing is isogonal beyond.
+        Raises `InputError` where a length would not be positive.
         """
         critical, network = self.critical, self.critical.network
         a = np.asarray(amplitudes, dtype=float)
@@ -73,45 +78,49 @@ class IsogonalModes:
         return critical_configuration(network, critical.tensions / lengths, x)
 
     def towards(self, direction: ArrayLike, fraction: float = 0.5) -> CriticalConfiguration:
-        """The configuration a fraction (0 ≤ fraction < 1) of the way along a direction to the first vanishing edge."""
+        """The configuration at a fraction (0 ≤ fraction < 1) of `limit` in a direction (n_modes,)."""
         if not 0 <= fraction < 1:
-            raise InputError(f"the fraction of the way must lie in 0 ≤ fraction < 1, not be {fraction}")
+            raise InputError(f"the fraction must lie in 0 ≤ fraction < 1, not be {fraction}")
         limit = self.limit(direction)
         if not np.isfinite(limit):
-            raise InputError("no edge shrinks along this direction: it changes nothing, so give one that does")
+            raise InputError("no edge shrinks in this direction: give one that changes lengths")
         return self.walk(fraction * limit * np.asarray(direction, dtype=float))
 
-    def largest(self, weights: ArrayLike, shortest: float, throw: bool = True) -> Solution[CriticalConfiguration]:
+    def largest(self, weights: ArrayLike, shortest: float, throw: bool = True) -> IsogonalOptimum:
         """The configuration with the largest Σ w_α|L_α|, w (N_b,), whose edges all are `shortest` or longer.
 
-        Lengths are linear in the amplitudes, so this is a linear program and its answer the best of the whole family;
-        it is bounded, since Σ τ_α|L_α| does not change.  The amplitudes stand in `stats.details["amplitudes"]`.
+        Lengths are linear in the amplitudes, so this is a linear program and its solution the best of the family; it
+        is bounded, since Σ τ_α|L_α| does not change.
         """
         critical = self.critical
         w = edge_values(weights, critical.network.n_edges, "weights", positive=False)
         if not shortest > 0:
-            raise InputError(f"the shortest length must be positive, not {shortest}: an edge without length has no way")
+            raise InputError(f"the shortest length must be positive, not {shortest}")
         E = sp.csr_array(self.elongations)
         found = linprog(-(E @ w), A_ub=-E.T, b_ub=critical.lengths - shortest, bounds=(None, None), method="highs")
         if found.status == 2:
-            raise InputError(f"no isogonal change makes every edge {shortest:g} or longer: ask for a smaller length")
+            raise InputError(f"no isogonal change makes every edge {shortest:g} or longer: choose a smaller length")
         ok = found.status == 0
         value = self.walk(found.x) if ok else critical
-        status = Status.ok if ok else Status.stalled
-        stats = Stats("linear program", int(found.nit), details={"amplitudes": found.x, "note": found.message})
-        solution = Solution(value, status, stats)
+        solution = IsogonalOptimum(
+            value=value,
+            status=Status.ok if ok else Status.stalled,
+            stats=Stats("linear program", int(found.nit)),
+            note="" if ok else found.message,
+            amplitudes=found.x,
+        )
         return solution.or_raise("no best isogonal change was found") if throw else solution
 
     def _elongation(self, amplitudes: ArrayLike) -> Array:
         a = np.asarray(amplitudes, dtype=float)
         n_modes = self.elongations.shape[0]
         if a.shape != (n_modes,) or not np.isfinite(a).all():
-            raise InputError(f"a walk needs {n_modes} finite amplitudes, not an array of shape {a.shape}")
+            raise InputError(f"the family needs {n_modes} finite amplitudes, not an array of shape {a.shape}")
         return np.asarray(a @ self.elongations)
 
 
 def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
-    """One isogonal mode for every face, sparse and local: sides pushed outwards by ⟨τ⟩/τ_α, corners along their spokes.
+    """One isogonal mode for every face, sparse and local: sides move outwards by ⟨τ⟩/τ_α, corners along their spokes.
 
     Amplitudes a_f are lengths.  Only their differences count: side α, between faces l and r, moves by
     (a_l − a_r)⟨τ⟩/τ_α, and equal amplitudes on all faces change nothing.  Leave one face out for a basis.
@@ -120,7 +129,7 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
         u = [w_1(T_2 − T_3) + w_2(T_3 − T_1) + w_3(T_1 − T_2)]/3(T_1 × T_2).
 
     Raises `InputError` unless the network is planar, periodic, with known faces, three edges at every vertex, and no
-    three tensions at a vertex along one line; `isogonal_modes` needs none of this.
+    three tensions at a vertex parallel; `isogonal_modes` has none of these requirements.
     """
     network = critical.network
     faces = network.faces
@@ -135,7 +144,7 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     pull = critical.sigma[:, None] * critical.bond_vectors
     T = sign[:, :, None] * (pull / np.abs(critical.tensions).mean())[edge]
     area = T[:, 0, 0] * T[:, 1, 1] - T[:, 0, 1] * T[:, 1, 0]
-    if not np.abs(area).min() > _FLAT:
+    if not np.abs(area).min() > FLAT_TRIANGLE:
         vertex = int(np.abs(area).argmin())
         raise InputError(f"the tensions at vertex {vertex} lie along one line or vanish: start where none is slack")
     arm = sign[:, :, None] * (np.roll(T, -1, axis=1) - np.roll(T, -2, axis=1)) / (3 * area[:, None, None])
@@ -161,7 +170,7 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
     """
     network = critical.network
     if network.dimension != 2:
-        raise InputError("isogonal modes are found in two dimensions only")
+        raise InputError("isogonal modes are implemented in two dimensions only")
     size = 2 * len(network.free)
     if size**2 > LARGEST:
         raise InputError(
@@ -187,10 +196,10 @@ def _elongations(critical: CriticalConfiguration, displacements: Any) -> Any:
 
 
 def affine_bulk_modulus(critical: CriticalConfiguration) -> float:
-    """What B_0 would be if the dilation stayed affine, (1/d²V) Σ k|L|² (`BulkModulusAffNonAff`).
+    """B_0 of an affine dilation without relaxation, (1/d²V) Σ k|L|² (`BulkModulusAffNonAff`).
 
     Relaxation only softens, B_0 ≤ B_aff.  Among the configurations of the largest B_0 the two are equal at σ = k alone,
-    since that one has the least Σ k|L|² of all (`BulkModulusAffine`).
+    which has the least Σ k|L|² of all (`BulkModulusAffine`).
     """
     network = critical.network
     return float(network.stiffness @ critical.lengths**2) / (network.dimension**2 * network.volume)

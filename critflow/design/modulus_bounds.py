@@ -1,14 +1,17 @@
-"""The largest modulus that any stress can give, in closed form, with the configuration that attains it.
+"""The largest modulus of a network over all stresses in closed form, with the configuration that attains it.
 
 With L* the configuration at σ = k, virtual work gives Σσ L·(A + W)L = Σ T·(A + W)L* for every stress, T = σL and any
 antisymmetric W, so by Cauchy–Schwarz (`GenericModulus`)
     μ_A ≤ min_W (1/V) Σ k|(A + W)L*|²,
-whatever the signs of σ.  Equality needs the force network T = k(A + W)L*, whose stress tensor the best W makes
-symmetric.  For a dilation that is σ = k.  Other strains turn T away from L*: in two dimensions lengths along T that
-close are one more linear system, and some of them come out negative, which is compression.
+for any signs of σ.  Equality requires the force network T = k(A + W)L*, whose stress tensor is symmetric for the best
+W.  For a dilation that is σ = k.  For other strains T is not parallel to L*: in two dimensions the lengths in the
+directions of T that close are the solution of one more linear system, and some are negative, which is compression.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -18,20 +21,20 @@ from scipy.optimize import linprog
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import dilation, transition_modulus
+from critflow.design.optimum import Optimum
+from critflow.design.tolerances import BALANCED, ISOTROPIC, NO_LENGTH
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, SolveError, Stats, Status
 from critflow.rigidity.counts import spread_columns
-
-# An edge of the attaining configuration shorter than this part of the mean has no stress to speak of.
-_NO_LENGTH = 1e-10
-# Relative force balance and distance from the bound of an answer that attains it.
-_BALANCED = 1e-8
 
 _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 def modulus_bound(network: Network | CriticalManifold, strain: ArrayLike) -> float:
-    """The largest modulus μ_A for the affine strain A (d, d) over all stresses of any sign; nothing exceeds it."""
+    """The largest modulus μ_A for the affine strain A (d, d) over all stresses of any sign.
+
+    Error bound (proof, up to rounding) of every modulus at the transition.
+    """
     manifold = CriticalManifold.of(network)
     A = transition_modulus(manifold.network, strain).symmetric
     F, moment = _force_map(manifold.network, manifold.balance(manifold.network.stiffness).bond_vectors, A)
@@ -39,52 +42,78 @@ def modulus_bound(network: Network | CriticalManifold, strain: ArrayLike) -> flo
 
 
 def bulk_modulus_bound(network: Network | CriticalManifold) -> float:
-    """The largest B_0 that any stress can give, (1/d²V) Σ k|L*|² with L* the configuration at σ = k."""
+    """The largest B_0 over all stresses, (1/d²V) Σ k|L*|² with L* the configuration at σ = k.
+
+    Error bound (proof, up to rounding) of every B_0.
+    """
     manifold = CriticalManifold.of(network)
     return modulus_bound(manifold, dilation(manifold.network.dimension))
 
 
-def largest_modulus(network: Network | CriticalManifold, strain: ArrayLike) -> Solution[CriticalConfiguration]:
+def largest_modulus(network: Network | CriticalManifold, strain: ArrayLike) -> Optimum:
     """The configuration nearest to L* that attains `modulus_bound`, stresses of both signs allowed.
 
     Nearest in Σk|L − L*|²: all others differ by isogonal modes.  `Status.edge_collapse` or `Status.singular` and NaN
-    where an edge of it has no length or the forces are too nearly parallel to close; the bound, then a limit, stands
-    in the statistics.  Raises `InputError` in three dimensions but for dilations: such forces seldom close there.
+    where an edge of it has no length or the forces are too nearly parallel to close; the objective is then the bound,
+    a limit.  Raises `InputError` in three dimensions except for dilations: such forces seldom close there.
     """
     manifold = CriticalManifold.of(network)
     network = manifold.network
-    A, k = transition_modulus(network, strain).symmetric, network.stiffness
-    shortest = 1.0
-    if np.allclose(A, A[0, 0] * np.eye(len(A)), rtol=0, atol=1e-14 * np.abs(A).max()):
-        # F = A only stretches L*, which is the answer then.
-        found = manifold.solve(k)
-        F, moment = _force_map(network, found.value.bond_vectors if found.ok else manifold.balance(k).bond_vectors, A)
-    elif network.dimension == 2:
-        L_star = manifold.balance(k).bond_vectors
-        F, moment = _force_map(network, L_star, A)
-        sigma, shortest = _closed(manifold, L_star, F)
-        found = manifold.solve(sigma)
-    else:
-        raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
+    A = transition_modulus(network, strain).symmetric
+    found, shortest, F, moment = _attaining(manifold, A)
     bound = float(np.trace(F @ moment @ F.T)) / network.volume
     value = found.value
-    reached = transition_modulus(network, A).evaluate(value.sigma, value.bond_vectors)[0]
-    details = {"objective": reached, "bound": bound, "gap": 1 - reached / bound}
-    status = Status.ok
-    if not (value.residual < _BALANCED and abs(details["gap"]) < _BALANCED and shortest > _NO_LENGTH):
-        # Forces that are all nearly parallel, or an edge that must vanish: the bound is approached, not attained.
-        status = Status.edge_collapse if shortest <= _NO_LENGTH else Status.singular if found.ok else found.status
-        nowhere = np.full_like(value.bond_vectors, np.nan)
-        value = CriticalConfiguration(network, nowhere[:, 0], np.full_like(value.coordinates, np.nan), nowhere)
-        details = {"objective": bound, "bound": bound, "gap": np.nan}
-    error = value.error_bound
-    return Solution(value, status, Stats("closed_form", 0, 1, value.residual, details, found.stats.condition, error))
+    optimum = Optimum(
+        value=value,
+        status=Status.ok,
+        stats=Stats(
+            "closed_form",
+            residual=value.residual,
+            condition=found.stats.condition,
+            error_bound=value.error_bound,
+        ),
+        objective=transition_modulus(network, A).evaluate(value.sigma, value.bond_vectors)[0],
+        bound=bound,
+    )
+    if value.residual < BALANCED and abs(optimum.gap) < BALANCED and shortest > NO_LENGTH:
+        return optimum
+    # Forces that are all nearly parallel, or an edge that vanishes: the bound is approached, not attained.
+    status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if found.ok else found.status
+    unknown = np.full_like(value.bond_vectors, np.nan)
+    value = CriticalConfiguration(network, unknown[:, 0], np.full_like(value.coordinates, np.nan), unknown)
+    stats = replace(optimum.stats, residual=value.residual, error_bound=value.error_bound)
+    return replace(optimum, value=value, status=status, stats=stats, objective=bound)
+
+
+class _Attaining(NamedTuple):
+    """Configuration of the largest modulus, its shortest length over the mean, and F and M of the force network."""
+
+    found: Solution[CriticalConfiguration]
+    shortest: float
+    F: Array
+    moment: Array
+
+
+def _attaining(manifold: CriticalManifold, A: Array) -> _Attaining:
+    """The configuration with forces T = kFL*, for a symmetric strain A (d, d)."""
+    network, k = manifold.network, manifold.network.stiffness
+    if np.allclose(A, A[0, 0] * np.eye(len(A)), rtol=0, atol=ISOTROPIC * np.abs(A).max()):
+        # F = A is isotropic: the configuration is L* itself.
+        found = manifold.solve(k)
+        L_star = found.value.bond_vectors if found.ok else manifold.balance(k).bond_vectors
+        return _Attaining(found, 1.0, *_force_map(network, L_star, A))
+    if network.dimension != 2:
+        raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
+    L_star = manifold.balance(k).bond_vectors
+    F, moment = _force_map(network, L_star, A)
+    sigma, shortest = _closed(manifold, L_star, F)
+    return _Attaining(manifold.solve(sigma), shortest, F, moment)
 
 
 def least_compressed_length(network: Network | CriticalManifold, strain: ArrayLike) -> float:
-    """The least total length of compressed edges that a planar configuration with the largest modulus can have.
+    """The least total length of compressed edges of a planar configuration with the largest modulus.
 
-    All of them share the forces T = kFL* and differ by isogonal modes.  With t = T/|T| and n ⊥ t a linear program:
+    All these configurations have the forces T = kFL* and differ by isogonal modes.  With t = T/|T| and n ⊥ t:
         least Σ p,  p ≥ 0,  p ≥ −t·(g x + b),  n·(g x + b) = 0.
     """
     manifold = CriticalManifold.of(network)
@@ -94,15 +123,15 @@ def least_compressed_length(network: Network | CriticalManifold, strain: ArrayLi
     L_star = manifold.balance(network.stiffness).bond_vectors
     F, _ = _force_map(network, L_star, transition_modulus(network, strain).symmetric)
     T = network.stiffness[:, None] * (L_star @ F.T)
-    along = T / np.linalg.norm(T, axis=1)[:, None]
-    across = along @ _QUARTER_TURN.T
+    unit = T / np.linalg.norm(T, axis=1)[:, None]
+    normal = unit @ _QUARTER_TURN.T
     n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors
     program = linprog(
         np.repeat([0.0, 1.0], [n_coordinates, n_edges]),
-        A_ub=sp.hstack([-spread_columns(network, along), -sp.eye_array(n_edges)]),
-        b_ub=np.einsum("ad,ad->a", along, b),
-        A_eq=sp.hstack([spread_columns(network, across), sp.csr_array((n_edges, n_edges))]),
-        b_eq=-np.einsum("ad,ad->a", across, b),
+        A_ub=sp.hstack([-spread_columns(network, unit), -sp.eye_array(n_edges)]),
+        b_ub=np.einsum("ad,ad->a", unit, b),
+        A_eq=sp.hstack([spread_columns(network, normal), sp.csr_array((n_edges, n_edges))]),
+        b_eq=-np.einsum("ad,ad->a", normal, b),
         bounds=[(None, None)] * n_coordinates + [(0, None)] * n_edges,
     )
     if program.status != 0:
@@ -111,19 +140,19 @@ def least_compressed_length(network: Network | CriticalManifold, strain: ArrayLi
 
 
 def _closed(manifold: CriticalManifold, L_star: Array, F: Array) -> tuple[Array, float]:
-    """The stress of bond vectors L = L* + g u along the forces T = kFL*, and the shortest length over the mean.
+    """The stress of bond vectors L = L* + g u parallel to the forces T = kFL*, and the shortest length over the mean.
 
-    They have no component along n = JFL*, n·(L* + g u) = 0, and least Σk|g u|².  Since gᵀ(k n) = 0, the constraints
-    have the self-stress k, and this is a system of stresses and displacements like any other.
+    They have no component in the direction n = JFL*, n·(L* + g u) = 0, and least Σk|g u|².  Since gᵀ(k n) = 0, the
+    constraints have the self-stress k, and this is a system of stresses and displacements.
     """
     network, k = manifold.network, manifold.network.stiffness
-    along = L_star @ F.T
-    across = along @ _QUARTER_TURN.T
-    still = np.zeros((len(network.free), 2))
-    u, _, _ = manifold.saddle.factorize(k, across).solve(still, -np.einsum("ad,ad->a", across, L_star))
+    direction = L_star @ F.T
+    normal = direction @ _QUARTER_TURN.T
+    no_force = np.zeros((len(network.free), 2))
+    u, _, _ = manifold.saddle.factorize(k, normal).solve(no_force, -np.einsum("ad,ad->a", normal, L_star))
     L = L_star + network.free_incidence @ u
     square = np.einsum("ad,ad->a", L, L)
-    sigma = k * np.einsum("ad,ad->a", along, L) / np.maximum(square, np.finfo(float).tiny)
+    sigma = k * np.einsum("ad,ad->a", direction, L) / np.maximum(square, np.finfo(float).tiny)
     shortest = float(np.sqrt(square.min()) / np.sqrt(square).mean())
     return sigma, shortest
 

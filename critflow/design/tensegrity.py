@@ -1,12 +1,12 @@
 """Tensegrities: networks with cables, which only pull (σ > 0), and struts, which only push (σ < 0).
 
-A tensegrity is a configuration like any other of the map σ → x, with signs given.  Two questions are its own: whether a
-geometry admits a self-stress of those signs, which is a linear program, and whether that stress makes it stable, which
-the inertia of the prestress matrix P answers.
+A tensegrity is a configuration of the map σ → x with given signs.  Two problems are specific to it: whether a geometry
+admits a self-stress of those signs, which is a linear program, and whether that stress makes it stable, which follows
+from the inertia of the prestress matrix P.
 
-Free-standing tensegrities hang on pins like every network: pin what fixes the frame.  An affine map that keeps all pins
-in place carries one equilibrium of σ into another, so P is singular unless the pins affinely span space (d + 1 of them,
-three in the plane not in line): with fewer the coordinates are given and checked, not found from σ.
+Free-standing tensegrities need pins like every network: pin vertices that fix the frame.  An affine map that keeps all
+pins in place maps one equilibrium of σ to another, so P is singular unless the pins affinely span space (d + 1 of them,
+three in the plane not in line): with fewer the coordinates are given and checked, not computed from σ.
 """
 
 from __future__ import annotations
@@ -19,27 +19,25 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
 
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
-from critflow.design.from_lengths import balanced_part
+from critflow.design.stressed_part import balanced_part
+from critflow.design.tolerances import NO_SIGNED_STRESS, RANK, SELF_STRESS_SHIFT
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import spread_columns
 
-# A least stress below this part of the largest is none: linear programs are solved to about 1e-9.
-_NONE = 1e-7
-
 
 @dataclass(frozen=True, eq=False)
 class SignedStress:
-    """Whether a geometry carries a self-stress of given signs, with what proves it.
+    """Whether a geometry has a self-stress of given signs, with its proof.
 
-    critical  the configuration with that σ, Σσ² = N_b, or None if there is none
-    least     least |σ| over largest |σ|, as large as it can be; 0 if there is none
-    motion    (N_v, d) if there is none: a motion that stretches no cable and shortens no strut but does the reverse to
-              some, so nothing can be stressed; None otherwise
-    loosened  the cables that `motion` shortens and the struts that it stretches: none of them carries a stress of its
-              sign in any self-stress of these signs
+    critical  the configuration with that σ, Σσ² = N_b, or None without a self-stress
+    least     largest possible ratio of the least |σ| to the largest |σ|; 0 without a self-stress
+    motion    (N_v, d), without a self-stress: a motion that stretches no cable and shortens no strut but shortens some
+              cables or stretches some struts, which excludes a self-stress; None otherwise
+    loosened  the cables that `motion` shortens and the struts that it stretches: no self-stress of these signs has a
+              stress on them
     """
 
     critical: CriticalConfiguration | None
@@ -53,22 +51,22 @@ def signed_stress(
 ) -> Solution[SignedStress]:
     """The self-stress of given signs at coordinates (N_v, d) whose least |σ| is as large as possible.
 
-    signs  (N_b,) +1 for a cable, −1 for a strut, 0 for a bar, which may do either
+    signs  (N_b,) +1 for a cable, −1 for a strut, 0 for a bar, which may be in tension or compression
 
         maximise t  subject to  gᵀ(σ ∘ L) = 0,  s_α σ_α ≥ t,  |σ_α| ≤ 1.
 
-    If t = 0 is the best there is none, `Status.floppy`: by Stiemke's lemma there is then a motion u with
-    s_α L_α·(g u)_α ≤ 0 on every cable and strut, not zero on all, and 0 on bars; it is returned as the reason.
+    If the maximum is t = 0, no such self-stress exists, `Status.floppy`: by Stiemke's lemma there is then a motion u
+    with s_α L_α·(g u)_α ≤ 0 on every cable and strut, not zero on all, and 0 on bars; it is returned as the proof.
     Raises `InputError` for wrong signs or coordinates, or an edge of no length.
     """
     x, s = _checked(network, coordinates, signs)
     L = network.bond_vectors(x)
     R = spread_columns(network, L)
     n, signed = network.n_edges, np.flatnonzero(s)
-    # Unknowns (σ, t); balance of each edge is measured by its own length.
     length = np.linalg.norm(L, axis=1)
     if not length.min() > 0:
         raise InputError(f"edge {int(length.argmin())} has no length, so no direction: move its ends apart")
+    # Unknowns (σ, t).
     balance = sp.hstack([R.T / length.mean(), sp.csr_array((R.shape[1], 1))])
     at_least = sp.csr_array((-s[signed], (np.arange(len(signed)), signed)), shape=(len(signed), n))
     answer = linprog(
@@ -80,35 +78,36 @@ def signed_stress(
         bounds=[(-1.0, 1.0)] * n + [(None, 1.0)],
         method="highs",
     )
-    details: dict[str, object] = {}
+    note = ""
     if answer.status != 0:
         value, status, error = SignedStress(None, np.nan, None, signed[:0]), Status.stalled, np.nan
-        details["note"] = f"the linear program failed: {answer.message}"
-    elif answer.x[-1] > _NONE:
-        sigma = balanced_part(network, L, answer.x[:-1], block_laplacian(network), 1e-12 * float(np.mean(L**2)))
+        note = f"the linear program failed: {answer.message}"
+    elif answer.x[-1] > NO_SIGNED_STRESS:
+        shift = SELF_STRESS_SHIFT * float(np.mean(L**2))
+        sigma = balanced_part(network, L, answer.x[:-1], block_laplacian(network), shift)
         critical = critical_configuration(network, sigma, x)
         least = float(np.min(s[signed] * sigma[signed]) / np.abs(sigma).max())
         value, status, error = SignedStress(critical, least, None, signed[:0]), Status.ok, critical.residual
     else:
         motion, loosened, error = _loosening(network, R, s, answer.eqlin.marginals)
         value, status = SignedStress(None, 0.0, motion, loosened), Status.floppy
-        details["note"] = (
+        note = (
             f"no self-stress has these signs: a motion loosens {len(loosened)} of {n} edges, edge {int(loosened[0])} "
             "among them, and tightens none; change the signs or the geometry"
         )
-    solution = Solution(value, status, Stats("linear program", int(answer.nit), 1, error, details))
+    solution = Solution(value, status, Stats("linear program", int(answer.nit), residual=error), note)
     return solution.or_raise("no tensegrity") if throw else solution
 
 
 @dataclass(frozen=True)
 class Stability:
-    """How a stress holds a configuration.
+    """Stability of a configuration under a stress.
 
     n_negative        negative eigenvalues of the prestress matrix P
-    n_null            its zero eigenvalues
-    n_affine          those that affine maps account for: affine functions that vanish on every pin
-    prestress_stable  whether P is positive on every first-order flex: springs under a little of that stress are then
-                      in a strict minimum; a frame that can turn about its pins never is
+    n_null            zero eigenvalues of P
+    n_affine          zero eigenvalues due to affine maps: affine functions that vanish on every pin
+    prestress_stable  whether P is positive on every first-order flex: springs under a small multiple of that stress
+                      are then in a strict minimum; a frame that can rotate about its pins never is
     super_stable      whether P has no negative and no further zero eigenvalue and no affine map but a rigid motion
                       keeps every length: stable at any stress and any stiffness, and the only such configuration
     """
@@ -123,7 +122,7 @@ class Stability:
 def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stability:
     """Stability of a configuration under its stress, from the inertia of P(σ) and of P on the first-order flexes.
 
-    Eigenvalues of P within `margin` times the mean |σ| of zero count as zero.  Where all σ > 0 none is.
+    Eigenvalues of P within `margin` times the mean |σ| of zero count as zero.  If all σ > 0, no eigenvalue is zero.
     """
     network, sigma = critical.network, critical.sigma
     shift, pattern = margin * float(np.mean(np.abs(sigma))), laplacian(network)
@@ -158,14 +157,14 @@ def _checked(network: Network, coordinates: ArrayLike, signs: ArrayLike) -> tupl
 def _loosening(
     network: Network, R: sp.csr_array, signs: Array, multipliers: Array
 ) -> tuple[Array, NDArray[np.intp], float]:
-    """The multipliers of the balance as a motion that loosens edges, the edges, and the worst it does otherwise."""
+    """The multipliers of the balance as a motion that loosens edges, the loosened edges, and its largest violation."""
     elongation = R @ multipliers
     size = float(np.abs(elongation).max())
     loosening = -signs * elongation / size
     motion = np.zeros((network.n_vertices, network.dimension))
     motion[network.free] = (multipliers / size).reshape(-1, network.dimension)
     error = max(0.0, float(-loosening.min()), float(np.abs(elongation[signs == 0]).max(initial=0.0)) / size)
-    return motion, np.flatnonzero(loosening > _NONE), error
+    return motion, np.flatnonzero(loosening > NO_SIGNED_STRESS), error
 
 
 def _affine_maps(network: Network) -> Array:
@@ -177,7 +176,7 @@ def _affine_maps(network: Network) -> Array:
     pins = np.array(list(network.pins.values()))
     pins = pins - pins.mean(axis=0)
     _, values, right = np.linalg.svd(pins, full_matrices=True)
-    rank = int(np.count_nonzero(values > 1e-9 * max(float(values.max(initial=0.0)), 1e-300)))
+    rank = int(np.count_nonzero(values > RANK * max(float(values.max(initial=0.0)), 1e-300)))
     return right[rank:]
 
 
@@ -189,6 +188,6 @@ def _lengths_fix(affine: Array, critical: CriticalConfiguration) -> bool:
     unit = L / critical.lengths[:, None]
     elongations = np.einsum("am,ad->amd", unit @ affine.T, unit).reshape(len(L), -1)
     values = np.linalg.svd(elongations, compute_uv=False)
-    rank = int(np.count_nonzero(values > 1e-9 * values.max()))
+    rank = int(np.count_nonzero(values > RANK * values.max()))
     # Rigid motions that keep the pins in place, m(m − 1)/2 of them, keep lengths as they must.
     return rank == m * L.shape[1] - m * (m - 1) // 2

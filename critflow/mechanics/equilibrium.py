@@ -14,7 +14,7 @@ from critflow.networks.network import Array
 from critflow.precision.double_double import two_sum
 from critflow.precision.residual import Displacement, inverse_norm
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.solvers.minimize import Point, fire
+from critflow.solvers.minimize import Fire, Function, Point, minimise
 
 # Compression, in units of k, that is rounding.
 NO_COMPRESSION = 1e-10
@@ -249,14 +249,14 @@ def _fire(state: State, tolerance: float, max_steps: int) -> Solution[State]:
     at_vertex = np.bincount(state.network.edges.ravel(), np.repeat(state.edge_stiffness, 2))
     time_step = 0.075 * 2 / np.sqrt(2 * at_vertex.max())
     max_move = 0.3 * float(state.lengths.mean())
-    end = fire(Relaxation(state), np.zeros(state.forces.size), tolerance, max_steps, time_step, max_move)
+    end = minimise(Relaxation(state), Fire(time_step, max_move), np.zeros(state.forces.size), tolerance, max_steps)
     final = state.moved(end.point.x.reshape(state.forces.shape))
     return Solution(
-        final, end.status, Stats("fire", end.iterations, end.evaluations, end.point.residual, {"energy": final.energy})
+        final, end.status, Stats("fire", end.steps, residual=end.point.residual, details={"energy": final.energy})
     )
 
 
-class Relaxation(Generic[State]):
+class Relaxation(Function, Generic[State]):
     """The energy as a function of the displacements from a state."""
 
     def __init__(self, state: State):
@@ -269,12 +269,3 @@ class Relaxation(Generic[State]):
             return Point(x, np.inf, np.zeros_like(x), np.inf)
         gradient = -state.forces.ravel()
         return Point(x, energy, gradient, float(np.abs(gradient).max()))
-
-    def stiff_diagonal(self, point: Point) -> Array | float:
-        return 0.0
-
-    def verdict(self, point: Point) -> Status | None:
-        return None
-
-    def curvature(self, point: Point, direction: Array) -> Array:
-        raise NotImplementedError("FIRE needs no curvature")

@@ -222,8 +222,8 @@ def critical_from_perimeters(cells: Cells, targets: ArrayLike, throw: bool = Tru
     are slack; `stats.details` names the culprits.
     """
     network, p0 = cells.network, _positive(targets, cells.sides, "targets")
-    cone = fit_perimeters(network, cells.sides, p0, 1e-12)
-    x, T, error, status = cone.coordinates, cone.multipliers, np.nan, Status.ok
+    cone = fit_perimeters(network.free_incidence, network.boundary_vectors, cells.sides, p0, 1e-12)
+    x, T, error, status = network.all_coordinates(cone.coordinates), cone.multipliers, np.nan, Status.ok
     length = np.linalg.norm(network.bond_vectors(x), axis=1)
     slack, collapsed = np.flatnonzero(~cone.stressed), np.flatnonzero(length < _COLLAPSED * length.mean())
     details = {"ratio": cone.ratio, "slack_cells": slack, "collapsed_edges": collapsed}
@@ -242,7 +242,7 @@ def critical_from_perimeters(cells: Cells, targets: ArrayLike, throw: bool = Tru
     # Of an edge without length only the tension is known.
     sigma = (cells.sides.T @ T) / np.maximum(length, EPS * length.mean())
     value = CriticalPerimeters(critical_configuration(network, sigma, x), cells, T / T.mean())
-    solution = Solution(value, status, Stats("conic", cone.iterations, cone.iterations, error, details))
+    solution = Solution(value, status, Stats("conic", cone.steps, residual=error, details=details))
     return solution.or_raise("these perimeters have no all-tension critical configuration") if throw else solution
 
 

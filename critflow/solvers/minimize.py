@@ -1,234 +1,308 @@
-"""Minimisers of a smooth function of a vector: FIRE, L-BFGS and Newton with conjugate gradients.
+"""Minimisers of a smooth function of a vector: FIRE, L-BFGS and Newton's method with conjugate gradients.
 
-A method sees a `Function` and knows no networks.  Progress is judged by the residual that the function defines (its
-gradient in the units of the problem), never by a relative change of the value: near the transition a small change of
-energy is not a small error.
+`minimise` owns the loop, the step limit and the stop status; a method is `init` and `step`, only its mathematics.
+Convergence is judged by the residual that the function defines (a norm of its gradient in the units of the problem),
+not by a relative change of the value: near the transition a small change of energy is not a small error.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from critflow.networks.network import Array
 from critflow.result import Status
+from critflow.solvers.tolerances import ARMIJO, FLAT, ROUNDING
+
+Array = NDArray[np.float64]
+State = TypeVar("State")
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A place x with the value, the gradient and the residual (a norm of the gradient) of the function there."""
+    """A function at x: value, gradient (n,), residual (a norm of the gradient), and the state of its derivatives.
+
+    state  data of the function at x that Hessian-vector products need, independent of later evaluations
+    """
 
     x: Array
     value: float
     gradient: Array
     residual: float
+    state: Any = None
 
 
-class Function(Protocol):
-    """What the methods minimise.  `curvature` and `verdict` may assume that their point was evaluated last."""
+class Function(ABC):
+    """A smooth function of a vector x (n,)."""
 
-    def at(self, x: Array) -> Point: ...
+    @abstractmethod
+    def at(self, x: Array) -> Point:
+        """Value and derivatives at x; a value that is not finite marks x as outside the domain."""
 
     def stiff_diagonal(self, point: Point) -> Array | float:
-        """A diagonal part of the Hessian that is known, ≥ 0; zero where nothing is."""
+        """A diagonal part of the Hessian that is known, ≥ 0; zero without one."""
+        return 0.0
 
-    def verdict(self, point: Point) -> Status | None:
-        """A status that ends the minimisation where going on is pointless, else None."""
+    def hessian_product(self, point: Point, direction: Array) -> Array:
+        """The Hessian at a point times a direction (n,); only Newton's method and the saddle test need it."""
+        raise NotImplementedError(f"{type(self).__name__} has no Hessian: choose FIRE or L-BFGS")
 
-    def curvature(self, point: Point, direction: Array) -> Array:
-        """The Hessian times a direction."""
+
+class Method(Protocol[State]):
+    """One algorithm: its state at the start, and one step from a point."""
+
+    def init(self, point: Point) -> State: ...
+
+    def step(self, function: Function, point: Point, state: State) -> tuple[Point, State | None]:
+        """The next point and state; a state of None: no further progress is possible."""
+
+
+Monitor = Callable[[Point], Status | None]
+"""Called with the start and the point after each step; a status other than None ends the minimisation."""
 
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where a minimiser ended, and why."""
+    """Last point of a minimisation, its stop status and the number of steps."""
 
     point: Point
     status: Status
-    iterations: int
-    evaluations: int
+    steps: int
 
 
-def fire(function: Function, x: Array, tolerance: float, max_steps: int, time_step: float, max_move: float) -> Minimum:
-    """FIRE 2.0, the method of the paper: damped dynamics that stop whenever they run uphill (Guénolé et al., 2020).
+def minimise(
+    function: Function,
+    method: Method[State],
+    x0: Array,
+    tolerance: float,
+    max_steps: int,
+    monitor: Monitor | None = None,
+) -> Minimum:
+    """Minimise a function from x0 (n,) until its residual is below the tolerance.
 
-    Semi-implicit Euler with unit masses; after 20 downhill steps the time step grows, after an uphill step it shrinks
-    and half a step is taken back.  No component moves by more than `max_move` a step, none to an infinite value.
+    Other stop statuses: `singular` for a value that is not finite, `stalled`, `step_limit`, and those of the monitor.
     """
-    start_mixing, longest = 0.25, 10 * time_step
-    velocity, mixing, downhill = np.zeros_like(x), start_mixing, 0
-    point = function.at(x)
+    point = function.at(x0)
+    state: State | None = method.init(point)
     for step in range(max_steps):
-        if point.residual < tolerance:
-            return Minimum(point, Status.ok, step, step + 1)
-        verdict = function.verdict(point)
-        if verdict is not None:
-            return Minimum(point, verdict, step, step + 1)
-        force = -point.gradient
+        status = stop_status(point, tolerance, monitor)
+        if status is not None:
+            return Minimum(point, status, step)
+        assert state is not None
+        point, state = method.step(function, point, state)
+        if state is None:
+            return Minimum(point, Status.stalled, step)
+    return Minimum(point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps)
+
+
+def stop_status(point: Point, tolerance: float, monitor: Monitor | None) -> Status | None:
+    """The status that ends a minimisation at a point, or None."""
+    if point.residual < tolerance:
+        return Status.ok
+    if not np.isfinite(point.value):
+        return Status.singular
+    return monitor(point) if monitor is not None else None
+
+
+class FireState(NamedTuple):
+    """Position of the dynamics, velocity, time step, mixing, and the number of steps since the velocity was reset."""
+
+    x: Array
+    velocity: Array
+    time_step: float
+    mixing: float
+    descending: int
+
+
+@dataclass(frozen=True)
+class Fire:
+    """FIRE 2.0, the method of the paper: damped dynamics, stopped when the value rises (Guénolé et al., 2020).
+
+    Semi-implicit Euler with unit masses.  After 20 steps of descent the time step grows, up to tenfold; after a step
+    against the force it shrinks and half the step is reversed.
+
+    time_step  initial time step
+    max_move   largest change of a component of x in one step
+    """
+
+    time_step: float
+    max_move: float = 0.5
+    mixing: float = 0.25
+
+    def init(self, point: Point) -> FireState:
+        return FireState(point.x, np.zeros_like(point.x), self.time_step, self.mixing, 0)
+
+    def step(self, function: Function, point: Point, state: FireState) -> tuple[Point, FireState]:
+        x, velocity, time_step, mixing, descending = state
+        force, longest = -point.gradient, 10 * self.time_step
         if force @ velocity > 0:
-            downhill += 1
-            if downhill > 20:
+            descending += 1
+            if descending > 20:
                 time_step, mixing = min(1.1 * time_step, longest), 0.99 * mixing
         else:
-            x = point.x - 0.5 * time_step * velocity
+            x = x - 0.5 * time_step * velocity
             velocity = np.zeros_like(velocity)
-            time_step, mixing, downhill = max(0.5 * time_step, 2e-3 * longest), start_mixing, 0
-            point = Point(x, point.value, point.gradient, point.residual)
+            time_step, mixing, descending = max(0.5 * time_step, 2e-3 * longest), self.mixing, 0
         velocity = velocity + time_step * force
         speed, strength = np.linalg.norm(velocity), np.linalg.norm(force)
         if strength > 0:
             velocity = (1 - mixing) * velocity + (mixing * speed / strength) * force
         move = time_step * float(np.abs(velocity).max())
-        if move > max_move:
-            velocity = velocity * (max_move / move)
-        trial = function.at(point.x + time_step * velocity)
+        if move > self.max_move:
+            velocity = velocity * (self.max_move / move)
+        trial = function.at(x + time_step * velocity)
         if trial.value == np.inf:
-            # A wall is in the way: stop before it and go on more slowly.
-            velocity, time_step = np.zeros_like(velocity), 0.5 * time_step
-        else:
-            point = trial
-    status = Status.ok if point.residual < tolerance else Status.step_limit
-    return Minimum(point, status, max_steps, max_steps + 1)
+            # Outside the domain: stop in front of its boundary and continue more slowly.
+            return point, FireState(x, np.zeros_like(velocity), 0.5 * time_step, mixing, descending)
+        return trial, FireState(trial.x, velocity, time_step, mixing, descending)
 
 
-def lbfgs(
-    function: Function, x: Array, tolerance: float, max_steps: int, memory: int = 15, longest: float = 0.7
-) -> Minimum:
-    """L-BFGS with backtracking (Nocedal & Wright, algorithms 7.4 and 3.1); no component moves by more than `longest`.
+Pair = tuple[Array, Array, float]
+"""Change of x, change of the gradient, and their product."""
 
-    Three things that library versions lack matter here: the limit keeps trials away from the wall of a barrier, the
-    known diagonal of the Hessian takes the wall's curvature out of what has to be learned, and where a fall of the
-    value is lost in rounding, a step is judged by the slope at its end instead.
+
+class LBFGSState(NamedTuple):
+    """The last pairs, and whether they were discarded since the last step."""
+
+    pairs: deque[Pair]
+    fresh: bool
+
+
+@dataclass(frozen=True)
+class LBFGS:
+    """L-BFGS with backtracking (Nocedal & Wright, algorithms 7.4 and 3.1).
+
+    Three properties that library versions lack: the limit of a step keeps trials off the wall of a barrier, the known
+    diagonal of the Hessian takes the curvature of the wall out of the pairs, and where a decrease of the value is below
+    rounding, a step is judged by the gradient at its end.
+
+    memory    number of pairs
+    max_move  largest change of a component of x in one step
     """
-    point = function.at(x)
-    pairs: deque[tuple[Array, Array, float]] = deque(maxlen=memory)
-    evaluations, fresh = 1, True
-    for step in range(max_steps):
-        if point.residual < tolerance:
-            return Minimum(point, Status.ok, step, evaluations)
-        verdict = function.verdict(point)
-        if verdict is not None:
-            return Minimum(point, verdict, step, evaluations)
+
+    memory: int = 15
+    max_move: float = 0.7
+
+    def init(self, point: Point) -> LBFGSState:
+        return LBFGSState(deque(maxlen=self.memory), True)
+
+    def step(self, function: Function, point: Point, state: LBFGSState) -> tuple[Point, LBFGSState | None]:
+        pairs = state.pairs
         direction = _two_loops(point.gradient, pairs, function.stiff_diagonal(point))
-        slope = point.gradient @ direction
-        if not slope < 0:
+        gradient = point.gradient @ direction
+        if not gradient < 0:
             pairs.clear()
-            direction, slope = -point.gradient, -(point.gradient @ point.gradient)
-        length = min(1.0 if pairs else np.inf, longest / float(np.abs(direction).max()))
-        for _ in range(30):
-            trial = function.at(point.x + length * direction)
-            evaluations += 1
-            if trial.value <= point.value + 1e-4 * length * slope:
-                break
-            # Within rounding of the value, a slope that has fallen says the same (Hager and Zhang, 2005).
-            if trial.value <= point.value + _ROUNDING * abs(point.value) and trial.gradient @ direction <= -0.8 * slope:
-                break
-            length *= 0.3
-        else:
-            if fresh:
-                return Minimum(point, Status.stalled, step, evaluations)
+            direction, gradient = -point.gradient, -(point.gradient @ point.gradient)
+        length = min(1.0 if pairs else np.inf, self.max_move / float(np.abs(direction).max()))
+        trial = _backtrack(function, point, direction, float(gradient), length)
+        if trial is None:
             pairs.clear()
-            fresh = True
-            continue
-        moved, turned = trial.x - point.x, trial.gradient - point.gradient
-        product = float(moved @ turned)
-        if product > 1e-12 * np.sqrt((moved @ moved) * (turned @ turned)):
-            pairs.append((moved, turned, product))
-        point, fresh = trial, False
-    return Minimum(point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps, evaluations)
+            return point, None if state.fresh else LBFGSState(pairs, True)
+        dx, dgradient = trial.x - point.x, trial.gradient - point.gradient
+        product = float(dx @ dgradient)
+        if product > 1e-12 * np.sqrt((dx @ dx) * (dgradient @ dgradient)):
+            pairs.append((dx, dgradient, product))
+        return trial, LBFGSState(pairs, False)
 
 
-# Curvatures this much below the steepest are rounding: such directions are flat.
-_FLAT = 1e-11
-# Relative changes of the value below this are rounding.
-_ROUNDING = 1e-14
+def _backtrack(function: Function, point: Point, direction: Array, gradient: float, length: float) -> Point | None:
+    """The first of 30 shorter and shorter steps that decreases the value enough, or None."""
+    for _ in range(30):
+        trial = function.at(point.x + length * direction)
+        if trial.value <= point.value + ARMIJO * length * gradient:
+            return trial
+        # Within rounding of the value, a smaller directional derivative is equivalent (Hager and Zhang, 2005).
+        if trial.value <= point.value + ROUNDING * abs(point.value) and trial.gradient @ direction <= -0.8 * gradient:
+            return trial
+        length *= 0.3
+    return None
 
 
-def _two_loops(gradient: Array, pairs: deque[tuple[Array, Array, float]], diagonal: Array | float) -> Array:
-    """−H⁻¹ gradient with the inverse Hessian that the stored pairs (moved, turned) and the diagonal imply."""
+def _two_loops(gradient: Array, pairs: deque[Pair], diagonal: Array | float) -> Array:
+    """−H⁻¹ gradient with the inverse Hessian implied by the pairs and the diagonal."""
     direction = -gradient
     weights = []
-    for moved, turned, product in reversed(pairs):
-        weights.append(moved @ direction / product)
-        direction -= weights[-1] * turned
+    for dx, dgradient, product in reversed(pairs):
+        weights.append(dx @ direction / product)
+        direction -= weights[-1] * dgradient
     if pairs:
-        moved, turned, product = pairs[-1]
-        rest = turned - diagonal * moved
-        along = rest @ moved
-        direction /= diagonal + (rest @ rest / along if along > 0 else turned @ turned / product)
-    for (moved, turned, product), weight in zip(pairs, reversed(weights), strict=True):
-        direction += (weight - turned @ direction / product) * moved
+        dx, dgradient, product = pairs[-1]
+        rest = dgradient - diagonal * dx
+        curvature = rest @ dx
+        direction /= diagonal + (rest @ rest / curvature if curvature > 0 else dgradient @ dgradient / product)
+    for (dx, dgradient, product), weight in zip(pairs, reversed(weights), strict=True):
+        direction += (weight - dgradient @ direction / product) * dx
     return direction
 
 
-def newton(function: Function, x: Array, tolerance: float, max_steps: int, max_inner: int = 400) -> Minimum:
-    """Newton's method with truncated conjugate gradients on the exact Hessian, safe where it is indefinite.
+@dataclass(frozen=True)
+class Newton:
+    """Newton's method with truncated conjugate gradients in a trust region (Steihaug), for any inertia of the Hessian.
 
-    Inside a trust region (Steihaug).  A step is kept when the value falls as the model says, or, once the fall is
-    lost in rounding, when the gradient shrinks.
+    A step is accepted when the value decreases as the model predicts, or, where the decrease is below rounding, when
+    the residual does.  The state is the radius of the trust region.
+
+    max_products  Hessian-vector products of one step
     """
-    point = function.at(x)
-    radius, evaluations = 1.0 + 0.1 * float(np.linalg.norm(x)), 1
-    for step in range(max_steps):
-        if point.residual < tolerance:
-            return Minimum(point, Status.ok, step, evaluations)
-        verdict = function.verdict(point)
-        if verdict is not None:
-            return Minimum(point, verdict, step, evaluations)
-        direction, predicted, inner, inside = _steihaug(function, point, radius, max_inner)
+
+    max_products: int = 400
+
+    def init(self, point: Point) -> float:
+        return 1.0 + 0.1 * float(np.linalg.norm(point.x))
+
+    def step(self, function: Function, point: Point, state: float) -> tuple[Point, float | None]:
+        direction, predicted, inside = _steihaug(function, point, state, self.max_products)
         trial = function.at(point.x + direction)
-        evaluations += inner + 1
-        fall = point.value - trial.value
-        rounding = 10 * _ROUNDING * abs(point.value) + 1e-300
-        lost = predicted < rounding and abs(fall) < 10 * rounding
-        good = np.isfinite(trial.value) and (trial.residual < 0.9 * point.residual if lost else fall > 1e-4 * predicted)
-        if good:
-            if not inside and (lost or fall > 0.75 * predicted):
-                radius *= 2.0
-            point = trial
-        else:
-            # Along flat directions rounding makes steps of any length; short ones still reach what is not flat.
-            radius = (0.1 if lost else 0.25) * float(np.linalg.norm(direction))
-            point = function.at(point.x)  # the curvature belongs to the point evaluated last
-            evaluations += 1
-            if radius < 1e-14 * (1.0 + float(np.linalg.norm(point.x))):
-                return Minimum(point, Status.stalled, step, evaluations)
-    return Minimum(point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps, evaluations)
+        decrease = point.value - trial.value
+        rounding = 10 * ROUNDING * abs(point.value) + 1e-300
+        below_rounding = predicted < rounding and abs(decrease) < 10 * rounding
+        enough = trial.residual < 0.9 * point.residual if below_rounding else decrease > ARMIJO * predicted
+        if np.isfinite(trial.value) and enough:
+            wider = not inside and (below_rounding or decrease > 0.75 * predicted)
+            return trial, 2.0 * state if wider else state
+        # In flat directions rounding makes steps of any length; short ones still converge in the others.
+        radius = (0.1 if below_rounding else 0.25) * float(np.linalg.norm(direction))
+        return point, None if radius < 1e-14 * (1.0 + float(np.linalg.norm(point.x))) else radius
 
 
-def _steihaug(function: Function, point: Point, radius: float, max_inner: int) -> tuple[Array, float, int, bool]:
-    """Step, predicted fall, products used and whether it stays inside, of the quadratic model in a trust region."""
+def _steihaug(function: Function, point: Point, radius: float, max_products: int) -> tuple[Array, float, bool]:
+    """Step of the quadratic model in a trust region, its predicted decrease, and whether it stays inside."""
     residual = -point.gradient
     size = float(np.linalg.norm(residual))
-    # Few iterations far away, many near the minimum, so that the convergence is superlinear.
+    # Few iterations far from the minimum, many near it, so that the convergence is superlinear.
     goal = size * min(0.1, np.sqrt(size))
     step, product = np.zeros_like(residual), np.zeros_like(residual)
     direction, square, steepest = residual, residual @ residual, 0.0
-    for inner in range(1, max_inner + 1):
-        curved = function.curvature(point, direction)
+    for inner in range(1, max_products + 1):
+        curved = function.hessian_product(point, direction)
         curvature = direction @ curved
         steepest = max(steepest, float(abs(curvature) / (direction @ direction)))
-        if inner > 1 and abs(curvature) < _FLAT * steepest * (direction @ direction):
+        if inner > 1 and abs(curvature) < FLAT * steepest * (direction @ direction):
             break
         length = square / curvature if curvature > 0 else np.inf
         longer = step + min(length, 1e300) * direction if curvature > 0 else step
         if curvature <= 0 or np.linalg.norm(longer) >= radius:
             length = _to_boundary(step, direction, radius)
             step, product = step + length * direction, product + length * curved
-            return step, -float(point.gradient @ step + 0.5 * step @ product), inner, False
+            return step, -float(point.gradient @ step + 0.5 * step @ product), False
         step, product = longer, product + length * curved
         residual = residual - length * curved
         new_square = residual @ residual
         if np.sqrt(new_square) < goal:
             break
         direction, square = residual + (new_square / square) * direction, new_square
-    return step, -float(point.gradient @ step + 0.5 * step @ product), inner, True
+    return step, -float(point.gradient @ step + 0.5 * step @ product), True
 
 
 def _to_boundary(step: Array, direction: Array, radius: float) -> float:
     """The positive length t at which |step + t·direction| reaches the radius."""
     a, b, c = direction @ direction, step @ direction, step @ step - radius**2
     return float((-b + np.sqrt(b * b - a * c)) / a)
+
+
+METHODS: dict[str, Callable[..., Method[Any]]] = {"fire": Fire, "lbfgs": LBFGS, "newton": Newton}

@@ -1,71 +1,101 @@
-"""Whether a descent has ended at a saddle, and the way down from it.
+"""Minimisation past saddle points.
 
-A gradient that vanishes does not tell a minimum from a saddle, and a start with a symmetry of the network leads a
-descent to points that are least among the symmetric ones only.  Products with the Hessian do tell: Lanczos' method
+A zero gradient does not distinguish a minimum from a saddle, and a start with a symmetry of the network leads a descent
+to points that are minimal only among the symmetric ones.  Products with the Hessian distinguish them: Lanczos' method
 finds the ends of a spectrum first.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import scipy.linalg
 
 from critflow.linalg.vectors import quasi_random
-from critflow.networks.network import Array
-from critflow.solvers.minimize import Function, Point
+from critflow.result import Status
+from critflow.solvers.minimize import Array, Function, Minimum, Point
+from critflow.solvers.tolerances import NEGATIVE, NEGATIVE_GRADIENTS
 
-# Products with the Hessian for one look; standard networks of 1,000 vertices need 60 evaluations or more to get there.
+# Hessian-vector products of one saddle test, fewer than the evaluations of a descent (60 at 1,000 vertices).
 _PRODUCTS = 20
-# Curvature this far below zero, against the steepest, is not rounding, nor are so many times the largest slope:
-# where the slope does not quite vanish, directions that are flat seem curved by as much.
-_CLEAR, _SLOPES = 1e-6, 10.0
-# The largest component of a first step to the side, and how many times it is shortened to a third at most.
-_ASIDE, _SHORTER = 0.3, 12
+# Largest component of the first step off a saddle, and the number of times that it is divided by three.
+_FIRST_STEP, _SHORTER = 0.3, 12
+# Upper limit of saddles on one descent; not reached on any tested network.
+_MAX_SADDLES = 20
+
+Descent = Callable[[Array, int | None], Minimum]
+"""A minimisation from x (n,) within a number of steps, or the default number for None."""
 
 
-def downhill(function: Function, point: Point, products: int = _PRODUCTS) -> tuple[Array | None, int]:
-    """A direction along which the function curves down from a stationary point, or None; and the products taken.
+def minimise_past_saddles(
+    function: Function, descend: Descent, x0: Array, max_steps: int | None, stationary: float
+) -> tuple[Minimum, int | None]:
+    """A descent from x0 (n,), continued from every saddle at which it ends; and the number of saddles.
 
-    By Lanczos' method with full orthogonalisation on S H S, whose curvatures have the signs of those of H.  S takes
-    out the known diagonal, which would hide all others.  The first vector has no symmetry.
+    stationary  residual above which the end is not tested, as after a descent to a rough tolerance, where the test
+                would cost more than the descent; the number of saddles is then None if no other was met
+
+    `Status.stalled` where no step off a saddle decreases the value.
+    """
+    end = descend(x0, max_steps)
+    steps, saddles = end.steps, 0
+    while end.status is Status.ok and end.point.residual <= stationary:
+        direction = negative_curvature_direction(function, end.point)
+        if direction is None:
+            return Minimum(end.point, end.status, steps), saddles
+        saddles += 1
+        lower = step_off_saddle(function, end.point, direction)
+        left = None if max_steps is None else max_steps - steps
+        if lower is None or left == 0 or saddles > _MAX_SADDLES:
+            end = replace(end, status=Status.stalled if lower is None else Status.step_limit)
+            break
+        end = descend(lower.x, left)
+        steps += end.steps
+    return Minimum(end.point, end.status, steps), saddles or None
+
+
+def negative_curvature_direction(function: Function, point: Point, products: int = _PRODUCTS) -> Array | None:
+    """A direction (n,) of negative curvature at a stationary point, or None.
+
+    By Lanczos' method with full orthogonalisation on S H S, whose curvatures have the signs of those of H.  S scales
+    out the known diagonal, which would hide all other curvatures.  The first vector has no symmetry.
     """
     n = len(point.x)
     first = quasi_random(n) - 0.5
-    diagonal, taken = function.stiff_diagonal(point), 0
+    diagonal = function.stiff_diagonal(point)
     scale = np.ones(n)
     if np.any(diagonal):
-        rest = function.curvature(point, first) - diagonal * first
-        scale, taken = 1 / np.sqrt(1 + diagonal * np.linalg.norm(first) / np.linalg.norm(rest)), 1
+        rest = function.hessian_product(point, first) - diagonal * first
+        scale = 1 / np.sqrt(1 + diagonal * np.linalg.norm(first) / np.linalg.norm(rest))
     products = min(products, n)
     basis = np.empty((products + 1, n))
     basis[0] = first / np.linalg.norm(first)
-    along, beside = np.zeros(products), np.zeros(products)
+    main, off = np.zeros(products), np.zeros(products)
     for k in range(products):
-        curved = scale * function.curvature(point, scale * basis[k])
-        along[k] = curved @ basis[k]
+        curved = scale * function.hessian_product(point, scale * basis[k])
+        main[k] = curved @ basis[k]
         for _ in range(2):
             curved -= basis[: k + 1].T @ (basis[: k + 1] @ curved)
-        beside[k] = np.linalg.norm(curved)
-        if k + 1 == products or beside[k] < _CLEAR * np.abs(along).max():
+        off[k] = np.linalg.norm(curved)
+        if k + 1 == products or off[k] < NEGATIVE * np.abs(main).max():
             break
-        basis[k + 1] = curved / beside[k]
-    values, vectors = scipy.linalg.eigh_tridiagonal(along[: k + 1], beside[:k])
+        basis[k + 1] = curved / off[k]
+    values, vectors = scipy.linalg.eigh_tridiagonal(main[: k + 1], off[:k])
     direction = scale * (vectors[:, 0] @ basis[: k + 1])
-    # The curvature of H itself along it, per unit length.
+    # The curvature of H itself in this direction, per unit length.
     curvature = values[0] / (direction @ direction)
-    noise = max(_CLEAR * float(np.abs(values).max()), _SLOPES * float(np.abs(point.gradient).max()))
-    return direction if curvature < -noise else None, taken + k + 1
+    noise = max(NEGATIVE * float(np.abs(values).max()), NEGATIVE_GRADIENTS * float(np.abs(point.gradient).max()))
+    return direction if curvature < -noise else None
 
 
-def aside(function: Function, point: Point, direction: Array) -> tuple[Point | None, int]:
-    """The lower of two points either way along a direction of negative curvature; and the evaluations taken.
-
-    None where the value does not fall that way as far as rounding can tell.
-    """
-    step = _ASIDE / float(np.abs(direction).max()) * direction
-    for tried in range(1, _SHORTER + 1):
+def step_off_saddle(function: Function, point: Point, direction: Array) -> Point | None:
+    """The lower of two points at ± a step in a direction of negative curvature; None if neither decreases the value."""
+    step = _FIRST_STEP / float(np.abs(direction).max()) * direction
+    for _ in range(_SHORTER):
         best = min((function.at(point.x + step), function.at(point.x - step)), key=lambda trial: trial.value)
         if best.value < point.value:
-            return best, 2 * tried
+            return best
         step = step / 3
-    return None, 2 * _SHORTER
+    return None

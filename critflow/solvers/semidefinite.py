@@ -1,8 +1,8 @@
-"""Relaxations of a question on unit vectors: can quadratic forms zᵀQ_I z all vanish at one z?
+"""Relaxations of a problem on unit vectors: is there a z at which all quadratic forms zᵀQ_I z vanish?
 
 Replace the products z_i z_j by a symmetric X ⪰ 0 of trace 1: the least |(⟨Q_I, X⟩)_I| over X is a bound from below of
 the least |(zᵀQ_I z)_I|, and its dual is the largest t with Σ a_I Q_I ⪰ t·1 over |a| ≤ 1.  With products of four in
-place of two the bound is tighter: positive whenever the forms have no common zero, in up to three variables.
+place of two the bound is tighter: positive if the forms have no common zero, in up to three variables.
 """
 
 from __future__ import annotations
@@ -15,12 +15,20 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from critflow.networks.network import Array
+from critflow.solvers.tolerances import SEMIDEFINITE
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Relaxation:
-    """bound: from below, of |(zᵀQ_I z)_I|; multipliers a; moments: the relaxed products X (second order only)."""
+    """Solution of a relaxation.
+
+    bound        lower bound of |(zᵀQ_I z)_I| (estimate: the dual value to the tolerance of the solver)
+    multipliers  a
+    moments      relaxed products X (second order only)
+    solved       whether the program converged
+    """
 
     bound: float
     multipliers: Array
@@ -42,8 +50,8 @@ def second_order_relaxation(forms: Array) -> Relaxation:
 def fourth_order_bound(forms: Array) -> float:
     """The bound by products of four, of |(z_i z_j zᵀQ_I z)| over all I and i <= j.
 
-    A positive value proves that no unit z makes all forms zero; in up to three variables the converse holds too,
-    because forms of degree four that are nowhere negative are then sums of squares.  NaN where it was not solved.
+    A positive value proves that no unit z makes all forms zero; in up to three variables the converse is true
+    too, because forms of degree four that are nowhere negative are then sums of squares.  NaN if not solved.
     """
     n_forms, n = forms.shape[:2]
     quartic: dict[tuple[int, ...], int] = {
@@ -72,11 +80,11 @@ def fourth_order_bound(forms: Array) -> float:
 def _least(measured: Array, number: NDArray[np.int64], one: Array) -> Relaxation:
     """Minimise |B y| over moments y with M(y)_ij = y[number_ij] ⪰ 0 and one·y = 1; B is `measured` (n_rows, n_y)."""
     n_moments, n_given = measured.shape[1], len(measured)
-    # More rows than moments are turned into as many as moments, of the same |B y|.
+    # More rows than moments are reduced to the number of moments, with the same |B y|.
     back, kept = np.linalg.qr(measured) if n_given > n_moments else (np.eye(n_given), measured)
     rows, cols = _triangle(len(number))
     weight = np.where(rows == cols, 1.0, np.sqrt(2.0))
-    # Unknowns (y, s); Clarabel wants b − A z in the cones: one·y = 1, |B y| <= s, M(y) ⪰ 0.
+    # Unknowns (y, s); Clarabel requires b − A z in the cones: one·y = 1, |B y| <= s, M(y) ⪰ 0.
     semidefinite = sp.csc_matrix(
         (-weight, (np.arange(len(rows)), number[rows, cols])), shape=(len(rows), n_moments + 1)
     )
@@ -100,7 +108,7 @@ def _least(measured: Array, number: NDArray[np.int64], one: Array) -> Relaxation
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = SEMIDEFINITE
     answer = clarabel.DefaultSolver(sp.csc_matrix((len(cost),) * 2), cost, A, b, cones, settings).solve()
     y = np.array(answer.x)[:-1]
     multipliers = -back @ np.array(answer.z)[2 : 2 + len(kept)]

@@ -24,7 +24,7 @@ from critflow.critical.objectives import (
     pure_shear,
     transition_modulus,
 )
-from critflow.design.stress_objective import Landscape
+from critflow.design.stress_objective import StressObjective
 
 PERIODIC = {
     "random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=1), 2),
@@ -106,7 +106,7 @@ def test_what_is_minimised_by_taylor_remainders(name, objective):
     # The same in θ = log σ, with the sign of a maximisation, as the minimisers see it.
     network = PERIODIC[name]()
     goal = named_objective(network, objective)
-    landscape = Landscape(CriticalManifold(network), goal)
+    landscape = StressObjective(CriticalManifold(network), goal)
     x = np.log(stress(network, 1.0))
     # So long that the smallest cubic remainder still stands a hundred times above the rounding of the value.
     size = 0.1 if objective == "shear_modulus" else 0.4  # its barrier is steep
@@ -118,7 +118,7 @@ def test_what_is_minimised_by_taylor_remainders(name, objective):
         return -value if goal.maximise else value
 
     point = landscape.at(x)
-    product = landscape.curvature(point, direction)
+    product = landscape.hessian_product(point, direction)
     assert point.value == pytest.approx(function(x), rel=1e-11)
     assert taylor_slopes(function, x, direction, point.gradient, product) == pytest.approx([2, 3], abs=SLOPE)
 
@@ -215,15 +215,15 @@ def test_the_known_diagonal_is_the_steep_part_of_the_barrier():
     goal = named_objective(network, "shear_modulus")
     sigma = np.ones(network.n_edges)
     sigma[9] = 0.05
-    landscape = Landscape(CriticalManifold(network), goal)
+    landscape = StressObjective(CriticalManifold(network), goal)
     point = landscape.at(np.log(sigma))
     unit = np.zeros(network.n_edges)
     unit[9] = 1.0
-    assert landscape.stiff_diagonal(point)[9] == pytest.approx(landscape.curvature(point, unit)[9], rel=0.05)
+    assert landscape.stiff_diagonal(point)[9] == pytest.approx(landscape.hessian_product(point, unit)[9], rel=0.05)
     assert np.min(landscape.stiff_diagonal(point)) >= 0
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES[:2])
+@pytest.mark.parametrize("objective", tuple(OBJECTIVES)[:2])
 def test_variances_need_no_cell(objective):
     network = NETWORKS["pinned grid"]()
     value, gradient = value_and_gradient(network, named_objective(network, objective), np.ones(network.n_edges))

@@ -265,7 +265,7 @@ def test_wrong_amplitudes_and_ways_are_refused():
     for fraction in (1.0, -0.1, np.nan):
         with pytest.raises(InputError, match="fraction"):
             modes.towards(np.arange(30.0), fraction)
-    with pytest.raises(InputError, match="changes nothing"):
+    with pytest.raises(InputError, match="no edge shrinks"):
         modes.towards(np.zeros(30))
     assert modes.limit(np.zeros(30)) == np.inf
 
@@ -317,7 +317,7 @@ def test_the_largest_of_a_family_meets_the_conditions_of_an_optimum():
     solution = modes.largest(weights, 0.1)
     assert solution.ok
     after = solution.value
-    np.testing.assert_array_equal(modes.walk(solution.stats.details["amplitudes"]).lengths, after.lengths)
+    np.testing.assert_array_equal(modes.walk(solution.amplitudes).lengths, after.lengths)
     # HiGHS meets its constraints to 1e-7.
     assert after.lengths.min() > 0.1 - 1e-7
     assert np.sum(weights * after.lengths) > 1.5 * np.sum(weights * before.lengths)
@@ -334,7 +334,7 @@ def test_the_largest_of_a_family_meets_the_conditions_of_an_optimum():
 
 def test_lengths_that_no_member_of_the_family_has_are_refused():
     modes = face_modes(with_stiffness(60))
-    with pytest.raises(InputError, match="ask for a smaller length"):
+    with pytest.raises(InputError, match="smaller length"):
         modes.largest(np.ones(90), 1.5)
     with pytest.raises(InputError, match="must be positive"):
         modes.largest(np.ones(90), 0.0)

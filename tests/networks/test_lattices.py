@@ -108,7 +108,7 @@ def test_moduli(name, size, edge_length):
     assert found.shear == pytest.approx(shear * unit, rel=1e-12, abs=1e-14)
     # Bravais lattices of any kind with one edge length are at the largest B_0 of their topology.
     assert bulk_modulus_bound(network) == pytest.approx(bulk * unit, rel=1e-12)
-    assert optimize(network, "bulk_modulus").stats.details["objective"] == pytest.approx(bulk * unit, rel=1e-12)
+    assert optimize(network, "bulk_modulus").objective == pytest.approx(bulk * unit, rel=1e-12)
 
 
 @pytest.mark.parametrize("name, size", CASES)

@@ -91,7 +91,7 @@ def configuration(manifold, chosen, parameters, seed, panel) -> tuple[Solution, 
     if variant == "designed":
         weights = np.bincount(network.faces.edges, np.repeat(chosen, network.faces.sizes), network.n_edges)
         best = modes.largest(weights, parameters["shortest"], throw=False)
-        return best, best.stats.details["amplitudes"]
+        return best, best.amplitudes
     direction = chosen.astype(float)
     if variant == "wave":
         at = face_centres(found.value) @ np.linalg.inv(network.cell)

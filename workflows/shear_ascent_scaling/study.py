@@ -28,7 +28,6 @@ def case(parameters, *, n_vertices, algorithm, seed):
     manifold = CriticalManifold(voronoi_network(n_vertices, seed, parameters["hard_core"]))
     steps, fractions = (0, parameters["n_steps"]), parameters["fractions"]
     ascent = ascend(manifold, algorithm, steps, fractions, stop_at_last=algorithm != "fire")
-    details = ascent.solution.stats.details
     return {
         # To be stopped at the largest part of the bound is what was asked for.
         "status": Status.ok if (ascent.first >= 0).all() else ascent.solution.status,
@@ -41,7 +40,7 @@ def case(parameters, *, n_vertices, algorithm, seed):
         "compressed_edges_end": ascent.end[3],
         "compressed_length_end": ascent.end[4],
         "least_compressed_length": least_compressed_length(manifold, pure_shear(2)),
-        "crossings": len(details["crossings"]),
+        "crossings": len(ascent.solution.crossings),
     }
 
 

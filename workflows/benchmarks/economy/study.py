@@ -78,8 +78,8 @@ def ways(manifold, parameters, seed):
         "moduli": Ways(lambda: transition_moduli(critical).bulk, just_past),
         "configuration": Ways(lambda: manifold.balance(sigma).coordinates, by_hessian),
         "optimum": Ways(
-            lambda: optimize(manifold, "bulk_modulus").stats.details["objective"],
-            lambda: optimize(manifold, "bulk_modulus", "lbfgs", start=sigma, throw=False).stats.details["objective"],
+            lambda: optimize(manifold, "bulk_modulus").objective,
+            lambda: optimize(manifold, "bulk_modulus", "lbfgs", start=sigma, throw=False).objective,
         ),
     }
 

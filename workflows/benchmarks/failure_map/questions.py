@@ -196,7 +196,7 @@ def _conic_error(problem, answer):
 
 def _strain_error(problem, answer):
     """Against the equilibrium of the rest lengths that the protocol came to, a little past the transition."""
-    rest_lengths = problem.found.stats.details["rest_lengths"]
+    rest_lengths = problem.found.rest_lengths
     return _off(problem, answer, reference.equilibrium(problem.network, rest_lengths, answer.values))
 
 
@@ -208,8 +208,7 @@ def _optimum(objective, method):
         limit = _FIRE_STEPS if method == "fire" else None
         solution = optimize(problem.manifold, _goal(problem, objective), method, max_steps=limit, throw=False)
         problem.found = solution
-        details = solution.stats.details
-        return Answer(solution.status, details["objective"], details.get("value_error", np.nan))
+        return Answer(solution.status, solution.objective, solution.objective_error)
 
     return ask
 

@@ -110,10 +110,10 @@ def case(parameters, *, n_vertices, seed):
     del balance, plain, gradient, solved
 
     best = clock("optimum", _optimum, manifold)
-    gap = best.stats.details["gap"]
+    gap = best.gap
     clock.note("optimum", abs(gap), backend, best.status)
     moduli = clock("moduli", transition_moduli, best.value)
-    clock.note("moduli", abs(moduli.bulk / best.stats.details["bound"] - 1))
+    clock.note("moduli", abs(moduli.bulk / best.bound - 1))
     # The configurations' part is not needed any more.
     del manifold
     found, backend = clock("coefficients", _coefficients, network, best.value)

@@ -13,8 +13,9 @@ from functools import partial
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state, voronoi_network
+from critflow.design.proportional_lengths import polish
 from critflow.precision.double_double import Extended
-from critflow.solvers.cone import fit_lengths, polish
+from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
 
 from ...shared.measurements import random_lengths
@@ -66,17 +67,17 @@ def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
 
     def auto(level):
         solution = critical_from_lengths(manifold, lengths, throw=False)
-        return _Answer(solution.value.sigma, solution.status, solution.stats.evaluations)
+        return _Answer(solution.value.sigma, solution.status, solution.stats.steps + solution.polish_steps)
 
     def cone(level):
-        found = fit_lengths(network, lengths, level)
-        return _Answer(found.sigma, Status.ok if found.solved else Status.stalled, found.iterations)
+        found = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, level)
+        return _Answer(found.sigma, Status.ok if found.solved else Status.stalled, found.steps)
 
     def polished(level):
-        found = fit_lengths(network, lengths, level)
-        _, sigma, _, steps = polish(saddle, network, lengths, found.coordinates, found.sigma)
+        found = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, level)
+        _, sigma, _, steps = polish(saddle, network, lengths, network.all_coordinates(found.coordinates), found.sigma)
         status = Status.ok if found.solved and (sigma > 0).all() else Status.stalled
-        return _Answer(sigma, status, found.iterations + steps)
+        return _Answer(sigma, status, found.steps + steps)
 
     def strain(level, relaxation):
         # An energy of springs stretched by half a step beyond the transition.

@@ -122,8 +122,9 @@ def _by_cone(manifold: CriticalManifold):
     """Clarabel's tensions as they are; levels are its tolerances."""
 
     def run(level):
-        cone = fit_lengths(manifold.network, np.ones(manifold.network.n_edges), level)
-        return _Answer(cone.sigma, Status.ok if cone.solved else Status.stalled, cone.iterations)
+        network = manifold.network
+        cone = fit_lengths(network.free_incidence, network.boundary_vectors, np.ones(network.n_edges), level)
+        return _Answer(cone.sigma, Status.ok if cone.solved else Status.stalled, cone.steps)
 
     return run
 

@@ -24,7 +24,7 @@ from critflow.mechanics.equilibrium import Relaxation
 from critflow.mechanics.springs import SpringState
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, extended
-from critflow.solvers.minimize import lbfgs
+from critflow.solvers.minimize import LBFGS, minimise
 from critflow.workflow import stable_rng
 
 from ..timing import Contestant, Task, Verdict, installed, peer
@@ -117,11 +117,10 @@ def _own(step: StrainStep) -> list[Contestant]:
 
     def by_lbfgs(tolerance: float) -> Solution[SpringState]:
         state = step.fresh()
-        end = lbfgs(
-            Relaxation(state), np.zeros(state.forces.size), tolerance * step.unit, step.most_steps(*_LBFGS_STEPS)
-        )
+        limit = step.most_steps(*_LBFGS_STEPS)
+        end = minimise(Relaxation(state), LBFGS(), np.zeros(state.forces.size), tolerance * step.unit, limit)
         value = state.moved(end.point.x.reshape(state.forces.shape))
-        return Solution(value, end.status, Stats("lbfgs", end.iterations, end.evaluations, end.point.residual))
+        return Solution(value, end.status, Stats("lbfgs", end.steps, residual=end.point.residual))
 
     return [
         Contestant("Newton", partial(by, "newton", None), step.judge, LEVELS, backend="qdldl"),

@@ -1,0 +1,192 @@
+"""Descents of an objective over stress: methods, monitors of a descent, and optima that are not attained."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from critflow.critical.manifold import CriticalConfiguration
+from critflow.design.optimum import Optimum
+from critflow.design.stress_objective import SignedStressObjective, StressObjective
+from critflow.design.tolerances import COLLAPSING, FADED, NEARLY_SINGULAR, SOUND, STATIONARY, TRAPPED
+from critflow.networks.network import Array
+from critflow.result import Stats, Status
+from critflow.solvers.minimize import METHODS, Fire, Method, Minimum, Point, minimise
+from critflow.solvers.saddles import minimise_past_saddles
+
+# Minimisers of each method in turn: "auto" continues with Newton's method where gradients alone do not converge.
+DESCENTS = {"fire": ("fire",), "lbfgs": ("lbfgs",), "newton": ("newton",), "auto": ("lbfgs", "newton")}
+
+# Step limits: several times the steps that standard networks of 1,000 vertices need.
+_MAX_STEPS = {"fire": 200_000, "lbfgs": 3_000, "newton": 200}
+
+Observer = Callable[[int, float, Array, Array], Any]
+"""Called with step, value of the objective, σ (N_b,) and L (N_b, d); a true result ends the descent."""
+
+
+def descend(
+    objective: StressObjective,
+    method: str,
+    start: Array,
+    tolerance: float,
+    max_steps: int | None = None,
+    observe: Observer | None = None,
+) -> Optimum:
+    """The optimum of an objective from a start σ (N_b,), by one of `DESCENTS`.
+
+    `Status.edge_collapse`, `Status.slack_edges` or `Status.singular` where the optimum is not attained: the limit of
+    the value, with the last configuration of the descent that is accurate.
+    """
+    manifold = objective.manifold
+    signed = isinstance(objective, SignedStressObjective)
+    monitor = (SignedDescentMonitor if signed else DescentMonitor)(objective, observe)
+
+    def run(x: Array, limit: int | None) -> Minimum:
+        return _minimise(objective, method, x, tolerance, limit, monitor)
+
+    end, saddles = minimise_past_saddles(objective, run, objective.unknowns(start), max_steps, STATIONARY)
+    reached = manifold.solve(objective.sigma(end.point.x))
+    stats = Stats(method, end.steps, residual=end.point.residual, condition=reached.stats.condition)
+    stats = replace(stats, error_bound=reached.value.error_bound)
+    optimum = Optimum(
+        value=reached.value,
+        status=end.status,
+        stats=stats,
+        objective=objective.sign * end.point.value,
+        saddles=saddles,
+        crossings=tuple(monitor.crossings),
+        nearest_singular=monitor.nearest_singular,
+        negative_pivots=monitor.negative_pivots,
+    )
+    if end.status in (Status.edge_collapse, Status.slack_edges):
+        return _infimum(optimum, end, objective, monitor)
+    if monitor.diverges(end):
+        limit = f"the value tends to {optimum.objective:.8g} as the prestress matrix becomes singular and lengths grow"
+        return _at(objective, monitor.last_sound, replace(optimum, status=Status.singular, note=f"{limit} without end"))
+    if not reached.ok:
+        return replace(optimum, status=reached.status, objective=np.nan)
+    return optimum
+
+
+def _minimise(
+    objective: StressObjective,
+    method: str,
+    x: Array,
+    tolerance: float,
+    max_steps: int | None,
+    monitor: DescentMonitor,
+) -> Minimum:
+    """One descent from x (N_b,), without a test for saddles."""
+    steps = 0
+    for name in DESCENTS[method]:
+        minimiser: Method[Any] = Fire(objective.time_step) if name == "fire" else METHODS[name]()
+        end = minimise(objective, minimiser, x, tolerance, max_steps or _MAX_STEPS[name], monitor)
+        steps += end.steps
+        if end.status not in (Status.step_limit, Status.stalled):
+            break
+        x, max_steps = end.point.x, None
+    return replace(end, steps=steps)
+
+
+class DescentMonitor:
+    """Observes the points of a descent and ends it where edges collapse or fall slack.
+
+    last_sound  unknowns of the last configuration without edges shorter, or stresses weaker, than `SOUND` allows;
+                σ = 1 without one
+    """
+
+    def __init__(self, objective: StressObjective, observe: Observer | None = None):
+        self.objective, self._observe, self._step = objective, observe, 0
+        self.last_sound = np.zeros(objective.manifold.network.n_edges)
+        self.crossings: list[int] = []
+        self.nearest_singular = np.nan
+        self.negative_pivots: int | None = None
+
+    def __call__(self, point: Point) -> Status | None:
+        status, balance = self._status(point), point.state.balance
+        value = self.objective.sign * point.value
+        enough = self._observe is not None and self._observe(self._step, value, balance.sigma, balance.bond_vectors)
+        self._step += 1
+        return Status.step_limit if enough and status is None else status
+
+    def _status(self, point: Point) -> Status | None:
+        sigma, L = point.state.balance.sigma, point.state.balance.bond_vectors
+        length = np.sqrt(np.einsum("ad,ad->a", L, L))
+        tension = sigma * length
+        if length.min() > SOUND * length.mean() and sigma.min() > SOUND**2:
+            self.last_sound = point.x
+        if sigma.min() < FADED:
+            return Status.slack_edges
+        vanishing = (length < COLLAPSING * length.mean()) & (tension > 0.01 * tension.mean())
+        return Status.edge_collapse if vanishing.any() else None
+
+    def diverges(self, end: Minimum) -> bool:
+        """Whether the descent ended because lengths grow without end."""
+        return False
+
+
+class SignedDescentMonitor(DescentMonitor):
+    """Observes the inertia of P(σ), and ends a descent towards a singular P, where lengths grow without end.
+
+    last_sound  unknowns of the last configuration with a regular P; NaN without one
+    """
+
+    def __init__(self, objective: StressObjective, observe: Observer | None = None):
+        super().__init__(objective, observe)
+        self.last_sound = np.full_like(self.last_sound, np.nan)
+        self.nearest_singular = np.inf
+        self._trapped = 0
+
+    def _status(self, point: Point) -> Status | None:
+        factor = point.state.balance.factor
+        pivots = np.abs(factor.pivots)
+        self.nearest_singular = min(self.nearest_singular, float(pivots.min() / pivots.max()))
+        if self.negative_pivots is not None and factor.n_negative != self.negative_pivots:
+            self.crossings.append(self._step)
+        self.negative_pivots = factor.n_negative
+        self._trapped = self._trapped + 1 if pivots.min() < NEARLY_SINGULAR * pivots.max() else 0
+        if not self._trapped:
+            self.last_sound = point.x
+        return Status.singular if factor.singular or self._trapped > TRAPPED else None
+
+    def diverges(self, end: Minimum) -> bool:
+        ended = end.status in (Status.singular, Status.stalled) and self._trapped > 0
+        return ended and bool(np.isfinite(self.last_sound).all())
+
+
+def _infimum(optimum: Optimum, end: Minimum, objective: StressObjective, monitor: DescentMonitor) -> Optimum:
+    """The infimum that a descent approaches without attaining it: its value, and the edges that vanish or fall slack.
+
+    A vanishing length is ∝ 1/σ and its gain ∝ 1/σ, that of a vanishing stress ∝ σ: the gain that remains is the
+    gradient in log σ.  Error bound (estimate) of the limit: this gain and all other components of the gradient.
+    """
+    gradient, value = end.point.gradient, optimum.value
+    collapse = end.status is Status.edge_collapse
+    if collapse:
+        # Short edges with a gain: an isogonal mode may shorten others without one.
+        gain = np.where(value.lengths < 0.5 * SOUND * value.lengths.mean(), -gradient / value.lengths, 0.0)
+        edges, change = np.flatnonzero(gain > 0.1 * gain.max()), "shrink to zero length"
+    else:
+        edges, change = np.flatnonzero((value.sigma < 1e3 * FADED) & (gradient > 0)), "lose their tension"
+    left = float(np.abs(gradient[edges]).sum())
+    limit = objective.sign * (end.point.value - left)
+    listed = ", ".join(map(str, edges))
+    optimum = replace(
+        optimum,
+        note=f"edges {listed} {change} towards the infimum {limit:.8g}, which is not attained",
+        objective=limit,
+        uncertainty=left + float(np.abs(np.delete(gradient, edges)).sum()),
+        collapsed_edges=edges if collapse else edges[:0],
+        slack_edges=edges[:0] if collapse else edges,
+        saddles=None,
+    )
+    return _at(objective, monitor.last_sound, optimum)
+
+
+def _at(objective: StressObjective, x: Array, optimum: Optimum) -> Optimum:
+    """The same optimum with the configuration at other unknowns x (N_b,)."""
+    value: CriticalConfiguration = objective.manifold.configuration(objective.sigma(x))
+    return replace(optimum, value=value, stats=replace(optimum.stats, error_bound=value.error_bound))

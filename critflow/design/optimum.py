@@ -1,0 +1,64 @@
+"""The outcome of an optimisation over critical configurations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from critflow.critical.manifold import CriticalConfiguration
+from critflow.networks.network import Array
+from critflow.result import Solution
+
+
+def _no_edges() -> NDArray[np.intp]:
+    return np.zeros(0, np.intp)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Optimum(Solution[CriticalConfiguration]):
+    """The best critical configuration by an objective.  Numbers that do not apply are NaN or None, lists are empty.
+
+    objective         value of the objective; where the optimum is not attained, the limit of the value
+    objective_error   |objective − optimum|, where the optimum is known in closed form.  Error bound (proof), except
+                      for moduli other than B_0, where the rounding of the bound is an estimate
+    uncertainty       |objective − limit| where the optimum is not attained.  Error bound (estimate)
+    bound             largest value over all stresses in closed form (moduli without a penalty)
+    collapsed_edges   edges whose length tends to zero (`Status.edge_collapse`)
+    slack_edges       edges whose tension tends to zero (`Status.slack_edges`)
+    saddles           saddle points left on the descent; None where the end was not tested
+    start             number of the start that led here
+    starts            values of the objective from all starts, (n_starts,)
+    crossings         steps after which the number of negative pivots of P differs (stresses of any sign)
+    nearest_singular  smallest pivot of P over the largest on the descent (stresses of any sign)
+    negative_pivots   number of negative pivots of P at the last step of the descent (stresses of any sign)
+    """
+
+    objective: float
+    objective_error: float = np.nan
+    uncertainty: float = np.nan
+    bound: float = np.nan
+    collapsed_edges: NDArray[np.intp] = field(default_factory=_no_edges)
+    slack_edges: NDArray[np.intp] = field(default_factory=_no_edges)
+    saddles: int | None = None
+    start: int = 0
+    starts: Array = field(default_factory=lambda: np.zeros(0))
+    crossings: tuple[int, ...] = ()
+    nearest_singular: float = np.nan
+    negative_pivots: int | None = None
+
+    @property
+    def configuration(self) -> CriticalConfiguration:
+        """The critical configuration, the same as `value`."""
+        return self.value
+
+    @property
+    def gap(self) -> float:
+        """1 − objective/bound where the bound is attained, else NaN."""
+        return 1 - self.objective / self.bound if self.ok else np.nan
+
+    @property
+    def gradient_norm(self) -> float:
+        """Largest component of dO/dσ, the residual of an optimum."""
+        return self.stats.residual

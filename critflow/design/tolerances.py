@@ -1,0 +1,60 @@
+"""Constants of the design layer that decide, with their reasons.
+
+Stress and tension
+NO_STRESS         σ of an edge without tension, in units of ⟨|σ|⟩: rounding of a stress of order one.
+WEAK_STRESS       σ below which the weakest edges are released first when Newton's method fails, in units of ⟨σ⟩; it
+                  grows tenfold from one attempt to the next.
+NO_SIGNED_STRESS  Largest least |σ| of a linear program without solution: linear programs are solved to about 1e-9.
+FADED             σ that tends to zero, where Σσ² = N_b: far below the stresses of any optimum (1e-3).
+
+Lengths
+COLLAPSING        Length of an edge under tension that tends to zero, in units of the mean.
+SOUND             Shortest length, in units of the mean, and square root of the least stress of a configuration returned
+                  for an optimum that is not attained: shorter edges lose digits in the rounding of the coordinates.
+NO_LENGTH         Length, in units of the mean, of an edge that vanishes in the configuration of the largest modulus.
+FITTED            Relative error of the lengths of a solution of Newton's method; short edges limit it by rounding.
+EVEN              Spread of the logarithms of rest lengths below which few networks have slack edges.
+
+Balance and optima
+BALANCED          Relative force balance, and relative distance from the bound, of a modulus that attains its bound.
+ISOTROPIC         Anisotropy of a strain that is a dilation up to rounding.
+STATIONARY        Gradient above which a descent was stopped early on purpose, by a rough tolerance: no saddle test.
+NEARLY_SINGULAR   Smallest pivot over the largest of a nearly singular prestress matrix: lengths are then known to 1e-7.
+TRAPPED           Number of successive steps at nearly singular matrices that show a limit at a singular one.
+DIFFERENCE        Step of central differences of gradients: their error is its square, and rounding allows as many
+                  digits.
+
+Geometry
+FLAT_TRIANGLE     Twice the area of a degenerate force triangle, over the square of the mean tension.
+RANK              Singular value that counts as zero, relative to the largest.
+SELF_STRESS_SHIFT Shift of the Hessian of unit springs, relative to ⟨|L|²⟩, which removes the zero modes of any
+                  geometry.
+BALANCE_SHIFT     The same near the transition, where lengths are of order one.
+
+Cone program
+EXACT_CONE        Tolerances that distinguish slack edges from weakly stressed ones: nearly always, and always in tests.
+ROUGH_CONE        Tolerance from which Newton's method, which is far cheaper, converges if every edge is stressed.
+                  Positive tensions in balance at the right lengths prove that every edge is.
+"""
+
+NO_STRESS = 1e-9
+WEAK_STRESS = 1e-5
+NO_SIGNED_STRESS = 1e-7
+FADED = 1e-12
+COLLAPSING = 1e-4
+SOUND = 1e-2
+NO_LENGTH = 1e-10
+FITTED = 1e-9
+EVEN = 0.12
+BALANCED = 1e-8
+ISOTROPIC = 1e-14
+STATIONARY = 1e-8
+NEARLY_SINGULAR = 1e-9
+TRAPPED = 20
+DIFFERENCE = 1e-5
+FLAT_TRIANGLE = 1e-12
+RANK = 1e-9
+SELF_STRESS_SHIFT = 1e-12
+BALANCE_SHIFT = 1e-13
+EXACT_CONE = (1e-12, 1e-13)
+ROUGH_CONE = 1e-6

@@ -1,0 +1,187 @@
+"""Minimisers: a table of methods × functions of vectors with known minima, and the statuses of the driver."""
+
+import numpy as np
+import pytest
+
+from critflow import Status
+from critflow.solvers.minimize import LBFGS, METHODS, Fire, Function, Newton, Point, minimise
+
+
+class Analytic(Function):
+    """A function given by value, gradient and Hessian; `evaluated` records every x."""
+
+    def __init__(self, value, gradient, hessian, diagonal=0.0):
+        self._value, self._gradient, self._hessian, self._diagonal = value, gradient, hessian, diagonal
+        self.evaluated = []
+
+    def at(self, x):
+        self.evaluated.append(x.copy())
+        gradient = self._gradient(x)
+        return Point(x, float(self._value(x)), gradient, float(np.abs(gradient).max()))
+
+    def stiff_diagonal(self, point):
+        return self._diagonal
+
+    def hessian_product(self, point, direction):
+        return self._hessian(point.x) @ direction
+
+
+def quadratic(n=8):
+    """½ (x − a)ᵀ A (x − a) with curvatures between 1 and 100, least at a."""
+    rng = np.random.default_rng(1)
+    Q = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    A, a = Q @ np.diag(np.geomspace(1, 100, n)) @ Q.T, rng.standard_normal(n)
+    A = 0.5 * (A + A.T)
+    return Analytic(lambda x: 0.5 * (x - a) @ A @ (x - a), lambda x: A @ (x - a), lambda x: A), np.zeros(n), a
+
+
+def rosenbrock():
+    """100 (y − x²)² + (1 − x)², least at (1, 1): a curved valley."""
+
+    def gradient(x):
+        u = x[1] - x[0] ** 2
+        return np.array([-400 * x[0] * u - 2 * (1 - x[0]), 200 * u])
+
+    def hessian(x):
+        return np.array([[1200 * x[0] ** 2 - 400 * x[1] + 2, -400 * x[0]], [-400 * x[0], 200]])
+
+    def value(x):
+        return 100 * (x[1] - x[0] ** 2) ** 2 + (1 - x[0]) ** 2
+
+    return Analytic(value, gradient, hessian), np.array([-1.2, 1.0]), np.ones(2)
+
+
+def double_well():
+    """Σ (x² − 1)²/4 from near its maximum, where the Hessian is negative: least at ±1."""
+    return (
+        Analytic(
+            lambda x: np.sum((x**2 - 1) ** 2) / 4, lambda x: x**3 - x, lambda x: np.diag(3 * x**2 - 1)
+        ),
+        np.array([0.1, -0.2, 0.05]),
+        np.array([1.0, -1.0, 1.0]),
+    )  # fmt: skip
+
+
+def barrier():
+    """Σ x − log x, infinite for x ≤ 0, least at 1, from far away."""
+
+    def value(x):
+        return np.sum(x - np.log(x)) if (x > 0).all() else np.inf
+
+    return (
+        Analytic(value, lambda x: 1 - 1 / x, lambda x: np.diag(1 / x**2)),
+        np.array([0.05, 3.0, 0.5]),
+        np.ones(3),
+    )
+
+
+PROBLEMS = {"quadratic": quadratic, "Rosenbrock": rosenbrock, "double well": double_well, "barrier": barrier}
+# A stable time step of FIRE is below 2/√(largest curvature).
+BY_NAME = {"fire": Fire(time_step=0.01, max_move=0.1), "lbfgs": LBFGS(), "newton": Newton()}
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+@pytest.mark.parametrize("method", METHODS)
+def test_minima_with_known_answers(method, problem):
+    function, start, minimum = PROBLEMS[problem]()
+    end = minimise(function, BY_NAME[method], start, tolerance=1e-10, max_steps=100_000)
+    assert end.status is Status.ok
+    assert end.point.residual < 1e-10
+    # A gradient of 1e-10 over the smallest curvature: 0.4 in the valley of Rosenbrock's function, 1 elsewhere.
+    np.testing.assert_allclose(end.point.x, minimum, rtol=0, atol=1e-9)
+
+
+def test_the_table_has_all_methods():
+    assert {name: type(method) for name, method in BY_NAME.items()} == METHODS
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_driver_owns_limit_and_tolerance(method):
+    function, start, minimum = quadratic()
+    limited = minimise(function, BY_NAME[method], start, tolerance=0.0, max_steps=3)
+    assert (limited.status, limited.steps) == (Status.step_limit, 3)
+    there = minimise(function, BY_NAME[method], minimum, tolerance=1e-10, max_steps=3)
+    assert (there.status, there.steps) == (Status.ok, 0)
+    none = minimise(function, BY_NAME[method], start, tolerance=1e-10, max_steps=0)
+    assert (none.status, none.steps) == (Status.step_limit, 0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_start_outside_the_domain_is_a_status(method):
+    function, start, _ = barrier()
+    end = minimise(function, BY_NAME[method], -start, tolerance=1e-10, max_steps=5)
+    assert (end.status, end.steps) == (Status.singular, 0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_monitor_sees_every_point_and_may_end_the_descent(method):
+    function, start, _ = quadratic()
+    seen = []
+
+    def monitor(point):
+        seen.append(point)
+        return Status.slack_edges if len(seen) == 4 else None
+
+    end = minimise(function, BY_NAME[method], start, tolerance=1e-12, max_steps=50, monitor=monitor)
+    assert (end.status, end.steps) == (Status.slack_edges, 3)
+    np.testing.assert_array_equal(seen[0].x, start)
+    assert end.point is seen[-1]
+
+
+@pytest.mark.parametrize("method", ["lbfgs", "newton"])
+def test_a_wrong_gradient_stalls(method):
+    # The value increases by one in every direction, in spite of the reported gradient.
+    function = Analytic(lambda x: np.any(x != 0), np.ones_like, lambda x: np.eye(len(x)))
+    end = minimise(function, BY_NAME[method], np.zeros(2), tolerance=1e-10, max_steps=200)
+    assert end.status is Status.stalled
+    np.testing.assert_array_equal(end.point.x, 0.0)
+
+
+def test_lbfgs_learns_the_known_diagonal_at_once():
+    # Curvatures of 1 to 1e4 that are all known but for ½: nothing is left to learn.
+    stiffness = np.geomspace(1, 1e4, 30)
+    ends = []
+    for diagonal in (0.0, stiffness - 0.5):
+        function = Analytic(
+            lambda x: 0.5 * x @ (stiffness * x), lambda x: stiffness * x, lambda x: np.diag(stiffness), diagonal
+        )
+        ends.append(minimise(function, LBFGS(), np.ones(30), tolerance=1e-10, max_steps=3000))
+    assert all(end.status is Status.ok for end in ends)
+    assert ends[1].steps < ends[0].steps / 3
+
+
+def test_newton_converges_superlinearly():
+    function, start, minimum = rosenbrock()
+    ends = [minimise(function, Newton(), start, 1e-300, steps).point.x for steps in range(10, 40)]
+    errors = np.array([np.linalg.norm(x - minimum) for x in ends])
+    small = np.flatnonzero((errors[:-2] < 1e-2) & (errors[:-2] > 1e-7))
+    assert len(small) >= 2
+    # Conjugate gradients may take one product in each step, so two steps are one of Newton's method for two unknowns.
+    assert (errors[small + 2] < 10 * errors[small] ** 2).all()
+
+
+def test_newton_evaluates_once_a_step():
+    function, start, _ = rosenbrock()
+    end = minimise(function, Newton(), start, tolerance=1e-10, max_steps=200)
+    assert len(function.evaluated) == end.steps + 1
+
+
+def test_moves_are_limited():
+    function, start, _ = quadratic()
+    minimise(function, Fire(time_step=0.01, max_move=0.02), start, 1e-8, 200)
+    fire = np.abs(np.diff(function.evaluated, axis=0)).max()
+    function.evaluated.clear()
+    minimise(function, LBFGS(max_move=0.03), start, 1e-8, 20)
+    # After a step against the force FIRE also reverses half a step.
+    assert fire <= 1.5 * 0.02 * (1 + 1e-9)
+    assert np.abs(np.diff(function.evaluated, axis=0)).max() <= 0.03 * (1 + 1e-9)
+
+
+def test_a_function_without_a_hessian_says_so():
+    class First(Function):
+        def at(self, x):
+            return Point(x, float(x @ x), 2 * x, float(np.abs(2 * x).max()))
+
+    assert minimise(First(), LBFGS(), np.ones(3), 1e-10, 50).status is Status.ok
+    with pytest.raises(NotImplementedError, match="Hessian"):
+        minimise(First(), Newton(), np.ones(3), 1e-10, 50)
