@@ -28,7 +28,7 @@ def half_squares(manifold, sigma):
 
 
 def signed_lengths(sigma, span=3.0):
-    """Where the linkage lies along its line: r_α = D (1/σ_α)/Σ(1/σ), negative for edges that point back."""
+    """Signed lengths of the linkage on its line: r_α = D (1/σ_α)/Σ(1/σ), negative for reversed edges."""
     return span / sigma / np.sum(1 / sigma)
 
 
@@ -71,7 +71,7 @@ def test_the_basis_completes_the_pole(pole):
     np.testing.assert_array_equal(dense(StereographicChart.about(pole).basis), frame[:, 1:])
 
 
-def test_the_transposes_belong_to_their_operators(place):
+def test_transposes_are_adjoint(place):
     manifold, chart, s = place
     geometry = surface_geometry(manifold, chart, s)
     for operator in (chart.basis, chart.derivative(s), geometry.tangents):
@@ -165,7 +165,7 @@ def test_principal_curvatures_are_those_of_the_two_forms():
 
 
 @pytest.mark.parametrize("sigma", [[1, 1, 1], [0.3, 2, 1], [-0.2, 1, 1], [3, -0.4, 2], [-2, 1, 1], [1, 1, -3]], ids=str)
-def test_the_linkage_curves_as_its_level_set(sigma):
+def test_curvature_of_the_linkage_is_that_of_its_level_set(sigma):
     sigma = np.array(sigma, dtype=float)
     r = signed_lengths(sigma)
     manifold = CriticalManifold(three_bar_linkage())
@@ -177,7 +177,7 @@ def test_the_linkage_curves_as_its_level_set(sigma):
     found = principal_curvatures(manifold, sigma).value
     np.testing.assert_allclose(np.sort(found.curvatures), np.sort(known), rtol=1e-11)
     np.testing.assert_allclose(np.prod(found.curvatures), linkage_curvature(sigma), rtol=1e-11)
-    # Rigid where both curve the same way, which is where P is definite.
+    # Rigid where both curvatures have one sign, which is where P is definite.
     rigid = sigma[0] * sigma[1] + sigma[1] * sigma[2] + sigma[2] * sigma[0] > 0
     assert (linkage_curvature(sigma) > 0) == rigid
     both = gaussian_curvature(manifold, sigma)
@@ -186,7 +186,7 @@ def test_the_linkage_curves_as_its_level_set(sigma):
     assert both.value.n_negative == np.count_nonzero(found.radii < 0) == (0 if rigid else 1)
 
 
-def test_a_positive_stress_has_positive_curvatures_only():
+def test_positive_stress_has_positive_curvatures():
     """P > 0 makes h·σ least at the configuration: the manifold bounds a convex set of lengths."""
     manifold = CriticalManifold(voronoi_network(40, seed=5))
     found = principal_curvatures(manifold, random_stress(manifold.network.n_edges, 6))
@@ -206,7 +206,7 @@ def test_inertia_counts_negative_curvatures(compressed):
     assert abs(counted.value.log_size + np.log(np.abs(all_of_them)).sum()) < counted.stats.residual < 1e-5
 
 
-def test_few_curvatures_at_both_ends_agree_with_all():
+def test_extreme_curvatures_agree_with_all():
     manifold = CriticalManifold(voronoi_network(100, seed=3))
     sigma = random_stress(manifold.network.n_edges, 4)
     every = principal_curvatures(manifold, sigma).value
@@ -217,7 +217,7 @@ def test_few_curvatures_at_both_ends_agree_with_all():
         np.testing.assert_allclose(overlap, 1.0, rtol=0, atol=1e-9)
 
 
-def test_the_inverse_undoes_the_response():
+def test_inverse_of_the_response():
     manifold = CriticalManifold(voronoi_network(200, seed=1))
     configuration = manifold.configuration(random_stress(manifold.network.n_edges, 2))
     normal = configuration.sigma / np.linalg.norm(configuration.sigma)
@@ -229,7 +229,7 @@ def test_the_inverse_undoes_the_response():
 
 
 @pytest.mark.parametrize("n_vertices", [1000, 10_000])
-def test_large_networks_need_no_dense_matrix(n_vertices):
+def test_large_networks_use_no_dense_matrix(n_vertices):
     manifold = CriticalManifold(voronoi_network(n_vertices, seed=1))
     n = manifold.network.n_edges
     sigma = random_stress(n, 5)
@@ -242,38 +242,38 @@ def test_large_networks_need_no_dense_matrix(n_vertices):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert stretch == pytest.approx(float(np.sum((geometry.tangents @ x) ** 2)), rel=1e-12)
-    # The curvature in any direction lies between those at the two ends.
+    # The curvature in any direction lies between the extreme ones.
     assert 1 / ends[0].radii[0] < bend / stretch < 1 / ends[1].radii[-1]
-    # Less than ten thousand numbers an edge, wherever the network is large enough for that to say something.
+    # Less than ten thousand numbers per edge, a bound that is meaningful for large networks only.
     assert peak < 8 * 1000 * n
     assert max(found.residuals.max() for found in ends) < 1e-12
     determinant = gaussian_curvature(manifold, sigma)
     assert determinant.ok and determinant.stats.residual < 1e-4
 
 
-# What is refused
+# Bad input and singular points
 
 
-def test_dense_matrices_that_do_not_fit_are_refused_at_once():
+def test_dense_matrices_beyond_memory_raise():
     chart = StereographicChart.about(np.ones(150_000))
-    with pytest.raises(InputError, match=r"dense 150000 × 149999 matrix takes 180 GB: apply the operator"):
+    with pytest.raises(InputError, match="180 GB"):
         dense(chart.basis)
 
 
-def test_no_curvature_where_there_is_no_configuration_or_no_tangent_plane():
+def test_curvature_at_singular_stresses_raises():
     manifold = CriticalManifold(three_bar_linkage())
-    # σ₁σ₂ + σ₂σ₃ + σ₃σ₁ = 0 makes P singular; an edge of vanishing stress takes the length of all others.
+    # σ₁σ₂ + σ₂σ₃ + σ₃σ₁ = 0 makes P singular; an edge of vanishing stress has the length of all others.
     for sigma, status in (([2, 2, -1], Status.singular), ([1e-10, 1, 1], Status.edge_collapse)):
         found = principal_curvatures(manifold, sigma, throw=False)
         assert found.status is status and np.isnan(found.value.curvatures).all()
         with pytest.raises(SolveError, match="move"):
             principal_curvatures(manifold, sigma)
     assert gaussian_curvature(manifold, [2, 2, -1], throw=False).status is Status.singular
-    with pytest.raises(SolveError, match="move it away"):
+    with pytest.raises(SolveError, match="move"):
         gaussian_curvature(manifold, [2, 2, -1])
 
 
-def test_more_than_one_self_stress_leaves_curvatures_infinite():
+def test_curvatures_are_infinite_with_several_self_stresses():
     """Six edges from one free vertex to pins: four self-stresses, so that B has rank two."""
     angle = np.arange(6) + 0.1 * np.arange(6) ** 2
     pins = {i + 1: [np.cos(a), np.sin(a)] for i, a in enumerate(angle)}
@@ -284,14 +284,14 @@ def test_more_than_one_self_stress_leaves_curvatures_infinite():
     assert flat.ok and flat.value.radii.min() > 0
 
 
-def test_bad_charts_are_refused():
-    with pytest.raises(InputError, match="must not be zero"):
+def test_bad_charts_raise():
+    with pytest.raises(InputError, match="zero"):
         StereographicChart.about(np.zeros(3))
     manifold, chart = CriticalManifold(three_bar_linkage()), StereographicChart.about(np.ones(3))
     for s in (np.zeros(3), [0.0, np.nan]):
-        with pytest.raises(InputError, match="one coordinate less than edges"):
+        with pytest.raises(InputError, match="coordinate"):
             surface_geometry(manifold, chart, s)
-    with pytest.raises(InputError, match="'flat' or 'sharp'"):
+    with pytest.raises(InputError, match="sharp"):
         principal_curvatures(manifold, np.ones(3), end="round")
-    with pytest.raises(InputError, match="between 1 and 1"):
+    with pytest.raises(InputError, match="between"):
         principal_curvatures(manifold, np.ones(3), k=2)

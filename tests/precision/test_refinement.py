@@ -1,4 +1,4 @@
-"""No silent wrong answer: bounds are never below the true errors, nor far above, and what has no digits has a status.
+"""Error bounds: never below the true errors and close to them; a status where no digits remain.
 
 True errors come from the high-precision reference on the same floating-point input.
 """
@@ -40,7 +40,7 @@ def wide(p: float, seed: int, network: Network = NETWORK, signed: bool = False) 
 
 
 def towards_singular(network: Network, distance: float, seed: int) -> np.ndarray:
-    """Stresses on a line from positive ones, at that relative distance (< 0: past it) from the first singular P."""
+    """Stresses on a line from positive ones, at a relative distance (< 0: beyond it) from the first singular P."""
     rng = np.random.default_rng(seed)
     start, end = random_stress(network.n_edges, seed), rng.standard_normal(network.n_edges)
     g = network.free_incidence.toarray()
@@ -50,7 +50,7 @@ def towards_singular(network: Network, distance: float, seed: int) -> np.ndarray
 
 
 def with_small_edges(decades: float, seed: int) -> np.ndarray:
-    """A third of the stresses is smaller by so many decades."""
+    """Stresses of which a third is smaller by this number of decades."""
     sigma = random_stress(NETWORK.n_edges, seed)
     sigma[np.random.default_rng(seed).random(NETWORK.n_edges) < 1 / 3] *= 10.0**-decades
     return sigma
@@ -76,14 +76,14 @@ DIFFICULTIES = {
     **{f"small edges 1e-{q}": [(NETWORK, with_small_edges(q, s)) for s in SEEDS] for q in (4, 8, 12, 16, 30)},
     **{f"small pivot 1e-{q}": [(NETWORK, balanced_vertex(10.0**-q, s)) for s in SEEDS] for q in (4, 8, 12, 15, 17)},
     **{
-        # Symmetry keeps the vector on which P vanishes out of the forces; only a probe without symmetry sees it.
+        # By symmetry the null vector of P is orthogonal to the forces; only a vector without symmetry detects it.
         f"symmetric 1e-{q}": [
             (square_octagon(), np.array([1.0, 1, 1, 1, -1 + 10.0**-q, 0.7])),
             (three_bar_linkage(), np.array([1, 1, -0.5 * (1 + 10.0**-q)])),
         ]
         for q in (4, 8, 12, 14)
     },
-    # An edge to its own image pulls at nothing, however great its stress.
+    # An edge to its own image exerts no force at any stress.
     "own images": [(NETWORKS["own images"](), np.array([1.0, 2, 3, 4, 5, 6, 1e14, 1e17]))],
     "shear": [(sheared(NETWORK, 30.0), random_stress(18, 4))],
     "pins": [(NETWORKS["pinned grid"](), random_stress(24, 4)), (NETWORKS["pinned star"](), random_stress(5, 4))],
@@ -129,31 +129,39 @@ def test_bounds_are_close():
             # An error of 1e-60 is zero: the reference has 60 digits.
             ratios += [bound / error for error, bound in found if error > 1e-30 * bound]
     assert len(ratios) > 1000
-    # Nearly all of an error is the last rounding, which is known.
+    # The error is mostly the last rounding, which is known.
     assert np.median(ratios) < 1.1
     assert np.quantile(ratios, 0.9) < 100
 
 
-# Past these strengths double precision holds too few digits of P, by its condition, for any answer.
-HOPELESS = ["wide 10", "wide 14", "wide 20", "signed 10", "small edges 1e-16", "small edges 1e-30", "symmetric 1e-14"]
-HOPELESS += [f"singular {sign}1e-{q}" for q in (13, 14, 15, 16) for sign in "+-"]
+# Beyond these strengths the condition of P exceeds double precision.
+ILL_CONDITIONED = [
+    "wide 10",
+    "wide 14",
+    "wide 20",
+    "signed 10",
+    "small edges 1e-16",
+    "small edges 1e-30",
+    "symmetric 1e-14",
+]
+ILL_CONDITIONED += [f"singular {sign}1e-{q}" for q in (13, 14, 15, 16) for sign in "+-"]
 
 
-@pytest.mark.parametrize("name", [name for name in DIFFICULTIES if name not in HOPELESS])
-def test_what_can_be_answered_is(name):
+@pytest.mark.parametrize("name", [name for name in DIFFICULTIES if name not in ILL_CONDITIONED])
+def test_well_conditioned_stresses_are_solved(name):
     assert [solution.status for solution, _ in answers(name)] == [Status.ok] * len(answers(name))
 
 
-@pytest.mark.parametrize("name", HOPELESS)
-def test_what_is_not_answered_says_why(name):
+@pytest.mark.parametrize("name", ILL_CONDITIONED)
+def test_ill_conditioned_stresses_have_a_status(name):
     statuses = {solution.status for solution, _ in answers(name)}
     assert statuses <= {Status.ok, Status.ill_conditioned, Status.singular}
     if name in ("singular +1e-16", "singular -1e-16", "symmetric 1e-14", "wide 20"):
         assert statuses != {Status.ok}
 
 
-def test_wide_stresses_are_no_singular_ones():
-    # Pivots spread as the stresses do; a positive stress that ties every vertex always has a configuration.
+def test_wide_stresses_are_not_singular():
+    # Pivots spread as the stresses do; a positive stress that connects every vertex always has a configuration.
     for p in (8, 14, 20, 60):
         for seed in range(5):
             solution = CriticalManifold(NETWORK).solve(wide(p, seed))
@@ -162,7 +170,7 @@ def test_wide_stresses_are_no_singular_ones():
         CriticalManifold(NETWORK).configuration(wide(60, 0))
 
 
-def test_a_part_without_stress_is_singular():
+def test_unstressed_vertex_is_singular():
     sigma = np.ones(NETWORK.n_edges)
     sigma[(NETWORK.edges == 5).any(axis=1)] = 0.0
     solution = CriticalManifold(NETWORK).solve(sigma)
@@ -170,7 +178,7 @@ def test_a_part_without_stress_is_singular():
     assert np.isnan(solution.stats.error_bound)
 
 
-def test_short_edges_are_known_relative_to_themselves():
+def test_short_edges_have_small_relative_errors():
     # An edge of stress 10⁹ is about 10⁻⁹ long; its digits are not lost in the coordinates, which are larger.
     sigma = random_stress(18, 2)
     sigma[7] = 1e9
@@ -184,12 +192,12 @@ def test_short_edges_are_known_relative_to_themselves():
 
 
 @pytest.mark.parametrize("signed", [False, True])
-def test_the_condition_is_skeels(signed):
+def test_condition_is_skeels(signed):
     sigma = wide(1.0, 5, signed=signed)
     solution = CriticalManifold(NETWORK).solve(sigma)
     g = NETWORK.free_incidence.toarray()
     inverse = np.abs(np.linalg.inv(g.T @ (sigma[:, None] * g)))
-    # |P| is bounded by twice its diagonal of |σ|, which is what is used.
+    # The library bounds |P| by twice its diagonal of |σ|.
     skeel = (inverse @ (2 * np.abs(g).T @ np.abs(sigma))).max()
     if signed:
         assert skeel / 10 < solution.stats.condition <= skeel * (1 + 1e-9)
@@ -197,7 +205,7 @@ def test_the_condition_is_skeels(signed):
         assert solution.stats.condition == pytest.approx(skeel, rel=1e-9)
 
 
-def test_a_wrong_factor_is_refined_away_or_refused():
+def test_wrong_factor_is_refined_or_rejected():
     # A factor of another stress contracts errors slowly or not at all; the proof does not depend on it.
     sigma = random_stress(18, 6)
     manifold, refinement = CriticalManifold(NETWORK), Refinement(NETWORK)
@@ -227,21 +235,21 @@ def test_moduli_at_the_transition_have_bounds():
     assert np.median(ratios) < 30
 
 
-def test_errors_as_large_as_lengths_leave_no_bound():
+def test_no_bound_with_errors_as_large_as_lengths():
     exactly = CriticalManifold(voronoi_network(20, seed=1)).configuration(np.ones(30))
     for share, known in ((0.1, True), (0.5, False), (3.0, False)):
         bounds = transition_bounds(replace(exactly, bond_errors=share * exactly.lengths))
         assert bounds.bulk > 0 and np.isfinite(bounds.bulk) == known
 
 
-def test_a_modulus_that_vanishes_has_a_bound_of_second_order():
+def test_vanishing_modulus_has_a_second_order_bound():
     critical = CriticalManifold(honeycomb_network(3, 3)).configuration(np.ones(27))
     assert 0 <= transition_moduli(critical).shear <= transition_bounds(critical).shear < 1e-30
 
 
 @pytest.mark.parametrize("name, floor", [("voronoi", 0.0), ("honeycomb", 1e-20)])
-def test_errors_of_bond_vectors_reach_the_moduli(name, floor):
-    # Bond vectors that are off by 10⁻⁶ move the moduli to first order, and the shear modulus of a honeycomb, which
+def test_bond_vector_errors_propagate_to_moduli(name, floor):
+    # Errors of 10⁻⁶ in bond vectors change the moduli to first order, and the shear modulus of a honeycomb, which
     # is zero, to second.
     network = NETWORKS[name]()
     exactly = CriticalManifold(network).configuration(np.ones(network.n_edges))
@@ -251,13 +259,13 @@ def test_errors_of_bond_vectors_reach_the_moduli(name, floor):
         errors = (1 + 1e-9) * np.linalg.norm(off, axis=1)
         moved = replace(exactly, bond_vectors=exactly.bond_vectors + off, bond_errors=errors)
         after = transition_moduli(moved)
-        # Either of the two may be the one that is wrong.
+        # The bound applies to either of the two.
         for bounds in (transition_bounds(moved), transition_bounds(replace(exactly, bond_errors=errors))):
             assert abs(after.bulk - before.bulk) <= bounds.bulk < 1e-5
             assert floor < abs(after.shear - before.shear) <= bounds.shear < 1e-5
 
 
-def test_configurations_without_bounds_claim_none():
+def test_configurations_without_bounds_have_nan():
     critical = CriticalManifold(NETWORK).configuration(np.ones(18))
     plain = type(critical)(NETWORK, critical.sigma, critical.coordinates, critical.bond_vectors)
     assert np.isnan(plain.error_bound) and np.isnan(plain.bond_errors).all()
@@ -265,7 +273,7 @@ def test_configurations_without_bounds_claim_none():
 
 
 @pytest.mark.parametrize("spread, seed", [(0.0, 0), (0.05, 1), (0.1, 2), (0.3, 0)])
-def test_lengths_lead_to_coordinates_within_the_bound(spread, seed):
+def test_coordinates_from_lengths_are_within_the_bound(spread, seed):
     # At a spread of 0.3 an edge is nearly slack, and errors are a hundred times larger.
     lengths = 1 + spread * np.random.default_rng(seed).standard_normal(18)
     network = voronoi_network(12, seed=seed)
@@ -277,7 +285,7 @@ def test_lengths_lead_to_coordinates_within_the_bound(spread, seed):
     assert np.isfinite(solution.stats.condition)
 
 
-def test_slack_edges_leave_bounds_to_the_stressed_ones():
+def test_slack_edges_have_no_bounds():
     lengths = np.random.default_rng(0).uniform(0.2, 1.8, 60)
     solution = critical_from_lengths(voronoi_network(40, seed=1), lengths, throw=False)
     assert solution.status is Status.slack_edges
@@ -287,7 +295,7 @@ def test_slack_edges_leave_bounds_to_the_stressed_ones():
     assert (solution.value.bond_errors[~slack] < 1e-15).all()
 
 
-def test_optima_carry_bounds():
+def test_optima_have_bounds():
     network = voronoi_network(16, seed=2)
     bulk = optimize(network, "bulk_modulus")
     true = reference.largest_bulk_modulus(network)
