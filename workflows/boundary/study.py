@@ -10,15 +10,17 @@ from itertools import product
 
 import numpy as np
 
-from critflow import CriticalManifold, InputError, Status, StudyError, voronoi_network
+from critflow import CriticalManifold, Status, voronoi_network
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
-from ..shared.verification import verify_boundary
+from ..shared.checks import check_network
+from ..shared.reports import PAPER
 from .report import boundary_figure, claims, summary
+from .verify import verify
 
 
 def nearest_images(coordinates, edges, cell):
-    """The shortest vector from tail to head (N_b, 2) among all images that could be it, blind to the offsets."""
+    """The shortest vector from tail to head (N_b, 2) among all images of the head, without the offsets."""
     apart = coordinates[edges[:, 1]] - coordinates[edges[:, 0]]
     # Under shear the nearest image may lie several sheared cells away.
     reach = range(-6, 7)
@@ -27,18 +29,18 @@ def nearest_images(coordinates, edges, cell):
 
 
 def case(parameters, *, seed):
-    """One network: its boundary term, its configuration at a random stress, and the same with the boundary sheared."""
+    """One network: boundary term, configuration at a random stress, and configurations with the boundary sheared."""
     network = voronoi_network(parameters["n_vertices"], seed)
     sigma = np.abs(stable_rng(seed, "boundary").standard_normal(network.n_edges))
     critical = CriticalManifold(network).configuration(sigma)
     sheared, cells, wrong = [], [], []
     for shear in parameters["shears"]:
         deformed = network.deformed([[1.0, shear], [0.0, 1.0]])
-        of_it = CriticalManifold(deformed).configuration(sigma)
-        nearest = nearest_images(of_it.coordinates, network.edges, deformed.cell)
-        sheared.append(of_it)
+        solved = CriticalManifold(deformed).configuration(sigma)
+        nearest = nearest_images(solved.coordinates, network.edges, deformed.cell)
+        sheared.append(solved)
         cells.append(deformed.cell)
-        wrong.append(np.count_nonzero(np.abs(nearest - of_it.bond_vectors).max(axis=1) > 1e-9))
+        wrong.append(np.count_nonzero(np.abs(nearest - solved.bond_vectors).max(axis=1) > 1e-9))
     return {
         "status": Status.ok,
         "edges": network.edges,
@@ -52,24 +54,21 @@ def case(parameters, *, seed):
         "bond_vectors": critical.bond_vectors,
         "collapsed_bond_vectors": network.bond_vectors(np.zeros_like(critical.coordinates)),
         "sheared_cell": cells,
-        "sheared_coordinates": [of_it.coordinates for of_it in sheared],
-        "sheared_bond_vectors": [of_it.bond_vectors for of_it in sheared],
-        "sheared_boundary_vectors": [of_it.network.boundary_vectors for of_it in sheared],
+        "sheared_coordinates": [solved.coordinates for solved in sheared],
+        "sheared_bond_vectors": [solved.bond_vectors for solved in sheared],
+        "sheared_boundary_vectors": [solved.network.boundary_vectors for solved in sheared],
         "nearest_image_wrong": wrong,
     }
 
 
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
-    try:
-        voronoi_network(parameters["n_vertices"], axes["seed"][0])
-    except InputError as error:
-        raise StudyError(str(error)) from error
+    check_network(voronoi_network, parameters["n_vertices"], axes["seed"][0])
 
 
 def table():
-    """Names, dimensions, types, units and meanings of everything that is stored."""
-    along = ("seed", "shear")
+    """Names, dimensions, types, units and meanings of the stored variables."""
+    sheared = ("seed", "shear")
     yield Variable("edges", ("seed", "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
     yield Variable(
         "offsets", ("seed", "edge", "axis"), "i2", long_name="cell image in which the head of each edge lies"
@@ -87,28 +86,27 @@ def table():
         "f8",
         long_name="bond vectors with all vertices at one point",
     )
-    yield Variable("sheared_cell", (*along, "axis", "axis_"), "f8", long_name="cell vectors as rows after the shear")
-    yield Variable("sheared_coordinates", (*along, "vertex", "axis"), "f8", long_name="coordinates after the shear")
-    yield Variable("sheared_bond_vectors", (*along, "edge", "axis"), "f8", long_name="bond vectors after the shear")
+    yield Variable("sheared_cell", (*sheared, "axis", "axis_"), "f8", long_name="cell vectors as rows after the shear")
+    yield Variable("sheared_coordinates", (*sheared, "vertex", "axis"), "f8", long_name="coordinates after the shear")
+    yield Variable("sheared_bond_vectors", (*sheared, "edge", "axis"), "f8", long_name="bond vectors after the shear")
     yield Variable(
-        "sheared_boundary_vectors", (*along, "edge", "axis"), "f8", long_name="boundary term after the shear"
+        "sheared_boundary_vectors", (*sheared, "edge", "axis"), "f8", long_name="boundary term after the shear"
     )
-    yield Variable("nearest_image_wrong", along, "i4", long_name="edges whose ends are nearer in another image")
+    yield Variable("nearest_image_wrong", sheared, "i4", long_name="edges whose ends are nearer in another image")
     yield Variable("status", ("seed",), "i1", long_name="outcome", flags=Status)
 
 
 study = Study(
     name="boundary",
     title="The boundary term of a periodic network",
-    references="Hain, Santangelo and Manning, Optimizing properties on the critical rigidity manifold of "
-    "underconstrained central-force networks (arXiv:2407.13939)",
+    references=PAPER,
     axes=(Axis("seed", range(10), "seed of the network", noun="networks"),),
     parameters={"n_vertices": 30, "shears": decimals("0:2:0.5")},
     coordinates=(Coordinate("shear", "shears", "simple shear of the boundary"),),
     case=case,
     check=check,
     variables=tuple(table()),
-    verify=verify_boundary,
+    verify=verify,
     figures={"boundary": boundary_figure},
     claims=claims,
     summary=summary,

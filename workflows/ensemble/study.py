@@ -7,39 +7,21 @@ edge of these networks stressed (0.1, `random_lengths`).
 
 from __future__ import annotations
 
-import numpy as np
-
-from critflow import (
-    Status,
-    StudyError,
-    voronoi_network,
-)
+from critflow import StudyError, voronoi_network
 from critflow.mechanics.strain_path import check_strains
-from critflow.rigidity.structure import face_anisotropy, force_anisotropy
 from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from ..shared.checks import check_network, check_positive
-from ..shared.measurements import measured, table
-from ..shared.populations import POPULATIONS, configuration, prepared
-from .report import claims, gallery, response_figure, structure_figure, summary
-from .verify import verify
+from ..shared.measurements import planar_member, table, verify
+from ..shared.population_reports import summary
+from ..shared.populations import POPULATIONS
+from ..shared.reports import PAPER
+from .report import claims, gallery, response_figure, structure_figure
 
 
 def case(parameters, *, seed, population, wanted):
     """A critical configuration, its structure, and its moduli at the transition and along the strain path."""
-    manifold = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
-    network = manifold.network
-    found = configuration(manifold, parameters, seed, population)
-    shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
-    if not np.isfinite(found.value.coordinates).all():
-        return shared
-    # Where an edge collapses the infimum has no configuration, so the coefficients of a near one mean nothing.
-    undefined = np.nan if found.status is Status.edge_collapse else 1.0
-    result = shared | measured(manifold, found, parameters, wanted, undefined)
-    for name, anisotropy in (("anisotropy_physical", face_anisotropy), ("anisotropy_force", force_anisotropy)):
-        if name in wanted:
-            result[name] = np.nanmean(anisotropy(found.value))
-    return result
+    return planar_member(parameters, seed=seed, population=population, wanted=wanted)
 
 
 def check(parameters, axes):
@@ -55,8 +37,7 @@ study = Study(
     name="ensemble",
     version=2,
     title="Populations of critical configurations, strained past the rigidity transition",
-    references="Hain, Santangelo and Manning, Optimizing properties on the critical rigidity manifold of "
-    "underconstrained central-force networks (arXiv:2407.13939)",
+    references=PAPER,
     axes=(
         Axis("seed", range(100), "seed of the network", noun="networks"),
         Axis("population", POPULATIONS, "population of critical configurations"),

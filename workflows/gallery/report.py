@@ -1,8 +1,6 @@
-"""Figure, claims and summary of the gallery, read off its dataset alone."""
+"""Figure, claims and summary of the gallery, from its dataset alone."""
 
 from __future__ import annotations
-
-import json
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -13,7 +11,8 @@ from critflow.plot import draw_network, face_polygons, periodic_segments, shade_
 from critflow.result import Status
 from critflow.workflow import Claim
 
-from ..shared.verification import told
+from ..shared.reports import parameters
+from ..shared.verification import bond_vectors
 
 # Name and the number that matters of every panel, in the order of the letters.
 CAPTIONS = {
@@ -114,7 +113,7 @@ def _draw(axes, one, ds, limits):
         axes.add_collection(dotted)
         dotted.set_clip_path(lines.get_clip_path())
     if panel in SHADED:
-        L = _bond_vectors(one)
+        L = bond_vectors(one)
         polygons = face_polygons(planar_faces(edges, L, len(x)), edges, x, L)
         shade_faces(axes, [p for p, inflated in zip(polygons, one.chosen.values, strict=True) if inflated], cell)
     return lines
@@ -123,7 +122,7 @@ def _draw(axes, one, ds, limits):
 def _numbers(one, ds):
     V_L = float(one.length_variance)
     return {
-        **_parameters(ds),
+        **parameters(ds),
         "V_L": f"{V_L:.3f}" if V_L > 1e-3 else "< $10^{" + f"{int(np.ceil(np.log10(max(V_L, 1e-30))))}" + "}$",
         "V_tau": float(one.tension_variance), "B_0": float(one.bulk_modulus_0), "G_0": float(one.shear_modulus_0),
         "stressed": f"{100 * float(one.stressed_fraction):.3g}",
@@ -141,16 +140,6 @@ def _wrapped(text, width=28):
     return "\n".join([*lines, line])
 
 
-def _parameters(ds):
-    return json.loads(ds.attrs["parameters"])
-
-
-def _bond_vectors(one):
-    tail, head = one.edges.values.T
-    x = one.coordinates.values
-    return x[head] - x[tail] + one.offsets.values @ one.cell.values
-
-
 # Claims
 
 
@@ -160,11 +149,6 @@ def claims(ds):
     return [claim for needs, make in _CLAIMS if have.issuperset(needs) for claim in make(ds)]
 
 
-def _claim(key, statement, paper, value, holds, because, note=""):
-    """A claim with its verdict: the reason stands where it differs, a note in any case."""
-    return Claim(key, statement, paper, value, "holds" if holds else "differs", note if holds else because)
-
-
 def _values(ds, name, *panels):
     return ds[name].sel(panel=list(panels)).transpose("panel", "seed").values
 
@@ -172,7 +156,7 @@ def _values(ds, name, *panels):
 def _pressure(ds):
     off = np.abs((ds.tension * ds.length).sum("edge") / (2 * np.abs(_areas(ds))) - 1)
     worst = float(off.max())
-    yield _claim(
+    yield Claim.tested(
         "Networks", "tensions are scaled to unit pressure", "P = 1", f"within {_bound(worst)} in every panel",
         worst < 1e-12, "some panel has another pressure",
     )  # fmt: skip
@@ -184,7 +168,7 @@ def _areas(ds):
 
 def _equal_lengths(ds):
     V_L = _values(ds, "length_variance", "length_variance").max()
-    yield _claim(
+    yield Claim.tested(
         "Networks-A", "the lengths of one configuration are all equal", "V_L ≲ 1e-7", f"V_L < {_bound(V_L, 1e-30)}",
         V_L < 1e-7, "equal lengths leave edges of this network slack",
     )  # fmt: skip
@@ -196,7 +180,7 @@ def _equal_tension_variance(ds):
     apart = np.abs(np.diff(V_tau, axis=0)).max()
     status = ds.status.sel(panel="tension_variance").values
     lost = int(np.sum(status == Status.edge_collapse))
-    yield _claim(
+    yield Claim.tested(
         "Networks-BC", "configurations of least V_τ are degenerate along isogonal modes", "same V_τ",
         f"V_τ = {V_tau[0, 0]:.6f} of both, within {_bound(apart)}; V_L = {V_L[0, 0]:.3f} and {V_L[1, 0]:.3f}",
         apart < 1e-12, "the tensions changed",
@@ -211,7 +195,7 @@ def _moduli_of_forces(ds):
             one, other = _values(ds, name, panel, origin)
             # A shear modulus may be zero but for the shape of the cell, so both are measured by B_0.
             off = max(off, float(np.abs((one - other) / _values(ds, "bulk_modulus_0", origin)[0]).max()))
-    yield _claim(
+    yield Claim.tested(
         "BulkModulus", "B_0 cannot be written as a function of the tensions alone, so its degeneracy surprises",
         "to be studied", f"B_0 and G_0 change by less than {_bound(off)} B_0 from B to C, where neither is at its "
         "maximum, and from D to E and F", off >= 1e-12, "forces T in balance do the same work Σ T·A L on all bond "
@@ -225,13 +209,13 @@ def _equal_bulk_modulus(ds):
     V_L = _values(ds, "length_variance", *_STIFFEST)
     bound = ds.bulk_modulus_bound.values
     off = np.abs(B_0 / bound - 1).max()
-    yield _claim(
+    yield Claim.tested(
         "Networks-DEF", "configurations of largest B_0 are degenerate along isogonal modes", "same B_0",
         f"B_0 = {B_0[0, 0]:.6f} k of all three, and the bound that no stress exceeds, within {_bound(off)}; "
         f"V_L = {V_L[0, 0]:.3f}, {V_L[1, 0]:.3f} and {V_L[2, 0]:.3f}", off < 1e-12, "B_0 changed along the modes",
     )  # fmt: skip
     parted = _values(ds, "bulk_modulus_affine", *_STIFFEST) / B_0 - 1
-    yield _claim(
+    yield Claim.tested(
         "BulkModulusAffine", "σ = k is the most affine configuration of largest B_0: no non-affine part", "0",
         f"(B_aff − B_0)/B_0 is below {_bound(np.abs(parted[0]).max())} at σ = k, {parted[1, 0]:.3f} and "
         f"{parted[2, 0]:.3f} after isogonal changes", np.abs(parted[0]).max() < 1e-12 and parted[1:].min() > 0,
@@ -242,7 +226,7 @@ def _equal_bulk_modulus(ds):
         return
     zero, curved = _values(ds, "flat_largest", *_STIFFEST).max(), _values(ds, "curved_smallest", *_STIFFEST).min()
     half = ds.sizes["vertex"] // 2
-    yield _claim(
+    yield Claim.tested(
         "BulkModulusHessian", "the Hessian of B_0 has N_v/2 − 1 flat directions", f"{half - 1}",
         f"{int(flat.min())} at D, E and F, the scale of σ among them, so {int(flat.min()) - 1} isogonal ones; "
         f"eigenvalues below {_bound(zero)} and above {curved:.1g} of the largest",
@@ -254,10 +238,10 @@ def _equal_bulk_modulus(ds):
 
 def _shear(ds):
     panels = ("shear_modulus_1", "shear_modulus_2", "shear_modulus_3")
-    G_0, r = _values(ds, "shear_modulus_0", *panels), _parameters(ds)["thresholds"]
+    G_0, r = _values(ds, "shear_modulus_0", *panels), parameters(ds)["thresholds"]
     converged = bool((ds.status.sel(panel=list(panels)) == Status.ok).all())
     order = np.argsort(r)[::-1]
-    yield _claim(
+    yield Claim.tested(
         "Networks-GHI", "a lower threshold r gives a larger G_0", "increasing",
         ", ".join(f"G_0 = {G_0[n, 0]:.4f} k at r = {r[n]:g}" for n in order),
         bool((np.diff(G_0[order], axis=0) > 0).all()), "G_0 does not increase",
@@ -269,8 +253,8 @@ def _random_lengths(ds):
     for panel, key in (("random_lengths", "spread"), ("random_lengths_wide", "spread_wide")):
         if panel in ds.panel:
             stressed = _values(ds, "stressed_fraction", panel)[0]
-            yield _claim(
-                f"Networks-JK-{key}", f"random rest lengths of spread s = {_parameters(ds)[key]:g} leave every edge "
+            yield Claim.tested(
+                f"Networks-JK-{key}", f"random rest lengths of spread s = {parameters(ds)[key]:g} leave every edge "
                 "stressed", "full rigidity percolation", f"{100 * stressed.min():.4g} % of the edges",
                 stressed.min() == 1, "the cone program, whose answer is global, leaves the other edges slack",
             )  # fmt: skip
@@ -301,44 +285,4 @@ def summary(ds):
         one = ds.sel(panel=panel)
         panels[str(panel)] = {name: one[name].values.tolist() for name in names}
         panels[str(panel)]["status"] = [Status(int(code)).name for code in one.status.values]
-    return {"seeds": ds.seed.values.tolist(), "parameters": _parameters(ds), "panels": panels}
-
-
-# Verification
-
-
-def verify(ds):
-    """A line for each stored configuration that its own numbers, or those of its isogonal origin, contradict."""
-
-    def checks(one):
-        if np.isfinite(one.residual):
-            yield from _checks(one)
-            origin = ISOGONAL.get(str(one.panel.values))
-            if origin in ds.panel.values:
-                yield "directions and tensions", _parallel(one, ds.sel(panel=origin, seed=one.seed))
-
-    return told(ds, ("panel", "seed"), checks)
-
-
-def _checks(one):
-    L, sigma = _bond_vectors(one), one.sigma.values
-    length, area = np.linalg.norm(L, axis=1), abs(np.linalg.det(one.cell.values))
-    pull, force = sigma[:, None] * L, np.zeros(one.coordinates.shape)
-    np.add.at(force, one.edges.values[:, 1], pull)
-    np.add.at(force, one.edges.values[:, 0], -pull)
-    tension, work = sigma * length, sigma @ length**2
-    yield "force balance", np.abs(force).max() <= 1e-11 * np.abs(tension).mean()
-    yield "length", np.allclose(length, one.length, rtol=1e-10, atol=1e-13)
-    yield "tension", np.allclose(tension * 2 * area / work, one.tension, rtol=1e-9, atol=1e-12)
-    yield "bulk_modulus_0", np.isclose(work**2 / (4 * area * np.sum(tension**2)), one.bulk_modulus_0, rtol=1e-9)
-    yield "bulk_modulus_affine", np.isclose(np.sum(length**2) / (4 * area), one.bulk_modulus_affine, rtol=1e-10)
-    shear = np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / (area * np.sum(tension**2))
-    yield "shear_modulus_0", np.isclose(shear, one.shear_modulus_0, rtol=1e-6, atol=1e-14)
-    for name, values in (("length_variance", length), ("tension_variance", tension)):
-        yield name, np.isclose(np.var(values) / np.mean(values) ** 2, one[name], rtol=1e-8, atol=1e-20)
-
-
-def _parallel(one, origin):
-    unit = [_bond_vectors(each) / each.length.values[:, None] for each in (one, origin)]
-    tension = [each.tension.values / each.tension.values.mean() for each in (one, origin)]
-    return np.allclose(*unit, rtol=0, atol=1e-9) and np.allclose(*tension, rtol=1e-9)
+    return {"seeds": ds.seed.values.tolist(), "parameters": parameters(ds), "panels": panels}

@@ -16,35 +16,37 @@ import numpy as np
 
 from critflow import (
     CriticalManifold,
-    InputError,
     Solution,
     StudyError,
     bulk_modulus_bound,
     critical_from_lengths,
     face_modes,
+    flat_directions,
     optimize,
     transition_moduli,
     voronoi_network,
 )
-from critflow.critical.derivatives import evaluate
-from critflow.critical.objectives import dilation, transition_modulus
 from critflow.design.from_lengths import stressed_fraction
 from critflow.design.isogonal import affine_bulk_modulus
 from critflow.result import Status
 from critflow.rigidity.structure import length_variance, tension_variance
 from critflow.workflow import Axis, Study, Variable, stable_rng
 
-from .report import PANELS, claims, gallery, summary, verify
+from ..shared.checks import check_network, check_positive
+from ..shared.populations import random_lengths
+from ..shared.reports import PAPER
+from .report import PANELS, claims, gallery, summary
+from .verify import verify
 
 # Distance between the faces that panels C and F inflate, in units of the root of the mean area of a vertex.
 SPACING = 4.4
-# Eigenvalues of the Hessian of B_0 below this part of the largest belong to flat directions; found up to so many edges.
+# Eigenvalues of the Hessian of B_0 below FLAT times the largest count as zero; computed up to MOST_EDGES edges.
 FLAT, MOST_EDGES = 1e-9, 1500
 
 
 @lru_cache(maxsize=2)
 def prepared(n_vertices, seed, hard_core):
-    """What the panels of one network share: its manifold, the bound of B_0, the faces to inflate."""
+    """Manifold, bound of B_0 and faces to inflate of one network, which its panels share."""
     manifold = CriticalManifold(voronoi_network(n_vertices, seed, hard_core))
     network = manifold.network
     at = face_centres(manifold.configuration(network.stiffness)) @ np.linalg.inv(network.cell)
@@ -79,9 +81,7 @@ def configuration(manifold, chosen, parameters, seed, panel) -> tuple[Solution, 
         return manifold.solve(np.abs(rng.standard_normal(network.n_edges))), amplitudes
     if panel.startswith("random_lengths"):
         spread = parameters["spread_wide" if variant == "wide" else "spread"]
-        lengths = 1 + spread * rng.standard_normal(network.n_edges)
-        while (negative := lengths <= 0).any():
-            lengths[negative] = 1 + spread * rng.standard_normal(negative.sum())
+        lengths = random_lengths(rng, network.n_edges, spread)
         return critical_from_lengths(manifold, lengths, throw=False), amplitudes
 
     found = optimize(manifold, kind, throw=False)
@@ -100,23 +100,13 @@ def configuration(manifold, chosen, parameters, seed, panel) -> tuple[Solution, 
     return Solution(modes.walk(amplitudes), found.status, found.stats), amplitudes
 
 
-def flat_directions(manifold, critical):
-    """Eigenvalues of the Hessian of B_0 in log σ that vanish: how many, and the gap that the count rests on."""
-    goal, sigma = transition_modulus(manifold.network, dilation(2)), critical.sigma
-    evaluation = evaluate(manifold, goal, sigma)
-    rows = [sigma * evaluation.hessian_product(dsigma) for dsigma in np.diag(sigma)]
-    size = np.sort(np.abs(np.linalg.eigvalsh(np.array(rows))))
-    count = np.count_nonzero(size < FLAT * size[-1])
-    return count, size[count - 1] / size[-1], size[count] / size[-1]
-
-
 def pressure(critical):
     """P = Σσ|L|²/2V, which is set to one to fix the scale that a self-stress leaves open."""
     return critical.sigma @ critical.lengths**2 / (2 * critical.network.volume)
 
 
 def case(parameters, *, seed, panel):
-    """One configuration, its tensions at unit pressure, and what it was made for."""
+    """One configuration, its tensions at unit pressure, and its moduli at the transition."""
     manifold, bound, chosen = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
     network = manifold.network
     found, amplitudes = configuration(manifold, chosen, parameters, seed, panel)
@@ -128,7 +118,8 @@ def case(parameters, *, seed, panel):
     moduli = transition_moduli(critical)
     flat = (np.nan, np.nan, np.nan)
     if panel.startswith("bulk_modulus") and network.n_edges <= MOST_EDGES:
-        flat = flat_directions(manifold, critical)
+        zero = flat_directions(critical, tolerance=FLAT)
+        flat = (zero.n_flat, *zero.gap)
     return {
         **shared,
         "sigma": critical.sigma,
@@ -156,17 +147,12 @@ def check(parameters, axes):
         raise StudyError(f"thresholds={parameters['thresholds']} must be three positive numbers, for panels G, H and I")
     if not 0 < parameters["fraction"] < 1:
         raise StudyError(f"fraction={parameters['fraction']} must lie between 0 and 1, where the first edge vanishes")
-    for name in ("spread", "spread_wide", "shortest", "starts", "hard_core"):
-        if not parameters[name] > 0:
-            raise StudyError(f"{name}={parameters[name]} must be positive")
-    try:
-        voronoi_network(parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
-    except InputError as error:
-        raise StudyError(str(error)) from error
+    check_positive(parameters, "spread", "spread_wide", "shortest", "starts", "hard_core")
+    check_network(voronoi_network, parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
 
 
 def table():
-    """Names, dimensions, types and meanings of everything that is stored."""
+    """Names, dimensions, types and meanings of the stored variables."""
     network, member = ("seed",), ("panel", "seed")
     in_k = ", in units of k"
 
@@ -196,9 +182,7 @@ def table():
     yield scalar("bulk_modulus_affine", "bulk modulus if the dilation stayed affine" + in_k)
     yield scalar("shear_modulus_0", "shear modulus at the transition" + in_k)
     yield scalar("stressed_fraction", "part of the edges under tension")
-    yield scalar(
-        "flat_directions", "null directions of the Hessian of B_0 in the logarithms of the stresses, at its maxima"
-    )
+    yield scalar("flat_directions", "null directions of the Hessian of B_0 over the stresses, at its maxima")
     yield scalar("flat_largest", "largest eigenvalue counted as null, over the largest of all")
     yield scalar("curved_smallest", "smallest eigenvalue not counted as null, over the largest of all")
     yield scalar("status", "outcome of finding the configuration", dtype="i1", flags=Status)
@@ -208,10 +192,9 @@ def table():
 
 study = Study(
     name="gallery",
-    version=2,
+    version=3,
     title="One network in thirteen critical configurations",
-    references="Hain, Santangelo and Manning, Optimizing properties on the critical rigidity manifold of "
-    "underconstrained central-force networks (arXiv:2407.13939), figure `Networks`",
+    references=f"{PAPER}, figure Networks",
     axes=(
         Axis("seed", (0,), "seed of the network", noun="networks"),
         Axis("panel", PANELS, "critical configuration, by its panel in the figure"),

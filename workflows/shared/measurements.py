@@ -1,15 +1,21 @@
-"""What is measured on one critical configuration, in two and three dimensions alike, and the table that labels it."""
+"""Measurements on one critical configuration in two or three dimensions, their labels and their verification."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from critflow import Status, fit_stiffening, stiffening, strain_path, transition_moduli
+from critflow import Status, fit_stiffening, stiffening, strain_path, transition_moduli, voronoi_network
 from critflow.design.from_lengths import stressed_fraction
-from critflow.rigidity.structure import length_variance, tension_variance
+from critflow.rigidity.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Variable
 
-# What has a cost of its own: linear systems at the transition, and the strain path with the lines fitted to it.
+from .populations import configuration, prepared
+from .reports import parameters as parameters_of
+from .verification import bond_vectors, contradictions, forces, variances
+
+# Relative force balance of stored coordinates with edges as short as a thousandth of the mean.
+_BALANCED = 1e-11
+# Variables that require linear systems at the transition, or the strain path and the lines fitted to it.
 _EXACT = ("C_B_exact", "C_G_exact", "C_G_stress_corrected_exact")
 _ALONG = (
     *("bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected", "energy", "max_force", "newton_steps"),
@@ -17,15 +23,36 @@ _ALONG = (
 )
 
 
-def measured(manifold, found, parameters, wanted, undefined=1.0):
-    """Arrays of a configuration that was found: moduli at the transition and along the strain path, variances.
+def planar_member(parameters, *, seed, population, wanted):
+    """Arrays of one member of the planar ensemble: configuration, structure, moduli at and past the transition."""
+    manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"])
+    found = configuration(manifold, parameters, seed, population)
+    if not np.isfinite(found.value.coordinates).all():
+        return identified(manifold.network, found)
+    # Where an edge collapses the infimum is not attained, and its coefficients are not defined.
+    undefined = np.nan if found.status is Status.edge_collapse else 1.0
+    result = measured(manifold, found, parameters, wanted, undefined)
+    for name, anisotropy in (("anisotropy_physical", face_anisotropy), ("anisotropy_force", force_anisotropy)):
+        if name in wanted:
+            result[name] = np.nanmean(anisotropy(found.value))
+    return result
 
-    wanted     names of the variables asked for; what costs more than a sum over the edges is left out with them
-    undefined  NaN where coefficients of growth mean nothing
+
+def identified(network, found):
+    """The network and the status: all that is stored where no configuration was found."""
+    return {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
+
+
+def measured(manifold, found, parameters, wanted, undefined=1.0):
+    """Arrays of a configuration: network, variances, moduli at the transition and along the strain path.
+
+    wanted     names of the requested variables; of the others only sums over the edges are computed
+    undefined  NaN where the coefficients C_B and C_G are not defined, else 1
     """
     critical = found.value
     at_transition = transition_moduli(critical)
     result = {
+        **identified(manifold.network, found),
         "sigma": critical.sigma,
         "length": critical.lengths,
         "coordinates": critical.coordinates,
@@ -69,14 +96,6 @@ def _along_path(manifold, critical, parameters, undefined):
     return result
 
 
-def random_lengths(rng, n_edges, spread):
-    """Rest lengths drawn from a normal distribution about 1, drawn again where they are not positive."""
-    lengths = 1 + spread * rng.standard_normal(n_edges)
-    while (negative := lengths <= 0).any():  # a normal distribution with s = 0.3 has one negative length in 2,300
-        lengths[negative] = 1 + spread * rng.standard_normal(negative.sum())
-    return lengths
-
-
 def fitted(strains, moduli, window):
     """Slope of a straight line through a modulus and its standard error; NaN with fewer than three strains."""
     if np.count_nonzero(strains <= window) < 3:
@@ -86,7 +105,7 @@ def fitted(strains, moduli, window):
 
 
 def table(planar):
-    """Names, dimensions, types, units and meanings of everything that is stored; shapes of faces only in the plane."""
+    """Names, dimensions, types, units and meanings of the stored variables; shapes of faces in the plane only."""
     network, member, each = ("seed",), ("population", "seed"), ("population", "seed", "strain")
     # CF knows no stiffness as a unit: what is measured in k is dimensionless, and its name says so.
     in_k = ", in units of k"
@@ -133,5 +152,38 @@ def table(planar):
     yield scalar("stressed_fraction", "part of the edges under tension")
     yield scalar("status", "outcome of finding the configuration", dtype="i1", flags=Status)
     yield scalar("residual", "largest unbalanced force over the mean tension")
-    yield scalar("optimality", "what the method drives to zero: projected gradient, or force")
+    yield scalar("optimality", "residual of the method: projected gradient, or force")
     yield scalar("iterations", "iterations of the method that found the configuration", dtype="i4")
+
+
+def verify(ds):
+    """A line for each stored configuration that its own numbers contradict."""
+    window = parameters_of(ds)["fit_window"]
+    return contradictions(ds, ("population", "seed"), lambda one: _checks(one, window))
+
+
+def _checks(one, window):
+    if not np.isfinite(one.residual):  # no configuration was found
+        return
+    sigma, cell = one.sigma.values, one.cell.values
+    L = bond_vectors(one)
+    length, volume, force = np.linalg.norm(L, axis=1), abs(np.linalg.det(cell)), forces(one, L)
+    tension = sigma * length
+    cost = np.sum(tension**2)
+    yield "force balance", np.abs(force).max() <= _BALANCED * np.abs(tension).mean()
+    yield "residual", np.isclose(np.abs(force).max() / tension.mean(), one.residual, rtol=1e-3, atol=_BALANCED)
+    yield "tension everywhere", int(one.status) != Status.ok or sigma.min() > 0
+    yield "length", np.allclose(length, one.length, rtol=1e-10, atol=1e-13)
+    yield "sigma", np.isclose(np.sum(sigma**2), len(sigma), rtol=1e-10)
+    bulk = np.sum(sigma * length**2) ** 2 / (len(cell) ** 2 * volume * cost)
+    yield "bulk_modulus_0", np.isclose(bulk, one.bulk_modulus_0, rtol=1e-9)
+    shear = np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / (volume * cost)
+    yield "shear_modulus_0", np.isclose(shear, one.shear_modulus_0, rtol=1e-6, atol=1e-14)
+    yield from variances(one, length, tension)
+    stressed = np.mean(sigma > 1e-9 * np.abs(sigma).mean())
+    yield "stressed_fraction", np.isclose(stressed, one.stressed_fraction, rtol=1e-12)
+    yield "energy along the path", not (np.diff(one.energy.values) < 0).any()
+    for modulus, slope in (("bulk_modulus", "C_B"), ("shear_modulus", "C_G")):
+        line = fitted(one.strain.values, one[modulus].values, window)
+        if np.isfinite(one[slope]):
+            yield slope, np.allclose(line, (one[slope], one[f"{slope}_error"]), rtol=1e-9)

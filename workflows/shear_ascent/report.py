@@ -1,8 +1,6 @@
-"""Figure, animation, claims and summary of the unconstrained ascent, read off its dataset alone."""
+"""Figure, animation, claims and summary of the unconstrained ascent, from its dataset alone."""
 
 from __future__ import annotations
-
-import json
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,44 +10,21 @@ from critflow.plot import COLOURS, COMPRESSED, draw_network
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ..shared.reports import parameters, spread, status_counts
+
 # Parts of the bound at which one network is drawn.
 SHOWN = (0.1, 0.25, 0.6)
 BLUE, GREEN, PURPLE = COLOURS[0], COLOURS[3], COLOURS[5]
 
 
 def ascent_figure(ds):
-    """Modulus, longest edge and least tension along the ascents, and one network on its way."""
+    """Modulus, longest edge and least tension of the ascents, and one network at three steps."""
     figure = Figure(figsize=(11, 8.2), dpi=95, layout="constrained")
     top, bottom = figure.subfigures(2, 1, height_ratios=(1, 1.08))
-    steps = np.maximum(ds.step.values, 0.5)  # the start has a place on a logarithmic axis
     left, middle, right = top.subplots(1, 3)
-
-    left.axhline(float(ds.bound.mean()), color="0.25", linewidth=1.2, linestyle="--")
-    left.text(0.55, float(ds.bound.mean()) * 1.015, "closed-form bound", fontsize=8.5, color="0.25")
-    _band(left, steps, ds.shear_modulus, BLUE)
-    left.set(ylabel="shear modulus $G_0$  [$k$]", ylim=(-0.005, 1.12 * float(ds.bound.mean())))
-
-    _band(middle, steps, ds.longest_edge, BLUE)
-    middle.set(ylabel="longest edge / side of the box")
-    middle.axhline(1.0, color="0.7", linewidth=0.8)
-    middle.set_ylim(0, None)
-    other = middle.twinx()
-    _band(other, steps, ds.least_tension, COMPRESSED)
-    other.set(ylim=(-1.05, 1.05))
-    other.set_ylabel("least / largest tension", color=COMPRESSED)
-    other.tick_params(axis="y", colors=COMPRESSED)
-    middle.yaxis.label.set_color(BLUE)
-    middle.tick_params(axis="y", colors=BLUE)
-
-    _band(right, steps, ds.compressed_edges / ds.sizes["edge"], PURPLE)
-    _band(right, steps, ds.compressed_length / ds.sizes["vertex"], GREEN)
-    least = float((ds.least_compressed_length / ds.sizes["vertex"]).mean())
-    right.axhline(least, color=GREEN, linewidth=1.0, linestyle="--")
-    right.text(0.55, least + 0.03, "least length that\nthe bound needs", fontsize=8.5, color=GREEN)
-    right.set(ylabel="under compression", ylim=(0, None))
-    lines = [Line2D([], [], color=GREEN), Line2D([], [], color=PURPLE)]
-    right.legend(lines, ["total length / $N_v$", "part of the edges"], fontsize=8.5, frameon=False, loc="upper left")
-
+    _draw_modulus(left, ds)
+    _draw_extremes(middle, ds)
+    _draw_compression(right, ds)
     for axes, letter in zip((left, middle, right), "ABC", strict=True):
         axes.set_xscale("log")
         axes.set_xlabel("step $s$ of the ascent (0 at the left edge)")
@@ -75,10 +50,50 @@ def ascent_figure(ds):
     return figure
 
 
+def _draw_modulus(axes, ds):
+    bound = float(ds.bound.mean())
+    axes.axhline(bound, color="0.25", linewidth=1.2, linestyle="--")
+    axes.text(0.55, bound * 1.015, "closed-form bound", fontsize=8.5, color="0.25")
+    _band(axes, ds.shear_modulus, BLUE)
+    axes.set(ylabel="shear modulus $G_0$  [$k$]", ylim=(-0.005, 1.12 * bound))
+
+
+def _draw_extremes(axes, ds):
+    """The longest edge, and on a second axis the least tension."""
+    _band(axes, ds.longest_edge, BLUE)
+    axes.set(ylabel="longest edge / side of the box")
+    axes.axhline(1.0, color="0.7", linewidth=0.8)
+    axes.set_ylim(0, None)
+    second = axes.twinx()
+    _band(second, ds.least_tension, COMPRESSED)
+    second.set(ylim=(-1.05, 1.05))
+    second.set_ylabel("least / largest tension", color=COMPRESSED)
+    second.tick_params(axis="y", colors=COMPRESSED)
+    axes.yaxis.label.set_color(BLUE)
+    axes.tick_params(axis="y", colors=BLUE)
+
+
+def _draw_compression(axes, ds):
+    """Number and total length of the compressed edges."""
+    _band(axes, ds.compressed_edges / ds.sizes["edge"], PURPLE)
+    _band(axes, ds.compressed_length / ds.sizes["vertex"], GREEN)
+    least = float((ds.least_compressed_length / ds.sizes["vertex"]).mean())
+    axes.axhline(least, color=GREEN, linewidth=1.0, linestyle="--")
+    axes.text(0.55, least + 0.03, "least length that\nthe bound needs", fontsize=8.5, color=GREEN)
+    axes.set(ylabel="under compression", ylim=(0, None))
+    lines = [Line2D([], [], color=GREEN), Line2D([], [], color=PURPLE)]
+    axes.legend(lines, ["total length / $N_v$", "part of the edges"], fontsize=8.5, frameon=False, loc="upper left")
+
+
+def _on_log_axis(steps):
+    """Steps with a finite place for the start on a logarithmic axis."""
+    return np.maximum(steps.values, 0.5)
+
+
 def animation(ds):
     """One network on its way up, with its modulus."""
     one = ds.isel(seed=0)
-    steps, moduli = np.maximum(one.step.values, 0.5), one.shear_modulus.values
+    steps, moduli = _on_log_axis(one.step), one.shear_modulus.values
     for place in range(len(steps)):
         figure = Figure(figsize=(7.2, 3.7), dpi=72, layout="constrained")
         network, curve = figure.subplots(1, 2, width_ratios=(1.15, 1))
@@ -110,68 +125,89 @@ def _places(one):
     return [int(np.argmax(parts >= part)) if parts.max() >= part else len(parts) - 1 for part in SHOWN]
 
 
-def _band(axes, x, values, colour):
-    """Median over networks, and the band that holds two thirds of them."""
+def _band(axes, values, colour):
+    """Median over networks, and the band of two thirds of them, against the step."""
+    x = _on_log_axis(values.step)
     low, middle, high = np.nanquantile(values.transpose("seed", "step").values, (1 / 6, 0.5, 5 / 6), axis=0)
     axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0)
     axes.plot(x, middle, color=colour, linewidth=1.8)
 
 
 def claims(ds):
-    """What the paper says about the unconstrained ascent beside what these ascents say."""
+    """The statements of the paper on the unconstrained ascent, tested on these ascents."""
     good = ds.isel(seed=np.isfinite(ds.bound.values))
     finished = good.isel(seed=np.isfinite(good.shear_modulus.isel(step=-1).values))
-    last, runaway = finished.isel(step=-1), int((ds.status == Status.singular).sum())
-    yield _claim(
+    last = finished.isel(step=-1)
+    return [*_bound(good), *_extremes(last), *_onset(good), *_compression(good, last), _singular(ds, good, last)]
+
+
+def _bound(good):
+    yield Claim.tested(
         "ShearModulusSteepestDescent-A", "without constraints the shear modulus keeps rising to a finite value",
-        "rises", f"from {_spread(good.shear_modulus.isel(step=0))} to {_spread(good.shear_modulus_end)} at the end, "
-        f"{_spread(100 * good.shear_modulus_end / good.bound, 3)} % of the bound",
+        "rises", f"from {spread(good.shear_modulus.isel(step=0))} to {spread(good.shear_modulus_end)} at the end, "
+        f"{spread(100 * good.shear_modulus_end / good.bound, 3)} % of the bound",
         bool((good.shear_modulus_end > 100 * good.shear_modulus.isel(step=0)).mean() > 0.5),
         "so few steps do not lead far",
     )  # fmt: skip
     gap = float(np.abs(good.closed_form_gap).max())
-    yield _claim(
+    exceeded = good.shear_modulus > good.bound * (1 + 1e-9)
+    satisfied = gap < 1e-9 and not bool(exceeded.any())
+    yield Claim(
         "ShearModulusSteepestDescent-bound", "no stress of any sign has a larger G_0 than the closed form, which a "
-        "configuration attains", "not stated", f"bound {_spread(good.bound)}; attained to {gap:.0e}; exceeded by "
-        f"{int((good.shear_modulus > good.bound * (1 + 1e-9)).sum())} of {good.shear_modulus.size} recorded steps",
-        gap < 1e-9 and not bool((good.shear_modulus > good.bound * (1 + 1e-9)).any()), "some network lies above",
+        "configuration attains", "not stated", f"bound {spread(good.bound)}; attained to {gap:.0e}; exceeded by "
+        f"{int(exceeded.sum())} of {good.shear_modulus.size} recorded steps",
+        "measured" if satisfied else "differs", "" if satisfied else "some network lies above",
     )  # fmt: skip
-    yield _claim(
+
+
+def _extremes(last):
+    yield Claim.tested(
         "ShearModulusSteepestDescent-B-length", "the longest edge grows to about the side of the box",
         "≈ 1", f"median {float(last.longest_edge.median()):.2f}, two thirds within "
         f"{float(last.longest_edge.quantile(1 / 6)):.2f} to {float(last.longest_edge.quantile(5 / 6)):.2f}",
         bool(0.5 < float(last.longest_edge.median()) < 3),
         "the longest edges have another size",
     )  # fmt: skip
-    yield _claim(
+    yield Claim.tested(
         "ShearModulusSteepestDescent-B-tension", "the strongest force ends as a compression in many networks "
-        "(least over largest tension near −1)", "towards −1", _spread(last.least_tension, 3),
+        "(least over largest tension near −1)", "towards −1", spread(last.least_tension, 3),
         bool(float(last.least_tension.mean()) < -0.5), "compression stays weaker than tension",
     )  # fmt: skip
-    # Where edges begin to grow and where compression begins, as steps.
+
+
+def _onset(good):
+    """Where edges begin to grow and where compression begins, as steps."""
     grown = (good.longest_edge > 2 * good.longest_edge.isel(step=0)).values.argmax(axis=1)
     squeezed = (good.compressed_edges > 0).values.argmax(axis=1)
     apart = np.abs(grown - squeezed)
-    yield _claim(
+    yield Claim.tested(
         "ShearModulusSteepestDescent-B-onset", "edges begin to grow at the point where tensions turn negative",
         "same point", f"twice the first longest edge at step {_median(good.step.values[grown])}, first compression at "
         f"step {_median(good.step.values[squeezed])} (medians); {100 * np.mean(apart <= 3):.0f} % of the networks "
         "within three records", bool(np.mean(apart <= 3) > 0.5), "the two are apart",
     )  # fmt: skip
-    needed = float((good.least_compressed_length / ds.sizes["vertex"]).mean())
-    yield _claim(
+
+
+def _compression(good, last):
+    n_vertices = good.sizes["vertex"]
+    needed = float((good.least_compressed_length / n_vertices).mean())
+    yield Claim.tested(
         "ShearModulusSteepestDescent-CE", "final configurations are tensegrities: compressed edges cannot be avoided",
         "compressed edges", f"{float(last.compressed_edges.median()):.0f} edges of total length "
-        f"{float(last.compressed_length.median()) / ds.sizes['vertex']:.2f} N_v (medians); at the bound at least "
+        f"{float(last.compressed_length.median()) / n_vertices:.2f} N_v (medians); at the bound at least "
         f"{needed:.3f} N_v",
         needed > 0.1 and bool((last.compressed_edges > 0).all()), "no compression was needed",
     )  # fmt: skip
-    yield _claim(
+
+
+def _singular(ds, good, last):
+    runaway = int((ds.status == Status.singular).sum())
+    return Claim(
         "singular-prestress", "the way crosses stresses whose prestress matrix is singular, and may end at one",
-        "not stated", f"{_spread(good.crossings, 3)} steps cross; {_spread(good.negative_pivots, 3)} negative "
+        "not stated", f"{spread(good.crossings, 3)} steps cross; {spread(good.negative_pivots, 3)} negative "
         f"eigenvalues at the end; {runaway} of {ds.sizes['seed']} ascents end at a singular matrix, where lengths grow "
         f"without end and the modulus has a limit ({_limit(good)}); the others balance to "
-        f"{float(last.residual.max()):.0e} at the last step", True, "",
+        f"{float(last.residual.max()):.0e} at the last step", "measured",
     )  # fmt: skip
 
 
@@ -179,28 +215,17 @@ def summary(ds):
     """Scalars for tables: the ends of the ascents."""
     last = ds.isel(step=-1)
     names = [name for name, values in last.data_vars.items() if values.dims == ("seed",) and name != "status"]
-    codes, counts = np.unique(ds.status.values, return_counts=True)
     return {
         "networks": ds.sizes["seed"],
-        "parameters": json.loads(ds.attrs["parameters"]),
-        "status": {Status(int(code)).name: int(count) for code, count in zip(codes, counts, strict=True)},
+        "parameters": parameters(ds),
+        "status": status_counts(ds.status.values),
         "end": {name: {"mean": last[name].mean(), "std": last[name].std(), "max": last[name].max()} for name in names},
     }
 
 
-def _claim(key, statement, paper, value, holds, because):
-    if paper == "not stated" and holds:
-        return Claim(key, statement, paper, value, "measured")
-    return Claim(key, statement, paper, value, "holds" if holds else "differs", "" if holds else because)
-
-
 def _limit(good):
     part = (100 * good.shear_modulus_end / good.bound).where(good.status == Status.singular)
-    return f"{_spread(part, 3)} % of the bound" if np.isfinite(part).any() else "none here"
-
-
-def _spread(values, digits=4):
-    return f"{float(values.mean()):.{digits}g} ± {float(values.std()):.1g}"
+    return f"{spread(part, 3)} % of the bound" if np.isfinite(part).any() else "none here"
 
 
 def _median(values):

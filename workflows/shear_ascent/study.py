@@ -16,8 +16,9 @@ from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ..shared.ascent import MEASURES, ascend, check_ascent
 from ..shared.checks import check_network
-from ..shared.verification import verify_ascent
+from ..shared.reports import PAPER
 from .report import animation, ascent_figure, claims, summary
+from .verify import verify
 
 # Every step at first, then about eight a factor of ten.
 STEPS = tuple(int(step) for step in np.unique(np.round(np.concatenate([[0, 1], 10 ** np.arange(0.3, 3.71, 0.1)]))))
@@ -65,7 +66,7 @@ def check(parameters, axes):
 
 
 def table():
-    """Names, dimensions, types and meanings of everything that is stored."""
+    """Names, dimensions, types and meanings of the stored variables."""
     network, along = ("seed",), ("seed", "step")
     yield Variable("edges", (*network, "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
     yield Variable("offsets", (*network, "edge", "axis"), "i2", long_name="cell image in which each head lies")
@@ -95,14 +96,14 @@ def table():
 study = Study(
     name="shear_ascent",
     title="Unconstrained ascent of the shear modulus over stresses of both signs",
-    references="Hain, Santangelo and Manning, arXiv:2407.13939, figure ShearModulusSteepestDescent A-E and Movie 1",
+    references=f"{PAPER}, figure ShearModulusSteepestDescent A-E and Movie 1",
     axes=(Axis("seed", range(100), "seed of the network", noun="networks"),),
     parameters={"n_vertices": 1000, "hard_core": 0.82, "method": "lbfgs", "steps": STEPS},
     coordinates=(Coordinate("step", "steps", "step of the ascent"),),
     case=case,
     check=check,
     variables=tuple(table()),
-    verify=verify_ascent,
+    verify=verify,
     figures={"shear_ascent": ascent_figure},
     animations={"shear_ascent": animation},
     claims=claims,

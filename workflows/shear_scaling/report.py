@@ -1,20 +1,17 @@
-"""Figure, claims and summary of the shear modulus against size, threshold and starts, read off its dataset alone."""
+"""Figure, claims and summary of the shear modulus against size, threshold and starts, from its dataset alone."""
 
 from __future__ import annotations
-
-import json
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from critflow.plot import COLOURS
-from critflow.result import Status
 from critflow.workflow import Claim
 
 from ..shared.populations import LABELS
 from ..shared.power_laws import exponent, shown
+from ..shared.reports import parameters, series, spread, status_counts
 
-MARKERS = "osD^v<>"
 # An objective within this relative distance of the best one found counts as the best.
 BEST = 1e-6
 STYLES = (":", "--", "-", "-.")
@@ -24,53 +21,9 @@ def scaling_figure(ds):
     """G_0 against size by population, against the threshold by size, and against the number of starts."""
     figure = Figure(figsize=(13, 4.4), dpi=110, layout="constrained")
     by_size, by_threshold, by_start = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
-    sizes = ds.n_vertices.values
-    for place, population in enumerate(map(str, ds.population.values)):
-        values = ds.shear_modulus_0.sel(population=population).transpose("n_vertices", "seed").values
-        fit, optimised = exponent(sizes, values), population == "shear_modulus"
-        by_size.errorbar(
-            sizes * (1 + 0.02 * (place - 3)), np.nanmean(values, 1), np.nanstd(values, 1) / np.sqrt(values.shape[1]),
-            fmt=MARKERS[place], color=COLOURS[place], markersize=5, capsize=2,
-            markerfacecolor="none" if optimised else COLOURS[place],
-            label=f"{LABELS[population]}: {fit[0]:.2f} [{fit[1]:.2f}, {fit[2]:.2f}]",
-        )  # fmt: skip
-    middle = np.nanmean(ds.shear_modulus_0.sel(population=_isotropic(ds)).isel(n_vertices=-1).values)
-    by_size.plot(sizes, middle * sizes[-1] / sizes, color="0.5", linestyle=":", zorder=0)
-    by_size.text(0.03, 0.03, "dotted: $\\propto 1/N_v$", color="0.35", transform=by_size.transAxes)
-    by_size.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="shear modulus $G_0$  [$k$]")
-    low, high = by_size.get_ylim()
-    by_size.set_ylim(low / 3, high * 150)
-    by_size.legend(
-        fontsize=8, frameon=False, loc="upper right", ncols=2, columnspacing=1.0, handletextpad=0.2,
-        title="exponent [95 %]", title_fontsize=8,
-    )  # fmt: skip
-
-    by_threshold.axhline(float(ds.bound.mean()), color="0.25", linestyle="--", linewidth=1.2)
-    by_threshold.text(ds.threshold.values.min(), 1.02 * float(ds.bound.mean()), "bound for any stress", fontsize=8.5)
-    for colour, style, size in zip(COLOURS[::2], STYLES, _shown_sizes(sizes), strict=False):
-        values = ds.shear_modulus_of_threshold.sel(n_vertices=size)
-        mean, spread = values.mean("seed"), values.std("seed")
-        by_threshold.fill_between(ds.threshold, mean - spread, mean + spread, color=colour, alpha=0.2, linewidth=0)
-        by_threshold.plot(ds.threshold, mean, style, color=colour, linewidth=1.8, label=f"$N_v$ = {size}")
-    by_threshold.set(
-        xscale="log", xlabel="least stress $r$  (mean square 1)", ylabel="shear modulus $G_0$ of max $G_0$  [$k$]",
-        ylim=(0, 1.15 * float(ds.bound.mean())),
-    )  # fmt: skip
-    by_threshold.set_xticks([0.01, 0.03, 0.1, 0.3, 0.7], ["0.01", "0.03", "0.1", "0.3", "0.7"])
-    by_threshold.minorticks_off()
-    by_threshold.legend(fontsize=8.5, frameon=False, loc="center right")
-
-    for place, size in enumerate(sizes):
-        objectives = ds.sel(n_vertices=size).objective_of_start.values
-        deficit = 100 * (1 - _best_of_first(objectives[np.isfinite(objectives).all(axis=1)]))
-        starts = np.arange(1, deficit.shape[1])
-        by_start.plot(
-            starts, deficit.mean(0)[:-1], marker=MARKERS[place], color=COLOURS[place], markersize=4,
-            label=f"$N_v$ = {size}",
-        )  # fmt: skip
-    by_start.set(xlabel="number of starts", ylabel="mean deficit against the best of all  [%]", yscale="log")
-    by_start.set_ylim(1e-4, None)
-    by_start.legend(fontsize=8.5, frameon=False)
+    _draw_sizes(by_size, ds)
+    _draw_thresholds(by_threshold, ds)
+    _draw_starts(by_start, ds)
     for axes, letter in zip(figure.axes, "ABC", strict=True):
         axes.set_title(letter, loc="left", fontweight="bold")
         axes.spines[["top", "right"]].set_visible(False)
@@ -80,6 +33,62 @@ def scaling_figure(ds):
         fontsize=11,
     )
     return figure
+
+
+def _draw_sizes(axes, ds):
+    sizes = ds.n_vertices.values
+    for place, population in enumerate(map(str, ds.population.values)):
+        values = ds.shear_modulus_0.sel(population=population).transpose("n_vertices", "seed").values
+        fit, optimised, style = exponent(sizes, values), population == "shear_modulus", series(place)
+        axes.errorbar(
+            sizes * (1 + 0.02 * (place - 3)), np.nanmean(values, 1), np.nanstd(values, 1) / np.sqrt(values.shape[1]),
+            linestyle="none", **style, markersize=5, capsize=2,
+            markerfacecolor="none" if optimised else style["color"],
+            label=f"{LABELS[population]}: {fit[0]:.2f} [{fit[1]:.2f}, {fit[2]:.2f}]",
+        )  # fmt: skip
+    middle = np.nanmean(ds.shear_modulus_0.sel(population=_isotropic(ds)).isel(n_vertices=-1).values)
+    axes.plot(sizes, middle * sizes[-1] / sizes, color="0.5", linestyle=":", zorder=0)
+    axes.text(0.03, 0.03, "dotted: $\\propto 1/N_v$", color="0.35", transform=axes.transAxes)
+    axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="shear modulus $G_0$  [$k$]")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low / 3, high * 150)
+    axes.legend(
+        fontsize=8, frameon=False, loc="upper right", ncols=2, columnspacing=1.0, handletextpad=0.2,
+        title="exponent [95 %]", title_fontsize=8,
+    )  # fmt: skip
+
+
+def _draw_thresholds(axes, ds):
+    sizes = ds.n_vertices.values
+    axes.axhline(float(ds.bound.mean()), color="0.25", linestyle="--", linewidth=1.2)
+    axes.text(ds.threshold.values.min(), 1.02 * float(ds.bound.mean()), "bound for any stress", fontsize=8.5)
+    for colour, style, size in zip(COLOURS[::2], STYLES, _shown_sizes(sizes), strict=False):
+        values = ds.shear_modulus_of_threshold.sel(n_vertices=size)
+        mean, width = values.mean("seed"), values.std("seed")
+        axes.fill_between(ds.threshold, mean - width, mean + width, color=colour, alpha=0.2, linewidth=0)
+        axes.plot(ds.threshold, mean, style, color=colour, linewidth=1.8, label=f"$N_v$ = {size}")
+    axes.set(
+        xscale="log", xlabel="least stress $r$  (mean square 1)", ylabel="shear modulus $G_0$ of max $G_0$  [$k$]",
+        ylim=(0, 1.15 * float(ds.bound.mean())),
+    )  # fmt: skip
+    axes.set_xticks([0.01, 0.03, 0.1, 0.3, 0.7], ["0.01", "0.03", "0.1", "0.3", "0.7"])
+    axes.minorticks_off()
+    axes.legend(fontsize=8.5, frameon=False, loc="center right")
+
+
+def _draw_starts(axes, ds):
+    sizes = ds.n_vertices.values
+    for place, size in enumerate(sizes):
+        objectives = ds.sel(n_vertices=size).objective_of_start.values
+        deficit = 100 * (1 - _best_of_first(objectives[np.isfinite(objectives).all(axis=1)]))
+        starts = np.arange(1, deficit.shape[1])
+        axes.plot(
+            starts, deficit.mean(0)[:-1], **series(place), markersize=4,
+            label=f"$N_v$ = {size}",
+        )  # fmt: skip
+    axes.set(xlabel="number of starts", ylabel="mean deficit against the best of all  [%]", yscale="log")
+    axes.set_ylim(1e-4, None)
+    axes.legend(fontsize=8.5, frameon=False)
 
 
 def _isotropic(ds):
@@ -118,12 +127,12 @@ def claims(ds):
     mean = ds.shear_modulus_of_threshold.mean("seed")
     falling = bool((mean.diff("threshold") < 0).all())
     text = ", ".join(f"{float(mean.isel(n_vertices=-1, threshold=n)):.3g} at r = {r:g}" for n, r in _every_other(ds))
-    yield _claim(
+    yield Claim.tested(
         "ShearModulusScaling-B", "a lower threshold gives a larger shear modulus", "decreasing in r", text, falling,
         "the means are not in that order",
     )  # fmt: skip
     edge = ds.longest_edge_of_threshold.mean("seed").isel(n_vertices=-1)
-    yield _claim(
+    yield Claim.tested(
         "ShearModulusScaling-alignment", "a lower threshold lets the network align further: its longest edge grows",
         "increasing alignment", f"longest edge over the side of the box {float(edge[0]):.2g} at "
         f"r = {float(ds.threshold[0]):g}, {float(edge[-1]):.2g} at r = {float(ds.threshold[-1]):g}",
@@ -135,8 +144,8 @@ def claims(ds):
         part = 100 * ds.shear_modulus_0.sel(population="shear_modulus") / ds.bound
         yield Claim(
             "ShearModulusScaling-bound", "how far the constrained optimum stays below the closed-form bound",
-            "not stated", f"at r = {_parameters(ds)['threshold']:g} it has {_spread(part)} % of the bound; "
-            f"{_spread(100 * ds.shear_modulus_of_threshold.isel(threshold=0) / ds.bound)} % at "
+            "not stated", f"at r = {parameters(ds)['threshold']:g} it has {spread(part, 3)} % of the bound; "
+            f"{spread(100 * ds.shear_modulus_of_threshold.isel(threshold=0) / ds.bound, 3)} % at "
             f"r = {float(ds.threshold[0]):g}", "measured",
         )  # fmt: skip
 
@@ -147,14 +156,14 @@ def _size_claims(ds, sizes):
         fit = exponent(sizes, values)
         if population == "shear_modulus":
             last = np.nanmean(values[-1])
-            yield _claim(
+            yield Claim.tested(
                 "ShearModulusScaling-A-shear_modulus", "max G_0 keeps a finite shear modulus, independent of size",
                 "exponent 0", f"exponent {shown(fit)}; {last:.4f} at N_v = {sizes[-1]}", abs(fit[0]) < 0.05,
                 "it changes with size",
             )  # fmt: skip
         else:
             inside = fit[1] - 0.05 <= -1 <= fit[2] + 0.05
-            yield _claim(
+            yield Claim.tested(
                 f"ShearModulusScaling-A-{population}", f"the shear modulus of {population} falls as 1/N_v",
                 "exponent -1", f"exponent {shown(fit)}", inside,
                 "the interval leaves −1 out; values spread over decades among networks, so few of them rule the mean",
@@ -185,14 +194,10 @@ def _every_other(ds):
 
 def summary(ds):
     """Scalars for tables: means by size, population and threshold, and how the solves ended."""
-    counts = {}
-    for name in ("population_status", "threshold_status"):
-        codes, numbers = np.unique(ds[name].values, return_counts=True)
-        counts[name] = {Status(int(code)).name: int(number) for code, number in zip(codes, numbers, strict=True)}
     return {
         "networks": ds.sizes["seed"],
-        "parameters": _parameters(ds),
-        **counts,
+        "parameters": parameters(ds),
+        **{name: status_counts(ds[name].values) for name in ("population_status", "threshold_status")},
         "shear_modulus_0": {
             str(p): ds.shear_modulus_0.sel(population=p).mean("seed").values for p in ds.population.values
         },
@@ -203,15 +208,3 @@ def summary(ds):
         "n_vertices": ds.n_vertices.values,
         "bound": ds.bound.mean("seed").values,
     }
-
-
-def _parameters(ds):
-    return json.loads(ds.attrs["parameters"])
-
-
-def _claim(key, statement, paper, value, holds, because):
-    return Claim(key, statement, paper, value, "holds" if holds else "differs", "" if holds else because)
-
-
-def _spread(values):
-    return f"{float(values.mean()):.3g} ± {float(values.std()):.1g}"

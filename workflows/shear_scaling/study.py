@@ -14,12 +14,13 @@ from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ..shared.checks import check_network
 from ..shared.populations import POPULATIONS, configuration, prepared
+from ..shared.reports import PAPER
 from .report import claims, scaling_figure, summary
 
 
 def case(parameters, *, n_vertices, seed):
     """Every population's G_0; of the first networks also max G_0 at each threshold, and what further starts find."""
-    manifold = prepared(n_vertices, seed, parameters["hard_core"])
+    manifold = prepared(voronoi_network, n_vertices, seed, parameters["hard_core"])
     populations = np.full(len(parameters["populations"]), np.nan)
     statuses = np.full(len(populations), int(Status.failed))
     for n, population in enumerate(parameters["populations"]):
@@ -71,7 +72,7 @@ study = Study(
     name="shear_scaling",
     version=2,
     title="The shear modulus at the transition against size, threshold and number of starts",
-    references="Hain, Santangelo and Manning, arXiv:2407.13939, figure ShearModulusScaling",
+    references=f"{PAPER}, figure ShearModulusScaling",
     axes=(
         Axis("seed", range(60), "seed of the network", noun="networks"),
         Axis("n_vertices", (100, 200, 500, 1000), "number of vertices", key="n_vertices"),

@@ -1,476 +1,203 @@
-"""Figures of the three-bar linkage, read off its dataset alone.
-
-Closed forms for comparison: on a line the signed lengths r_α ∝ 1/σ_α add up to the span D, so that every sheet is a
-level set of f = Σ ±√(2h) with gradient 1/r and Hessian −1/r³.
-"""
+"""Claims and summary of the three-bar linkage, from its dataset alone."""
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
-from matplotlib.colors import ListedColormap, to_rgb
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-from mpl_toolkits.mplot3d import proj3d
-from scipy.interpolate import RectBivariateSpline
+from scipy.ndimage import label
 
-from critflow.plot import COLOURS, COMPRESSED, clipped_polygons, draw_surfaces, surface_quads
 from critflow.result import Status
+from critflow.workflow import Claim
 
-ORANGE, PURPLE, GREY, CURVE = "#E69F00", "#8E5BB5", "#A9A9A9", "#C00000"
-FAMILIES = {"stretched": ORANGE, "folded": PURPLE, "branch": GREY}
-# Squared lengths up to so many squared spans are drawn; the sheets go on without end.
-BOX = 2.6
-
-
-def family(grid):
-    """Which kind of sheet a grid follows."""
-    return str(grid).split("_")[0]
+from ..shared.reports import parameters
+from .curvature import closed_forms, curvature_error, matrix_error
+from .figures import FAMILIES, family, span_of
 
 
-def span_of(ds):
-    return float(json.loads(ds.attrs["parameters"])["span"])
+def claims(ds):
+    """What the paper says of this linkage beside what the stored grids say."""
+    return [claim for make in (_configurations, _rigid, _singular, _lengths, _forms) for claim in make(ds)]
 
 
-# Figure 1
+def _worst(values, digits=2):
+    return f"{np.nanmax(values):.{digits}g}"
 
 
-def manifold_figure(ds):
-    """`3-barlinkage`: examples, stresses on the sphere and in the chart, the manifold, and its rigid part."""
-    figure = Figure(figsize=(12.6, 9.6), dpi=120, layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.03, h_pad=0.03, wspace=0.02, hspace=0.02)
-    top, bottom = figure.subfigures(2, 1, height_ratios=(1, 1.3))
-    left, middle, right = top.subfigures(1, 3, width_ratios=(1.3, 0.95, 1.1))
-    _draw_examples(left, ds)
-    _draw_sphere(middle.add_subplot(projection="3d"), ds)
-    _draw_chart(right.add_subplot(), ds)
-    whole, rigid = bottom.subfigures(1, 2)
-    _draw_manifold(whole.add_subplot(projection="3d"), ds, ("stretched", "folded", "branch"))
-    axes = rigid.add_subplot(projection="3d")
-    _draw_manifold(axes, ds, ("stretched", "folded"))
-    _title(middle, "D", "all stresses, whatever their size")
-    _title(right, "E", "the same in the chart about equal stresses")
-    _title(whole, "F", "critical manifold: all its sheets")
-    _title(rigid, "G", "its rigid sheets bound what can be built")
-    return figure
+def _configurations(ds):
+    span, ok = span_of(ds), ds.outcome.values == Status.ok
+    aside = np.abs(ds.coordinates.values[..., 1])[ok].max() / span
+    yield Claim.tested(
+        "3-barlinkage", "critical configurations have all vertices on one line", "A to C",
+        f"at most {aside:.1g} D off it at {ok.sum()} stresses", aside < 1e-12, "some are off the line",
+    )  # fmt: skip
+    stresses, modes = ds.example_n_self_stresses.values, ds.example_n_zero_modes.values
+    yield Claim.tested(
+        "Maxwell-Calladine", "on a line a self-stress appears; in a generic configuration there is none",
+        "N_0 − N_s = 4 − 3", f"(N_s, N_0) = ({stresses[0]}, {modes[0]}) on lines, ({stresses[3]}, {modes[3]}) off them",
+        (stresses[:3] == 1).all() and (modes[:3] == 2).all() and stresses[3] == 0 and modes[3] == 1, "other counts",
+    )  # fmt: skip
+    moved = ds.rescaled_change.values / span
+    yield Claim.tested(
+        "SelfStressParamaterization_coords", "rescaling the stress, also by a negative factor, changes nothing", "0",
+        f"σ → −3σ moves vertices by at most {_worst(moved)} D", np.nanmax(moved) < 1e-10, "vertices move",
+    )  # fmt: skip
 
 
-def _title(part, letter, text):
-    part.suptitle(f"$\\bf{{{letter}}}$   {text}", fontsize=10.5, x=0.02, ha="left")
+def _checked(ds):
+    """Where on the grids the checks were made."""
+    return np.ix_(range(ds.sizes["grid"]), ds.checked_row.values, ds.checked_row.values)
 
 
-def _draw_examples(part, ds):
-    """Linkages on their pins; edges of a line are set apart, and motions that keep all lengths are ghosts."""
-    texts = {
-        "stretched": "$\\bf{A}$   rigid: every edge under tension",
-        "folded": "$\\bf{B}$   rigid: one long edge compressed",
-        "branch": "$\\bf{C}$   branch point: two motions cross",
-        "floppy": "off the manifold: no self-stress, floppy",
-    }
-    span = span_of(ds)
-    for axes, name in zip(part.subplots(4, 1), texts, strict=True):
-        one = ds.isel(example=list(texts).index(name))
-        x, motion = one.example_coordinates.values / span, one.example_motion.values / span
-        for frame in motion[np.isfinite(motion[:, 0, 0])]:
-            axes.plot(*frame.T, color="0.8", linewidth=1.0, marker="o", markersize=2.5, zorder=1)
-        sigma = one.example_sigma.values
-        line = np.isfinite(sigma).all()
-        # Edges that lie on others are drawn beside them.
-        shifts = 0.05 * np.array([-1, 0, 1]) if line and name != "stretched" else np.zeros(3)
-        for edge, shift in enumerate(shifts):
-            compressed = line and sigma[edge] * sigma.sum() < 0
-            axes.plot(
-                x[edge : edge + 2, 0], x[edge : edge + 2, 1] + shift, linewidth=3, solid_capstyle="butt", zorder=2,
-                color="0.45" if not line else COMPRESSED if compressed else COLOURS[0],
-                linestyle=(0, (1.8, 0.8)) if compressed else "-",
-            )  # fmt: skip
-        for vertex in (1, 2):
-            ends = x[vertex, 1] + shifts[vertex - 1 : vertex + 1]
-            axes.plot([x[vertex, 0]] * 2, ends, "o-", color="k", markersize=4.5, linewidth=1.4, zorder=3)
-        axes.plot(x[[0, 3], 0], [0, 0], "s", color="k", markersize=8, zorder=4)
-        axes.set(xlim=(-0.35, 1.55), ylim=(-0.26, 0.36), aspect="equal")
-        axes.set_title(texts[name], loc="left", fontsize=10, pad=1)
-        axes.add_patch(
-            Rectangle((0, 0.08), 0.018, 0.84, transform=axes.transAxes, facecolor={**FAMILIES, "floppy": "w"}[name])
-        )
-        axes.set_axis_off()
-    handles = [
-        axes.plot([], [], color=COLOURS[0], linewidth=3, label="tension")[0],
-        axes.plot([], [], color=COMPRESSED, linewidth=3, linestyle=(0, (1.8, 0.8)), label="compression")[0],
-        axes.plot([], [], color="0.8", linewidth=1.5, label="same lengths, moved")[0],
-    ]
-    part.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8, frameon=False, handlelength=1.8)
+def _rigid(ds):
+    """Inertia against motion: whether an edge can turn while all keep their length."""
+    checked = ds.n_negative.values[_checked(ds)]
+    known = ds["rank"].values > 0
+    definite = np.isin(checked, (0, 2))
+    ways = ds.ways_out.values
+    agree = known & (definite == (ways == 0)) & (definite == (ds.prestress_stable.values == 1))
+    yield Claim.tested(
+        "3-barlinkage-rigid", "orange and purple stresses (P definite) are rigid, grey ones (P indefinite) are branch "
+        "points", "by region",
+        f"at {agree.sum()} of {known.sum()} stresses: no way to move if definite, else "
+        f"{'/'.join(str(n) for n in np.unique(ways[known & ~definite]))} ways", (agree == known).all(),
+        "inertia and motion disagree",
+    )  # fmt: skip
+    families = [family(grid) for grid in ds.grid.values]
+    pure = {kind: set() for kind in FAMILIES}
+    for kind, values in zip(families, ds.n_negative.values, strict=True):
+        if kind in pure:
+            pure[kind] |= set(np.unique(values).tolist())
+    yield Claim.tested(
+        "3-barlinkage-sheets", "the manifold has rigid sheets like A and B and branch sheets like C",
+        "orange, purple, grey",
+        "negative eigenvalues of P: " + ", ".join(f"{kind} {sorted(n)}" for kind, n in pure.items())
+        + f"; sheets: {', '.join(f'{families.count(kind)} {kind}' for kind in FAMILIES)}",
+        pure == {"stretched": {0}, "folded": {0}, "branch": {1}}, "a sheet changes its inertia",
+        "one stretched sheet, and three of each other kind, one for each edge",
+    )  # fmt: skip
 
 
-def _fields(ds):
-    """Stresses and the smaller prestress eigenvalue as smooth functions of the chart coordinates (s_1, s_2)."""
-    chart = ds.sel(grid="chart")
-    nodes = chart.s.values[0, :, 0]
-
-    def spline(values):
-        return RectBivariateSpline(nodes, nodes, values.T)
-
-    return [spline(chart.normal.values[..., k]) for k in range(3)], spline(chart.prestress_eigenvalue.values[..., 0])
-
-
-def _regions(ds, s_1, s_2):
-    """0, 1 or 2 (stretched, folded, branch) at chart coordinates, from the inertia and signs that the chart stores."""
-    sigma, eigenvalue = _fields(ds)
-    positive = np.min([spline.ev(s_1, s_2) for spline in sigma], axis=0) > 0
-    return np.where(eigenvalue.ev(s_1, s_2) < 0, 2, np.where(positive, 0, 1))
-
-
-def _frame(ds):
-    """Pole and basis of the chart."""
-    basis = ds.basis.values
-    pole = np.cross(basis[:, 0], basis[:, 1])
-    return pole * np.sign(pole.sum()), basis
-
-
-def _to_chart(ds, sigma):
-    """Chart coordinates (..., 2) of stresses (..., 3), of the nearer of both signs."""
-    pole, basis = _frame(ds)
-    unit = sigma / np.linalg.norm(sigma, axis=-1, keepdims=True)
-    unit = unit * np.where(unit @ pole < 0, -1, 1)[..., None]
-    return 2 * (unit @ basis) / (1 + unit @ pole)[..., None]
+def _singular(ds):
+    """Where P is singular: at an angle arccos(1/√3) from equal stresses."""
+    normal, low_high = ds.normal.values, ds.prestress_eigenvalue.values
+    product = np.sum(normal * np.roll(normal, 1, axis=-1), axis=-1)
+    off = np.abs(low_high.prod(axis=-1) - product).max()
+    cone = ((normal.sum(axis=-1) ** 2 > 1) == (low_high.prod(axis=-1) > 0)).mean()
+    yield Claim.tested(
+        "3-barlinkage-D", "the map is undefined on a curve (red) between the rigid and the branch stresses", "red line",
+        f"det P = σ₁σ₂ + σ₂σ₃ + σ₃σ₁ to {off:.1g}: two circles |Σσ| = |σ| (s² = 8 − 4√3 in the chart), with "
+        f"rigid stresses inside at {100 * cone:.4g} % of the grid", off < 1e-14 and cone == 1, "another curve",
+    )  # fmt: skip
+    ok, det = ds.outcome.values == Status.ok, np.abs(low_high.prod(axis=-1))
+    known = np.abs(np.roll(normal, 1, axis=-1) * np.roll(normal, -1, axis=-1)) / det[..., None]
+    length = ds.length.values / span_of(ds)
+    apart = (np.abs(length - known).max(axis=-1) / known.max(axis=-1))[ok]
+    lost = (ds.outcome.values == Status.singular).sum()
+    yield Claim.tested(
+        "3-barlinkage-infinity", "(not in the paper) at that curve the manifold goes to infinity", "—",
+        f"L₁ = D |σ₂σ₃|/|det P| and so on, to {apart.max():.1g}; the longest stored edge has {np.nanmax(length):.3g} D",
+        apart.max() < 1e-10, "lengths follow another law",
+        f"at {lost} stresses elimination without pivoting stops though P is regular" if lost else "",
+    )  # fmt: skip
 
 
-def _singular_circle(ds, n=361):
-    """Unit stresses (n, 3) where the prestress matrix is singular: at 1/√3 along the pole, all around."""
-    pole, basis = _frame(ds)
-    turn = np.linspace(0, 2 * np.pi, n)[:, None]
-    return pole / np.sqrt(3) + np.sqrt(2 / 3) * (np.cos(turn) * basis[:, 0] + np.sin(turn) * basis[:, 1])
+def _lengths(ds):
+    """The two sides of the rigid sheets."""
+    definite = ds.n_negative.values == 0
+    height = ds.lowest_height.values / span_of(ds) ** 2
+    branch = np.isfinite(height) & (ds.n_negative.values == 1)
+    below = 100 * (height[branch] < 0).mean()
+    yield Claim.tested(
+        "3-barlinkage-G", "lengths beyond the rigid sheets are compatible, those before them impossible", "two sides",
+        f"1000 random configurations lie at least {np.nanmin(height[definite]):.1g} D² over each of {definite.sum()} "
+        f"rigid tangent planes, and some lie below {below:.3g} % of the branch ones", np.nanmin(height[definite]) >= 0,
+        "some are below a rigid one",
+        "P definite makes Σσh least at the configuration, so the compatible h fill a convex set, which the rigid "
+        "sheets bound",
+    )  # fmt: skip
+    allowed = ds.lattice_compatible.values == 1
+    regions, pieces = label(allowed)[1], label(~allowed)[1]
+    yield Claim.tested(
+        "3-barlinkage-G-regions", "the rigid sheets divide the space of lengths into two separate regions",
+        "two regions", f"compatible lengths are {regions} piece, incompatible ones {pieces}",
+        regions == 1 and pieces == 1,
+        "all edges too short is one piece, and each of the three edges too long another; they touch at points only",
+    )  # fmt: skip
+    yield Claim.tested(
+        "3-barlinkage-G-floppy", "compatible rest lengths give a floppy configuration like A", "like A",
+        f"A has {ds.example_n_self_stresses.values[0]} self-stress and no way to move", False,
+        "A is rigid, as the caption of the figure says; floppy configurations lie off the manifold",
+    )  # fmt: skip
 
 
-def _sign_changes(n=181):
-    """Unit stresses (3, n, 3) where one of the three vanishes."""
-    turn = np.linspace(0, 2 * np.pi, n)
-    circle = np.stack([0 * turn, np.cos(turn), np.sin(turn)], axis=1)
-    return np.stack([np.roll(circle, k, axis=1) for k in range(3)])
-
-
-def _draw_sphere(axes, ds):
-    view = np.array([1.0, 0.62, 0.5])
-    azimuth, height = np.meshgrid(np.linspace(0, 2 * np.pi, 241), np.linspace(0, np.pi, 121))
-    sigma = np.stack([np.sin(height) * np.cos(azimuth), np.sin(height) * np.sin(azimuth), np.cos(height)], axis=-1)
-    centre = (sigma[:-1, :-1] + sigma[1:, 1:]) / 2
-    s = _to_chart(ds, centre)
-    region = _regions(ds, s[..., 0], s[..., 1]).ravel()
-    quads = surface_quads(sigma)
-    facing = quads.mean(axis=1) @ view > -0.1
-    draw_surfaces(
-        axes, [(quads[facing & (region == k)], colour, 1.0) for k, colour in enumerate(FAMILIES.values())], light=view
-    )
-    for circle in (_singular_circle(ds), -_singular_circle(ds)):
-        _seen(axes, circle, view, color=CURVE, linewidth=2.2)
-    for circle in _sign_changes():
-        _seen(axes, circle, view, color="k", linewidth=0.7)
-    for k in range(3):
-        end = np.eye(3)[k]
-        axes.plot(*np.stack([1.02 * end, 1.35 * end], axis=1), color="k", linewidth=1.0, zorder=20)
-        axes.text(*(1.5 * end), f"$\\sigma_{k + 1}$", ha="center", va="center", fontsize=11, zorder=21)
-    for name, letter in zip(("stretched", "folded", "branch"), "ABC", strict=True):
-        unit = _example(ds, name)
-        unit = unit if unit @ view > 0 else -unit
-        axes.text(*(1.04 * unit), letter, fontsize=10, fontweight="bold", ha="center", va="center", zorder=30)
-    axes.set(xlim=(-0.9, 0.9), ylim=(-0.9, 0.9), zlim=(-0.85, 0.95), aspect="equal")
-    axes.view_init(
-        elev=np.degrees(np.arcsin(view[2] / np.linalg.norm(view))), azim=np.degrees(np.arctan2(*view[1::-1]))
-    )
-    axes.set_axis_off()
-
-
-def _seen(axes, curve, view, **style):
-    """The part of a curve on the unit sphere that is not behind it."""
-    shown = np.where((curve @ view > -0.02)[:, None], 1.006 * curve, np.nan)
-    axes.plot(*shown.T, zorder=10, **style)
-
-
-def _example(ds, name):
-    """Unit stress of an example, on the side of positive sums."""
-    sigma = ds.example_sigma.values[("stretched", "folded", "branch").index(name)]
-    return sigma / np.linalg.norm(sigma) * np.sign(sigma.sum())
-
-
-def _draw_chart(axes, ds):
-    _paint_chart(axes, ds)
-    for name, letter in zip(("stretched", "folded", "branch"), "ABC", strict=True):
-        axes.text(*_to_chart(ds, _example(ds, name)), letter, fontsize=10, fontweight="bold", ha="center", va="center")
-    for k in range(3):
-        at = _to_chart(ds, np.eye(3)[k])
-        axes.plot(*at, "o", color="k", markersize=3.5, zorder=5)
-        axes.annotate(
-            f"$\\sigma_{k + 1}$", at, 1.25 * at, fontsize=8.5, ha="center", va="center", zorder=6,
-            bbox={"boxstyle": "round,pad=0.15", "facecolor": "w", "edgecolor": "none", "alpha": 0.8},
+def _forms(ds):
+    """Tangents, metric, second form and curvature against the closed form and finite differences."""
+    ok = ds.outcome.values == Status.ok
+    metric, form = closed_forms(ds)
+    normal = ds.normal.values
+    tilt = np.abs(np.einsum("...a,...ac->...c", normal, ds.tangents.values)).max(axis=-1)
+    tilt = (tilt / np.abs(ds.tangents.values).max(axis=(-2, -1)))[ok]
+    yield Claim.tested(
+        "CriticalManifoldGeometry", "the stress is normal to the manifold everywhere", "σᵀ∂h/∂s = 0",
+        f"at most {_worst(tilt)} of the tangents", tilt.max() < 1e-10, "it is not",
+    )  # fmt: skip
+    rank = ds["rank"].values
+    yield Claim.tested(
+        "TangentSpace", "B spans the tangent space, with one column too many", "N_b − 1 = 2",
+        f"rank {'/'.join(str(r) for r in np.unique(rank[rank > 0]))}", (rank[rank > 0] == 2).all(), "other ranks",
+    )  # fmt: skip
+    for key, what, stored, known, numeric, limit in (
+        ("Metric", "the metric is VᵀB²V", ds.metric.values, metric, ds.numeric_metric.values, 1e-7),
+        ("2FF-size", "the second fundamental form is VᵀBV/|σ| up to its sign", ds.second_form.values, form,
+         ds.numeric_second_form.values, 1e-3),
+    ):  # fmt: skip
+        closed, apart = matrix_error(stored, known)[ok], matrix_error(stored[_checked(ds)], numeric)
+        yield Claim.tested(
+            key, what, "formula", f"closed form {np.median(closed):.1g} (median), {closed.max():.1g} (worst of "
+            f"{ok.sum()}); finite differences {np.nanmedian(apart):.1g}, {_worst(apart)}",
+            closed.max() < 1e-8 and np.nanmax(apart) < limit, "they differ",
         )  # fmt: skip
-    handles = [
-        axes.plot([], [], "s", color=ORANGE, markersize=9, label="rigid, stretched")[0],
-        axes.plot([], [], "s", color=PURPLE, markersize=9, label="rigid, folded")[0],
-        axes.plot([], [], "s", color=GREY, markersize=9, label="branch points")[0],
-        axes.plot([], [], color=CURVE, linewidth=2.2, label="P singular: no configuration")[0],
-    ]
-    axes.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8, frameon=False,
-        columnspacing=1.0, handletextpad=0.4,
+    numeric = ds.numeric_second_form.values
+    trace = np.trace(numeric, axis1=-2, axis2=-1)
+    stretched = trace[[family(grid) == "stretched" for grid in ds.grid.values]]
+    yield Claim.tested(
+        "2FF", "II = Σσ ∂²h/∂s∂s / |σ| = +VᵀBV/|σ|", "+",
+        f"by finite differences II is positive at {100 * np.mean(stretched > 0):.4g} % of stretched stresses, where B "
+        "is negative", not (stretched > 0).all(),
+        "differentiating σᵀB = 0 gives Σσ ∂B = −B, so II = −VᵀBV/|σ|; the printed derivation (`2FF2`) ends at "
+        "+R^h P⁻¹ R^hᵀ and calls it ∂h/∂σ, which is −R^h P⁻¹ R^hᵀ (`tangents`)",
     )  # fmt: skip
-
-
-def _paint_chart(axes, ds, alpha=1.0):
-    fine = np.linspace(-2.02, 2.02, 600)
-    s_1, s_2 = np.meshgrid(fine, fine)
-    region = _regions(ds, s_1, s_2).astype(float)
-    region[s_1**2 + s_2**2 > 4] = np.nan
-    axes.imshow(
-        region, extent=(-2.02, 2.02, -2.02, 2.02), origin="lower", cmap=ListedColormap(list(FAMILIES.values())), vmin=0,
-        vmax=2, alpha=alpha, interpolation="nearest",
+    gauss, mean = (error[ok] for error in curvature_error(ds))
+    yield Claim.tested(
+        "2FF-curvature", "all curvature is contained in B", "—",
+        f"K and H from the eigenvalues of B: {np.median(gauss):.1g} and {np.median(mean):.1g} off the closed form "
+        f"(median), worst {gauss.max():.1g} and {mean.max():.1g}", max(gauss.max(), mean.max()) < 1e-6, "they differ",
+        note="the worst stand beside stresses of zero, where two edges vanish and κ diverges",
     )  # fmt: skip
-    for circle in _sign_changes(721):
-        s = _to_chart(ds, circle)
-        s[np.linalg.norm(s, axis=1) > 1.995] = np.nan
-        axes.plot(*s.T, color="k", linewidth=0.7)
-    axes.plot(*_to_chart(ds, _singular_circle(ds)).T, color=CURVE, linewidth=2.2)
-    turn = np.linspace(0, 2 * np.pi, 361)
-    axes.plot(2 * np.cos(turn), 2 * np.sin(turn), color="0.4", linewidth=0.8, linestyle=(0, (4, 2)))
-    axes.set(xlim=(-2.06, 2.06), ylim=(-2.06, 2.06), aspect="equal", xlabel="$s_1$", ylabel="$s_2$")
-    axes.set_xticks(range(-2, 3))
-    axes.set_yticks(range(-2, 3))
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def _sheets(ds, families, box=BOX):
-    """Polygons of squared lengths, in squared spans, of the sheets of some families."""
-    for grid in ds.grid.values:
-        if family(grid) in families:
-            squares = (ds.length.sel(grid=grid).values / span_of(ds)) ** 2
-            yield family(grid), clipped_polygons(surface_quads(squares), box)
-
-
-def _draw_manifold(axes, ds, families):
-    opacity = {"stretched": 1.0, "folded": 1.0, "branch": 0.38}
-    draw_surfaces(axes, [(polygons, FAMILIES[kind], opacity[kind]) for kind, polygons in _sheets(ds, families)])
-    for name, letter in zip(("stretched", "folded", "branch"), "ABC", strict=True):
-        if name in families:
-            x = ds.example_coordinates.values[("stretched", "folded", "branch").index(name), :, 0]
-            at = (np.diff(x) / span_of(ds)) ** 2
-            axes.plot(*at[:, None], "o", color="k", markersize=4, zorder=30)
-            axes.text(*(at + 0.12), letter, fontsize=10, fontweight="bold", zorder=31)
-    _box(axes)
-    if "branch" not in families:
-        _say(axes, (0.3, 1.9, 1.35), (0.3, 1.9, 1.35), "in front, compatible\nwith the pins: floppy", COLOURS[3])
-        _say(axes, (0.02, 0.02, 0.5), (1.75, 0.3, 1.75), "behind: all edges\nare too short", CURVE)
-        _say(axes, (0.0, 0.0, 2.45), (0.0, 1.75, 2.5), "within: one edge\nis too long", CURVE)
-
-
-def _say(axes, point, place, text, colour):
-    """A note at a place in space about a point, with an arrow where they differ."""
-    (x, y), (u, v) = (proj3d.proj_transform(*at, axes.get_proj())[:2] for at in (point, place))
-    arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.2} if point != place else None
-    axes.annotate(
-        text, (x, y), (u, v), fontsize=9.5, color=colour, ha="center", va="center", arrowprops=arrow, zorder=40,
-        bbox={"boxstyle": "round,pad=0.25", "facecolor": "w", "edgecolor": colour, "alpha": 0.9},
-    )  # fmt: skip
-
-
-def _box(axes, box=BOX):
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.set_ticks([tick for tick in (0, 0.5, 1, 2) if tick < box and (box < 2 or tick != 0.5)])
-        axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
-    axes.set(xlim=(0, box), ylim=(0, box), zlim=(0, box), aspect="equal")
-    for set_label, k in ((axes.set_xlabel, 1), (axes.set_ylabel, 2), (axes.set_zlabel, 3)):
-        set_label(f"$L_{k}^2/D^2$", fontsize=10)
-    axes.tick_params(labelsize=8, pad=0)
-    axes.view_init(elev=24, azim=38)
-
-
-# Figure 2
-
-
-def geometry_figure(ds):
-    """`CriticalManifoldGeometry`: even grid lines of the chart on the stretched sheet, and the stress normal to it."""
-    figure = Figure(figsize=(12.0, 5.6), dpi=130, layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1, 1.35))
-    chart, axes = left.add_subplot(), right.add_subplot(projection="3d", computed_zorder=False)
-    _paint_chart(chart, ds, alpha=0.35)
-    chart.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2))
-    chart.set_xticks(np.arange(-1, 1.1, 0.5))
-    chart.set_yticks(np.arange(-1, 1.1, 0.5))
-    box = 1.1
-    pale = tuple(0.45 * np.array(to_rgb(ORANGE)) + 0.55)
-    draw_surfaces(axes, [(polygons, pale, 1.0) for _, polygons in _sheets(ds, ("stretched",), box)]).set_zorder(1)
-    _box(axes, box)
-    axes.view_init(elev=22, azim=27)
-    middle = ds.sel(grid="middle")
-    squares, s, normal = (middle.length.values / span_of(ds)) ** 2, middle.s.values, middle.normal.values
-    shown = (normal > 0).all(axis=-1) & (middle.outcome.values == Status.ok)
-    for across, colour in ((0, COLOURS[0]), (1, COLOURS[3])):
-        for line in range(1, s.shape[across], 2):
-            one = np.s_[:, line] if across == 0 else np.s_[line]
-            on = shown[one][:, None]
-            chart.plot(*np.where(on, s[one], np.nan).T, color=colour, linewidth=0.9)
-            axes.plot(*np.where(on, squares[one], np.nan).T, color=colour, linewidth=0.7, zorder=3)
-    rooted = np.zeros_like(shown)
-    rooted[1::4, 1::4] = True
-    rooted &= shown
-    axes.quiver(
-        *squares[rooted].T, *normal[rooted].T, length=0.17, color=COMPRESSED, linewidth=1.5, arrow_length_ratio=0.3,
-        zorder=4,
-    )  # fmt: skip
-    chart.plot(*s[rooted].T, "o", color=COMPRESSED, markersize=3.5)
-    chart.plot([], [], color=COLOURS[0], label="$s_1$ = const")
-    chart.plot([], [], color=COLOURS[3], label="$s_2$ = const")
-    chart.plot([], [], "o", color=COMPRESSED, markersize=4, label="where the stress is drawn")
-    chart.plot([], [], color=CURVE, linewidth=2.2, label="P singular: lengths grow without end")
-    chart.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8.5, frameon=False)
-    _title(left, "A", "chart of stresses, lines 0.1 apart")
-    _title(right, "B", "their image, and the stress σ (arrows), normal to it")
-    return figure
-
-
-# Closed forms
-
-
-def _signed_lengths(ds):
-    """r_α from the stored coordinates of lines, (..., 3)."""
-    return np.diff(ds.coordinates.values[..., 0], axis=-1)
-
-
-def _closed_curvatures(r, normal, span):
-    """Gaussian and mean curvature towards σ of the level set, each (...).
-
-    K = D/((r₁r₂r₃)³(Σr⁻²)²) by the adjugate of the Hessian; 2H is the trace of η Hess f/|∇f| on the tangent plane, in
-    pairs so that nothing cancels, with η = ±1 as σ points along ∇f or against it.
-    """
-    slope = np.sum(r**-2.0, axis=-1)
-    side = np.sign(np.sum(r * normal, axis=-1))
-    trace = np.sum(r**-3.0 * (np.roll(r, 1, axis=-1) ** -2.0 + np.roll(r, -1, axis=-1) ** -2.0), axis=-1)
-    return span / (np.prod(r, axis=-1) ** 3 * slope**2), side * trace / slope**1.5 / 2
-
-
-def closed_forms(ds):
-    """Metric and second form of every stored point in the chart, by the level set."""
-    r, normal, span = _signed_lengths(ds), ds.normal.values, span_of(ds)
-    pole, basis = _frame(ds)
-    s = ds.s.values
-    scale = 1 / (1 + np.sum(s**2, axis=-1) / 4)
-    V = scale[..., None, None] * (basis - (pole + normal)[..., :, None] * s[..., None, :] / 2)
-    # r = Dρ/Σρ with ρ = 1/σ moves by −r_α dσ_α/σ_α plus what restores the sum.
-    bend = -r[..., :, None] / normal[..., :, None] * V
-    moved = bend - r[..., :, None] / span * bend.sum(axis=-2, keepdims=True)
-    tangents = r[..., :, None] * moved
-    side = np.sign(np.sum(r * normal, axis=-1))
-    curved = side / np.sqrt(np.sum(r**-2.0, axis=-1))
-    form = curved[..., None, None] * np.einsum("...ac,...a,...ad->...cd", tangents, r**-3.0, tangents)
-    return np.einsum("...ac,...ad->...cd", tangents, tangents), form
-
-
-def distance(found, known):
-    """Largest difference of each matrix relative to its largest entry."""
-    axes = tuple(range(-2, 0))
-    return np.abs(found - known).max(axis=axes) / np.abs(known).max(axis=axes)
-
-
-def curvature_error(ds):
-    """Errors at every stored point: of the Gaussian curvature over itself, and of the mean one over the larger κ."""
-    gauss, mean = _closed_curvatures(_signed_lengths(ds), ds.normal.values, span_of(ds))
     kappa = ds.principal_curvature.values
-    size = np.abs(kappa).max(axis=-1)
-    return np.abs(kappa.prod(axis=-1) / gauss - 1), np.abs(kappa.mean(axis=-1) - mean) / size
+    rigid, both = (ds.n_negative.values != 1)[ok], (kappa.prod(axis=-1) > 0)[ok]
+    yield Claim.tested(
+        "2FF-sign", "(not in the paper) rigid sheets are elliptic, branch sheets are saddles", "—",
+        f"K > 0 at {100 * both[rigid].mean():.4g} % of rigid and {100 * both[~rigid].mean():.4g} % of branch stresses",
+        bool(both[rigid].all() and not both[~rigid].any()), "signs are mixed",
+    )  # fmt: skip
+    size = np.abs(np.linalg.norm(normal, axis=-1) - 1).max()
+    yield Claim.tested(
+        "projection", "N_b − 1 coordinates s give every unit stress but one", "2", f"|σ(s)| = 1 to {size:.1g}",
+        size < 1e-14, "the norm is not one",
+    )  # fmt: skip
 
 
-# Figure 3
-
-
-def curvature_figure(ds):
-    """Curvature over the chart, along a line through it, and how far it is from the closed form."""
-    figure = Figure(figsize=(11.6, 9.2), dpi=120, layout="constrained")
-    parts = figure.subfigures(2, 2, wspace=0.03, hspace=0.03)
-    chart = ds.sel(grid="chart")
-    s, span = chart.s.values, span_of(ds)
-    inside = (np.sum(s**2, axis=-1) < 4.1) & (chart.outcome.values == Status.ok)
-    kappa = np.where(inside[..., None], chart.principal_curvature.values, np.nan) * span**2
-    gauss = kappa.prod(axis=-1)
-
-    axes = parts[0, 0].add_subplot()
-    low, high = -3, 5
-    for sign, name, colours in ((1, "elliptic, K > 0", "Oranges"), (-1, "saddle, K < 0", "Blues")):
-        shown = np.where(sign * gauss > 0, np.log10(np.maximum(np.abs(gauss), 1e-300)), np.nan)
-        mesh = axes.pcolormesh(s[..., 0], s[..., 1], shown, cmap=colours, vmin=low - 2, vmax=high)
-        bar = parts[0, 0].colorbar(mesh, ax=axes, shrink=0.75, pad=0.02, extend="both")
-        bar.ax.set_ylim(low, high)
-        bar.set_label(f"{name}:  log$_{{10}}$ |K| D⁴", fontsize=9)
-    _outlines(axes, ds)
-    _title(parts[0, 0], "A", "Gaussian curvature: rigid is elliptic, a branch point a saddle")
-
-    axes = parts[0, 1].add_subplot()
-    _draw_cut(axes, ds)
-    _title(parts[0, 1], "B", "principal curvatures along s₂ = 0")
-
-    error = np.maximum(np.maximum(*curvature_error(chart)), 1e-17)
-    axes = parts[1, 0].add_subplot()
-    shown = np.where(inside, np.log10(error), np.nan)
-    mesh = axes.pcolormesh(s[..., 0], s[..., 1], shown, cmap="viridis", vmin=-17, vmax=-11)
-    bar = parts[1, 0].colorbar(mesh, ax=axes, shrink=0.75, pad=0.02, extend="max")
-    bar.set_label("log$_{10}$ relative error of K and H", fontsize=9)
-    _outlines(axes, ds)
-    _title(parts[1, 0], "C", "distance to the closed form")
-
-    axes = parts[1, 1].add_subplot()
-    _draw_errors(axes, ds)
-    _title(parts[1, 1], "D", "it is rounding, times the condition of B")
-    return figure
-
-
-def _outlines(axes, ds):
-    for circle in _sign_changes(721):
-        at = _to_chart(ds, circle)
-        at[np.linalg.norm(at, axis=1) > 1.995] = np.nan
-        axes.plot(*at.T, color="k", linewidth=0.7)
-    axes.plot(*_to_chart(ds, _singular_circle(ds)).T, color=CURVE, linewidth=2.2)
-    axes.set(xlim=(-2.1, 2.1), ylim=(-2.1, 2.1), aspect="equal", xlabel="$s_1$", ylabel="$s_2$")
-
-
-def _draw_cut(axes, ds):
-    span, (pole, basis) = span_of(ds), _frame(ds)
-    s_1 = np.linspace(-2.1, 2.1, 4001)
-    sigma = (s_1[:, None] * basis[:, 0] + (1 - s_1[:, None] ** 2 / 4) * pole) / (1 + s_1[:, None] ** 2 / 4)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        r = span / sigma / np.sum(1 / sigma, axis=1, keepdims=True)
-        gauss, mean = _closed_curvatures(r, sigma, span)
-        root = np.sqrt(np.maximum(mean**2 - gauss, 0))
-    for sign in (1, -1):
-        curve = (mean + sign * root) * span**2
-        curve[1:][np.abs(np.diff(np.arcsinh(curve))) > 1] = np.nan
-        axes.plot(s_1, curve, color="0.25", linewidth=1.0, zorder=2, label="closed form" if sign > 0 else None)
-    for grid in ("chart", "middle"):
-        one = ds.sel(grid=grid)
-        row = one.isel(row=int(np.argmin(np.abs(one.s.values[:, 0, 1]))))
-        for mode, colour, name in ((1, COLOURS[0], "κ₂"), (0, COLOURS[2], "κ₁")):
-            axes.plot(
-                row.s.values[:, 0], row.principal_curvature.values[:, mode] * span**2, "o", color=colour,
-                markersize=3.8, zorder=3, label=name if grid == "chart" else None,
-            )  # fmt: skip
-    axes.axhline(0, color="0.6", linewidth=0.8, zorder=1)
-    for circle in (np.sqrt(6) - np.sqrt(2)) * np.array([-1, 1]):
-        axes.axvline(circle, color=CURVE, linewidth=2.2, zorder=1)
-    axes.set_yscale("symlog", linthresh=1e-2, linscale=0.6)
-    axes.set(xlim=(-2.1, 2.1), ylim=(-3e3, 3e3), xlabel="$s_1$", ylabel="principal curvatures  κ D²")
-    axes.legend(fontsize=8.5, loc="lower right", frameon=True)
-    axes.text(np.sqrt(6) - np.sqrt(2) + 0.04, 4e2, "P singular", color=CURVE, fontsize=9)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def _draw_errors(axes, ds):
-    for kind, colour in (("branch", GREY), ("folded", PURPLE), ("stretched", ORANGE)):
-        one = ds.sel(grid=[grid for grid in ds.grid.values if family(grid) == kind])
-        kappa = np.abs(one.principal_curvature.values)
-        error = np.maximum(np.maximum(*curvature_error(one)), 1e-17)
-        axes.loglog(
-            (kappa.max(axis=-1) / kappa.min(axis=-1)).ravel(), error.ravel(), ".", color=colour, markersize=2.5,
-            label=kind, rasterized=True,
-        )  # fmt: skip
-    condition = np.array([1.0, 1e9])
-    axes.loglog(condition, 2.2e-16 * condition, color="k", linewidth=1.0, label="rounding × condition")
-    axes.set(xlabel="condition of B:  |κ₂/κ₁| or its inverse", ylabel="relative error of K and H", ylim=(5e-18, 1e-6))
-    axes.legend(fontsize=8.5, loc="upper left", markerscale=5)
-    axes.spines[["top", "right"]].set_visible(False)
+def summary(ds):
+    """How many stresses of each grid were rigid, branch points or without a configuration, and their curvatures."""
+    ok = ds.outcome.values == Status.ok
+    errors = np.maximum(*curvature_error(ds))
+    table = {}
+    for i, grid in enumerate(ds.grid.values):
+        gauss = ds.principal_curvature.values[i].prod(axis=-1)[ok[i]] * span_of(ds) ** 4
+        table[str(grid)] = {
+            "stresses": int(ok[i].size), "without_configuration": int((~ok[i]).sum()),
+            "rigid": int((ds.n_negative.values[i] != 1)[ok[i]].sum()),
+            "median_gaussian_curvature_D4": float(np.median(gauss)),
+            "median_error": float(np.median(errors[i][ok[i]])), "worst_error": float(errors[i][ok[i]].max()),
+        }  # fmt: skip
+    return {"parameters": parameters(ds), "grids": table}

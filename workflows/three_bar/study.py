@@ -21,9 +21,11 @@ from critflow.critical.curvature import SurfaceGeometry, dense, unit_response
 from critflow.critical.manifold import COLLAPSED
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
-from ..shared.verification import verify_three_bar
-from .claims import claims, summary
-from .report import curvature_figure, geometry_figure, manifold_figure
+from ..shared.reports import PAPER
+from .curvature import curvature_figure
+from .figures import geometry_figure, manifold_figure
+from .report import claims, summary
+from .verify import verify
 
 # Grids of the whole chart and, twice as fine, of its middle, which holds the rigid sheets.
 CHARTS = {"chart": 1.0, "middle": 0.5}
@@ -233,7 +235,7 @@ def check(parameters, axes):
 
 
 def table():
-    """Names, dimensions, types, units and meanings of everything that is stored."""
+    """Names, dimensions, types, units and meanings of the stored variables."""
     point, check_point = ("grid", "row", "column"), ("grid", "check_row", "check_column")
 
     def at(name, dims, long_name, dtype="f8", **more):
@@ -286,15 +288,14 @@ def table():
 study = Study(
     name="three_bar",
     title="The critical manifold of the three-bar linkage",
-    references="Hain, Santangelo and Manning, Optimizing properties on the critical rigidity manifold of "
-    "underconstrained central-force networks (arXiv:2407.13939)",
+    references=PAPER,
     axes=(Axis("grid", (*CHARTS, *SHEETS), "grid of stresses: of the chart, or of one sheet of the manifold"),),
     parameters={"span": 3.0, "reach": 2.4, "s": decimals("-2.1:2.1:0.1")},
     coordinates=(Coordinate("column", "s", "node of the grid: in the chart, its first coordinate"),),
     case=case,
     check=check,
     variables=tuple(table()),
-    verify=verify_three_bar,
+    verify=verify,
     figures={"manifold": manifold_figure, "geometry": geometry_figure, "curvature": curvature_figure},
     claims=claims,
     summary=summary,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -11,9 +9,20 @@ from critflow.plot import draw_in_depth, unit_pressure_tensions, violins
 from critflow.result import Status
 from critflow.workflow import Claim
 
-from ..shared.populations import LABELS as ALL_LABELS
+from ..shared.population_reports import (
+    CONVENTIONS,
+    large_shear,
+    largest_bulk,
+    linear_change,
+    of,
+    opposed_ranks,
+    shear_gain,
+    signs_of_bulk,
+    signs_of_shear,
+)
+from ..shared.populations import LABELS, PAPER_POPULATIONS
+from ..shared.reports import parameters
 
-LABELS = {population: label for population, label in ALL_LABELS.items() if population != "random_lengths_wide"}
 PANELS = {
     "bulk_modulus_0": "bulk modulus $B_0$  [$k$ / length]",
     "C_B_exact": "its growth with strain $C_B$  [$k$ / length]",
@@ -84,38 +93,29 @@ def _draw(axes, one):
 
 def claims(ds):
     """What the paper says of the plane beside what these networks say; only with all populations there."""
-    if not set(LABELS) <= {str(name) for name in ds.population.values}:
+    if not set(PAPER_POPULATIONS) <= {str(name) for name in ds.population.values}:
         return []
     return [*_variances(ds), *_bulk(ds), *_growth(ds), *_shear(ds), *_percolation(ds)]
 
 
-def _claim(key, statement, paper, value, holds, because):
-    return Claim(key, statement, paper, value, "holds" if holds else "differs", "" if holds else because)
-
-
-def _of(ds, name, population):
-    values = ds[name].sel(population=population).values
-    return values[np.isfinite(values)]
-
-
 def _shown(ds, name):
     """Median and 5 % to 95 % of every population: single networks with few stressed edges lie far off."""
-    parts = ((p, *np.quantile(_of(ds, name, p), (0.5, 0.05, 0.95))) for p in LABELS)
+    parts = ((p, *np.quantile(of(ds, name, p), (0.5, 0.05, 0.95))) for p in PAPER_POPULATIONS)
     return "; ".join(f"{p} {median:.2g} ({low:.2g} to {high:.2g})" for p, median, low, high in parts)
 
 
 def _variances(ds):
     V_L, status = (ds[name].sel(population="length_variance").values for name in ("length_variance", "status"))
     whole = status == Status.ok
-    slack = 100 * (1 - _of(ds, "stressed_fraction", "length_variance").mean())
-    yield _claim(
+    slack = 100 * (1 - of(ds, "stressed_fraction", "length_variance").mean())
+    yield Claim.tested(
         "LengthVariance", "equal lengths are reached up to V_L ≲ 1e-7", "≲ 1e-7",
         f"in {whole.sum()} of {len(whole)} networks; at most {np.nanmax(V_L):.1g} in the others", whole.all(),
         f"equal lengths leave edges slack ({slack:.1f} % on average), which are shorter than the others",
     )  # fmt: skip
     V_t, status = (ds[name].sel(population="tension_variance").values for name in ("tension_variance", "status"))
     collapsed = int(np.sum(status == Status.edge_collapse))
-    yield _claim(
+    yield Claim.tested(
         "TensionVariance", "the least tension variance is about 1e-2, not zero", "≈ 1e-2",
         f"{np.nanmean(V_t):.2g} ± {np.nanstd(V_t):.1g} near an infimum that {collapsed} of {len(status)} networks do "
         "not attain", collapsed == 0 and 0.005 < np.nanmean(V_t) < 0.02,
@@ -125,14 +125,8 @@ def _variances(ds):
 
 
 def _bulk(ds):
-    order = {p: float(np.median(_of(ds, "bulk_modulus_0", p))) for p in LABELS}
-    ranked = sorted(order, key=order.__getitem__, reverse=True)
-    yield _claim(
-        "ResponseMetrics-A", "max B_0 has the largest bulk modulus, followed closely by min V_τ", "order",
-        ", ".join(f"{p} {order[p]:.3f}" for p in ranked), ranked[:2] == ["bulk_modulus", "tension_variance"],
-        "the medians come in another order",
-    )  # fmt: skip
-    for p, said, within, because in (
+    yield largest_bulk(ds, PAPER_POPULATIONS)
+    for p, printed, within, because in (
         ("length_variance", 10, 5, "equal lengths leave edges slack, and B_0 falls with them"),
         ("random_lengths", 10, 5, "edges are slack in every network, and B_0 falls with them"),
         ("shear_modulus", 50, 10, "the number is that of planar networks"),
@@ -140,59 +134,30 @@ def _bulk(ds):
     ):
         above = 100 * (ds.bulk_modulus_0.sel(population="bulk_modulus") / ds.bulk_modulus_0.sel(population=p) - 1)
         low, median, high = above.quantile((0.05, 0.5, 0.95)).values
-        yield _claim(
-            f"ResponseMetrics-A-{p}", f"max B_0 lies about {said} % above {p}", f"{said} %",
-            f"{median:.0f} % ({low:.0f} to {high:.0f} %)", abs(median - said) <= within, because,
+        yield Claim.tested(
+            f"ResponseMetrics-A-{p}", f"max B_0 lies about {printed} % above {p}", f"{printed} %",
+            f"{median:.0f} % ({low:.0f} to {high:.0f} %)", abs(median - printed) <= within, because,
         )  # fmt: skip
 
 
 def _growth(ds):
-    negative = {p: np.mean(_of(ds, "C_B_exact", p) < 0) > 0.5 for p in LABELS}
-    yield _claim(
-        "ResponseMetrics-B", "C_B < 0 for max B_0 and min V_τ, > 0 for all others", "signs", _shown(ds, "C_B_exact"),
-        all(is_so == (p in ("bulk_modulus", "tension_variance")) for p, is_so in negative.items()),
-        "most networks of some population have the other sign",
-    )  # fmt: skip
-    for name, convention in (("C_G_stress_corrected_exact", "stress-corrected"), ("C_G_exact", "energy")):
-        negative = {p: np.mean(_of(ds, name, p) < 0) > 0.5 for p in LABELS}
-        yield _claim(
-            f"ResponseMetrics-D-{convention}", f"C_G < 0 for max G_0 only ({convention} convention)", "signs",
-            _shown(ds, name), all(is_so == (p == "shear_modulus") for p, is_so in negative.items()),
-            "most networks of some population have the other sign",
-        )  # fmt: skip
-    ranks = [
-        np.argsort(np.argsort([np.median(_of(ds, name, p)) for p in LABELS]))
-        for name in ("bulk_modulus_0", "C_B_exact")
-    ]
-    correlation = float(np.corrcoef(*ranks)[0, 1])
-    yield _claim(
-        "ModulusStrainScaling-ranks", "populations with larger bulk moduli have smaller C_B", "decreasing",
-        f"rank correlation {correlation:.2f}", correlation < -0.7, "the ranks are not opposed",
-    )  # fmt: skip
-    off = np.abs(ds.C_B / ds.C_B_exact - 1).values
-    off = 100 * off[np.isfinite(off)]
-    yield _claim(
-        "ModulusStrainScaling", "moduli grow linearly with strain near the transition", "linear",
-        f"a straight line to γ = {json.loads(ds.attrs['parameters'])['fit_window']:g} misses the exact C_B by "
-        f"{np.median(off):.1f} % (median), {np.quantile(off, 0.9):.0f} % (90th percentile)", np.median(off) < 20,
-        "the window is too wide for a straight line",
-    )  # fmt: skip
+    yield signs_of_bulk(ds, PAPER_POPULATIONS, _shown(ds, "C_B_exact"))
+    for name in CONVENTIONS:
+        because = "most networks of some population have the other sign"
+        yield signs_of_shear(ds, name, PAPER_POPULATIONS, _shown(ds, name), because)
+    yield opposed_ranks(ds, PAPER_POPULATIONS)
+    yield linear_change(ds, PAPER_POPULATIONS)
 
 
 def _shear(ds):
-    best = float(np.median(_of(ds, "shear_modulus_0", "shear_modulus")))
-    rest = max(float(np.median(_of(ds, "shear_modulus_0", p))) for p in LABELS if p != "shear_modulus")
-    yield _claim(
-        "ResponseMetrics-C", "max G_0 networks have a much larger G_0 than all others", "much larger",
-        f"{best:.3g}, {best / max(rest, 1e-300):.0f} times the largest other median", best > 10 * rest,
-        "less than ten times larger",
-    )  # fmt: skip
+    best = float(np.median(of(ds, "shear_modulus_0", "shear_modulus")))
+    yield large_shear(shear_gain(ds, PAPER_POPULATIONS), f"{best:.3g}")
 
 
 def _percolation(ds):
-    fraction, spread = _of(ds, "stressed_fraction", "random_lengths"), json.loads(ds.attrs["parameters"])["spread"]
+    fraction, spread = of(ds, "stressed_fraction", "random_lengths"), parameters(ds)["spread"]
     whole, few = int(np.sum(fraction == 1)), int(np.sum(fraction < 0.5))
-    yield _claim(
+    yield Claim.tested(
         "percolation", f"random rest lengths (s = {spread:g}) leave every edge stressed", "full rigidity percolation",
         f"{whole} of {len(fraction)} networks; {100 * np.median(fraction):.1f} % of the edges (median)",
         whole >= 0.9 * len(fraction),

@@ -24,15 +24,17 @@ from critflow.linalg.matrices import edge_blocks
 from critflow.mechanics.strain_path import check_strains
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
-from ...ensemble.study import study as ensemble
 from ...shared.checks import check_network, check_positive
+from ...shared.measurements import planar_member, table
 from ...shared.populations import prepared
 from ..timing import Contestant, Verdict, contest
 from .report import ratio_figure, read_claims, summary
 
 QUESTIONS = ("growth", "member", "moduli", "configuration", "optimum")
-# What the short way of the question "member" stores.
-FEW = ("C_B_exact", "bulk_modulus_0")
+VARIABLES = {variable.name: variable for variable in table(planar=True)}
+ALL = tuple(VARIABLES)
+# The variables that the short route of the question "member" stores.
+FEW = ("status", "C_B_exact", "bulk_modulus_0")
 
 
 class Ways(NamedTuple):
@@ -42,11 +44,11 @@ class Ways(NamedTuple):
     long: object
 
 
-def member(parameters, seed, names=()):
-    """The arrays of one member of the ensemble, those of the names or all."""
-    shared = {key: parameters[key] for key in ("n_vertices", "hard_core", "strains")}
-    values = {"seed": seed, "population": "random_stress"}
-    return ensemble.storing(names).computed({**ensemble.parameters, **shared}, values)
+def member(parameters, seed, names=ALL):
+    """The arrays of one member of the ensemble: the variables of these names, as they are stored."""
+    settings = {**parameters, "fit_window": max(parameters["strains"])}
+    arrays = planar_member(settings, seed=seed, population="random_stress", wanted=frozenset(names))
+    return {name: VARIABLES[name].cast(arrays[name]) for name in names}
 
 
 def ways(manifold, parameters, seed):
@@ -86,7 +88,7 @@ def ways(manifold, parameters, seed):
 
 def case(parameters, *, seed):
     """Seconds of both ways in turn, how far their answers are apart, and the bytes of one member of the ensemble."""
-    manifold = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
+    manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"])
     questions, arrays = ways(manifold, parameters, seed), member(parameters, seed).values()
     seconds = np.full((2, len(parameters["questions"])), np.nan)
     difference = np.full(len(parameters["questions"]), np.nan)

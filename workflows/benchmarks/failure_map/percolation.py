@@ -8,7 +8,7 @@ from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_ne
 from critflow.design.from_lengths import stressed_fraction
 from critflow.workflow import stable_rng
 
-from ...shared.measurements import random_lengths
+from ...shared.populations import random_lengths
 
 
 def percolation(sizes, spreads, networks, seed):

@@ -18,7 +18,7 @@ from critflow.precision.double_double import Extended
 from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
 
-from ...shared.measurements import random_lengths
+from ...shared.populations import random_lengths
 from ..timing import Contestant, Task, Verdict
 from . import references
 

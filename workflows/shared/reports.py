@@ -1,0 +1,44 @@
+"""Parts of figures, claims and summaries that several studies share."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from critflow.plot import COLOURS
+from critflow.result import Status
+
+PAPER = (
+    "Hain, Santangelo and Manning, Optimizing properties on the critical rigidity manifold of underconstrained "
+    "central-force networks (arXiv:2407.13939)"
+)
+MARKERS = "osD^v<>"
+
+
+def series(n):
+    """Colour and marker of the n-th of any number of series."""
+    return {"color": COLOURS[n % len(COLOURS)], "marker": MARKERS[n % len(MARKERS)]}
+
+
+def parameters(ds):
+    """The parameters of the run."""
+    return json.loads(ds.attrs["parameters"])
+
+
+def finite(values):
+    """The finite values of an array, (n,)."""
+    values = np.asarray(values)
+    return values[np.isfinite(values)]
+
+
+def spread(values, digits=4):
+    """Mean ± standard deviation of the finite values, as text."""
+    known = finite(values)
+    return f"{np.mean(known):.{digits}g} ± {np.std(known):.1g}" if len(known) else "undefined"
+
+
+def status_counts(codes):
+    """Number of cases by name of their status."""
+    found, counts = np.unique(codes, return_counts=True)
+    return {Status(int(code)).name: int(count) for code, count in zip(found, counts, strict=True)}

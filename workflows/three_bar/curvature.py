@@ -1,0 +1,160 @@
+"""Closed forms of metric, second form and curvature of the three-bar linkage, and the figure of its curvature.
+
+On a line the signed lengths r_α ∝ 1/σ_α add up to the span D, so that every sheet is a level set of f = Σ ±√(2h) with
+gradient 1/r and Hessian −1/r³.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from critflow.plot import COLOURS
+from critflow.result import Status
+
+from .figures import CURVE, GREY, ORANGE, PURPLE, family, frame, sign_changes, singular_circle, span_of, title, to_chart
+
+
+def _signed_lengths(ds):
+    """r_α from the stored coordinates of lines, (..., 3)."""
+    return np.diff(ds.coordinates.values[..., 0], axis=-1)
+
+
+def _closed_curvatures(r, normal, span):
+    """Gaussian and mean curvature towards σ of the level set, each (...).
+
+    K = D/((r₁r₂r₃)³(Σr⁻²)²) by the adjugate of the Hessian; 2H is the trace of η Hess f/|∇f| on the tangent plane, in
+    pairs so that nothing cancels, with η = ±1 as σ points along ∇f or against it.
+    """
+    gradient = np.sum(r**-2.0, axis=-1)
+    side = np.sign(np.sum(r * normal, axis=-1))
+    trace = np.sum(r**-3.0 * (np.roll(r, 1, axis=-1) ** -2.0 + np.roll(r, -1, axis=-1) ** -2.0), axis=-1)
+    return span / (np.prod(r, axis=-1) ** 3 * gradient**2), side * trace / gradient**1.5 / 2
+
+
+def closed_forms(ds):
+    """Metric and second form of every stored point in the chart, by the level set."""
+    r, normal, span = _signed_lengths(ds), ds.normal.values, span_of(ds)
+    pole, basis = frame(ds)
+    s = ds.s.values
+    scale = 1 / (1 + np.sum(s**2, axis=-1) / 4)
+    V = scale[..., None, None] * (basis - (pole + normal)[..., :, None] * s[..., None, :] / 2)
+    # r = Dρ/Σρ with ρ = 1/σ moves by −r_α dσ_α/σ_α plus what restores the sum.
+    turned = -r[..., :, None] / normal[..., :, None] * V
+    moved = turned - r[..., :, None] / span * turned.sum(axis=-2, keepdims=True)
+    tangents = r[..., :, None] * moved
+    side = np.sign(np.sum(r * normal, axis=-1))
+    curved = side / np.sqrt(np.sum(r**-2.0, axis=-1))
+    form = curved[..., None, None] * np.einsum("...ac,...a,...ad->...cd", tangents, r**-3.0, tangents)
+    return np.einsum("...ac,...ad->...cd", tangents, tangents), form
+
+
+def matrix_error(found, known):
+    """Largest difference of each matrix relative to its largest entry."""
+    axes = tuple(range(-2, 0))
+    return np.abs(found - known).max(axis=axes) / np.abs(known).max(axis=axes)
+
+
+def curvature_error(ds):
+    """Errors at every stored point: of the Gaussian curvature over itself, and of the mean one over the larger κ."""
+    gauss, mean = _closed_curvatures(_signed_lengths(ds), ds.normal.values, span_of(ds))
+    kappa = ds.principal_curvature.values
+    size = np.abs(kappa).max(axis=-1)
+    return np.abs(kappa.prod(axis=-1) / gauss - 1), np.abs(kappa.mean(axis=-1) - mean) / size
+
+
+def curvature_figure(ds):
+    """Curvature over the chart and along a line in it, and its distance from the closed form."""
+    figure = Figure(figsize=(11.6, 9.2), dpi=120, layout="constrained")
+    parts = figure.subfigures(2, 2, wspace=0.03, hspace=0.03)
+    chart = ds.sel(grid="chart")
+    inside = (np.sum(chart.s.values**2, axis=-1) < 4.1) & (chart.outcome.values == Status.ok)
+    _draw_curvature(parts[0, 0], ds, chart, inside)
+    _draw_cut(parts[0, 1].add_subplot(), ds)
+    title(parts[0, 1], "B", "principal curvatures along s₂ = 0")
+    _draw_error_map(parts[1, 0], ds, chart, inside)
+    _draw_errors(parts[1, 1].add_subplot(), ds)
+    title(parts[1, 1], "D", "it is rounding, times the condition of B")
+    return figure
+
+
+def _draw_curvature(part, ds, chart, inside):
+    """Logarithm of the Gaussian curvature over the chart, in one colour scale for each sign."""
+    axes, s = part.add_subplot(), chart.s.values
+    kappa = np.where(inside[..., None], chart.principal_curvature.values, np.nan) * span_of(ds) ** 2
+    gauss = kappa.prod(axis=-1)
+    low, high = -3, 5
+    for sign, name, colours in ((1, "elliptic, K > 0", "Oranges"), (-1, "saddle, K < 0", "Blues")):
+        shown = np.where(sign * gauss > 0, np.log10(np.maximum(np.abs(gauss), 1e-300)), np.nan)
+        mesh = axes.pcolormesh(s[..., 0], s[..., 1], shown, cmap=colours, vmin=low - 2, vmax=high)
+        bar = part.colorbar(mesh, ax=axes, shrink=0.75, pad=0.02, extend="both")
+        bar.ax.set_ylim(low, high)
+        bar.set_label(f"{name}:  log$_{{10}}$ |K| D⁴", fontsize=9)
+    _outlines(axes, ds)
+    title(part, "A", "Gaussian curvature: rigid is elliptic, a branch point a saddle")
+
+
+def _draw_error_map(part, ds, chart, inside):
+    axes, s = part.add_subplot(), chart.s.values
+    error = np.maximum(np.maximum(*curvature_error(chart)), 1e-17)
+    shown = np.where(inside, np.log10(error), np.nan)
+    mesh = axes.pcolormesh(s[..., 0], s[..., 1], shown, cmap="viridis", vmin=-17, vmax=-11)
+    bar = part.colorbar(mesh, ax=axes, shrink=0.75, pad=0.02, extend="max")
+    bar.set_label("log$_{10}$ relative error of K and H", fontsize=9)
+    _outlines(axes, ds)
+    title(part, "C", "distance to the closed form")
+
+
+def _outlines(axes, ds):
+    for circle in sign_changes(721):
+        at = to_chart(ds, circle)
+        at[np.linalg.norm(at, axis=1) > 1.995] = np.nan
+        axes.plot(*at.T, color="k", linewidth=0.7)
+    axes.plot(*to_chart(ds, singular_circle(ds)).T, color=CURVE, linewidth=2.2)
+    axes.set(xlim=(-2.1, 2.1), ylim=(-2.1, 2.1), aspect="equal", xlabel="$s_1$", ylabel="$s_2$")
+
+
+def _draw_cut(axes, ds):
+    span, (pole, basis) = span_of(ds), frame(ds)
+    s_1 = np.linspace(-2.1, 2.1, 4001)
+    sigma = (s_1[:, None] * basis[:, 0] + (1 - s_1[:, None] ** 2 / 4) * pole) / (1 + s_1[:, None] ** 2 / 4)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        r = span / sigma / np.sum(1 / sigma, axis=1, keepdims=True)
+        gauss, mean = _closed_curvatures(r, sigma, span)
+        root = np.sqrt(np.maximum(mean**2 - gauss, 0))
+    for sign in (1, -1):
+        curve = (mean + sign * root) * span**2
+        curve[1:][np.abs(np.diff(np.arcsinh(curve))) > 1] = np.nan
+        axes.plot(s_1, curve, color="0.25", linewidth=1.0, zorder=2, label="closed form" if sign > 0 else None)
+    for grid in ("chart", "middle"):
+        one = ds.sel(grid=grid)
+        row = one.isel(row=int(np.argmin(np.abs(one.s.values[:, 0, 1]))))
+        for mode, colour, name in ((1, COLOURS[0], "κ₂"), (0, COLOURS[2], "κ₁")):
+            axes.plot(
+                row.s.values[:, 0], row.principal_curvature.values[:, mode] * span**2, "o", color=colour,
+                markersize=3.8, zorder=3, label=name if grid == "chart" else None,
+            )  # fmt: skip
+    axes.axhline(0, color="0.6", linewidth=0.8, zorder=1)
+    for circle in (np.sqrt(6) - np.sqrt(2)) * np.array([-1, 1]):
+        axes.axvline(circle, color=CURVE, linewidth=2.2, zorder=1)
+    axes.set_yscale("symlog", linthresh=1e-2, linscale=0.6)
+    axes.set(xlim=(-2.1, 2.1), ylim=(-3e3, 3e3), xlabel="$s_1$", ylabel="principal curvatures  κ D²")
+    axes.legend(fontsize=8.5, loc="lower right", frameon=True)
+    axes.text(np.sqrt(6) - np.sqrt(2) + 0.04, 4e2, "P singular", color=CURVE, fontsize=9)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_errors(axes, ds):
+    for kind, colour in (("branch", GREY), ("folded", PURPLE), ("stretched", ORANGE)):
+        one = ds.sel(grid=[grid for grid in ds.grid.values if family(grid) == kind])
+        kappa = np.abs(one.principal_curvature.values)
+        error = np.maximum(np.maximum(*curvature_error(one)), 1e-17)
+        axes.loglog(
+            (kappa.max(axis=-1) / kappa.min(axis=-1)).ravel(), error.ravel(), ".", color=colour, markersize=2.5,
+            label=kind, rasterized=True,
+        )  # fmt: skip
+    condition = np.array([1.0, 1e9])
+    axes.loglog(condition, 2.2e-16 * condition, color="k", linewidth=1.0, label="rounding × condition")
+    axes.set(xlabel="condition of B:  |κ₂/κ₁| or its inverse", ylabel="relative error of K and H", ylim=(5e-18, 1e-6))
+    axes.legend(fontsize=8.5, loc="upper left", markerscale=5)
+    axes.spines[["top", "right"]].set_visible(False)
