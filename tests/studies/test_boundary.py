@@ -79,7 +79,7 @@ def test_too_few_vertices_are_refused(tmp_path, capsys):
 )
 def test_verify_names_what_does_not_follow(folder, dataset, variable, said, capsys):
     assert main(["verify", str(folder)]) == 0
-    assert "and with their physics" in capsys.readouterr().out
+    assert "physics was recomputed" in capsys.readouterr().out
     changed = dataset.copy(deep=True)
     changed[variable].values[...] += 1 + np.random.default_rng(1).random(changed[variable].shape)
     problems = load_study("boundary").study.verify(changed)

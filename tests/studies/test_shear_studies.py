@@ -77,7 +77,7 @@ def test_the_ascent_has_its_figure_and_animation(ascent):
 def test_verify_names_what_does_not_follow(ascent, variable, capsys):
     dataset, folder = ascent
     assert main(["verify", str(folder)]) == 0
-    assert "and with their physics" in capsys.readouterr().out
+    assert "physics was recomputed" in capsys.readouterr().out
     changed = dataset.copy(deep=True)
     changed[variable].values[...] += 1
     problems = load_study("shear_ascent").study.verify(changed)

@@ -130,7 +130,7 @@ def test_settings_that_could_only_fail_are_refused(word, tmp_path, capsys):
 @pytest.mark.parametrize("variable, said", [("length", "tension"), ("normal", "normal"), ("metric", "metric")])
 def test_verify_names_what_does_not_follow(folder, dataset, variable, said, capsys):
     assert main(["verify", str(folder)]) == 0
-    assert "and with their physics" in capsys.readouterr().out
+    assert "physics was recomputed" in capsys.readouterr().out
     changed = dataset.copy(deep=True)
     changed[variable].values[...] += 1 + np.random.default_rng(1).random(changed[variable].shape)
     problems = load_study("three_bar").study.verify(changed)
