@@ -1,10 +1,10 @@
-"""What the elastic Hessian is made of, and how bonds answer to force dipoles.
+"""Parts of the elastic Hessian, and the response of bonds to force dipoles.
 
 Any central-force energy E(|L|) with σ = τ/|L| and stiffness k = ∂²E/∂|L|² has, over the free coordinates,
   in h = |L|²/2   H = R^hᵀ K R^h + P ⊗ 1,  K = (k − σ)/|L|²     (`GenericHessian`, `ModifiedStiffness`)
   in |L|          H = R̃ᵀ k R̃ + P̃,  P̃ = P ⊗ 1 − Σ R̃ᵀ σ R̃      (`HookeanRigidityMatrix`, `HookeanPrestressMatrix`)
 with R^h = ∂h/∂x and R̃ = ∂|L|/∂x = R^h/|L|.  Both splits have the same zero modes, those of R, and P and P̃ agree on
-them.  (The paper prints τ where R̃ᵀ σ R̃ has σ; dimensions and differences of forces want σ.)
+them.  (The paper prints τ where R̃ᵀ σ R̃ has σ; dimensional analysis and finite differences of forces require σ.)
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.linalg.matrices import block_laplacian, edge_blocks
-from critflow.mechanics.springs import FLOPPY_REST, SpringState
+from critflow.mechanics.springs import SpringState
+from critflow.mechanics.tolerances import FLOPPY_SHIFT
 from critflow.networks.network import Array
 from critflow.result import Solution, SolveError, Stats, Status
 from critflow.rigidity.counts import spread_columns
@@ -37,7 +38,7 @@ class HessianSplit:
 
     @property
     def gram(self) -> sp.csr_array:
-        """Rᵀ K R, what stretching costs, sparse (d·n_free)²."""
+        """Rᵀ K R, the resistance to stretching, sparse (d·n_free)²."""
         return sp.csr_array(self.response.T @ sp.diags_array(self.stiffness) @ self.response)
 
     @property
@@ -67,8 +68,8 @@ def hookean_split(state: SpringState) -> HessianSplit:
 def bond_operator(state: SpringState, max_refinements: int = 10) -> LinearOperator:
     """Ξ = R H⁻¹ Rᵀ as an operator (N_b, N_b): changes of length by unit force dipoles on the bonds (`BondOperator`).
 
-    H⁻¹ leaves floppy motions out.  Ξ is symmetric; of unstressed springs √k Ξ √k projects on the tensions that
-    displacements can cause, so its trace is the rank of R, and it annihilates √k⁻¹ times a self-stress.
+    H⁻¹ excludes floppy motions.  Ξ is symmetric; for unstressed springs √k Ξ √k projects on the tensions caused by
+    displacements, so its trace is the rank of R, and it annihilates √k⁻¹ times a self-stress.
     Raises `SolveError` where H has negative eigenvalues: the springs then buckle.
     """
     network = state.network
@@ -78,17 +79,16 @@ def bond_operator(state: SpringState, max_refinements: int = 10) -> LinearOperat
     shift = 0.0
     factor = pattern.factorize(values)
     if factor.indefinite:
-        shift = FLOPPY_REST * float(np.mean(network.stiffness))
+        shift = FLOPPY_SHIFT * float(np.mean(network.stiffness))
         factor = pattern.factorize(values, shift)
     if factor.indefinite:
         note = f"the Hessian has {factor.n_negative} negative eigenvalues, so the springs buckle: relax them first"
-        stats = Stats("bond operator", details={"note": note})
-        raise SolveError(f"no bond operator: {note}", Solution(None, Status.unstable, stats))
+        raise SolveError(f"no bond operator: {note}", Solution(None, Status.unstable, Stats("bond operator"), note))
 
     def apply(dipoles: Array) -> Array:
         force = np.asarray(R.T @ np.ravel(dipoles))
         u = factor.solve(force)
-        # What the shift took away comes back by refinement; motions that cost nothing feel no force and stay out.
+        # Refinement removes the effect of the shift; floppy motions feel no force and are excluded.
         for _ in range(max_refinements if shift else 1):
             residual = force - factor.multiply(u) + shift * u
             correction = factor.solve(residual)

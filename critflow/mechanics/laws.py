@@ -1,8 +1,8 @@
-"""Spring laws: how the energy of one spring grows with its extension e = |L| − ℓ.
+"""Spring laws: the energy of one spring as a function of its extension e = |L| − ℓ.
 
-Every law is at rest at |L| = ℓ, with no tension there and E''(ℓ) = k, so that all laws share the critical
-configurations and the moduli at the transition; they differ past it, from C_B and C_G on (`ForceDensity`,
-`ModifiedStiffness`).  Near the transition e is tiny, so laws are functions of e itself and lose none of its digits.
+Every law has zero tension and E'' = k at |L| = ℓ, so that all laws share the critical configurations and the moduli at
+the transition; they differ past it, from C_B and C_G on (`ForceDensity`, `ModifiedStiffness`).  Near the transition e
+is tiny, so laws are functions of e itself, without cancellation.
 """
 
 from __future__ import annotations
@@ -10,10 +10,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import hyp2f1
 
+from critflow.mechanics.tolerances import LAW_AT_REST, LAW_CONSISTENCY, LAW_STIFFNESS_AT_REST
 from critflow.networks.network import Array
 from critflow.result import InputError
 
@@ -21,8 +23,14 @@ from critflow.result import InputError
 class SpringLaw(ABC):
     """Energy, tension E', stiffness E'' and E''' of springs of extensions e, rest lengths ℓ and stiffnesses k.
 
-    All arguments and answers are arrays (N_b,).  A spring that cannot be stretched so far has an infinite energy.
+    All arguments and results are arrays (N_b,).  Beyond the longest extension of a law the energy is infinite.  A new
+    law is a subclass with these four methods.
+
+    convex  E'' ≥ 0 for all e ≥ 0: an equilibrium without compressed springs is then the global minimum of the energy,
+            and `strain_path` need not check that it stays on its branch.  False is correct for every law
     """
+
+    convex: ClassVar[bool] = False
 
     @abstractmethod
     def energy(self, extension: Array, rest: Array, k: Array) -> Array:
@@ -45,6 +53,8 @@ class SpringLaw(ABC):
 class Hookean(SpringLaw):
     """E = ½ k e² (`HookeanEnergy`)."""
 
+    convex: ClassVar[bool] = True
+
     def energy(self, extension: Array, rest: Array, k: Array) -> Array:
         return 0.5 * k * extension**2
 
@@ -63,6 +73,7 @@ class PowerLaw(SpringLaw):
     """E'' = k (|L|/ℓ)^{n−2} with the exponent n ≥ 2 of the length in the energy; n = 2 is Hookean."""
 
     exponent: float
+    convex: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if not 2 <= self.exponent < np.inf:
@@ -87,10 +98,11 @@ class PowerLaw(SpringLaw):
 class WormLike(SpringLaw):
     """The law of Marko and Siggia (1995), E' = ⅔ k m ℓ (¼(1 − u)⁻² − ¼ + u): no spring exceeds (1 + m)ℓ, u = e/(mℓ).
 
-    The slack m > 0 is what a spring can gain, as a part of its rest length; tension diverges there as (1 − u)⁻².
+    The slack m > 0 is the largest extension in units of the rest length; the tension diverges there as (1 − u)⁻².
     """
 
     slack: float
+    convex: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if not 0 < self.slack < np.inf:
@@ -98,69 +110,89 @@ class WormLike(SpringLaw):
 
     def energy(self, extension: Array, rest: Array, k: Array) -> Array:
         with np.errstate(divide="ignore"):
-            return k * extension**2 * (1 + 0.5 / self._room(extension, rest)) / 3
+            return k * extension**2 * (1 + 0.5 / self._left(extension, rest)) / 3
 
     def tension(self, extension: Array, rest: Array, k: Array) -> Array:
-        room = self._room(extension, rest)
+        left = self._left(extension, rest)
         with np.errstate(divide="ignore"):
-            return 2 / 3 * k * extension * (1 + 0.25 * (1 + room) / room**2)
+            return 2 / 3 * k * extension * (1 + 0.25 * (1 + left) / left**2)
 
     def stiffness(self, extension: Array, rest: Array, k: Array) -> Array:
         with np.errstate(divide="ignore"):
-            return 2 / 3 * k * (1 + 0.5 / self._room(extension, rest) ** 3)
+            return 2 / 3 * k * (1 + 0.5 / self._left(extension, rest) ** 3)
 
     def stiffening(self, extension: Array, rest: Array, k: Array) -> Array:
         with np.errstate(divide="ignore"):
-            return k / (self.slack * rest) / self._room(extension, rest) ** 4
+            return k / (self.slack * rest) / self._left(extension, rest) ** 4
 
-    def _room(self, extension: Array, rest: Array) -> Array:
-        """1 − u, what is left to the contour length; none beyond it."""
+    def _left(self, extension: Array, rest: Array) -> Array:
+        """1 − u, the remaining part of the largest extension; zero beyond it."""
         return np.maximum(1 - extension / (self.slack * rest), 0.0)
 
 
 HOOKEAN = Hookean()
 
-# Laws whose energy is convex in the extension of stretched springs.
-CONVEX_LAWS = (Hookean, PowerLaw, WormLike)
+# Laws whose formulas are tested in the library; `checked_law` accepts them without a check.
+_LIBRARY_LAWS = (Hookean, PowerLaw, WormLike)
 
-# Relative error that fourth-order differences stay below, their steps being a fiftieth of what a law can reach.
-_CONSISTENT = 1e-4
+# Extensions, in units of ℓ, at which the derivatives and the convexity of a law are checked.
+_REACHES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+_STRETCHES = (1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0)
 
 
 def checked_law(law: SpringLaw, rest: Array, k: Array) -> SpringLaw:
-    """The law itself if springs ℓ, k (N_b,) can follow it, else an `InputError`.
+    """The law itself if it is consistent for springs ℓ, k (N_b,), else an `InputError`.
 
-    At rest it has no energy, no tension and the stiffness k; each of its functions is the derivative of the one
-    before, at a few extensions about rest.
+    At rest it has zero energy, zero tension and the stiffness k; each of its functions is the derivative of the
+    previous one at a few extensions; a law with `convex = True` has no negative E'' at a few stretched lengths.
     """
     if not isinstance(law, SpringLaw):
         raise InputError(f"law must be a SpringLaw such as Hookean() or PowerLaw(4), not {law!r:.60}")
-    if type(law) in CONVEX_LAWS:
+    if type(law) in _LIBRARY_LAWS:
         return law
+    _check_rest(law, rest, k)
+    _check_derivatives(law, rest, k)
+    if law.convex:
+        _check_convexity(law, rest, k)
+    return law
+
+
+def _check_rest(law: SpringLaw, rest: Array, k: Array) -> None:
     name = type(law).__name__
-    at_rest = np.zeros_like(rest)
-    energy, tension, stiffness, _ = (f(at_rest, rest, k) for f in _functions(law))
-    if not (np.abs(energy) <= 1e-12 * k * rest**2).all() or not (np.abs(tension) <= 1e-12 * k * rest).all():
-        raise InputError(f"the law {name} must have no energy and no tension at rest: subtract what it has at e = 0")
-    if not (np.abs(stiffness - k) <= 1e-9 * k).all():
+    energy, tension, stiffness, _ = (f(np.zeros_like(rest), rest, k) for f in _functions(law))
+    if not (np.abs(energy) <= LAW_AT_REST * k * rest**2).all() or not (np.abs(tension) <= LAW_AT_REST * k * rest).all():
+        raise InputError(f"the law {name} must have no energy and no tension at rest: subtract its values at e = 0")
+    if not (np.abs(stiffness - k) <= LAW_STIFFNESS_AT_REST * k).all():
         found = float(np.ravel(stiffness / k)[0])
         advice = "scale it" if found > 0 else "give an energy with a minimum at rest"
         raise InputError(f"the law {name} has {found:.3g} k as its stiffness at rest where E'' must be k: {advice}")
-    for reach in (1e-1, 1e-2, 1e-3, 1e-4, 1e-5):
-        # Far inside what the law can reach.
+
+
+def _check_derivatives(law: SpringLaw, rest: Array, k: Array) -> None:
+    for reach in _REACHES:
+        # Far inside the largest extension of the law.
         if np.isfinite(law.energy(reach * rest, rest, k)).all():
             break
     step = 0.02 * reach * rest
     for function, derivative, order in zip(_functions(law), _functions(law)[1:], (1, 2, 3), strict=False):
-        for e in (-0.2 * reach * rest, at_rest, 0.2 * reach * rest):
+        for e in (-0.2 * reach * rest, np.zeros_like(rest), 0.2 * reach * rest):
             value, scale = derivative(e, rest, k), k * (reach * rest) ** (2 - order)
             difference = _derivative(lambda e, f=function: f(e, rest, k), e, step)  # type: ignore[misc]
-            if not (np.abs(value - difference) <= _CONSISTENT * np.maximum(scale, np.abs(value))).all():
+            if not (np.abs(value - difference) <= LAW_CONSISTENCY * np.maximum(scale, np.abs(value))).all():
                 raise InputError(
-                    f"the law {name} is not consistent: its {derivative.__name__} is not the derivative of its "
-                    f"{function.__name__} at small extensions"
+                    f"the law {type(law).__name__} is not consistent: its {derivative.__name__} is not the derivative "
+                    f"of its {function.__name__} at small extensions"
                 )
-    return law
+
+
+def _check_convexity(law: SpringLaw, rest: Array, k: Array) -> None:
+    for stretch in _STRETCHES:
+        reached = np.isfinite(law.energy(stretch * rest, rest, k))
+        if (law.stiffness(stretch * rest, rest, k)[reached] < 0).any():
+            raise InputError(
+                f"the law {type(law).__name__} has a negative stiffness at an extension of {stretch:g} ℓ, so it is "
+                "not convex: remove its `convex = True`"
+            )
 
 
 def _functions(law: SpringLaw) -> tuple[Callable[[Array, Array, Array], Array], ...]:

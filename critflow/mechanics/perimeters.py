@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.critical.objectives import dilation, pure_shear
@@ -22,8 +22,9 @@ from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import pair_laplacian
 from critflow.linalg.tolerances import EPS
 from critflow.mechanics.equilibrium import equilibrium
-from critflow.mechanics.moduli import FLOPPY, Moduli, linear_response, self_stress_moduli
-from critflow.mechanics.springs import ElasticState, embedded
+from critflow.mechanics.moduli import FLOPPY, Moduli, SelfStressModuli, linear_response, self_stress_moduli
+from critflow.mechanics.springs import ElasticState, edge_directions
+from critflow.mechanics.tolerances import CELL_STRESS_RANK, COLLAPSED_EDGE, FITTED_PERIMETERS
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, lengths
 from critflow.precision.geometry import exact_sums
@@ -31,12 +32,9 @@ from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity_matrix
 from critflow.solvers.cone import fit_perimeters
 
-# Edges shorter than this part of the mean length have collapsed, as far as the cone program can tell.
-_COLLAPSED = 1e-5
-# Stiffness of perimeters, in units of the mean tension over the mean perimeter, that polishing holds them with.
-_HELD = 100.0
-# Relative error of perimeters and forces that polishing must reach.
-_FITTED = 1e-11
+# Polishing: penalty stiffness in units of the mean tension over the mean perimeter, most iterations, and the factor by
+# which the error must decrease in each.
+_PENALTY, _MOST_ITERATIONS, _DECREASE = 100.0, 40, 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +68,10 @@ def cells_of(network: Network, stiffness: ArrayLike = 1.0, sides: sp.sparray | A
     A.sum_duplicates()
     A.eliminate_zeros()
     if not (np.isfinite(A.data) & (A.data > 0)).all():
-        raise InputError("sides must not be negative: an entry says how often an edge counts in a perimeter")
+        raise InputError("sides must not be negative: an entry is the multiplicity of an edge in a perimeter")
     bare = np.flatnonzero(np.asarray(A.sum(axis=0)) == 0)
     if len(bare):
-        raise InputError(f"edge {bare[0]} belongs to no cell, so nothing holds it: make it a side of one")
+        raise InputError(f"edge {bare[0]} belongs to no cell, so nothing resists its extension: make it a side of one")
     return Cells(
         network, A, _positive(stiffness if np.ndim(stiffness) else np.full(A.shape[0], stiffness), A, "stiffness")
     )
@@ -185,7 +183,7 @@ class PerimeterState(ElasticState):
 def perimeter_state(cells: Cells, targets: ArrayLike, coordinates: ArrayLike) -> PerimeterState:
     """Cells of target perimeters p0 (N_c,) at coordinates (N_v, d)."""
     p0 = _positive(targets, cells.sides, "targets")
-    return PerimeterState(cells.network, cells, p0, *embedded(cells.network, coordinates))
+    return PerimeterState(cells.network, cells, p0, *edge_directions(cells.network, coordinates))
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,66 +211,82 @@ class CriticalPerimeters:
         return self_stress_moduli(self.cell_tensions[None], 1 / self.cells.stiffness, rates, volume)
 
 
-def critical_from_perimeters(cells: Cells, targets: ArrayLike, throw: bool = True) -> Solution[CriticalPerimeters]:
-    """The all-tension critical configuration with perimeters proportional to p0 (N_c,), which shrinking them leads to.
+@dataclass(frozen=True, kw_only=True)
+class PerimeterFit(Solution[CriticalPerimeters]):
+    """A critical configuration of given perimeter ratios.
 
-    A cone program finds it; `stats.details["ratio"]` is p/p0.  Where cells stay slack (`Status.slack_edges`) or edges
-    shrink to nothing, since no perimeter holds a single edge (`Status.edge_collapse`), the ratio and the cell tensions
-    are good, the coordinates have the accuracy of the program, about 1e-6, or are one choice of several where cells
-    are slack; `stats.details` names the culprits.
+    ratio            p/p0, the same for all cells in tension
+    slack_cells      indices of cells without tension
+    collapsed_edges  indices of edges of zero length
+    """
+
+    ratio: float
+    slack_cells: NDArray[np.intp]
+    collapsed_edges: NDArray[np.intp]
+
+
+def critical_from_perimeters(cells: Cells, targets: ArrayLike, throw: bool = True) -> PerimeterFit:
+    """The all-tension critical configuration with perimeters proportional to p0 (N_c,), the limit of shrinking p0.
+
+    A cone program finds it.  Where cells stay slack (`Status.slack_edges`) or edges shrink to zero length, since no
+    perimeter fixes the length of a single edge (`Status.edge_collapse`), the ratio and the cell tensions are valid,
+    and the coordinates have the accuracy of the program, about 1e-6; where cells are slack they are not unique.
+    `stats.residual` is the relative error of perimeters and forces.
     """
     network, p0 = cells.network, _positive(targets, cells.sides, "targets")
     cone = fit_perimeters(network.free_incidence, network.boundary_vectors, cells.sides, p0, 1e-12)
     x, T, error, status = network.all_coordinates(cone.coordinates), cone.multipliers, np.nan, Status.ok
     length = np.linalg.norm(network.bond_vectors(x), axis=1)
-    slack, collapsed = np.flatnonzero(~cone.stressed), np.flatnonzero(length < _COLLAPSED * length.mean())
-    details = {"ratio": cone.ratio, "slack_cells": slack, "collapsed_edges": collapsed}
+    slack, collapsed = np.flatnonzero(~cone.stressed), np.flatnonzero(length < COLLAPSED_EDGE * length.mean())
+    note = ""
     if not cone.solved:
         status, x, T = Status.stalled, np.full_like(x, np.nan), np.full_like(T, np.nan)
     elif len(slack):
         status = Status.slack_edges
-        details["note"] = f"cells {', '.join(map(str, slack))} are slack: narrow the spread of the perimeters"
+        note = f"cells {', '.join(map(str, slack))} are slack: narrow the spread of the perimeters"
     elif len(collapsed):
         status = Status.edge_collapse
-        details["note"] = f"edges {', '.join(map(str, collapsed))} shrink to zero length: their ends want to meet"
+        note = f"edges {', '.join(map(str, collapsed))} shrink to zero length: increase the perimeters of their cells"
     else:
         x, T, error = _polish(cells, p0, x, T)
-        status = Status.ok if error < _FITTED else Status.stalled
+        status = Status.ok if error < FITTED_PERIMETERS else Status.stalled
     length = np.linalg.norm(network.bond_vectors(x), axis=1)
-    # Of an edge without length only the tension is known.
+    # An edge without length has a tension but no finite σ.
     sigma = (cells.sides.T @ T) / np.maximum(length, EPS * length.mean())
     value = CriticalPerimeters(critical_configuration(network, sigma, x), cells, T / T.mean())
-    solution = Solution(value, status, Stats("conic", cone.steps, residual=error, details=details))
+    stats = Stats("conic", cone.steps, residual=error)
+    solution = PerimeterFit(value, status, stats, note, ratio=cone.ratio, slack_cells=slack, collapsed_edges=collapsed)
     return solution.or_raise("these perimeters have no all-tension critical configuration") if throw else solution
 
 
 def _polish(cells: Cells, p0: Array, x: Array, T: Array) -> tuple[Array, Array, float]:
-    """From solver accuracy to rounding by the method of multipliers: stiff perimeters relax to λ p0 − T/ρ, T follows.
+    """From solver accuracy to rounding by the method of multipliers: perimeters relax to λ p0 − T/ρ, which updates T.
 
     Returns coordinates, cell tensions of mean 1, and the largest relative error of perimeters and forces.
     """
-    held = Cells(cells.network, cells.sides, np.full(len(p0), _HELD / float(np.mean(p0))))
-    state = perimeter_state(held, p0, x)
+    penalty = Cells(cells.network, cells.sides, np.full(len(p0), _PENALTY / float(np.mean(p0))))
+    state = perimeter_state(penalty, p0, x)
     pattern, best = state.pattern(), (x, T, np.inf)
-    for _ in range(40):
+    for _ in range(_MOST_ITERATIONS):
         T = T / T.mean()
         ratio = float(T @ state.perimeters / (T @ p0))
         force = cells.network.divergence @ (((cells.sides.T @ T) / state.lengths)[:, None] * state.bond_vectors)
         error = max(float(np.abs(state.perimeters / (ratio * p0) - 1).max()), float(np.abs(force).max()))
-        if not error < 0.7 * best[2]:
+        if not error < _DECREASE * best[2]:
             break
         best = (state.coordinates, T, error)
-        state = replace(state, targets=ratio * p0 - T / held.stiffness)
+        state = replace(state, targets=ratio * p0 - T / penalty.stiffness)
         state = equilibrium(state, tolerance=1e-17, max_steps=10, pattern=pattern, throw=False).value
         T = state.cell_tensions
     return best
 
 
 def perimeter_moduli(state: PerimeterState, tolerance: float = 1e-9) -> Solution[Moduli]:
-    """Relaxed B and G of cells in equilibrium, on either side of the transition, as `elastic_moduli` has them.
+    """Relaxed B and G of cells in equilibrium, on either side of the transition, as `elastic_moduli` for springs.
 
-    Without tension they come from the self-stresses of the cells, found by dense algebra; if there is none the
-    cells are floppy: moduli exactly 0 and `Status.floppy`.  Raises `InputError` when the forces do not balance.
+    Under tension they follow by linear response (`LinearResponse`), at rest from the self-stresses of the cells, found
+    by dense algebra (`SelfStressModuli`); without any the cells are floppy: moduli exactly 0 and `Status.floppy`.
+    Raises `InputError` when the forces do not balance.
     """
     scale = state.stiffness_scale * state.length_scale
     if state.max_force > tolerance * scale:
@@ -280,12 +294,12 @@ def perimeter_moduli(state: PerimeterState, tolerance: float = 1e-9) -> Solution
             f"the cells are not in equilibrium, a force of {state.max_force:.2g} is left: call equilibrium() first"
         )
     if np.abs(state.cell_tensions).max() > tolerance * scale:
-        return linear_response(state)[0]
+        return linear_response(state)
     left, values, _ = np.linalg.svd((state.cells.sides @ rigidity_matrix(state.network, state.coordinates)).toarray())
-    rank = int(np.count_nonzero(values > 1e-6 * values[0]))
-    stats = Stats("self-stress", 1, 1, details={"n_self_stresses": len(left) - rank})
-    if rank == len(left):
-        return Solution(FLOPPY, Status.floppy, stats)
+    rank = int(np.count_nonzero(values > CELL_STRESS_RANK * values[0]))
+    n_stresses, stats = len(left) - rank, Stats("self-stress", 1)
+    if n_stresses == 0:
+        return SelfStressModuli(FLOPPY, Status.floppy, stats, n_self_stresses=0)
     stresses, flexibility = left[:, rank:].T, 1 / state.cells.stiffness
     value = self_stress_moduli(stresses, flexibility, state.affine_rates(), state.network.volume)
-    return Solution(value, Status.ok, stats)
+    return SelfStressModuli(value, Status.ok, stats, n_self_stresses=n_stresses)

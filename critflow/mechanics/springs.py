@@ -19,7 +19,7 @@ from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.tolerances import EPS
 from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
-from critflow.networks.network import Array, Network, edge_values
+from critflow.networks.network import Array, Network, edge_values, validated_coordinates
 from critflow.precision.double_double import Extended, dot, subtract, two_product
 from critflow.precision.residual import Displacement, exact_displacement
 from critflow.result import InputError
@@ -28,14 +28,14 @@ from critflow.result import InputError
 class ElasticState(ABC):
     """A configuration with an energy that depends on lengths alone: coordinates x (N_v, d), bond vectors L (N_b, d).
 
-    L is kept beside x because it is known to a relative rounding, while differences of coordinates carry the rounding
-    of the box size; near the transition the forces live on that difference.
+    L is stored in addition to x: it has a relative rounding, while differences of coordinates have the rounding of the
+    box size, which near the transition exceeds the extensions that cause the forces.
     """
 
     network: Network
     coordinates: Array
     bond_vectors: Array
-    # Whether an edge may pull its ends together until they meet, because nothing holds its own length.
+    # Whether an edge may shrink to zero length, because no energy resists a change of its length alone.
     edges_may_collapse: ClassVar[bool] = False
 
     @property
@@ -56,7 +56,7 @@ class ElasticState(ABC):
     @property
     @abstractmethod
     def stiffness_scale(self) -> float:
-        """Mean stiffness, times the largest factor that an edge has stiffened by: times a length, a unit of force."""
+        """Mean stiffness times the largest factor of stiffening of an edge; times a length, the unit of force."""
 
     @property
     @abstractmethod
@@ -66,11 +66,11 @@ class ElasticState(ABC):
     @property
     @abstractmethod
     def stress_rounding(self) -> Array:
-        """What σ, (N_b,), misses because lengths and bond vectors are rounded, a difference of lengths that it is."""
+        """Rounding error of σ, (N_b,), a difference of lengths and bond vectors that are rounded."""
 
     @abstractmethod
     def exact_stress(self, bond_vectors: Extended) -> Array:
-        """σ (N_b,) of other bond vectors (N_b, d), to all its digits."""
+        """σ (N_b,) of other bond vectors (N_b, d), accurate to the rounding of its own digits."""
 
     @abstractmethod
     def resistance(self, hdot: Array) -> tuple[Array, float]:
@@ -86,7 +86,7 @@ class ElasticState(ABC):
 
     @abstractmethod
     def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
-        """Factorise H + shift·1 without what makes H indefinite."""
+        """Factorise the convex part of H, without the geometric softening of compressed edges, plus shift·1."""
 
     @cached_property
     def lengths(self) -> Array:
@@ -109,16 +109,16 @@ class ElasticState(ABC):
         at_vertex = np.bincount(self.network.edges.ravel(), np.repeat(self.edge_stiffness, 2))
         return 2 * float(at_vertex.max())
 
-    def distance(self, factor: Factor, held: bool = False) -> Displacement:
-        """What leads from here to the exact equilibrium, by a factor of the Hessian at or near this state.
+    def exact_displacement(self, factor: Factor, regularised: bool = False) -> Displacement:
+        """The displacement to the exact equilibrium, by a factor of the Hessian at or near this state.
 
-        held  whether the factor holds floppy modes
+        regularised  whether the factor has a shift that resists floppy modes
         """
 
         def solve(forces: Array) -> Array:
             return factor.solve(forces.ravel()).reshape(forces.shape)
 
-        return exact_displacement(self.network, self.coordinates, self.exact_stress, solve, held)
+        return exact_displacement(self.network, self.coordinates, self.exact_stress, solve, regularised)
 
     def moved(self: State, displacement: Array) -> State:
         """The state after displacing the free vertices by u (n_free, d)."""
@@ -178,7 +178,7 @@ class SpringState(ElasticState):
     @property
     def stiffness_scale(self) -> float:
         k, now = self.network.stiffness, self.edge_stiffness
-        # An edge that its law has stiffened brings more rounding.
+        # The forces of stiffened edges have larger rounding errors.
         return float(k.mean()) * (1.0 if now is k else max(1.0, float(np.max(now / k))))
 
     @property
@@ -207,14 +207,10 @@ class SpringState(ElasticState):
         return pattern.factorize(edge_blocks(self.modified_stiffness, self.bond_vectors, self.sigma), shift)
 
     def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
-        # Without what compressed edges take away, E'' n nᵀ + max(σ, 0)(1 − n nᵀ).
+        # E'' n nᵀ + max(σ, 0)(1 − n nᵀ): the softening by compressed edges, σ < 0, is left out.
         tension = np.maximum(self.sigma, 0.0)
-        along = (np.maximum(self.edge_stiffness, 0.0) - tension) / self.lengths**2
-        return pattern.factorize(edge_blocks(along, self.bond_vectors, tension), shift)
-
-
-# Stiffness, in units of k, that keeps floppy modes in place: they feel no force, so it changes nothing else.
-FLOPPY_REST = 1e-11
+        longitudinal = (np.maximum(self.edge_stiffness, 0.0) - tension) / self.lengths**2
+        return pattern.factorize(edge_blocks(longitudinal, self.bond_vectors, tension), shift)
 
 
 def spring_state(
@@ -222,17 +218,13 @@ def spring_state(
 ) -> SpringState:
     """Springs of positive rest lengths ℓ (N_b,) at coordinates (N_v, d).  Raises `NetworkError` or `InputError`."""
     rest = edge_values(rest_lengths, network.n_edges, "rest_lengths")
-    x, L = embedded(network, coordinates)
+    x, L = edge_directions(network, coordinates)
     return SpringState(network, rest, x, L, checked_law(law, rest, network.stiffness))
 
 
-def embedded(network: Network, coordinates: ArrayLike) -> tuple[Array, Array]:
-    """Coordinates (N_v, d) that give every edge a length, else an `InputError`, and their bond vectors."""
-    x = np.array(coordinates, dtype=float)
-    if x.shape != (network.n_vertices, network.dimension) or not np.isfinite(x).all():
-        raise InputError(
-            f"coordinates must be finite and of shape {(network.n_vertices, network.dimension)}, not {x.shape}"
-        )
+def edge_directions(network: Network, coordinates: ArrayLike) -> tuple[Array, Array]:
+    """Validated coordinates (N_v, d) and bond vectors (N_b, d); `InputError` where an edge has no length."""
+    x = validated_coordinates(network, coordinates)
     L = network.bond_vectors(x)
     length = np.linalg.norm(L, axis=1)
     if not length.min() > 0:

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
-from critflow.result import NetworkError
+from critflow.result import InputError, NetworkError
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -245,6 +245,15 @@ def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = Tru
             f"{name} must be {rule} on every edge, but {name}[{edge}] = {array[edge]}: correct that value"
         )
     return array
+
+
+def validated_coordinates(network: Network, coordinates: ArrayLike) -> Array:
+    """A copy of vertex coordinates as finite floats (N_v, d), else an `InputError`."""
+    x = np.array(coordinates, dtype=float)
+    shape = (network.n_vertices, network.dimension)
+    if x.shape != shape or not np.isfinite(x).all():
+        raise InputError(f"coordinates must be finite and of shape {shape}, not {x.shape}: give one row per vertex")
+    return x
 
 
 def planar_faces(edges: IntArray, bond_vectors: Array, n_vertices: int) -> Faces:

@@ -147,7 +147,7 @@ def test_a_path_ends_where_its_law_does():
     assert path.strains[19] < 1.02**2 - 1 < path.strains[20]
     assert (np.diff(path.bulk_modulus[:20]) > 0).all()
     assert np.isnan(path.bulk_modulus[20:]).all()
-    with pytest.raises(SolveError, match=r"at strain 0\.042, an edge is longer than its law lets it be"):
+    with pytest.raises(SolveError, match=r"at strain 0\.042.*longer"):
         strain_path(network, critical, strains, law=law)
 
 

@@ -165,7 +165,7 @@ def _linear_response(problem):
     if not reached.ok:
         raise Carried(reached.status)
     problem.reached = reached.value
-    solution = linear_response(reached.value)[0]
+    solution = linear_response(reached.value)
     return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound))
 
 

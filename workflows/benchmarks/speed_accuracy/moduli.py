@@ -172,7 +172,7 @@ def _stressed(n_vertices: int, seed: int) -> list[Contestant]:
     steps = STEPS if n_vertices < LARGE else (1e-5,)
 
     def respond(level: float) -> Measured:
-        return Measured.of(linear_response(replace(springs.state), springs.pattern)[0])
+        return Measured.of(linear_response(replace(springs.state), springs.pattern))
 
     return [
         Contestant("linear response", respond, springs.judge, backend="qdldl"),
