@@ -142,10 +142,14 @@ def _settings(study: Study, words: Sequence[str]) -> dict[str, str]:
 
 
 def spelled(value: Any) -> str:
-    """A value as `--set` reads it."""
+    """A value as `--set` reads it; successive whole numbers as a range."""
     if isinstance(value, bool):
         return str(value).lower()
-    return ",".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+    if not isinstance(value, (list, tuple)):
+        return str(value)
+    if len(value) > 2 and type(value[0]) is int and value == tuple(range(value[0], value[0] + len(value))):
+        return f"{value[0]}:{value[-1] + 1}"
+    return ",".join(map(str, value))
 
 
 def words_of_case(study: Study, case: Case) -> list[str]:

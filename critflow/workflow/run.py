@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
@@ -81,10 +80,8 @@ def run_study(
         folder.write_note(loaded, plan.selection)
         for case in plan.todo:
             failure_path(folder.failed, case).unlink(missing_ok=True)
-        if plan.todo:
-            _compute(loaded, plan, folder, workers)
-        kept = requested.count - sum(_among(requested, case) for case in plan.todo)
-        return _finish(plan, folder, kept, command)
+        _compute(loaded, plan, folder, workers)
+        return _finish(plan, folder, command)
 
 
 def _joined_selection(folder: Folder, requested: Selection) -> tuple[Selection, list[str]]:
@@ -99,13 +96,11 @@ def _joined_selection(folder: Folder, requested: Selection) -> tuple[Selection, 
         if not folder.dataset(requested.study.name).exists():
             return requested, []
         settings = [f"{k}={spelled(v)}" for k, v in note.parameters.items() if requested.parameters.get(k) != v]
+        settings += [f"{a.key}={spelled(note.axes[a.name])}" for a in requested.study.axes if a.name in note.axes]
         settings += [f"variables={spelled(note.variables) or 'all'}"] * (note.variables != requested.study.selected)
         settings += [f"version {note.version} of the study"] * (note.version != requested.study.version)
-        before = "; ".join(settings) or "other settings"
-        return requested, [
-            f"replaces the dataset of {before}: its cases stay stored, and the same command with these settings "
-            "restores it"
-        ]
+        restore = "its cases stay stored, and a run with these settings restores it"
+        return requested, [f"replaces the dataset of {'; '.join(settings)}: {restore}"]
     stored = folder.states(replace(requested, axes=note.axes))
     present = [case.values for case, state, _ in stored if state in (DONE, FAILED)]
     axes = {
@@ -144,9 +139,10 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers)
         log.write(f"# {host_facts()}; {len(plan.todo)} cases in {workers.place}\n")
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
             progress.say(line)
-        progress.say(f"{study.name}: {len(left)} {progress.noun}, {len(plan.todo)} cases in {workers.place}")
+        if tasks:
+            progress.say(f"{study.name}: {len(left)} {progress.noun}, {len(plan.todo)} cases in {workers.place}")
         try:
-            for outcomes in compute(job, tasks, workers, interruption):
+            for outcomes in compute(job, tasks, workers, interruption) if tasks else ():
                 stored += len(outcomes)
                 log.writelines(_log_line(outcome) for outcome in outcomes)
                 log.flush()
@@ -165,7 +161,7 @@ def _log_line(outcome: Outcome) -> str:
     return f"{outcome.case_id} {status} {outcome.seconds:.3f} s {outcome.checksum} {outcome.error}\n"
 
 
-def _finish(plan: RunPlan, folder: Folder, kept: int, command: str) -> RunResult:
+def _finish(plan: RunPlan, folder: Folder, command: str) -> RunResult:
     """Write the dataset of all stored cases, and its report."""
     study, states = plan.selection.study, folder.states(plan.selection)
     path = folder.dataset(study.name)
@@ -178,7 +174,7 @@ def _finish(plan: RunPlan, folder: Folder, kept: int, command: str) -> RunResult
     dataset = labelled_dataset(plan.selection, shards, [case for case, _ in failed])
     write_dataset(dataset, path, command)
     requested = {case.id: reason for case, reason in failed if _among(plan.requested, case)}
-    messages = [*plan.messages, *_other_code(dataset.attrs.get("cases_code", ""), code_version(study))]
+    messages = _other_code(dataset.attrs.get("cases_code", ""), code_version(study))
     try:
         report = write_report(study, folder)
     except ReportError as error:
@@ -186,10 +182,11 @@ def _finish(plan: RunPlan, folder: Folder, kept: int, command: str) -> RunResult
             raise
         report = Report()
         messages.append(str(error))
+    kept = plan.requested.count - sum(_among(plan.requested, case) for case in plan.todo)
     return RunResult(path, kept, requested, report, messages)
 
 
-def _other_code(cases_code: str, code: str) -> Sequence[str]:
+def _other_code(cases_code: str, code: str) -> list[str]:
     """A message if other code than the present one computed some of the cases."""
     other = [text for text in cases_code.split("; ") if text and not text.startswith(f"{code}:")]
     advice = "they are kept; raise the study's version to compute them again"

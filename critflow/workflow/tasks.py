@@ -107,7 +107,7 @@ def take_trace(folder: Folder, case: Case) -> str | None:
     """Reason and stack of the death in this case, whose trace file is deleted; None if there was no death in it."""
     path = _trace_path(folder, case)
     try:
-        stack = path.read_text(encoding="utf-8", errors="replace").strip()
+        stack = path.read_text(encoding="utf-8", errors="replace").partition("\n\nExtension modules")[0].strip()
     except FileNotFoundError:
         return None
     path.unlink()
@@ -157,7 +157,7 @@ def _traced(folder: Folder, case: Case, seconds: float) -> Iterator[None]:
     """Keep a trace file during the block, and end the process if it takes longer than its time limit."""
     path = _trace_path(folder, case)
     with open(path, "w") as trace:
-        faulthandler.enable(trace)
+        faulthandler.enable(trace, all_threads=False)
         faulthandler.register(signal.SIGTERM, trace, chain=True)  # sent by dask for too much memory
         # A thread without the lock of the interpreter, so that no compiled code can delay it.
         faulthandler.dump_traceback_later(seconds, exit=True, file=trace)
