@@ -5,10 +5,12 @@ import pytest
 from problems import (
     HONEYCOMB_BULK_MODULUS,
     NETWORKS,
+    ORDER,
     dense_bond_vectors,
     modulus_by_formula,
     oblique,
     random_stress,
+    taylor_orders,
     voronoi_3d,
     with_random_stiffness,
 )
@@ -40,29 +42,6 @@ def stress(network, sign):
     return sigma
 
 
-def value_and_gradient(network, goal, sigma):
-    """O and dO/dσ at a stress."""
-    evaluation = evaluate(CriticalManifold(network), goal, sigma)
-    return evaluation.value, evaluation.gradient
-
-
-def hessian_product(network, goal, sigma, direction):
-    return evaluate(CriticalManifold(network), goal, sigma).hessian_product(direction)
-
-
-def remainder_orders(function, x, direction, gradient, product):
-    """Orders with which the remainders after the linear and the quadratic term vanish: 2 and 3."""
-    steps = 2.0 ** -np.arange(6, 11)
-    value = function(x)
-    first = [function(x + h * direction) - value - h * gradient @ direction for h in steps]
-    second = [r - 0.5 * h**2 * product @ direction for r, h in zip(first, steps, strict=True)]
-    return [np.polyfit(np.log(steps), np.log(np.abs(r)), 1)[0] for r in (first, second)]
-
-
-# Tolerance of the orders 2 and 3 fitted over five halvings of the step; a wrong term changes them to 1 and 2.
-SLOPE = 0.1
-
-
 @pytest.mark.parametrize("sign", STRESSES.values(), ids=STRESSES)
 @pytest.mark.parametrize("objective", OBJECTIVES)
 @pytest.mark.parametrize("name", PERIODIC)
@@ -75,11 +54,10 @@ def test_gradient_and_hessian_by_taylor_remainders(name, objective, sign):
     def function(s):
         return goal.evaluate(s, dense_bond_vectors(network, s))[0]
 
-    value, gradient = value_and_gradient(network, goal, sigma)
-    assert value == pytest.approx(function(sigma), rel=1e-11)
-    product = hessian_product(network, goal, sigma, direction)
-    slopes = remainder_orders(function, sigma, direction, gradient, product)
-    assert slopes == pytest.approx([2, 3], abs=SLOPE)
+    found = evaluate(CriticalManifold(network), goal, sigma)
+    assert found.value == pytest.approx(function(sigma), rel=1e-11)
+    orders = taylor_orders(function, sigma, direction, found.gradient, found.hessian_product(direction))
+    assert orders == pytest.approx([2, 3], abs=ORDER)
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
@@ -88,16 +66,16 @@ def test_wrong_gradient_fails_the_taylor_test(objective):
     goal = named_objective(network, objective)
     sigma = stress(network, 1.0)
     direction = 0.1 * np.random.default_rng(6).standard_normal(network.n_edges)
-    _, gradient = value_and_gradient(network, goal, sigma)
-    product = hessian_product(network, goal, sigma, direction)
+    found = evaluate(CriticalManifold(network), goal, sigma)
+    gradient, product = found.gradient, found.hessian_product(direction)
 
     def function(s):
         return goal.evaluate(s, dense_bond_vectors(network, s))[0]
 
     wrong = gradient.copy()
     wrong[int(np.argmax(np.abs(gradient * direction)))] *= 1.1
-    assert remainder_orders(function, sigma, direction, wrong, product)[0] < 2 - SLOPE
-    assert remainder_orders(function, sigma, direction, gradient, 1.1 * product)[1] < 3 - SLOPE
+    assert taylor_orders(function, sigma, direction, wrong, product)[0] < 2 - ORDER
+    assert taylor_orders(function, sigma, direction, gradient, 1.1 * product)[1] < 3 - ORDER
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
@@ -120,7 +98,7 @@ def test_log_stress_objective_by_taylor_remainders(name, objective):
     point = landscape.at(x)
     product = landscape.hessian_product(point, direction)
     assert point.value == pytest.approx(function(x), rel=1e-11)
-    assert remainder_orders(function, x, direction, point.gradient, product) == pytest.approx([2, 3], abs=SLOPE)
+    assert taylor_orders(function, x, direction, point.gradient, product) == pytest.approx([2, 3], abs=ORDER)
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
@@ -129,17 +107,17 @@ def test_hessians_are_symmetric_and_objectives_scale_free(name, objective):
     network = PERIODIC[name]()
     goal = named_objective(network, objective)
     sigma = stress(network, 1.0)
-    value, gradient = value_and_gradient(network, goal, sigma)
+    manifold = CriticalManifold(network)
+    found = evaluate(manifold, goal, sigma)
+    gradient = found.gradient
     scale = np.abs(gradient).max() * sigma.max()
     assert abs(gradient @ sigma) < 1e-12 * scale * len(sigma)
-    assert value_and_gradient(network, goal, 7 * sigma)[0] == pytest.approx(value, rel=1e-11)
+    assert evaluate(manifold, goal, 7 * sigma).value == pytest.approx(found.value, rel=1e-11)
     # Scale invariance: H σ = −∇O.
-    np.testing.assert_allclose(
-        hessian_product(network, goal, sigma, sigma), -gradient, rtol=0, atol=1e-10 * np.abs(gradient).max()
-    )
+    np.testing.assert_allclose(found.hessian_product(sigma), -gradient, rtol=0, atol=1e-10 * np.abs(gradient).max())
     rng = np.random.default_rng(8)
     u, v = rng.standard_normal((2, network.n_edges))
-    Hu, Hv = hessian_product(network, goal, sigma, u), hessian_product(network, goal, sigma, v)
+    Hu, Hv = found.hessian_product(u), found.hessian_product(v)
     assert u @ Hv == pytest.approx(v @ Hu, rel=1e-10, abs=1e-10 * np.linalg.norm(Hu) * np.linalg.norm(v))
 
 
@@ -226,9 +204,9 @@ def test_known_diagonal_is_the_barrier():
 @pytest.mark.parametrize("objective", tuple(OBJECTIVES)[:2])
 def test_variances_need_no_cell(objective):
     network = NETWORKS["pinned grid"]()
-    value, gradient = value_and_gradient(network, named_objective(network, objective), np.ones(network.n_edges))
-    assert value > 0
-    assert np.isfinite(gradient).all()
+    found = evaluate(CriticalManifold(network), named_objective(network, objective), np.ones(network.n_edges))
+    assert found.value > 0
+    assert np.isfinite(found.gradient).all()
 
 
 def test_bad_objectives_raise():

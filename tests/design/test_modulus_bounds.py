@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 from problems import (
+    ORDER,
     dense_bond_vectors,
     modulus_by_formula,
     oblique,
     square_octagon,
+    taylor_orders,
     triangular_lattice,
     voronoi_3d,
     with_random_stiffness,
 )
 from scipy.optimize import minimize_scalar
-from test_objectives import SLOPE, taylor_slopes
 
 from critflow import (
     CriticalManifold,
@@ -361,7 +362,7 @@ def test_what_is_minimised_over_both_signs_by_taylor_remainders():
 
     point = landscape.at(x)
     product = landscape.hessian_product(point, direction)
-    assert taylor_slopes(function, x, direction, point.gradient, product) == pytest.approx([2, 3], abs=SLOPE)
+    assert taylor_orders(function, x, direction, point.gradient, product) == pytest.approx([2, 3], abs=ORDER)
     # The value does not change with the scale, so the gradient has nothing along σ and scales against it.
     assert point.gradient @ x == pytest.approx(0, abs=1e-13)
     np.testing.assert_allclose(landscape.hessian_product(landscape.at(x), x), -point.gradient, rtol=0, atol=1e-12)

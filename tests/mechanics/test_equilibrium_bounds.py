@@ -4,34 +4,17 @@ import sys
 
 import numpy as np
 import pytest
-from problems import oblique, random_stress, voronoi_3d, with_random_stiffness
+from problems import SMALL_NETWORKS, STRAINS, strained, voronoi_3d
 
 from critflow import (
-    CriticalManifold,
     Status,
     cells_of,
     equilibrium,
-    honeycomb_network,
     perimeter_state,
-    spring_state,
     voronoi_network,
 )
 from critflow.precision.geometry import exact_bond_vectors, exact_forces
 from workflows.benchmarks import reference
-
-NETWORKS = {
-    "voronoi": lambda: voronoi_network(12, seed=6),
-    "stiffness": lambda: with_random_stiffness(voronoi_network(12, seed=2), 1),
-    "oblique": lambda: oblique(voronoi_network(12, seed=3)),
-    "honeycomb": lambda: honeycomb_network(2, 2),
-}
-STRAINS = 10.0 ** -np.arange(1, 13)
-
-
-def strained(network, gamma, seed=1):
-    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
-    state = spring_state(network, critical.lengths, critical.coordinates)
-    return state.deformed((1 + gamma) ** (1 / network.dimension) * np.eye(network.dimension))
 
 
 def errors(state):
@@ -57,7 +40,7 @@ def exact_correction(state):
 
 def test_newton_ends_on_the_exact_equilibrium():
     ratios = []
-    for name, make in NETWORKS.items():
+    for name, make in SMALL_NETWORKS.items():
         for gamma in STRAINS[:: 1 if name == "voronoi" else 4]:
             solution = equilibrium(strained(make(), gamma))
             assert solution.status is Status.ok
@@ -73,7 +56,7 @@ def test_newton_ends_on_the_exact_equilibrium():
 @pytest.mark.parametrize("method, tolerance", [("fire", 1e-6), ("fire", 1e-10), ("fire", 1e-13)])
 @pytest.mark.parametrize("gamma", [0.1, 1e-2, 1e-3])
 def test_fire_knows_how_far_it_is_off(method, tolerance, gamma):
-    start = strained(NETWORKS["voronoi"](), gamma)
+    start = strained(SMALL_NETWORKS["voronoi"](), gamma)
     solution = equilibrium(start, method, tolerance)
     assert solution.status is Status.ok
     error, bound = max(errors(solution.value)), solution.stats.error_bound
@@ -83,7 +66,7 @@ def test_fire_knows_how_far_it_is_off(method, tolerance, gamma):
 
 
 def test_a_small_force_is_not_a_small_error():
-    start = strained(NETWORKS["voronoi"](), 1e-4)
+    start = strained(SMALL_NETWORKS["voronoi"](), 1e-4)
     fire = equilibrium(start, "fire", 1e-9)
     assert fire.value.max_force < 1e-9 * fire.value.length_scale
     error = max(errors(fire.value))
@@ -145,7 +128,7 @@ def test_no_more_steps_than_allowed(monkeypatch, gamma, tolerance, near, needed)
 
 def test_the_condition_is_that_of_the_hessian():
     for gamma in (1e-1, 1e-4, 1e-8):
-        solution = equilibrium(strained(NETWORKS["stiffness"](), gamma))
+        solution = equilibrium(strained(SMALL_NETWORKS["stiffness"](), gamma))
         state = solution.value
         H = state.factorize(state.pattern()).multiply(np.eye(state.forces.size))
         assert solution.stats.condition == pytest.approx(np.linalg.cond(H), rel=4)

@@ -5,8 +5,7 @@ from dataclasses import astuple
 
 import numpy as np
 import pytest
-from problems import random_stress
-from test_equilibrium_bounds import NETWORKS, STRAINS, strained
+from problems import SMALL_NETWORKS, STRAINS, random_stress, strained
 
 from critflow import (
     CriticalManifold,
@@ -46,7 +45,7 @@ def exact_stiffening(network, sigma):
 
 def test_moduli_from_afar_to_the_transition():
     found = []
-    for name, make in NETWORKS.items():
+    for name, make in SMALL_NETWORKS.items():
         for gamma in STRAINS[:: 1 if name == "voronoi" else 4]:
             state = equilibrium(strained(make(), gamma)).value
             solution = linear_response(state)
@@ -61,7 +60,7 @@ def test_moduli_from_afar_to_the_transition():
 
 @pytest.mark.parametrize("gamma, tolerance", [(0.1, 1e-6), (0.1, 1e-10), (1e-3, 1e-8), (1e-3, 1e-12)])
 def test_moduli_of_an_unfinished_relaxation(gamma, tolerance):
-    state = equilibrium(strained(NETWORKS["voronoi"](), gamma), "fire", tolerance).value
+    state = equilibrium(strained(SMALL_NETWORKS["voronoi"](), gamma), "fire", tolerance).value
     solution = linear_response(state)
     found = ratios(astuple(solution.value), astuple(solution.stats.error_bound), exact_moduli(state))
     assert solution.status is Status.ok
@@ -71,7 +70,7 @@ def test_moduli_of_an_unfinished_relaxation(gamma, tolerance):
 @pytest.mark.parametrize("gamma, off", [(1e-3, 1e-4), (1e-4, 1e-4), (1e-5, 1e-6)])
 def test_moduli_far_from_equilibrium_are_none(gamma, off):
     # Extensions are about γ/2, so displacements like these change every stress.
-    state = strained(NETWORKS["voronoi"](), gamma)
+    state = strained(SMALL_NETWORKS["voronoi"](), gamma)
     state = state.moved(off * np.random.default_rng(1).standard_normal((len(state.network.free), 2)))
     solution = linear_response(state)
     assert solution.status is Status.ill_conditioned
@@ -79,7 +78,7 @@ def test_moduli_far_from_equilibrium_are_none(gamma, off):
 
 
 def test_paths_keep_the_bounds():
-    network = NETWORKS["stiffness"]()
+    network = SMALL_NETWORKS["stiffness"]()
     critical = CriticalManifold(network).configuration(random_stress(18, 4))
     strains = np.concatenate([STRAINS[:3:-1], [0.001, 0.002, 0.003, 0.05, 0.3]])
     path = strain_path(network, critical, strains).value
@@ -97,7 +96,7 @@ def test_paths_keep_the_bounds():
 @pytest.mark.parametrize("decades", [0, 2, 4])
 def test_stiffening_coefficients(decades):
     found = []
-    for network in (*(make() for make in NETWORKS.values()), voronoi_network(12, seed=8)):
+    for network in (*(make() for make in SMALL_NETWORKS.values()), voronoi_network(12, seed=8)):
         stress = 10 ** (decades * (np.random.default_rng(5).random(network.n_edges) - 0.5))
         critical = CriticalManifold(network).configuration(stress)
         solution = stiffening(network, critical)
@@ -148,7 +147,7 @@ def test_large_positive_stresses_take_the_condensed_system(monkeypatch):
 
 def test_stiffening_mends_coordinates_that_are_off():
     # The answer is that of the stress; coordinates are a start for finding its balance.
-    network = NETWORKS["voronoi"]()
+    network = SMALL_NETWORKS["voronoi"]()
     critical = CriticalManifold(network).configuration(random_stress(18, 1))
     x = critical.coordinates + 1e-9 * np.random.default_rng(2).standard_normal((12, 2))
     x[0] = 0.0
