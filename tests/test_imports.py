@@ -33,17 +33,13 @@ SOLVERS = {
 }
 
 LONGEST, MOST_PARAMETERS = 60, 8
-# A docstring with this marker and a reason after it justifies more parameters.
-REASON = "Many parameters: "
+# A docstring with these words and a reason justifies more parameters.
+REASON = "many parameters"
 # Exceptions for now.
 TOO_LONG = {
-    "critflow/mechanics/equilibrium.py:_newton",
-    "critflow/mechanics/strain_path.py:strain_path",
     "workflows/benchmarks/scale/report.py:scale_figure",
-    "workflows/boundary/report.py:_claims",
 }
 TOO_MANY_PARAMETERS = {
-    "critflow/cli.py:run",
     "critflow/mechanics/strain_path.py:strain_path",
     "critflow/plot.py:draw_network",
 }
@@ -176,5 +172,5 @@ def test_no_function_is_long():
 
 def test_many_parameters_have_a_reason():
     many = {name for name, node in FUNCTIONS.items() if n_parameters(node) > MOST_PARAMETERS}
-    unexplained = {name for name in many if REASON not in (ast.get_docstring(FUNCTIONS[name]) or "")}
+    unexplained = {name for name in many if REASON not in (ast.get_docstring(FUNCTIONS[name]) or "").lower()}
     assert unexplained - TOO_MANY_PARAMETERS == set(), f"take fewer, or say {REASON!r} and why in the docstring"
