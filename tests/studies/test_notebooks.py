@@ -107,7 +107,7 @@ def test_from_the_transition_to_stiffening(execute, ensemble, capsys):
     assert len(pictures) == 1
     assert np.abs(names["critical"].coordinates - names["one"].coordinates.values).max() < 1e-12
     # Errors fall with the window, as its first and second power.
-    line, parabola = np.log(names["miss"][:, 1:4])
+    line, parabola = np.log(names["errors"][:, 1:4])
     rates = np.diff([line, parabola], axis=1) / np.diff(np.log(names["windows"][1:4]))
     np.testing.assert_allclose(rates.mean(axis=1), [1.0, 2.0], rtol=0, atol=0.1)
     for name, value in names["by_hand"].items():
@@ -119,7 +119,7 @@ def test_designing_with_isogonal_modes(execute, ensemble):
     names, pictures = execute("04_designing_with_isogonal_modes", str(ensemble))
     assert len(pictures) == 2
     assert 0.2 < names["gain"] < 1
-    assert np.abs(names["slope"]).max() < 1e-10
+    assert np.abs(names["gradient"]).max() < 1e-10
     np.testing.assert_allclose(names["B_0"], names["bound"], rtol=1e-12)
     assert (np.diff(names["affine"]) > 0).all()
     perimeter = {key: names[key].lengths[names["sides"]].sum() for key in ("start", "large", "even")}

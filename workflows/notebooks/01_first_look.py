@@ -2,7 +2,7 @@
 # # A first look at an ensemble
 #
 # `critflow run ensemble` writes one file, `results/ensemble/ensemble.nc`. This notebook reads it with xarray alone:
-# what is in it, how to select, what a status means, and what the numbers look like. Nothing is computed anew.
+# its contents, selection by label, the meaning of a status, and the distributions. Nothing is recomputed.
 
 # %%
 import json
@@ -16,7 +16,7 @@ import xarray as xr
 
 
 def dataset_path(default="results/ensemble/ensemble.nc"):
-    """A dataset named on the command line or by CRITFLOW_ENSEMBLE, or the default, here or in a folder above."""
+    """Path from the command line or CRITFLOW_ENSEMBLE; else the default, in the current folder or one above."""
     named = [word for word in sys.argv[1:] if word.endswith(".nc")] or [os.environ.get("CRITFLOW_ENSEMBLE", "")]
     if named[0]:
         return Path(named[0])
@@ -30,23 +30,23 @@ print(ensemble)
 # ## Dimensions
 #
 # - `seed`: the network. The same seed is the same network in every population and in every run.
-# - `population`: how its critical configuration was chosen: the least variance of lengths or tensions, the largest
+# - `population`: the choice of critical configuration: minimal variance of lengths or tensions, maximal
 #   bulk or shear modulus, random rest lengths (of two spreads), random stress.
 # - `edge`, `vertex`: within a network. `end` is tail or head, `axis` is x or y.
 # - `strain`: steps past the transition, V(γ) = V(0)(1 + γ).
 #
 # `edges`, `offsets` and `cell` have no `population`: the network is the same, only its configuration differs. Every
-# variable says what it is; every number is in units of the stiffness k and the mean area of a vertex.
+# variable has a `long_name`; units are the stiffness k and the mean area of a vertex.
 
 # %%
 for name, variable in ensemble.data_vars.items():
     print(f"{name:34s} {'(' + ', '.join(variable.dims) + ')':32s} {variable.attrs['long_name']}")
 
 # %% [markdown]
-# ## Where it comes from
+# ## Provenance
 #
-# The settings that made the file, and the command, stand in its attributes. The same settings give the same bytes in
-# every variable, on any number of workers.
+# The attributes contain the settings and the command of the run. The same settings give the same bytes in
+# every variable, for any number of workers.
 
 # %%
 for name in ("title", "source", "references", "history"):
@@ -57,24 +57,24 @@ print("parameters ", parameters)
 # %% [markdown]
 # ## Status before value
 #
-# Every configuration has a status, and 0 is good. Two others are common and are physics rather than accidents:
-# `slack_edges` says that at these rest lengths some edges carry no tension, and `edge_collapse` that the least tension
-# variance wants an edge of zero length, so it is a limit that no configuration attains. What is not defined is NaN: the
-# coefficients C_B and C_G at such a limit, for example, or where slack parts hang in the network. NaN never means "not
-# done"; that is the status `missing`.
+# Every configuration has a status, and 0 is good. Two others are common and physical:
+# `slack_edges` means that some edges carry no tension at these rest lengths, and `edge_collapse` that the minimal
+# tension variance requires an edge of zero length, a limit that no configuration attains. Undefined values are NaN:
+# the coefficients C_B and C_G at such a limit, for example, or with slack parts in the network. NaN never means "not
+# computed"; that is the status `missing`.
 
 # %%
 meaning = dict(zip(ensemble.status.attrs["flag_values"], ensemble.status.attrs["flag_meanings"].split(), strict=True))
 for population in ensemble.population.values:
     codes, counts = np.unique(ensemble.status.sel(population=population), return_counts=True)
     undefined = int(ensemble.C_B_exact.sel(population=population).isnull().sum())
-    ended = ", ".join(f"{count} {meaning[code]}" for code, count in zip(codes, counts, strict=True))
-    print(f"{population:20s} {ended}; C_B undefined in {undefined}")
+    outcomes = ", ".join(f"{count} {meaning[code]}" for code, count in zip(codes, counts, strict=True))
+    print(f"{population:20s} {outcomes}; C_B undefined in {undefined}")
 
 # %% [markdown]
 # ## Selecting by label
 #
-# One configuration, one population, good members only. `where` turns the others into NaN, and means leave NaN out.
+# One configuration, one population, good members only. `where` turns the others into NaN, and `mean` skips NaN.
 
 # %%
 one = ensemble.sel(population="bulk_modulus", seed=ensemble.seed[0])
@@ -91,8 +91,8 @@ for population in table.population.values:
 
 # %% [markdown]
 # The mean over good members is not the mean over all: random rest lengths of the wide spread leave edges slack in
-# nearly every network, so few or none of them are good. Their numbers are sound all the same, as those of a network
-# with slack edges; whoever wants them selects by `status != missing` instead.
+# nearly every network, so few or none of them are good. Their values are valid for a network with slack edges; to
+# include them, select by `status != missing` instead.
 
 # %%
 finite = np.isfinite(ensemble.bulk_modulus_0)
@@ -101,43 +101,43 @@ print("finite B_0:", {str(p): int(finite.sel(population=p).sum()) for p in ensem
 # %% [markdown]
 # ## A distribution and a plane
 #
-# Left: the bulk modulus at the transition. Right: what happens to it next, its growth C_B with strain. Populations with
-# the largest B_0 are the ones that soften, C_B < 0.
+# Left: the bulk modulus at the transition. Right: C_B, its derivative with respect to strain. Populations with
+# the largest B_0 soften, C_B < 0.
 
 # %%
 COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F")
 fig, (left, right) = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
 names = [str(name) for name in ensemble.population.values]
-for place, name in enumerate(names):
+for index, name in enumerate(names):
     B_0, C_B = (ensemble[v].sel(population=name).values for v in ("bulk_modulus_0", "C_B_exact"))
-    colour = COLOURS[place % len(COLOURS)]
+    colour = COLOURS[index % len(COLOURS)]
     if np.isfinite(B_0).any():
-        body = left.violinplot([B_0[np.isfinite(B_0)]], [place], showextrema=False, widths=0.8)["bodies"][0]
+        body = left.violinplot([B_0[np.isfinite(B_0)]], [index], showextrema=False, widths=0.8)["bodies"][0]
         body.set(facecolor=colour, alpha=0.4)
-        left.plot(np.full(B_0.shape, place), B_0, "_", color=colour, markersize=8)
+        left.plot(np.full(B_0.shape, index), B_0, "_", color=colour, markersize=8)
     right.plot(B_0, C_B, "o", color=colour, markersize=4, alpha=0.8, label=name.replace("_", " "))
 left.set_xticks(range(len(names)), [name.replace("_", "\n") for name in names], fontsize=7)
 left.set_ylabel("bulk modulus at the transition $B_0$  [$k$]")
 right.axhline(0, color="0.7", linewidth=0.8, zorder=0)
 right.set_xlabel("$B_0$  [$k$]")
-right.set_ylabel("its growth with strain $C_B$  [$k$]")
+right.set_ylabel("derivative with strain $C_B$  [$k$]")
 right.legend(fontsize=7, frameon=False)
 plt.show()
 
 # %% [markdown]
-# ## Along the strain
+# ## The strain path
 #
-# The inner dimension `strain` holds the path past the transition. Lines are means over good members of how much
-# the bulk modulus has changed; their slopes at γ = 0 are C_B/B_0, known without the path.
+# The inner dimension `strain` is the path past the transition. Lines are means over good members of the relative
+# change of the bulk modulus; their derivatives at γ = 0 are C_B/B_0, known without the path.
 
 # %%
 change = (good.bulk_modulus / good.bulk_modulus_0 - 1).mean("seed").dropna("population")
 fig, axes = plt.subplots(figsize=(6.5, 3.6), layout="constrained")
 for name in change.population.values:
     colour = COLOURS[names.index(name) % len(COLOURS)]
-    line = [0.0, *change.sel(population=name).values]
+    curve = [0.0, *change.sel(population=name).values]
     axes.plot(
-        [0.0, *change.strain.values], line, "o-", color=colour, markersize=3, linewidth=1, label=name.replace("_", " ")
+        [0.0, *change.strain.values], curve, "o-", color=colour, markersize=3, linewidth=1, label=name.replace("_", " ")
     )
 axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
 axes.set_xlabel("volumetric strain past the transition $\\gamma$")

@@ -1,12 +1,12 @@
 # %% [markdown]
 # # Structure against response
 #
-# Can one look at a critical network and tell how stiff it is? Structure is what one sees: how unequal the lengths are
-# (V_L) and the tensions (V_τ), how elongated the faces and the triangles of the force network. Response is what one
-# measures: B_0 and G_0 at the transition, their growth C_B and C_G past it.
+# Does the structure of a critical network predict its stiffness? Structure: the variance of the lengths
+# (V_L) and of the tensions (V_τ), the elongation of the faces and of the triangles of the force network. Response:
+# B_0 and G_0 at the transition, and their derivatives C_B and C_G past it.
 #
-# There are two questions in one. *Between* populations: do kinds of networks with larger V_τ have smaller B_0?
-# *Within* a population: does a member with larger V_τ than its siblings have smaller B_0? The answers can differ.
+# There are two questions. *Between* populations: do populations with larger V_τ have smaller B_0?
+# *Within* a population: does a member with larger V_τ than the others have smaller B_0? The answers can differ.
 
 # %%
 import os
@@ -19,7 +19,7 @@ import xarray as xr
 
 
 def dataset_path(default="results/ensemble/ensemble.nc"):
-    """A dataset named on the command line or by CRITFLOW_ENSEMBLE, or the default, here or in a folder above."""
+    """Path from the command line or CRITFLOW_ENSEMBLE; else the default, in the current folder or one above."""
     named = [word for word in sys.argv[1:] if word.endswith(".nc")] or [os.environ.get("CRITFLOW_ENSEMBLE", "")]
     if named[0]:
         return Path(named[0])
@@ -55,7 +55,7 @@ for row, response in zip(grid, RESPONSE, strict=True):
             member = ensemble.sel(population=name)
             axes.plot(member[structure], member[response], "o", color=colour, markersize=2.5, alpha=0.7, label=name)
         if structure.endswith("variance"):
-            # Some variances are zero to rounding: they stand at the left border.
+            # Some variances are zero to rounding: they are at the left border.
             axes.set_xscale("symlog", linthresh=1e-3)
         if response == "shear_modulus_0":
             axes.set_yscale("log")
@@ -72,9 +72,9 @@ plt.show()
 # %% [markdown]
 # ## Rank correlations
 #
-# Ranks ask for order only, so they fit quantities that span decades. Between populations: ranks of the medians.
-# Within: ranks among siblings, averaged over the populations. A metric that does not vary in a population (V_L where
-# it was made zero) says nothing there and is left out.
+# Ranks depend on order only, so they suit quantities that span decades. Between populations: ranks of the medians.
+# Within: ranks among the members, averaged over the populations. A metric that does not vary in a population (V_L
+# where it is zero) is excluded there.
 
 
 # %%
@@ -83,7 +83,7 @@ def ranks(values):
 
 
 def rank_correlation(x, y):
-    """Spearman's coefficient over pairs that are known; NaN where one of the two does not vary."""
+    """Spearman's coefficient over pairs of finite values; NaN where one of the two does not vary."""
     known = np.isfinite(x) & np.isfinite(y)
     x, y = x[known], y[known]
     if len(x) < 3 or min(np.ptp(x), np.ptp(y)) < 1e-12:
@@ -117,15 +117,15 @@ fig.colorbar(image, ax=pair, label="rank correlation", shrink=0.85)
 plt.show()
 
 # %% [markdown]
-# ## What to read off
+# ## Interpretation
 #
-# - V_τ and B_0: the more unequal the tensions, the softer, between populations and within. There is a reason: at unit
+# - V_τ and B_0: the more unequal the tensions, the softer, between populations and within. The reason: at unit
 #   pressure, Σ τ|L| = 2V, the modulus at the transition is B_0 = V/Σ τ² for k = 1. The stiffest network carries the
-#   pressure with the least tension, and unequal tensions waste it.
-# - The same metric that orders the populations may say little about siblings: the optimum has fixed it, and what is
-#   left is the network.
+#   pressure with the smallest Σ τ², which unequal tensions increase.
+# - A metric that orders the populations may not order the members of one: the optimum fixes it, and only the
+#   network varies.
 # - With few seeds the right table is noise: the error of a rank correlation of n values is about 1/√n. The next cell
-#   says how much.
+#   prints it.
 
 # %%
 n = ensemble.sizes["seed"]
@@ -138,8 +138,8 @@ for (i, j), value in np.ndenumerate(between):
 # ## Lengths and tensions together
 #
 # B_0 = (1/4V)(Σ τ|L|)²/Σ τ² at k = 1, with ⟨τ²⟩ = ⟨τ⟩²(1 + V_τ). If tensions and lengths were not correlated, this
-# would be B_0 = N_b⟨|L|⟩²/4V/(1 + V_τ). The next picture compares: what lies above the line owes it to long edges
-# that carry more tension, as where σ = k.
+# would be B_0 = N_b⟨|L|⟩²/4V/(1 + V_τ). The next figure compares the two: points above the line have long edges
+# with more tension, as at σ = k.
 
 # %%
 volume = np.abs(np.linalg.det(ensemble.cell.values))

@@ -3,8 +3,8 @@
 #
 # Past the transition the moduli grow linearly, B = B_0 + C_B γ and G = G_0 + C_G γ. The paper fits C_B and C_G to a
 # strain path. They also follow from the critical configuration alone, by one linear solve for each strain. This
-# notebook does both: it reads a stress from the file, walks the strain path, fits over shorter and shorter windows,
-# and arrives at the exact coefficient. Then it does the linear solve once in plain numpy.
+# notebook does both: it reads a stress from the file, computes the strain path, fits over shorter and shorter windows,
+# and converges to the exact coefficient. Then it repeats the linear solve in plain NumPy.
 
 # %%
 import os
@@ -19,7 +19,7 @@ from critflow import CriticalManifold, Network, fit_stiffening, stiffening, stra
 
 
 def dataset_path(default="results/ensemble/ensemble.nc"):
-    """A dataset named on the command line or by CRITFLOW_ENSEMBLE, or the default, here or in a folder above."""
+    """Path from the command line or CRITFLOW_ENSEMBLE; else the default, in the current folder or one above."""
     named = [word for word in sys.argv[1:] if word.endswith(".nc")] or [os.environ.get("CRITFLOW_ENSEMBLE", "")]
     if named[0]:
         return Path(named[0])
@@ -32,8 +32,8 @@ one = ensemble.isel(seed=0).sel(population="random_stress")
 # %% [markdown]
 # ## Back to a network
 #
-# Edges, image offsets and cell make the network; the stress σ makes the configuration, by force balance, which is
-# linear in the coordinates. The coordinates in the file must come out again.
+# Edges, image offsets and cell define the network; the stress σ defines the configuration, by force balance, which is
+# linear in the coordinates. The result must equal the stored coordinates.
 
 # %%
 network = Network(one.edges.values, one.offsets.values, one.cell.values)
@@ -44,26 +44,26 @@ print(f"unbalanced force over mean tension {critical.residual:.1e}")
 # %% [markdown]
 # ## The path, and fits over shrinking windows
 #
-# Rest lengths are the lengths at the transition, so γ = 0 is the transition itself. A straight line over a window w
-# misses the slope at zero by about w, a parabola by w²; with windows of a tenth each, the error should fall by 10 and
-# by 100.
+# Rest lengths are the lengths at the transition, so γ = 0 is the transition itself. The derivative at zero of a
+# straight line over a window w has an error of order w, that of a parabola of order w².
 
 # %%
 exact = stiffening(network, critical).value
 windows = np.array([1e-2, 3e-3, 1e-3, 3e-4, 1e-4])
-miss = np.empty((2, len(windows)))
+errors = np.empty((2, len(windows)))
 for n, window in enumerate(windows):
     strains = window * np.linspace(0.1, 1.0, 10)
     path = strain_path(network, critical, strains).value
     for degree in (1, 2):
         slope = fit_stiffening(strains, path.bulk_modulus, window, degree).slope
-        miss[degree - 1, n] = abs(slope / exact.C_B - 1)
-    print(f"window {window:.0e}: C_B misses {exact.C_B:.6f} k by {miss[0, n]:.1e} (line), {miss[1, n]:.1e} (parabola)")
+        errors[degree - 1, n] = abs(slope / exact.C_B - 1)
+    line, parabola = errors[:, n]
+    print(f"window {window:.0e}: relative error of C_B {line:.1e} (line), {parabola:.1e} (parabola)")
 
 fig, axes = plt.subplots(figsize=(5, 3.8), layout="constrained")
-axes.loglog(windows, miss[0], "o-", color="#0072B2", label="straight line")
-axes.loglog(windows, miss[1], "s-", color="#D55E00", label="parabola")
-for power, at in ((1, miss[0, -1]), (2, miss[1, 2] * (windows[-1] / windows[2]) ** 2)):
+axes.loglog(windows, errors[0], "o-", color="#0072B2", label="straight line")
+axes.loglog(windows, errors[1], "s-", color="#D55E00", label="parabola")
+for power, at in ((1, errors[0, -1]), (2, errors[1, 2] * (windows[-1] / windows[2]) ** 2)):
     axes.loglog(windows, at * (windows / windows[-1]) ** power, ":", color="0.5", linewidth=1)
 axes.set_xlabel("window of the fit $\\gamma_{max}$")
 axes.set_ylabel("relative error of the fitted $C_B$")
@@ -71,8 +71,8 @@ axes.legend(frameon=False)
 plt.show()
 
 # %% [markdown]
-# The published window is γ ≤ 0.01. What a straight line over it gives is not C_B but C_B averaged over a range where
-# the curve already bends, which is why the file holds both `C_B` (fitted) and `C_B_exact`.
+# The published window is γ ≤ 0.01. A straight line over it averages the derivative over a range in which B(γ) is
+# curved, which is why the file contains both `C_B` (fitted) and `C_B_exact`.
 
 # %%
 for name in ("C_B", "C_G", "C_G_stress_corrected"):
@@ -82,16 +82,15 @@ for name in ("C_B", "C_G", "C_G_stress_corrected"):
 # %% [markdown]
 # ## The linear solve by hand
 #
-# A small network and dense matrices show all there is. At the transition the springs carry no tension yet, and there
-# is one way for it to appear: the unit self-stress σ̂. Under a strain with affine change A L of the bond vectors,
+# A small network and dense matrices suffice. At the transition the springs carry no tension, and tension can appear
+# only as the unit self-stress σ̂. Under a strain with affine change A L of the bond vectors,
 #
-# - extensions that the self-stress resists appear, h = |L|²/2 changing by ḣ = c K⁻¹σ̂ with K⁻¹ = |L|²/k and
+# - the edges extend against the self-stress: h = |L|²/2 changes by ḣ = c K⁻¹σ̂ with K⁻¹ = |L|²/k and
 #   c = σ̂·ḣ(affine)/σ̂·K⁻¹σ̂;
-# - vertices move by u so that R u = c K⁻¹σ̂ − ḣ(affine), with R = g L. That leaves the zero modes of R free;
-# - the zero modes settle where the prestress energy uᵀP̂u is least, P̂ = gᵀ diag(σ̂) g: the tension that has just
-#   appeared decides.
+# - vertices move by u with R u = c K⁻¹σ̂ − ḣ(affine), R = g L. The zero modes of R remain undetermined;
+# - the zero modes minimise the prestress energy uᵀP̂u, P̂ = gᵀ diag(σ̂) g, of the tension that appears.
 #
-# Together: one bordered system for u, the multipliers λ of the edges, and one η that frees the direction of σ̂,
+# Together: one bordered system for u, the multipliers λ of the edges, and η, the multiplier of σ̂·λ = 0,
 #
 # $$\begin{pmatrix} \hat P\otimes 1 & R^T & 0\\ R & 0 & \hat\sigma\\ 0 & \hat\sigma^T & 0\end{pmatrix}
 # \begin{pmatrix} u\\ \lambda\\ \eta\end{pmatrix} = \begin{pmatrix} 0\\ cK^{-1}\hat\sigma - \dot h\\ 0\end{pmatrix}.$$
@@ -104,7 +103,7 @@ L, n_edges, n = at.bond_vectors, small.n_edges, small.n_vertices
 g = np.zeros((n_edges, n))
 g[np.arange(n_edges), small.edges[:, 0]] -= 1
 g[np.arange(n_edges), small.edges[:, 1]] += 1
-g = g[:, 1:]  # vertex 0 stays: translations cost nothing
+g = g[:, 1:]  # vertex 0 is fixed, to remove translations
 sigma = at.sigma / np.linalg.norm(at.sigma)
 flexibility = np.sum(L**2, axis=1) / small.stiffness  # K⁻¹
 P = g.T @ (sigma[:, None] * g)
@@ -127,7 +126,7 @@ def response(A):
     right = np.concatenate([np.zeros(size), c * flexibility * sigma - hdot, [0.0]])
     u = np.linalg.solve(M, right)[:size].reshape(2, n - 1).T
     dL = affine + g @ u
-    # What the vertices do completes the affine change of h to the one that the self-stress resists.
+    # Affine and non-affine change of h add up to the one that the self-stress resists.
     assert np.allclose(np.sum(L * dL, axis=1), c * flexibility * sigma, atol=1e-10)
     return c, dL
 
@@ -136,14 +135,14 @@ dilation, shear = np.eye(2) / 2, np.array([[0.0, 0.5], [0.5, 0.0]])
 (c_g, dL_g), (c_e, dL_e) = response(dilation), response(shear)
 
 # %% [markdown]
-# Third derivatives of the energy need first-order answers only:
+# Third derivatives of the energy require first-order responses only:
 #
 # $$E_{abc} = \sum \varphi'''\,\dot h_a\dot h_b\dot h_c
 # + \sum_{cyc} c_a\sum\hat\sigma\,(\dot L_b\cdot\dot L_c + L\cdot\ddot b_{bc}),
 # \qquad \varphi''' = -3k/|L|^4,$$
 #
-# where b̈ is what the boundary itself bends: −L/4 for two dilations, since lengths go as (1 + γ)^½, AL/2 for a
-# dilation and a shear, nothing for two shears.
+# where b̈ is the second derivative of the boundary vectors, mapped on L: −L/4 for two dilations, since b ∝ (1 + γ)^½,
+# AL/2 for a dilation and a shear, zero for two shears.
 
 # %%
 length2 = np.sum(L**2, axis=1)
@@ -153,10 +152,9 @@ def third(a, b, c):
     """E_abc for strains given as (c, L̇, name)."""
     hdot = [strain[0] * flexibility * sigma for strain in (a, b, c)]
     value = np.sum(-3 * small.stiffness / length2**2 * hdot[0] * hdot[1] * hdot[2])
-    bends = {("γ", "γ"): -L / 4, ("γ", "ε"): L @ shear.T / 2, ("ε", "γ"): L @ shear.T / 2, ("ε", "ε"): 0 * L}
+    second = {("γ", "γ"): -L / 4, ("γ", "ε"): L @ shear.T / 2, ("ε", "γ"): L @ shear.T / 2, ("ε", "ε"): 0 * L}
     for one, two, three in ((a, b, c), (b, c, a), (c, a, b)):
-        bend = bends[two[2], three[2]]
-        value += one[0] * np.sum(sigma * np.sum(two[1] * three[1] + L * bend, axis=1))
+        value += one[0] * np.sum(sigma * np.sum(two[1] * three[1] + L * second[two[2], three[2]], axis=1))
     return value
 
 
@@ -174,11 +172,11 @@ for name, value in by_hand.items():
     assert abs(value - getattr(library, name)) < 1e-9 * max(1.0, abs(value))
 
 # %% [markdown]
-# ## Who stiffens, who softens
+# ## Stiffening and softening
 #
-# With the solve at hand, the reason for the signs can be read off: C_B holds a negative part, Hooke's springs turning
-# softer in h as they stretch (φ''' < 0), and a positive one, the tension that appears times the non-affine motion. The
-# largest B_0 at σ = k has no non-affine motion, so only the first is left, and C_B = −B_0/2 exactly.
+# The equations explain the signs. C_B has a negative part, since Hookean springs soften as functions of h
+# (φ''' < 0), and a positive part, the tension that appears times the non-affine motion. The configuration σ = k of
+# maximal B_0 has no non-affine motion, so only the first part remains, and C_B = −B_0/2 exactly.
 
 # %%
 best = ensemble.sel(population="bulk_modulus")

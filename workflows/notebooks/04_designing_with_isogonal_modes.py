@@ -2,10 +2,10 @@
 # # Designing with isogonal modes
 #
 # The largest bulk modulus of a network is not one configuration but a family of them. Its members share the
-# directions of all edges and the tensions on them, while the lengths change by *isogonal modes*: N_v/2 − 1 of them,
-# one for each face but one. So B_0 is spent on nothing, and everything else about the lengths can be designed. This
-# notebook starts at the largest B_0 of a stored network, makes one face as large as it can be, makes the lengths as
-# equal as they can be, and shows what does change.
+# directions of all edges and their tensions, while the lengths change by *isogonal modes*: N_v/2 − 1 of them,
+# one for each face but one. The lengths can therefore be designed at constant B_0. This
+# notebook starts at the largest B_0 of a stored network, maximises the size of one face, makes the lengths as
+# equal as possible, and shows which properties change.
 
 # %%
 import os
@@ -32,7 +32,7 @@ from critflow.rigidity.structure import length_variance, tension_variance
 
 
 def dataset_path(default="results/ensemble/ensemble.nc"):
-    """A dataset named on the command line or by CRITFLOW_ENSEMBLE, or the default, here or in a folder above."""
+    """Path from the command line or CRITFLOW_ENSEMBLE; else the default, in the current folder or one above."""
     named = [word for word in sys.argv[1:] if word.endswith(".nc")] or [os.environ.get("CRITFLOW_ENSEMBLE", "")]
     if named[0]:
         return Path(named[0])
@@ -46,24 +46,23 @@ faces = planar_faces(bare.edges, bare.bond_vectors(one.coordinates.values), bare
 network = Network(bare.edges, bare.offsets, bare.cell, faces=faces)
 start = CriticalManifold(network).configuration(one.sigma.values)
 bound = bulk_modulus_bound(network)
-print(f"B_0 = {transition_moduli(start).bulk:.12f} k, and no stress gives more than {bound:.12f} k")
+print(f"B_0 = {transition_moduli(start).bulk:.12f} k, upper bound over all stresses {bound:.12f} k")
 
 # %% [markdown]
 # ## One mode for each face
 #
-# Mode f pushes the sides of face f outwards, each by an amount in proportion to 1/τ, and slides its corners along the
-# third edge that meets there. All faces pushed alike change nothing, since every side is then pushed from both sides.
-# Two things to know: lengths are *linear* in the amplitudes at any distance, and the way ends where the first edge
-# has no length left.
+# Mode f moves the sides of face f outwards, each in proportion to 1/τ, and its corners in the direction of the
+# third edge at each corner. Equal amplitudes on all faces change nothing, since every side then moves both ways.
+# Lengths are *linear* in the amplitudes at any distance, and the family ends where the first edge has zero length.
 
 # %%
 modes = face_modes(start)
 print(f"{modes.elongations.shape[0]} modes, {modes.n_independent} independent, "
       f"{modes.elongations.nnz / modes.elongations.shape[0]:.1f} edges each")  # fmt: skip
-print(f"all faces alike: largest change of a length {np.abs(modes.elongations.sum(axis=0)).max():.1e}")
+print(f"equal amplitudes: largest change of a length {np.abs(modes.elongations.sum(axis=0)).max():.1e}")
 direction = np.random.default_rng(0).standard_normal(faces.n_faces)
 walked = modes.towards(direction, fraction=0.9)
-print(f"a random walk, 90 % of the way: B_0 changes by {transition_moduli(walked).bulk / bound - 1:.1e}, "
+print(f"random amplitudes, 90 % of the limit: B_0 changes by {transition_moduli(walked).bulk / bound - 1:.1e}, "
       f"V_τ by {tension_variance(walked) - tension_variance(start):.1e}, "
       f"V_L from {length_variance(start):.4f} to {length_variance(walked):.4f}")  # fmt: skip
 
@@ -71,7 +70,7 @@ print(f"a random walk, 90 % of the way: B_0 changes by {transition_moduli(walked
 # ## A large face
 #
 # The perimeter of a face is linear in the amplitudes, and so is the condition that every edge keeps a least length.
-# That is a linear program: its answer is the best of the whole family, not a local optimum.
+# That is a linear program: its solution is the global optimum of the family.
 
 # %%
 chosen = int(faces.sizes.argmax())
@@ -82,8 +81,8 @@ large = modes.largest(weights, shortest=0.15).value
 # %% [markdown]
 # ## Equal lengths
 #
-# V_L = ⟨|L|²⟩/⟨|L|⟩² − 1 is least where the vector of lengths is closest in direction to (1, 1, …, 1). Lengths of the
-# family are |L| + Σ a_f e_f, so the best one is along the projection of that vector on the span of |L| and the e_f:
+# V_L = ⟨|L|²⟩/⟨|L|⟩² − 1 is minimal where the vector of lengths is closest in direction to (1, 1, …, 1). Lengths of
+# the family are |L| + Σ a_f e_f, so the best is the projection of that vector on the span of |L| and the e_f:
 # least squares.
 
 # %%
@@ -94,12 +93,12 @@ gain = 1 - length_variance(even) / length_variance(start)
 print(f"V_L falls from {length_variance(start):.6f} to {length_variance(even):.6f}, by {100 * gain:.1f} %")
 print(f"while B_0 changes by {transition_moduli(even).bulk / transition_moduli(start).bulk - 1:.1e}")
 # The condition of a minimum: no mode changes V_L to first order.
-slope = modes.elongations @ (even.lengths * even.lengths.mean() - np.mean(even.lengths**2))
-print(f"slope of V_L along the modes {np.abs(slope).max():.1e}")
+gradient = modes.elongations @ (even.lengths * even.lengths.mean() - np.mean(even.lengths**2))
+print(f"gradient of V_L in the modes {np.abs(gradient).max():.1e}")
 
 # %%
 fig, row = plt.subplots(1, 3, figsize=(10.5, 3.9), layout="constrained")
-designs = {"σ = k": start, "lengths as equal as can be": even, "one face as large as can be": large}
+designs = {"σ = k": start, "most equal lengths": even, "one face of maximal size": large}
 for axes, (title, critical) in zip(row, designs.items(), strict=True):
     tensions = unit_pressure_tensions(critical.sigma, critical.lengths, network.volume)
     polygon = face_polygons(faces, network.edges, critical.coordinates, critical.bond_vectors)[chosen]
@@ -114,17 +113,17 @@ fig.colorbar(lines, ax=row, shrink=0.8, label="edge tension at unit pressure")
 plt.show()
 
 # %% [markdown]
-# ## Why B_0 stays, and what does not
+# ## Why B_0 is constant, and which properties change
 #
-# Forces T in balance do the same work Σ T·A L on all bond vectors L that close on the same cell. So every modulus at
-# the transition, (Σ T·A L)²/(V Σ |T|²/k), depends on the force network alone: isogonal modes keep B_0 and G_0 of
-# *any* critical configuration. At the largest B_0 the forces are T = k L* with L* the configuration at σ = k, and
-# there is more: the bond vectors L + s L* are in balance at every expansion s, so the bulk response of all members is
+# Forces T in balance do the same work Σ T·A L on all bond vectors L that close on the same cell. Every modulus at
+# the transition, (Σ T·A L)²/(V Σ |T|²/k), therefore depends on the force network alone: isogonal modes keep B_0 and
+# G_0 of *any* critical configuration. At the largest B_0 the forces are T = k L*, with L* the configuration at σ = k.
+# The bond vectors L + s L* are then in balance at every expansion s, so the bulk response of all members is
 # the same at *any* strain, B(γ) = B_0/√(1 + γ), and C_B = −B_0/2.
 #
-# What changes is how the members do it, and everything that depends on lengths. If the vertices followed the dilation
-# affinely the network would have B_aff = Σ k|L|²/4V; relaxation takes B_aff − B_0 ≥ 0 away, nothing at σ = k alone.
-# Under shear the members part as soon as they are past the transition.
+# The non-affine motion changes, and everything that depends on lengths. If the vertices followed the dilation
+# affinely the modulus would be B_aff = Σ k|L|²/4V; relaxation reduces it by B_aff − B_0 ≥ 0, which is zero at σ = k
+# only. Under shear the members differ as soon as they are past the transition.
 
 # %%
 fractions = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9])
@@ -140,7 +139,7 @@ assert np.abs(C_B / B_0 + 0.5).max() < 1e-9
 strains = np.array([0.01, 0.1, 0.5])
 path = strain_path(network, family[-1], strains).value
 miss = np.abs(path.bulk_modulus / (bound / np.sqrt(1 + strains)) - 1).max()
-print(f"B(γ) of the last member misses B_0/√(1 + γ) by {miss:.1e}, up to γ = {strains[-1]}")
+print(f"B(γ) of the last member differs from B_0/√(1 + γ) by {miss:.1e}, up to γ = {strains[-1]}")
 
 fig, (left, right) = plt.subplots(1, 2, figsize=(8.5, 3.4), layout="constrained")
 left.plot(fractions, affine, "o-", color="#D55E00", label="affine part $B_{aff}$")
@@ -153,8 +152,8 @@ right.plot(fractions, C_G / C_G[0] - 1, "o-", color="#009E73", label="$C_G$")
 right.set_ylabel("relative change")
 right.legend(frameon=False)
 for axes in (left, right):
-    axes.set_xlabel("part of the way to the first vanishing edge")
+    axes.set_xlabel("fraction of the limit, the first edge of zero length")
 plt.show()
 
 # %% [markdown]
-# So the family is a dial for lengths, at a bulk modulus that stays at its bound to all digits.
+# The family changes lengths at a bulk modulus that equals its bound to all digits.

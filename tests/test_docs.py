@@ -1,0 +1,157 @@
+"""The documents: code blocks run and print what the page shows, links lead somewhere, pages keep their length.
+
+A page is executed as one program, in an empty directory, with warnings as errors.  Fenced blocks by info string:
+
+    python FILE      written to FILE, before anything is executed
+    console          lines `$ critflow ...` are executed in turn and must succeed, or end in `# exit N`
+    python           executed after all commands, as one program for the page
+    output           the exact output of the `python` block before it
+    text, sh         not executed
+"""
+
+import re
+import shlex
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from workflows.pages.paper import EQUATIONS
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+LINES_OF_EXTENDING = 30
+LINES_OF_README = 120
+INFO_STRINGS = {"python", "output", "console", "text", "sh"}
+_MARK = "<<< next block >>>"
+
+
+class Block(NamedTuple):
+    kind: str
+    file: str
+    text: str
+    line: int
+
+
+def blocks(page: Path) -> list[Block]:
+    """The fenced code blocks of a page."""
+    found, current = [], None
+    for number, line in enumerate(page.read_text(encoding="utf-8").split("\n"), 1):
+        if current is None:
+            if opening := re.fullmatch(r"\s*```(\w*) ?(\S*)", line):
+                current = (opening[1], opening[2], [], number)
+        elif line.strip() == "```":
+            kind, file, lines, start = current
+            found.append(Block(kind, file, "\n".join(lines) + "\n", start))
+            current = None
+        else:
+            current[2].append(line)
+    assert current is None, f"{page.name}: a code block is not closed"
+    return found
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def executed(page: Path) -> list[Block]:
+    return [block for block in blocks(page) if block.kind in ("python", "console")]
+
+
+def run(words: list[str], folder: Path) -> subprocess.CompletedProcess:
+    """Run Python with warnings as errors in a folder."""
+    return subprocess.run([sys.executable, "-W", "error", *words], capture_output=True, text=True, cwd=folder)
+
+
+def run_command(line: str, folder: Path) -> None:
+    """Run one `$ critflow ...` line and compare its exit code with the one in its comment, 0 by default."""
+    command, _, comment = line.removeprefix("$ ").partition("#")
+    expected = int(comment.split()[1]) if comment.split()[:1] == ["exit"] else 0
+    words = shlex.split(command)
+    assert words[0] == "critflow", f"only critflow is executed in a console block, not {words[0]}: use a text block"
+    done = run(["-m", *words], folder)
+    assert done.returncode == expected, f"{command}: exit {done.returncode}\n{done.stdout}{done.stderr}"
+
+
+def run_python(page: Path, group: list[Block], folder: Path) -> list[str]:
+    """The output of each of these blocks, run as one program."""
+    program = folder / "page.py"
+    program.write_text(f"print({_MARK!r})\n".join(block.text for block in group), encoding="utf-8")
+    done = run([program.name], folder)
+    program.unlink()
+    assert done.returncode == 0, f"{name_of(page)}, blocks from line {group[0].line}:\n{done.stderr}"
+    return done.stdout.split(f"{_MARK}\n")
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if executed(page)], ids=name_of)
+def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path):
+    found = blocks(page)
+    for block in found:
+        if block.kind == "python" and block.file:
+            (tmp_path / block.file).write_text(block.text, encoding="utf-8")
+    for block in found:
+        if block.kind == "console":
+            for line in block.text.splitlines():
+                if line.startswith("$ "):
+                    run_command(line, tmp_path)
+    group = [block for block in found if block.kind == "python" and not block.file]
+    printed = dict(zip(group, run_python(page, group, tmp_path), strict=True)) if group else {}
+    for block, following in pairwise(found):
+        if following.kind == "output":
+            assert printed[block] == following.text, f"{name_of(page)}, line {block.line}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_block_says_how_it_is_used(page):
+    for block in blocks(page):
+        assert block.kind in INFO_STRINGS, f"{name_of(page)}, line {block.line}: ```{block.kind}"
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "workflows" / "notebooks" / "README.md"], ids=name_of)
+def test_relative_links_and_anchors_lead_somewhere(page):
+    prose = re.sub(r"^\s*```.*?^\s*```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose):
+        if re.match(r"https?://|mailto:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        file = (page.parent / path).resolve() if path else page
+        assert file.exists(), f"{name_of(page)}: {target}"
+        if anchor:
+            assert anchor in anchors(file), f"{name_of(page)}: {target}"
+
+
+def anchors(page: Path) -> set[str]:
+    """The anchors that GitHub gives to the headings of a page."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_every_page_is_in_the_contents():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    for page in PAGES[2:]:
+        if page.name != "index.md":
+            assert f"({page.relative_to(ROOT / 'docs')})" in index, f"{name_of(page)} is missing in docs/index.md"
+
+
+def test_the_readme_is_short_and_has_one_table():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= LINES_OF_README
+    assert len(re.findall(r"^\|[-| :]+\|$", text, flags=re.M)) == 1
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "extending").glob("*.md")), ids=name_of)
+def test_a_page_on_extending_is_short_and_runs(page):
+    assert len(page.read_text(encoding="utf-8").splitlines()) <= LINES_OF_EXTENDING
+    assert executed(page)
+
+
+def test_the_theory_page_names_the_functions_of_the_paper():
+    functions = {equation.label: equation.function for equation in EQUATIONS}
+    text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([^`]+)` \|.*\| `([^`]+)` \|$", text, flags=re.M)
+    assert len(rows) > 20
+    for label, function in rows:
+        assert functions[label] == function, label
