@@ -37,13 +37,13 @@ def dense_counts(network, x):
 
 
 def generic(network):
-    """Positions without any self-stress: those of a Voronoi tessellation have one, so they are moved."""
+    """Displaced positions without self-stress; those of a Voronoi tessellation have one."""
     return network.positions + 0.05 * np.random.default_rng(1).standard_normal(network.positions.shape)
 
 
 @pytest.mark.parametrize("make", [lambda: voronoi_network(40, seed=1), voronoi_3d], ids=["2D", "3D"])
-def test_a_voronoi_tessellation_is_in_balance(make):
-    # Maxwell: the Delaunay tessellation is its reciprocal figure, so the tessellation itself carries a self-stress.
+def test_voronoi_tessellation_has_a_self_stress(make):
+    # Maxwell: the Delaunay tessellation is its reciprocal figure, so the tessellation has a self-stress.
     network = make()
     solution = rigidity(network, network.positions)
     assert solution.status is Status.ok
@@ -67,7 +67,7 @@ def test_critical_configurations(name):
     assert counts.largest_zero < 1e-12 < 1e-4 < counts.smallest_nonzero
     S = counts.self_stresses
     np.testing.assert_allclose(S @ S.T, np.eye(len(S)), atol=1e-12)
-    # The stress that made it lies in the span, and each balances.
+    # The stress of the configuration lies in the span, and each self-stress is balanced.
     sigma = critical.sigma / np.linalg.norm(critical.sigma)
     assert np.linalg.norm(S @ sigma) == pytest.approx(1, rel=1e-10)
     for stress in S:
@@ -76,7 +76,7 @@ def test_critical_configurations(name):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_one_self_stress_that_stabilises(seed):
+def test_one_stabilising_self_stress(seed):
     network = voronoi_network(40, seed=seed)
     counts = rigidity(network, CriticalManifold(network).configuration(np.ones(60)).coordinates).value
     assert (counts.n_self_stresses, counts.n_zero_modes) == (1, 21)
@@ -105,7 +105,7 @@ def test_sparse_and_dense_counts_agree():
 
 
 @pytest.mark.parametrize("make", [lambda: voronoi_network(40, seed=1), voronoi_3d], ids=["2D", "3D"])
-def test_a_generic_embedding_is_floppy(make):
+def test_generic_embedding_is_floppy(make):
     network = make()
     solution = rigidity(network, generic(network))
     assert solution.status is Status.floppy
@@ -140,18 +140,18 @@ def test_linkage():
     straight = CriticalManifold(network).configuration([1.0, 2.0, 3.0])
     counts = rigidity(network, straight.coordinates)
     assert counts.status is Status.ok
-    # On a line: one self-stress, and two sideways motions that it stabilises.
+    # On a line: one self-stress, and two transverse modes that it stabilises.
     assert (counts.value.n_self_stresses, counts.value.n_zero_modes) == (1, 2)
     assert counts.value.prestress_stable
     bent = rigidity(network, network.positions)
     assert bent.status is Status.floppy
     assert bent.value.n_zero_modes == 1
-    # A branch point region: one bar pushes, balanced but unstable.
+    # Beyond a branch point: one bar compressed, balanced but unstable.
     pushed = CriticalManifold(network).configuration([1.0, 1.0, -0.6])
     assert not rigidity(network, pushed.coordinates).value.prestress_stable
 
 
-def test_counts_do_not_depend_on_where_the_network_lies():
+def test_counts_are_translation_invariant():
     network = voronoi_network(40, seed=1)
     x = CriticalManifold(network).configuration(np.ones(60)).coordinates
     counts = rigidity(network, x + np.array([0.3, -0.7]))
@@ -159,7 +159,7 @@ def test_counts_do_not_depend_on_where_the_network_lies():
     assert counts.value.n_self_stresses == 1
 
 
-def test_the_matrix_is_the_derivative_of_lengths():
+def test_rigidity_matrix_is_the_derivative_of_lengths():
     network = voronoi_3d()
     x = CriticalManifold(network).configuration(np.ones(network.n_edges)).coordinates
     R = rigidity_matrix(network, x).toarray()
@@ -172,11 +172,11 @@ def test_the_matrix_is_the_derivative_of_lengths():
     )
 
 
-def test_an_edge_without_length_is_a_status():
+def test_edge_without_length_has_a_status():
     network = Network([[0, 1], [1, 0], [0, 1]], [[0, 0], [1, 0], [0, 1]], np.eye(2))
     solution = rigidity(network, np.array([[0.0, 0.0], [0.0, 0.0]]))
     assert solution.status is Status.singular
-    assert "edge 0 has no length" in solution.note
+    assert "edge 0" in solution.note
 
 
 def test_certificate():
@@ -189,7 +189,7 @@ def test_certificate():
     assert certificate.rigid
 
 
-def test_a_forged_certificate_fails():
+def test_forged_certificate_fails():
     network = voronoi_network(100, seed=1)
     critical = critical_from_lengths(network, np.ones(150)).value
     x = critical.coordinates.copy()
@@ -202,7 +202,7 @@ def test_a_forged_certificate_fails():
 
 
 def square_lattice(n):
-    """n × n unit squares: each of the 2n closed lines carries a stress of its own and slides along itself."""
+    """n × n unit squares: each of the 2n closed lines has a self-stress and can slide."""
     column, row = (axis.ravel() for axis in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
     vertex, right, above = column * n + row, (column + 1) % n * n + row, column * n + (row + 1) % n
     edges = np.concatenate([np.stack([vertex, right], axis=1), np.stack([vertex, above], axis=1)])
@@ -239,7 +239,7 @@ CONFIGURATIONS = {
 
 
 @pytest.mark.parametrize("name", CONFIGURATIONS)
-def test_all_null_vectors_by_either_way(name):
+def test_null_vectors_dense_and_sparse(name):
     network, x = CONFIGURATIONS[name]()
     R, free = dense_matrix(network, x)
     counts, found = rigidity(network, x).value, zero_modes(network, x)
@@ -254,7 +254,7 @@ def test_all_null_vectors_by_either_way(name):
     np.testing.assert_allclose(flat @ flat.T, np.eye(n_modes), rtol=0, atol=1e-12)
     assert np.abs(everything[:, list(network.pins)]).max(initial=0.0) == 0.0
     assert np.abs(R @ everything[:, free].reshape(n_modes, -1).T).max(initial=0.0) < 1e-11
-    # What only the translations move is told apart: the others move nothing on average.
+    # Translations are separate; the other modes have zero mean.
     if not network.pins:
         assert np.abs(modes.modes.mean(axis=1)).max(initial=0.0) < 1e-13
         np.testing.assert_allclose(modes.trivial - modes.trivial[:, :1], 0.0)
@@ -271,7 +271,7 @@ def test_all_null_vectors_by_either_way(name):
 
 
 @pytest.mark.parametrize("name", ["voronoi, 450 edges", "triangular, 432 edges", "voronoi, 60 edges"])
-def test_counts_alone_need_no_vectors(name):
+def test_counts_without_vectors(name):
     network, x = CONFIGURATIONS[name]()
     full, counts = rigidity(network, x).value, rigidity(network, x, vectors=False).value
     assert (counts.n_self_stresses, counts.n_zero_modes) == (full.n_self_stresses, full.n_zero_modes)
@@ -281,15 +281,15 @@ def test_counts_alone_need_no_vectors(name):
 
 
 @pytest.mark.parametrize("n_vertices", [40, 300])
-def test_a_singular_value_near_the_tolerance_is_no_count(n_vertices):
+def test_singular_value_near_the_tolerance_has_a_status(n_vertices):
     network, x = critical_voronoi(n_vertices)
     # The least singular value grows in proportion to the distance from the manifold.
     away = 1e-3 * np.random.default_rng(3).standard_normal(x.shape)
-    slope = rigidity(network, x + away).value.smallest_nonzero
+    ratio = rigidity(network, x + away).value.smallest_nonzero
     for aim, expected in (
         (1e-9, Status.singular), (5e-7, Status.singular), (2e-6, Status.singular), (1e-4, Status.floppy),
     ):  # fmt: skip
-        moved = x + aim / slope * away
+        moved = x + aim / ratio * away
         solution = rigidity(network, moved)
         assert solution.status is expected
         near = (solution.value.largest_zero, solution.value.smallest_nonzero)
@@ -297,19 +297,18 @@ def test_a_singular_value_near_the_tolerance_is_no_count(n_vertices):
         assert (zero_modes(network, moved).status is Status.singular) == (expected is Status.singular)
         if expected is Status.singular:
             assert solution.value.prestress_stable is None
-            why = "neither zero to rounding" if aim < 1e-7 else "choose a tolerance inside a gap"
-            assert why in solution.note
+            assert ("rounding" if aim < 1e-7 else "gap") in solution.note
             assert rigidity(network, moved, tolerance=1e-4).status is Status.ok
-    # Whoever gives a tolerance means what lies below it.
-    near = x + 1e-9 / slope * away
+    # A tolerance given by the user decides.
+    near = x + 1e-9 / ratio * away
     assert rigidity(network, near, 1e-6).status is zero_modes(network, near, 1e-6).status is Status.ok
-    # Counts alone look upwards of the tolerance only.
-    assert rigidity(network, x + 2e-6 / slope * away, vectors=False).status is Status.singular
+    # Counts without vectors examine singular values above the tolerance only.
+    assert rigidity(network, x + 2e-6 / ratio * away, vectors=False).status is Status.singular
 
 
 @pytest.mark.parametrize("distance", [1e-9, -1e-9, 1e-11, -1e-11])
-def test_nearly_parallel_edges_are_not_counted_as_parallel(distance):
-    # Next to a singular P all edges are parallel but for this distance, and eight singular values are of its size.
+def test_nearly_parallel_edges_have_a_status(distance):
+    # Near a singular P all edges are parallel up to this distance, and eight singular values are of this order.
     network = voronoi_network(16, seed=0)
     sigma, g = np.ones(network.n_edges), network.free_incidence.toarray()
     resistance = g[5] @ np.linalg.solve(g.T @ g, g[5])
@@ -317,12 +316,12 @@ def test_nearly_parallel_edges_are_not_counted_as_parallel(distance):
     critical = CriticalManifold(network).configuration(sigma)
     counts = rigidity(network, critical.coordinates)
     assert counts.status is Status.singular
-    assert "neither zero to rounding" in counts.note
+    assert "rounding" in counts.note
     assert not certify(critical).rigid
 
 
-def test_a_stress_that_mostly_pushes_may_stabilise():
-    # A string from a pin to a vertex that two steep struts hold: 2·0.1·5 = 1 balances it, and 1 + 1 − 5 − 5 < 0.
+def test_compressive_stress_may_stabilise():
+    # A string from a pin to a vertex on two steep struts: balance by 2·0.1·5 = 1, and 1 + 1 − 5 − 5 < 0.
     pins = {0: [0.0, 0.0], 3: [1.9, 1.0], 4: [1.9, -1.0]}
     network = Network([[0, 1], [1, 2], [2, 3], [2, 4]], pins=pins)
     x = np.array([pins[0], [1, 0], [2, 0], pins[3], pins[4]], float)
@@ -332,28 +331,28 @@ def test_a_stress_that_mostly_pushes_may_stabilise():
     np.testing.assert_allclose(counts.self_stresses[0], np.array([1, 1, -5, -5]) / np.sqrt(52), rtol=0, atol=1e-12)
 
 
-def test_what_does_not_fit_in_memory_is_refused_by_name():
+def test_vectors_beyond_memory_raise():
     wide = honeycomb_network(60, 60)
-    with pytest.raises(InputError, match=r"3599 zero modes .* GB, more than is made here: rigidity\(\) counts them"):
+    with pytest.raises(InputError, match="3599"):
         zero_modes(wide, wide.positions)
     assert rigidity(wide, wide.positions).value.n_zero_modes == 3601
     network, x = triangular_lattice(60, 60)
-    with pytest.raises(InputError, match=r"3602 self-stresses .* vectors=False counts them"):
+    with pytest.raises(InputError, match="3602"):
         rigidity(network, x)
     assert rigidity(network, x, vectors=False).value.n_self_stresses == 3602
 
 
-def test_bad_input_is_refused():
+def test_bad_input_raises():
     network = three_bar_linkage()
     for bad in (network.positions[:3], np.full((4, 2), np.nan)):
-        with pytest.raises(InputError, match="coordinates must be finite and of shape"):
+        with pytest.raises(InputError, match="coordinates"):
             rigidity(network, bad)
-        with pytest.raises(InputError, match="coordinates must be finite and of shape"):
+        with pytest.raises(InputError, match="coordinates"):
             zero_modes(network, bad)
-    with pytest.raises(InputError, match="tolerance must be positive"):
+    with pytest.raises(InputError, match="positive"):
         rigidity(network, network.positions, tolerance=0.0)
     large, x = critical_voronoi(300)
-    with pytest.raises(InputError, match="raise the tolerance"):
+    with pytest.raises(InputError, match="tolerance"):
         rigidity(large, x, tolerance=1e-9)
 
 
@@ -361,11 +360,11 @@ def test_zero_modes_of_an_edge_without_length():
     network = Network([[0, 1], [1, 0], [0, 1]], [[0, 0], [1, 0], [0, 1]], np.eye(2))
     solution = zero_modes(network, np.zeros((2, 2)))
     assert solution.status is Status.singular
-    assert "edge 0 has no length" in solution.note
+    assert "edge 0" in solution.note
 
 
-def test_a_certificate_with_several_self_stresses():
-    # The square lattice has one self-stress a line; with the uniform tension of all lines it is rigid.
+def test_certificate_with_several_self_stresses():
+    # The square lattice has one self-stress per line; with uniform tension on all lines it is rigid.
     n = 4
     critical = CriticalManifold(square_lattice(n)[0]).configuration(np.ones(2 * n * n))
     certificate = certify(critical)

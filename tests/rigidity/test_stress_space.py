@@ -1,4 +1,4 @@
-"""All stresses of a configuration: dimension by counting, and that they all lead where they should."""
+"""The space of stresses of a configuration: dimension by counting, and the configuration of its members."""
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def test_generic_underconstrained_networks_are_one_to_one(name):
 
 
 @pytest.mark.parametrize("name", OVERCONSTRAINED)
-def test_many_stresses_lead_to_one_configuration(name):
+def test_many_stresses_of_one_configuration(name):
     network = with_random_stiffness(OVERCONSTRAINED[name](), 4)
     manifold = CriticalManifold(network)
     critical = manifold.configuration(random_stress(network.n_edges, 5))
@@ -84,7 +84,7 @@ def test_many_stresses_lead_to_one_configuration(name):
         assert space.distance(other) < 1e-11
         there = manifold.configuration(other)
         np.testing.assert_allclose(there.bond_vectors, critical.bond_vectors, rtol=0, atol=1e-10)
-    # And no other stress does: a step out of the space moves the configuration in proportion.
+    # A step out of the space changes the configuration in proportion.
     away = rng.standard_normal(network.n_edges)
     away -= (space.basis @ away) @ space.basis
     moved = [
@@ -95,7 +95,7 @@ def test_many_stresses_lead_to_one_configuration(name):
     assert moved[1] / moved[0] == pytest.approx(2, rel=0.02)
 
 
-def test_the_walk_keeps_the_configuration_and_balances():
+def test_steps_in_the_space_preserve_configuration_and_balance():
     critical = CriticalManifold(triangular_network(3, 3)).configuration(random_stress(27, 2))
     space = stresses_of(critical).value
     amplitudes = np.random.default_rng(3).standard_normal(space.dimension)
@@ -111,12 +111,12 @@ def test_the_walk_keeps_the_configuration_and_balances():
     ids=["square", "kagome", "kagome, 648 edges", "square, 800 edges"],
 )
 def test_stresses_of_straight_lines(network, dimension):
-    # One for each line, found also where many more than the counts demand are to be found.
+    # One per line, also where there are many more than the counts require.
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     space = stresses_of(critical)
     assert space.status is Status.ok
     assert space.value.dimension == dimension
-    # Another tension on one line of edges along the first cell vector is among them.
+    # The space contains another tension on one line of edges parallel to the first cell vector.
     row = np.flatnonzero(np.abs(critical.bond_vectors[:, 1]) < 1e-9)
     height = critical.coordinates[network.edges[row, 0], 1]
     line = row[np.abs(height - height[0]) < 1e-9]
@@ -128,8 +128,8 @@ def test_stresses_of_straight_lines(network, dimension):
 
 
 @pytest.mark.parametrize("name", OVERCONSTRAINED)
-def test_the_modulus_is_the_largest_that_a_stress_of_the_space_gives(name):
-    """μ = max over σ in the space of (σ·ḣ)²/(V σᵀK⁻¹σ): one stress alone gives too little."""
+def test_modulus_is_the_maximum_over_the_space(name):
+    """μ = max over σ in the space of (σ·ḣ)²/(V σᵀK⁻¹σ): a single stress gives less."""
     network = with_random_stiffness(OVERCONSTRAINED[name](), 4)
     if network.cell is None:
         network = Network(network.edges, network.offsets, 9.0 * np.eye(2), network.stiffness, network.pins)
@@ -149,7 +149,7 @@ def test_the_modulus_is_the_largest_that_a_stress_of_the_space_gives(name):
     assert modulus.evaluate(one.sigma, L)[0] < 0.9 * most
 
 
-def test_one_stress_gives_the_modulus_where_there_is_one():
+def test_modulus_of_a_unique_stress():
     network = voronoi_network(40, seed=1)
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
     assert stresses_of(critical).value.one_to_one
@@ -158,7 +158,7 @@ def test_one_stress_gives_the_modulus_where_there_is_one():
     )
 
 
-def test_an_edge_between_pins_carries_any_stress():
+def test_edge_between_pins_has_any_stress():
     network = Network([[0, 1], [1, 2], [2, 3], [0, 3]], pins={0: [0.0, 0.0], 3: [3.0, 0.0]})
     critical = CriticalManifold(network).configuration([1, 2, 3, 4])
     space = stresses_of(critical).value
@@ -166,7 +166,7 @@ def test_an_edge_between_pins_carries_any_stress():
     assert space.distance([1, 2, 3, -7]) < 1e-12
 
 
-def test_what_has_no_direction_or_no_stress_says_so():
+def test_degenerate_edges_and_stresses_have_a_status():
     network = three_bar_linkage()
     straight = CriticalManifold(network).configuration([1, 2, 3])
     x = straight.coordinates.copy()
@@ -182,19 +182,19 @@ def test_what_has_no_direction_or_no_stress_says_so():
 def test_bad_input():
     critical = CriticalManifold(square_octagon()).configuration(np.ones(6))
     space = stresses_of(critical).value
-    with pytest.raises(InputError, match="which is no stress"):
+    with pytest.raises(InputError, match="stress"):
         space.distance(np.zeros(6))
-    with pytest.raises(InputError, match="one value per edge"):
+    with pytest.raises(InputError, match="edge"):
         space.distance(np.ones(5))
     for amplitudes in ([0.0], [np.nan], [1.0, 2.0]):
-        with pytest.raises(InputError, match="finite amplitudes"):
+        with pytest.raises(InputError, match="finite"):
             space.walk(amplitudes)
 
 
-# What one stress cannot tell where a configuration has several
+# Several self-stresses: moduli of one stress are undefined
 
 
-def test_moduli_of_one_stress_are_refused_where_there_are_several():
+def test_moduli_of_several_self_stresses_raise():
     network = triangular_network(4, 4)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     for ask in (
@@ -202,11 +202,11 @@ def test_moduli_of_one_stress_are_refused_where_there_are_several():
         lambda: stiffening(network, critical),
         lambda: optimize(network, "shear_modulus"),
     ):
-        with pytest.raises(InputError, match=r"holds for one self-stress and the network has at least 18: "):
+        with pytest.raises(InputError, match="one self-stress"):
             ask()
 
 
-def test_the_stiffest_overconstrained_configuration_is_still_found():
+def test_stiffest_overconstrained_configuration():
     # The true modulus is the largest single-stress value over the stresses of a configuration; σ = k has it.
     network = triangular_network(4, 4)
     solution = optimize(network, "bulk_modulus")

@@ -30,23 +30,23 @@ def by_eigenvalues(corners):
 
 
 @pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 12])
-def test_regular_polygons_have_none(n):
+def test_regular_polygons_have_zero_anisotropy(n):
     angle = 2 * np.pi * np.arange(n) / n + 0.3
     assert kappa(np.stack([np.cos(angle), np.sin(angle)], axis=1)) == pytest.approx(0, abs=1e-28)
 
 
-def test_lines_have_all():
+def test_lines_have_unit_anisotropy():
     assert kappa([[0, 0], [1, 2], [3, 6]]) == pytest.approx(1, rel=1e-12)
     assert kappa([[0, 0], [1, 0]]) == 1
 
 
-def test_a_rectangle_by_hand():
+def test_anisotropy_of_a_rectangle():
     # λ² ∝ a² and b²: κ = ((a² − b²)/(a² + b²))².
     assert kappa([[0, 0], [3, 0], [3, 1], [0, 1]]) == pytest.approx((8 / 10) ** 2, rel=1e-13)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_eigenvalue_formula_and_its_symmetries(seed):
+def test_eigenvalue_formula_and_symmetries(seed):
     rng = np.random.default_rng(seed)
     corners = rng.standard_normal((3 + seed, 2))
     value = kappa(corners)
@@ -58,7 +58,7 @@ def test_the_eigenvalue_formula_and_its_symmetries(seed):
         assert kappa(other) == pytest.approx(value, rel=1e-10)
 
 
-def test_many_polygons_at_once():
+def test_vectorised_anisotropy():
     rng = np.random.default_rng(1)
     polygons = [rng.standard_normal((n, 2)) for n in (3, 6, 4, 9)]
     starts = np.cumsum([0, *map(len, polygons)])
@@ -66,7 +66,7 @@ def test_many_polygons_at_once():
     np.testing.assert_allclose(found, [by_eigenvalues(p) for p in polygons], rtol=1e-10)
 
 
-def test_a_point_has_no_shape():
+def test_point_has_no_shape():
     assert np.isnan(kappa(np.zeros((3, 2))))
 
 
@@ -92,11 +92,11 @@ def test_square_octagon_faces():
     network = square_octagon(2.0, 2.0)
     critical = CriticalManifold(network).configuration(np.ones(6))
     critical = CriticalManifold(with_faces(network, critical.bond_vectors)).configuration(np.ones(6))
-    # Square and octagon each look the same turned by a right angle.
+    # Square and octagon are symmetric under rotation by a right angle.
     np.testing.assert_allclose(face_anisotropy(critical), 0, atol=1e-24)
 
 
-def test_force_triangles_close_and_follow_the_eigenvalue_formula():
+def test_force_triangles_by_the_eigenvalue_formula():
     network = voronoi_network(60, seed=2)
     critical = CriticalManifold(network).configuration(random_stress(90, 1))
     found = force_anisotropy(critical)
@@ -110,11 +110,11 @@ def test_force_triangles_close_and_follow_the_eigenvalue_formula():
             if head == vertex:
                 pulls.append(-force)
         np.testing.assert_allclose(np.sum(pulls, axis=0), 0, atol=1e-12)
-        # Three sides make one triangle, whatever their order.
+        # Three sides form one triangle in any order.
         assert found[vertex] == pytest.approx(by_eigenvalues(np.cumsum(pulls, axis=0)), rel=1e-8)
 
 
-def test_force_polygons_of_pinned_networks_are_those_of_free_vertices():
+def test_force_polygons_of_pinned_networks():
     network = pinned_grid()
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
     found = force_anisotropy(critical)
@@ -123,7 +123,7 @@ def test_force_polygons_of_pinned_networks_are_those_of_free_vertices():
         ends = [(e, 1.0) for e in np.flatnonzero(network.edges[:, 0] == vertex)]
         ends += [(e, -1.0) for e in np.flatnonzero(network.edges[:, 1] == vertex)]
         pulls = np.array([s * critical.sigma[e] * critical.bond_vectors[e] for e, s in ends])
-        # Four sides in order of their angles make the convex polygon.
+        # Four sides ordered by angle form the convex polygon.
         pulls = pulls[np.argsort(np.arctan2(pulls[:, 1], pulls[:, 0]))]
         assert value == pytest.approx(by_eigenvalues(np.cumsum(pulls, axis=0)), rel=1e-8)
 
@@ -137,9 +137,9 @@ def test_variances_by_their_formulas():
         assert found == pytest.approx(np.mean(values**2) / np.mean(values) ** 2 - 1, rel=1e-12)
 
 
-def test_what_has_no_faces_says_so():
+def test_networks_without_faces_raise():
     solid = CriticalManifold(voronoi_3d()).configuration(np.ones(voronoi_3d().n_edges))
     with pytest.raises(InputError, match="planar_faces"):
         face_anisotropy(solid)
-    with pytest.raises(InputError, match="two dimensions"):
+    with pytest.raises(InputError, match="dimensions"):
         force_anisotropy(solid)

@@ -1,4 +1,4 @@
-"""Only one self-stress: shown by directions around vertices, against counts by singular values."""
+"""Uniqueness of the self-stress by directions around vertices, against counts by singular values."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from critflow.rigidity.uniqueness import only_self_stress
 
 
 def subdivided_square(n):
-    """A square lattice with a vertex in the middle of each edge: one self-stress a line, and no more edges than 2 N_v.
+    """A square lattice with a vertex in the middle of each edge: one self-stress per line, at most 2 N_v edges.
 
     Every line of length n has 2n springs: B = 2n (n/2)²/(2n)/n² = ¼, G = 0.
     """
@@ -34,7 +34,7 @@ def subdivided_square(n):
 
 
 def lines(n):
-    """A different stress on every line of it."""
+    """The subdivided square with a different stress on every line."""
     network = subdivided_square(n)
     line = np.linspace(0.5, 1.5, 2 * n)
     column, row = np.divmod(np.arange(n * n), n)
@@ -43,35 +43,35 @@ def lines(n):
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
-def test_self_stresses_that_counting_edges_does_not_show_are_refused(n):
+def test_hidden_self_stresses_raise(n):
     critical = lines(n)
     assert critical.network.n_edges - 2 * len(critical.network.free) <= 2
     assert not only_self_stress(critical)
     for ask in (transition_moduli, lambda critical: stiffening(critical.network, critical)):
-        with pytest.raises(InputError, match=r"one self-stress and the (configuration has \d|network has at least 2)"):
+        with pytest.raises(InputError, match="one self-stress"):
             ask(critical)
     assert elastic_moduli(critical.network, critical.coordinates).value.bulk == pytest.approx(0.25, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", NETWORKS)
 @pytest.mark.parametrize("seed", [1, 2])
-def test_what_is_shown_agrees_with_the_count(name, seed):
+def test_criterion_agrees_with_the_count(name, seed):
     network = NETWORKS[name]()
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
-    if only_self_stress(critical):
-        assert rigidity(network, critical.coordinates).value.n_self_stresses == 1
+    count = rigidity(network, critical.coordinates).value.n_self_stresses
+    assert only_self_stress(critical) == (count == 1)
 
 
 @pytest.mark.parametrize("make", [lambda: voronoi_network(60, seed=1), voronoi_3d], ids=["2D", "3D"])
-def test_standard_networks_need_no_count(make):
+def test_standard_networks_satisfy_the_criterion(make):
     network = make()
     for signs in (1.0, np.where(np.arange(network.n_edges) % 7, 1.0, -0.1)):
         sigma = signs * random_stress(network.n_edges, 3)
         assert only_self_stress(CriticalManifold(network).configuration(sigma))
 
 
-def test_slack_edges_carry_nothing():
-    """Also where several meet and none of their neighbours is stressed."""
+def test_slack_edges_add_no_self_stress():
+    """Also where several slack edges meet and none of their neighbours is stressed."""
     network = voronoi_network(300, seed=1)
     lengths = np.maximum(1 + 0.4 * np.random.default_rng(1).standard_normal(network.n_edges), 0.05)
     critical = critical_from_lengths(network, lengths, throw=False).value
@@ -82,7 +82,7 @@ def test_slack_edges_carry_nothing():
     assert rigidity(network, critical.coordinates).value.n_self_stresses == 1
 
 
-def test_two_stresses_apart_are_not_one():
+def test_disjoint_self_stresses_are_two():
     """Chains between pins: each is in balance alone, and no free vertex is shared."""
     pins = {0: [0, 0], 2: [2, 0], 3: [0, 1], 5: [2, 1]}
     network = Network([[0, 1], [1, 2], [3, 4], [4, 5]], pins=pins)
@@ -92,20 +92,20 @@ def test_two_stresses_apart_are_not_one():
     assert only_self_stress(CriticalManifold(one).configuration([1.0, 2.0]))
 
 
-def test_directions_that_differ_by_their_errors_alone_do_not_count():
+def test_directions_within_their_errors_are_parallel():
     critical = CriticalManifold(voronoi_network(40, seed=1)).configuration(np.ones(60))
     assert only_self_stress(critical)
     blurred = CriticalConfiguration(
         critical.network, critical.sigma, critical.coordinates, critical.bond_vectors, 0.1, 0.5 * critical.lengths
     )
     assert not only_self_stress(blurred)
-    # The count settles it.
+    # The count decides.
     assert transition_moduli(blurred) == transition_moduli(critical)
 
 
-def test_where_rounding_hides_the_count_it_says_so():
+def test_ambiguous_count_raises():
     critical = lines(2)
     moved = critical.coordinates + 1e-9 * np.random.default_rng(0).standard_normal(critical.coordinates.shape)
     blurred = CriticalConfiguration(critical.network, critical.sigma, moved, critical.network.bond_vectors(moved))
-    with pytest.raises(InputError, match="rounding hides how many"):
+    with pytest.raises(InputError, match="rounding"):
         transition_moduli(blurred)
