@@ -1,11 +1,11 @@
 """The critical manifold as a surface in the space of h = |L|²/2: chart, metric and curvature, at any size.
 
-The surface is h(σ) (`SelfStressParamaterization_Lsqr`).  Stress is normal to it, and B = ∂h/∂σ holds the rest:
+The surface is h(σ) (`SelfStressParamaterization_Lsqr`).  Stress is normal to it, and B = ∂h/∂σ gives the rest:
 tangents B V, metric VᵀB²V and second fundamental form −VᵀB V/|σ| in any chart σ(s) with V = ∂σ/∂s (`TangentSpace`,
 `Metric`, `2FF`).  The sign is that of Σ_α σ_α ∂²h_α/∂s∂s/|σ|, since σᵀB = 0 gives σᵀ∂B = −B; the paper prints the
 opposite one.
 
-In a chart about the point itself V is an orthonormal basis of σ^⊥, and −VᵀBV x = κ|σ| VᵀB²V x makes the principal
+In a chart about the point V is an orthonormal basis of σ^⊥, and −VᵀBV x = κ|σ| VᵀB²V x makes the principal
 directions eigenvectors of B and the radii of curvature 1/κ the eigenvalues of −|σ|B on σ^⊥.  B has rank N_b − 1 where
 there is one self-stress and P is definite; then all radii are positive and the manifold is convex.  B and its inverse
 on σ^⊥ are sparse solves, so that neither N_b × N_b matrices nor generalised eigenproblems are needed.
@@ -21,7 +21,8 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.tolerances import COLLAPSED, CURVATURE_ERROR, DENSE_BYTES, SOFTNESS
 from critflow.linalg.factor import Factor
 from critflow.linalg.matrices import edge_blocks
 from critflow.linalg.tolerances import EPS
@@ -29,20 +30,14 @@ from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, edge_values
 from critflow.result import InputError, Solution, Stats, Status
 
-# Largest dense matrix that is made when asked for, in bytes: 10,000 rows and columns take 0.8 GB.
-DENSE_LIMIT = 10**9
-
-# Softness of the edges, relative to that of the prestress, at which determinants are extrapolated to zero.
-_SOFT = 1e-6
-
 
 def dense(operator: LinearOperator) -> Array:
     """The matrix of an operator, column by column; raises `InputError` where it would take more than a gigabyte."""
     rows, columns = operator.shape
-    if 8 * rows * columns > DENSE_LIMIT:
+    if 8 * rows * columns > DENSE_BYTES:
         raise InputError(
             f"a dense {rows} × {columns} matrix takes {8e-9 * rows * columns:.3g} GB: apply the operator instead, or "
-            "ask for a few principal curvatures"
+            "request a few principal curvatures"
         )
     return operator @ np.eye(columns)
 
@@ -171,7 +166,8 @@ class PrincipalCurvatures:
 
     radii       1/κ, eigenvalues of −|σ|B on σ^⊥, in units of h
     directions  (n, N_b) unit vectors: principal directions among the h, and the stresses that move along them
-    residuals   |−|σ|B w − w/κ| κ of each, or of the inverse: bounds of the relative errors
+    residuals   |−|σ|B w − w/κ| κ of each, or of the inverse.  Error bound (proof up to the rounding of the products):
+                an eigenvalue of a symmetric operator lies within this relative distance
     """
 
     radii: Array
@@ -190,7 +186,7 @@ def principal_curvatures(
     k: int | None = None,
     end: str = "flat",
     *,
-    tolerance: float = 1e-8,
+    tolerance: float = CURVATURE_ERROR,
     throw: bool = True,
 ) -> Solution[PrincipalCurvatures]:
     """Principal curvatures at a stress (N_b,): all N_b − 1 by dense matrices, or the k at one end by sparse solves.
@@ -227,7 +223,7 @@ def principal_curvatures(
 
 _NOTES = {
     Status.edge_collapse: "an edge without length leaves the manifold no tangent plane here: move the stress away",
-    Status.stalled: "some curvatures are infinite, as with several self-stresses, or lost in rounding: ask for a few "
+    Status.stalled: "some curvatures are infinite, as with several self-stresses, or below rounding: request a few "
     "at the flat end",
 }
 
@@ -291,11 +287,13 @@ class GaussianCurvature:
 def gaussian_curvature(
     manifold: CriticalManifold, sigma: ArrayLike, *, throw: bool = True
 ) -> Solution[GaussianCurvature]:
-    """K = 1/det(−|σ|B on σ^⊥) at a stress (N_b,), by sparse factors alone; `stats.residual` bounds the error of log|K|.
+    """K = 1/det(−|σ|B on σ^⊥) at a stress (N_b,), by sparse factors.
 
     Edges of softness δ add RᵀR/δ to the prestress, and det(P⊗1 + RᵀR/δ)/det(P⊗1) = Π(r_i + δ)/δ^(N_b − 1) with the
     radii r_i, σ giving a factor of one: log K follows by extrapolation to δ = 0.  Inertia counts the signs: negative
     curvatures and negative directions of the stiffened matrix together are the d times those of P.
+
+    Error bound (estimate): `stats.residual`, the last step of the extrapolation plus the rounding of determinants.
     """
     network = manifold.network
     found = manifold.solve(sigma)
@@ -305,14 +303,14 @@ def gaussian_curvature(
     stress, L, n = found.value.sigma, found.value.bond_vectors, network.n_edges
     prestress = manifold.prestress.factorize(stress)
     pattern = manifold.hessian
-    softness = _SOFT * float(np.mean(L**2) / np.mean(np.abs(stress)))
+    softness = SOFTNESS * float(np.mean(L**2) / np.mean(np.abs(stress)))
     logs = []
     for soft in softness * np.array([1.0, 2.0, 4.0]):
         stiffened = pattern.factorize(edge_blocks(np.full(n, 1 / soft), L, stress))
         logs.append(_log_size(stiffened) - network.dimension * _log_size(prestress) + (n - 1) * np.log(soft))
-    # Values at δ, 2δ and 4δ cancel the first two orders; the step between the orders bounds what is left.
+    # Values at δ, 2δ and 4δ cancel the first two orders; the difference of the orders estimates the remainder.
     linear, quadratic = 2 * logs[0] - logs[1], (8 * logs[0] - 6 * logs[1] + logs[2]) / 3
-    rounding = 4 * EPS / _SOFT * np.sqrt(n)
+    rounding = 4 * EPS / SOFTNESS * np.sqrt(n)
     value = GaussianCurvature(
         float(-quadratic - (n - 1) * np.log(np.linalg.norm(stress))),
         network.dimension * prestress.n_negative - stiffened.n_negative,

@@ -5,7 +5,7 @@ Force balance gᵀ(σ ∘ L) = 0 is linear in the coordinates, P x = −gᵀ(σ 
 signs its inertia separates the sheets of the manifold, and a singular P has no configuration.
 
 `balance` is the plain solve inside every optimisation.  `solve` refines it and bounds its error; where rounding may
-have taken all digits it says so instead of giving numbers.
+have taken all digits it returns a status in place of numbers.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
+from critflow.critical.tolerances import COLLAPSED, CONDENSED_EDGES, SCALED
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
@@ -28,15 +29,6 @@ from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
-# An edge shorter than this part of the mean length counts as collapsed.
-COLLAPSED = 1e-8
-
-# From so many edges on systems of stresses and displacements are cheaper condensed.
-_CONDENSED = 100_000
-
-# A stress with Σσ² = N_b to so much counts as scaled.
-_SCALED = 4e-15
-
 
 @dataclass(frozen=True, eq=False)
 class CriticalConfiguration:
@@ -44,9 +36,9 @@ class CriticalConfiguration:
 
     σ is the force density (tension per length) with Σσ² = N_b; it is defined up to that scale.
 
-    error_bound  bound on the error of every coordinate, against the exact configuration of the stress that was given,
-                 before it was scaled; NaN where none is known
-    bond_errors  (N_b,) bounds on |δL_α| likewise: L is known relative to its own length, not to that of the cell
+    error_bound  bound on the error of every coordinate, against the exact configuration of the given stress before
+                 scaling; NaN if unknown.  A proof for stresses of one sign, else an estimate (`Refined`)
+    bond_errors  (N_b,) bounds on |δL_α| likewise, relative to the length of the edge and not of the cell
     """
 
     network: Network
@@ -95,16 +87,16 @@ def critical_configuration(network: Network, sigma: Array, coordinates: Array) -
 
 
 def _scaled(stress: Array) -> Extended:
-    """A stress (N_b,), of any size, to Σσ² = N_b, and what rounding that takes away; a scaled one stays as it is."""
+    """A stress (N_b,) of any size scaled to Σσ² = N_b, with the rounding of the product; no change if it is scaled."""
     power = int(np.frexp(np.abs(stress).max())[1])
     whole = np.ldexp(stress, -power)
     scale = np.sqrt(len(stress) / np.sum(whole**2))
     half = np.ldexp(0.5, power)
-    return two_product(whole, 2 * half if abs(0.5 * scale - half) < _SCALED * half else scale)
+    return two_product(whole, 2 * half if abs(0.5 * scale - half) < SCALED * half else scale)
 
 
 def require_one_self_stress(network: Network, instead: str) -> None:
-    """Refuse networks whose counts alone give several self-stresses, N_s ≥ N_b − d n_free > 1."""
+    """Raise `InputError` for networks with several self-stresses by their counts, N_s ≥ N_b − d n_free > 1."""
     certain = network.n_edges - network.dimension * len(network.free)
     if certain > 1:
         raise InputError(f"this holds for one self-stress and the network has at least {certain}: {instead}")
@@ -152,11 +144,11 @@ class Balance:
 class CriticalManifold:
     """The map σ → configuration of one network, its pull-back and its tangents.
 
-    It also keeps the symbolic analysis of the network's other matrices, made when first asked for; functions that
-    take a network and a manifold alike are faster with the manifold when they are called more than once.
+    It also owns the patterns of the other matrices of the network, each made at its first use.  Functions that accept
+    a network or a manifold reuse them, and are faster with the manifold from the second call on.
 
     prestress  the pattern of P
-    backend    sparse solver of all of them (`critflow.linalg.backends`)
+    backend    sparse solver of all matrices (`critflow.linalg.backends`)
     """
 
     def __init__(self, network: Network, backend: str = "auto"):
@@ -169,7 +161,7 @@ class CriticalManifold:
         ]
         for load in self._load:
             load.eliminate_zeros()
-        self._check_held()
+        self._check_supported()
 
     @classmethod
     def of(cls, network: Network | CriticalManifold) -> CriticalManifold:
@@ -178,7 +170,7 @@ class CriticalManifold:
 
     @cached_property
     def saddle(self) -> Saddle:
-        """Systems of stresses and displacements together."""
+        """Systems of stresses and displacements, for stresses of any sign."""
         return Saddle(self.network, self.backend)
 
     @cached_property
@@ -188,7 +180,7 @@ class CriticalManifold:
 
     def system(self, sigma: Array) -> Saddle | CondensedSaddle:
         """Systems of stresses and displacements in the form that is cheaper for σ (N_b,)."""
-        if self.network.n_edges >= _CONDENSED and positive(sigma):
+        if self.network.n_edges >= CONDENSED_EDGES and positive(sigma):
             return self.condensed
         return self.saddle
 
@@ -199,34 +191,34 @@ class CriticalManifold:
 
     @cached_property
     def refinement(self) -> Refinement:
-        """Corrects configurations to the last digit and bounds what is left."""
+        """Refines configurations to the last digit and bounds their errors."""
         return Refinement(self.network)
 
     def configuration(self, sigma: ArrayLike, throw: bool = True) -> CriticalConfiguration:
-        """The configuration x(σ) in balance under σ (`SelfStressParamaterization_coords`); σ of any sign.
+        """The configuration x(σ) in balance under σ (N_b,) of any sign (`SelfStressParamaterization_coords`).
 
-        Raises `NetworkError` for a σ that is not finite or wrongly sized, `SolveError` where P(σ) is singular or too
-        near it for any digit to be certain.
+        Raises `NetworkError` for a σ that is not finite or of another shape, `SolveError` where P(σ) is singular or so
+        nearly singular that no digit is certain.
         """
         return self.solve(sigma, throw).value
 
     def solve(self, stress: ArrayLike, throw: bool = False) -> Solution[CriticalConfiguration]:
         """As `configuration`, with status, number of negative pivots, Skeel's condition and bounds on all errors.
 
-        Coordinates are NaN where P is singular (`Status.singular`), or so near it, or its entries so far apart, that
-        rounding may have taken every digit (`Status.ill_conditioned`).
+        Coordinates are NaN where P is singular (`Status.singular`), and where rounding may have taken every digit
+        because P is nearly singular or its entries span too many decades (`Status.ill_conditioned`).
         """
         given = edge_values(stress, self.network.n_edges, "sigma", positive=False)
         if not given.any():
             raise NetworkError("sigma is zero on every edge: give each edge a force density, positive for tension")
-        # The balance is that of the stress as given: scaling rounds it, and a nearly singular P would show that.
+        # The balance is that of the given stress: scaling rounds it, and a nearly singular P magnifies that rounding.
         exact = _scaled(given)
         sigma = exact.high
         balance = self.balance(sigma)
         n_negative, status = balance.factor.n_negative, Status.ok
         refined = self.refinement(exact, balance.factor, balance.coordinates)
         if not refined.certain:
-            refined, n_negative, status = self._beside(exact, refined)
+            refined, n_negative, status = self._solve_shifted(exact, refined)
         x = self.network.all_coordinates(refined.x)
         if status is not Status.ok:
             x[:] = np.nan
@@ -243,13 +235,13 @@ class CriticalManifold:
         solution = Solution(value, status, stats)
         return solution.or_raise("no configuration for this stress") if throw else solution
 
-    def _beside(self, sigma: Extended, failed: Refined) -> tuple[Refined, int, Status]:
-        """What P + δ as a factor of P makes of a stress, the negative pivots and the status, where P itself fails.
+    def _solve_shifted(self, sigma: Extended, failed: Refined) -> tuple[Refined, int, Status]:
+        """The configuration by a factor of P + δ, its negative pivots and status, where a factor of P fails.
 
-        A pivot may vanish though no eigenvalue does, if the signs are mixed.
+        With mixed signs a pivot may vanish without a vanishing eigenvalue.
         """
         stress, refined = sigma.high, failed
-        status = Status.ill_conditioned if self._tied(stress) else Status.singular
+        status = Status.ill_conditioned if self._connected(stress) else Status.singular
         n_negative = 0 if (stress >= 0).all() else len(self.network.free)
         if (stress > 0).any() and (stress < 0).any():
             above, regular, n_negative = self.prestress.factorize_shifted(stress)
@@ -259,11 +251,11 @@ class CriticalManifold:
                 status = Status.singular
         if refined.certain:
             return refined, n_negative, Status.ok
-        nothing, lost = np.full_like(self._b, np.nan), np.full_like(refined.x, np.nan)
-        return replace(refined, x=lost, L=nothing, error=np.nan, L_errors=nothing[:, 0]), n_negative, status
+        nothing, unknown = np.full_like(self._b, np.nan), np.full_like(refined.x, np.nan)
+        return replace(refined, x=unknown, L=nothing, error=np.nan, L_errors=nothing[:, 0]), n_negative, status
 
-    def _tied(self, sigma: Array) -> bool:
-        """Whether edges with a stress join every vertex to a fixed one."""
+    def _connected(self, sigma: Array) -> bool:
+        """Whether stressed edges connect every vertex to a fixed one."""
         fixed = np.setdiff1d(np.arange(self.network.n_vertices), self.network.free)
         joined = [*self.network.edges[sigma != 0].T, fixed[:-1], fixed[1:]]
         ends = np.concatenate(joined[::2]), np.concatenate(joined[1::2])
@@ -297,14 +289,14 @@ class CriticalManifold:
         n = self.network.n_edges
         return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
 
-    def _check_held(self) -> None:
-        """Refuse networks with parts that collapse under every stress: nothing pulls them open."""
+    def _check_supported(self) -> None:
+        """Raise `NetworkError` for networks with parts that collapse under every stress."""
         # Without symmetry, so that an edge of length zero is no coincidence.
         generic = quasi_random(self.network.n_edges) + 1.0
         lengths = np.linalg.norm(self.balance(generic).bond_vectors, axis=1)
-        loose = np.flatnonzero(~(lengths > COLLAPSED * lengths.max()))
-        if len(loose):
+        collapsed = np.flatnonzero(~(lengths > COLLAPSED * lengths.max()))
+        if len(collapsed):
             raise NetworkError(
-                f"{len(loose)} of {len(lengths)} edges, edge {int(loose[0])} among them, have no length under any "
-                "stress: they hang on a single edge or do not wrap around the cell; remove them"
+                f"{len(collapsed)} of {len(lengths)} edges, edge {int(collapsed[0])} among them, have no length under "
+                "any stress: they hang on a single edge or do not wrap around the cell; remove them"
             )

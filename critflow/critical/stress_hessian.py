@@ -16,11 +16,9 @@ from scipy.sparse.linalg import LinearOperator
 from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import Objective, named_objective
+from critflow.critical.tolerances import DENSE_EDGES, FLAT
 from critflow.networks.network import Array
 from critflow.result import InputError
-
-# Edges up to which the Hessian is made dense: 32 MB, some seconds.
-_DENSE = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +58,7 @@ def stress_hessian(critical: CriticalConfiguration, objective: str | Objective =
 
 
 def flat_directions(
-    critical: CriticalConfiguration, objective: str | Objective = "bulk_modulus", tolerance: float = 1e-9
+    critical: CriticalConfiguration, objective: str | Objective = "bulk_modulus", tolerance: float = FLAT
 ) -> FlatDirections:
     """Null space of the Hessian of an objective over stress, by all its eigenvalues.
 
@@ -70,9 +68,9 @@ def flat_directions(
     `InputError` for networks of more than 2,000 edges.
     """
     n = critical.network.n_edges
-    if n > _DENSE:
+    if n > DENSE_EDGES:
         raise InputError(
-            f"all eigenvalues are found up to {_DENSE} edges, not for {n}: use the products of stress_hessian()"
+            f"all eigenvalues are found up to {DENSE_EDGES} edges, not for {n}: use the products of stress_hessian()"
         )
     operator = stress_hessian(critical, objective)
     columns = operator @ np.eye(n)

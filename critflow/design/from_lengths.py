@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold, critical_configuration
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
+from critflow.critical.tolerances import COLLAPSED
 from critflow.design.proportional_lengths import newton_error
 from critflow.design.stressed_part import balanced_part, polish_stressed, unknown_configuration
 from critflow.design.tolerances import EVEN, EXACT_CONE, FITTED, NO_STRESS, ROUGH_CONE

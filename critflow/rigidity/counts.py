@@ -18,7 +18,8 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
+from critflow.critical.manifold import CriticalConfiguration
+from critflow.critical.tolerances import COLLAPSED
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.saddle import Saddle
 from critflow.linalg.tolerances import EPS

@@ -117,7 +117,7 @@ def test_stiffening_where_an_edge_is_nearly_gone(monkeypatch, decades, system):
     stress[faint] *= 10.0**-decades
     if system == "condensed":
         # It serves no stress below a part of the mean, but the system itself has no trouble with one.
-        monkeypatch.setattr(MANIFOLD, "_CONDENSED", 1)
+        monkeypatch.setattr(MANIFOLD, "CONDENSED_EDGES", 1)
         monkeypatch.setattr(MANIFOLD, "positive", lambda sigma: True)
         monkeypatch.setattr(CondensedSaddle, "stable", lambda *arguments: True)
     manifold = CriticalManifold(network)
@@ -134,7 +134,7 @@ def test_large_positive_stresses_take_the_condensed_system(monkeypatch):
     signed = np.where(np.arange(network.n_edges) == 7, -0.01, positive)
     assert type(manifold.system(positive)) is Saddle
     whole = stiffening(manifold, manifold.configuration(positive)).value
-    monkeypatch.setattr(MANIFOLD, "_CONDENSED", 60)
+    monkeypatch.setattr(MANIFOLD, "CONDENSED_EDGES", 60)
     assert manifold.system(positive) is manifold.condensed
     assert manifold.system(signed) is manifold.saddle
     condensed = stiffening(manifold, manifold.configuration(positive)).value
