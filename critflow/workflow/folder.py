@@ -116,7 +116,7 @@ class Folder:
         The lock is released by the end of the process.  Raises `LockedError` if another run holds it.
         """
         self.check_owner(loaded)
-        lock = FileLock(self.path / ".lock", timeout=0)
+        lock = FileLock(self.path / ".lock", timeout=0, mode=0o600)  # another user could hold a readable lock
         holder = Path(lock.lock_file)
         try:
             for folder in (self.shards, self.failed, self.figures):

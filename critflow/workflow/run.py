@@ -24,7 +24,7 @@ from critflow.workflow.load import StudyFile
 from critflow.workflow.plan import LONGEST, Case, Selection, spelled
 from critflow.workflow.provenance import code_version, host_facts
 from critflow.workflow.report import Report, ReportError, write_report
-from critflow.workflow.store import failure_path, read_shard
+from critflow.workflow.store import delete_failure, read_shard
 from critflow.workflow.tasks import Job, Outcome
 from critflow.workflow.workers import Interrupted, Interruption, Task, Workers, compute
 
@@ -79,7 +79,7 @@ def run_study(
         plan = plan_run(folder, requested, retry_failed)
         folder.write_note(loaded, plan.selection)
         for case in plan.todo:
-            failure_path(folder.failed, case).unlink(missing_ok=True)
+            delete_failure(folder.failed, case)
         _compute(loaded, plan, folder, workers)
         return _finish(plan, folder, command)
 

@@ -173,6 +173,13 @@ def failure_path(folder: Path, case: Case) -> Path:
     return folder / f"{case.id}.txt"
 
 
+def delete_failure(folder: Path, case: Case) -> None:
+    """Delete the text of a case that is computed again; a folder with its name is not ours to delete."""
+    path = failure_path(folder, case)
+    if not path.is_dir():
+        path.unlink(missing_ok=True)
+
+
 def last_line(text: str) -> str:
     """Reason at the end of a traceback."""
     return (text.strip().splitlines() or ["unknown reason"])[-1][:_LONGEST_REASON]

@@ -27,7 +27,7 @@ from critflow.workflow.folder import Folder
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import Case, spelled, words_of_case
 from critflow.workflow.provenance import code_version, libraries
-from critflow.workflow.store import failure_path, last_line, read_shard, write_shard, write_text
+from critflow.workflow.store import delete_failure, failure_path, last_line, read_shard, write_shard, write_text
 from critflow.workflow.study import Study
 
 _LONGEST_ERROR = 20_000  # characters
@@ -148,7 +148,7 @@ def _attempted(job: Job, folder: Folder, study: Study, case: Case) -> Outcome:
             raise
         except Exception:  # too large for the memory or the format
             return record_failure(job, study, case, traceback.format_exc(), seconds)
-        failure_path(folder.failed, case).unlink(missing_ok=True)
+        delete_failure(folder.failed, case)
         return Outcome(case.id, case.values, int(status), seconds, checksum)
 
 

@@ -1,93 +1,99 @@
-"""Runs of the tiny study, and what two datasets must share to be the same."""
+"""Runs of the small studies, and comparison of the folders that they write."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
-import netCDF4
 import pytest
+from disturbed import contents_of, stamps_of
 
 from critflow.cli import main
 from critflow.workflow.load import load_file
 
-TINY = Path(__file__).with_name("tiny_study.py")
+HERE = Path(__file__).parent
 COMMAND = "import sys; from critflow.cli import main; sys.exit(main())"
 
 
 @pytest.fixture
 def tiny():
-    """The loaded study file."""
-    return load_file(TINY)
+    """The loaded tiny study."""
+    return load_file(HERE / "tiny_study.py")
+
+
+@pytest.fixture
+def source(tmp_path):
+    """`source(old, new, ...)` writes a copy of the tiny study with replacements, and returns its path."""
+
+    def write(*changes, study="tiny"):
+        text = (HERE / f"{study}_study.py").read_text()
+        for old, new in zip(changes[::2], changes[1::2], strict=True):
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "source" / f"{study}.py"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def _words(folder, settings, workers, more, study):
+    path = study if isinstance(study, Path) else HERE / f"{study}_study.py"
+    here = [] if workers is None else [f"--workers={workers}"]
+    return ["run", str(path), "--out", str(folder), *here, *(f"--set={s}" for s in settings), *more]
 
 
 @pytest.fixture
 def run(tiny, monkeypatch):
-    """`run(folder, *settings)` runs the tiny study in this process and returns its exit code.
-
-    Its pauses are for commands that are disturbed: here they are left out.
-    """
+    """`run(folder, *settings)` runs a study in this process and returns the exit code. Pauses are left out."""
     monkeypatch.setitem(tiny.study.case.__globals__, "sleep", lambda seconds: None)
 
-    def run_tiny(folder, *settings, workers=0, more=()):
-        return main(_words(folder, settings, workers, more))
+    def command(folder, *settings, workers=0, more=(), study="tiny"):
+        return main(_words(folder, settings, workers, more, study))
 
-    return run_tiny
+    return command
 
 
 @pytest.fixture
 def start():
-    """`start(folder, *settings)` starts the same as a command with a process group of its own."""
+    """`start(folder, *settings)` starts a run as a command in a process group."""
     started = []
 
-    def start_tiny(folder, *settings, workers=0, code=COMMAND, **options):
-        words = [sys.executable, "-c", code, *_words(folder, settings, workers, ())]
+    def command(folder, *settings, workers=0, more=(), study="tiny", environment=None, **options):
+        words = [sys.executable, "-c", COMMAND, *_words(folder, settings, workers, more, study)]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
+        options |= {"env": os.environ | (environment or {})}
         started.append(subprocess.Popen(words, **(pipes | options)))
         return started[-1]
 
-    yield start_tiny
+    yield command
     for process in started:
         process.kill()
         process.communicate()
 
 
-def _words(folder, settings, workers, more):
-    here = [] if workers is None else [f"--workers={workers}"]
-    return ["run", str(TINY), "--out", str(folder), *here, *(f"--set={s}" for s in settings), *more]
-
-
-# The one volatile attribute, and what says how the tree stood that the tests run in, which may change meanwhile.
-_LEFT_OUT = {"history", "commit", "commit_dirty"}
-
-
-def contents_of(path):
-    """All that a netCDF file says of its data and how they were made: dimensions, attributes, dtypes and bytes."""
-    with netCDF4.Dataset(path) as file:
-        file.set_auto_maskandscale(False)
-        attributes = {name: repr(file.getncattr(name)) for name in file.ncattrs() if name not in _LEFT_OUT}
-        variables = {
-            name: (
-                str(variable.dtype),
-                variable.dimensions,
-                {key: repr(variable.getncattr(key)) for key in variable.ncattrs()},
-                variable[...].tolist() if variable.dtype is str else variable[...].tobytes(),
-            )
-            for name, variable in file.variables.items()
-        }
-        return {name: len(dim) for name, dim in file.dimensions.items()}, attributes, variables
-
-
 @pytest.fixture
 def contents():
-    """`contents(file)`, as above."""
+    """`contents(file)`: everything in a netCDF file that must not differ between two runs."""
     return contents_of
 
 
 @pytest.fixture
 def stamps():
-    """`stamps(folder)` tells which shard files are there and when each was put in place."""
+    """`stamps(folder)`: the stored cases of a folder, and when each was put in place."""
+    return stamps_of
 
-    def read(folder):
-        return {path.name: (path.stat().st_ino, path.stat().st_mtime_ns) for path in (folder / "shards").glob("*.nc")}
+
+@pytest.fixture
+def tally(tmp_path, monkeypatch):
+    """`tally()` lists the seeds of the plain study that were computed since the last call."""
+    path = tmp_path / "tally.txt"
+    monkeypatch.setenv("CRITFLOW_TEST_TALLY", str(path))
+
+    def read():
+        seeds = [int(line) for line in path.read_text().split()] if path.exists() else []
+        path.unlink(missing_ok=True)
+        return seeds
 
     return read

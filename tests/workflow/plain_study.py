@@ -1,17 +1,24 @@
-"""The least study that has shared and inner arrays, claims and a summary: for tests that run it very often."""
+"""A small study without figures, for tests that run it often. The environment slows its cases and counts them."""
+
+import os
+import time
 
 import numpy as np
 
 from critflow.result import Status
 from critflow.workflow import Axis, Claim, Study, Variable
 
-# Seeds that misbehave for now, in this process; no parameters, for the same case may be well later.
+# Seeds that fail or are interrupted in this process. They are no parameters, so that a case may succeed later.
 broken: set[int] = set()
 stopped: set[int] = set()
 
 
 def case(parameters, *, seed):
-    """Numbers that tell the parameters and the seed apart."""
+    """Numbers that depend on the parameters and on the seed."""
+    if tally := os.environ.get("CRITFLOW_TEST_TALLY"):
+        with open(tally, "a") as file:
+            file.write(f"{seed}\n")
+    time.sleep(float(os.environ.get("CRITFLOW_TEST_PAUSE", "0")))
     if seed in stopped:
         raise KeyboardInterrupt
     if seed in broken:
@@ -26,7 +33,7 @@ def claims(ds):
 
 study = Study(
     name="plain",
-    title="Numbers that tell cases apart",
+    title="Numbers that differ from case to case",
     axes=(Axis("seed", range(4), "seed"),),
     parameters={"scale": 1.0},
     case=case,

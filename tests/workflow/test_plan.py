@@ -1,13 +1,17 @@
-"""From `--set` words to cases."""
+"""From `--set` words to cases, their identifiers and their random generators."""
 
 from decimal import Decimal
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from critflow.result import StudyError
-from critflow.workflow.plan import Case, decimals, select
+from critflow.workflow import decimals, stable_rng
+from critflow.workflow.plan import select
+
+ALL = ("edges", "sigma", "modulus", "steps", "residual", "status")
 
 
 @pytest.mark.parametrize(
@@ -15,8 +19,8 @@ from critflow.workflow.plan import Case, decimals, select
     [
         ("seeds=7", "seed", (7,)),
         ("seeds=2:5", "seed", (2, 3, 4)),
-        ("seeds=9,2:4, 0", "seed", (9, 2, 3, 0)),
-        ("populations=floppy,random", "population", ("floppy", "random")),
+        ("seeds=9,2:4, 0", "seed", (0, 2, 3, 9)),
+        ("populations=floppy,random", "population", ("random", "floppy")),
         ("populations=wide", "population", ("wide",)),
         ("n_edges=8", "n_edges", 8),
         ("spread=3", "spread", 3.0),
@@ -28,7 +32,7 @@ from critflow.workflow.plan import Case, decimals, select
         ("how=until a=b", "how", "until a=b"),
     ],
 )
-def test_settings_are_read_by_the_type_of_their_default(tiny, word, name, values):
+def test_a_setting_has_the_type_of_its_default(tiny, word, name, values):
     selection = select(tiny.study, [word])
     chosen = {**selection.parameters, **selection.axes}[name]
     assert chosen == values
@@ -36,50 +40,63 @@ def test_settings_are_read_by_the_type_of_their_default(tiny, word, name, values
     assert repr(chosen) == repr(values)  # 3.0 is not 3
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["seeds"], "has no value"),
-        (["seed=3"], "did you mean 'seeds'"),
-        (["n_edgs=4"], "did you mean 'n_edges'"),
-        (["zzz=4"], "the settings are seeds, populations, n_edges"),
-        (["seeds=1", "seeds=2"], "set twice"),
-        (["seeds="], "empty value"),
-        (["seeds=1,,2"], "empty value"),
-        (["seeds=0:0"], "empty range"),
-        (["seeds=5:2"], "empty range"),
-        (["seeds=0:9:2"], "start:stop"),
-        (["seeds=-1:3"], "must not be negative"),
-        (["seeds=1.5"], "whole numbers"),
-        (["seeds=nan"], "whole numbers"),
-        (["seeds=3,1:4"], "3 twice"),
-        (["seeds=0:1000000000000"], "choose at most"),
-        (["seeds=0:1000000"], "cases: choose at most"),
-        (["populations=flopy"], "did you mean 'floppy'"),
-        (["populations=random,random"], "random twice"),
-        (["populations="], "empty value"),
-        (["n_edges=7"], "odd"),  # the study's own check
-        (["n_edges=1e3"], "whole numbers"),
-        (["n_edges=2,4"], "one value"),
-        (["n_edges=-2"], "must not be negative"),
-        (["spread=nan"], "finite"),
-        (["spread=1e999"], "finite"),
-        (["spread=wide"], "needs numbers"),
-        (["spread=-0.1"], "must not be negative"),
-        (["strains=0.01:0.001:0.001"], "backwards"),
-        (["strains=0.001:0.01:-0.001"], "step above zero"),
-        (["strains=0.001:0.01:0"], "step above zero"),
-        (["strains=0.001:0.01"], "start:stop:step"),
-        (["strains=0:1:1e-12"], "choose at most"),
-        (["strains=0.002,0.001"], "must increase"),
-        (["strains=0.001,0.001"], "0.001 twice"),
-        (["strains=inf"], "finite"),
-        (["strains="], "empty value"),
-    ],
-)
-def test_bad_settings_are_refused_in_one_sentence(tiny, words, sentence):
-    with pytest.raises(StudyError, match=sentence) as caught:
-        select(tiny.study, words)
+BAD = {  # settings, and a word of the message
+    "seeds": "value",
+    "": "value",
+    "=3": "settings",
+    "seed=3": "'seeds'",
+    "sedes=3": "'seeds'",
+    "n_edgs=4": "'n_edges'",
+    "zzz=4": "n_edges",
+    "seeds=1 seeds=2": "twice",
+    "seeds=": "value",
+    "seeds=1,,2": "empty",
+    "seeds=0:0": "empty",
+    "seeds=5:2": "empty",
+    "seeds=0:9:2": "start:stop",
+    "seeds=-1:3": "negative",
+    "seeds=1.5": "whole",
+    "seeds=nan": "whole",
+    "seeds=3,1:4": "twice",
+    "seeds=0:1000000000000": "at most",
+    "seeds=0:600000": "at most",
+    "populations=flopy": "'floppy'",
+    "populations=../../etc": "choices",
+    "populations=random,random": "twice",
+    "populations=random,": "empty",
+    "n_edges=7": "even",  # the check of the study
+    "n_edges=1e3": "whole",
+    "n_edges=99999999999999999999999": "whole",
+    "n_edges=2,4": "one value",
+    "n_edges=-2": "negative",
+    "spread=nan": "finite",
+    "spread=1e999": "finite",
+    "spread=wide": "numbers",
+    "spread=-0.1": "negative",
+    "strains=0.01:0.001:0.001": "backwards",
+    "strains=0.001:0.01:-0.001": "step",
+    "strains=0.001:0.01:0": "step",
+    "strains=0.001:0.01": "step",
+    "strains=0:1:1e-12": "at most",
+    "strains=0:inf:1": "finite",
+    "strains=0.002,0.001": "increas",
+    "strains=0.001,0.001": "twice",
+    "strains=": "empty",
+    "variables=residua": "'residual'",
+    "variables=scalar": "'scalars'",
+    "variables=zzz": "scalars",
+    "variables=residual,residual": "twice",
+    "variables=": "empty",
+    "variables=residual,": "empty",
+    "how=a\nb": "unprintable",
+    "how=\udcff": "unprintable",
+}
+
+
+@pytest.mark.parametrize("words", BAD)
+def test_a_bad_setting_is_refused_in_one_sentence(tiny, words):
+    with pytest.raises(StudyError, match=BAD[words]) as caught:
+        select(tiny.study, [words] if "\n" in words or not words else words.split(" "))
     assert "\n" not in str(caught.value)
 
 
@@ -96,7 +113,7 @@ def test_decimal_ranges_are_exact(start, count, step, digits):
     st.text("0123456789.:,-+e _nÅ٣", max_size=9),
 )
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # the study is frozen
-def test_any_text_is_a_value_or_a_sentence(tiny, key, text):
+def test_any_text_is_a_value_or_an_error(tiny, key, text):
     try:
         selection = select(tiny.study, [f"{key}={text}"])
     except StudyError:
@@ -105,22 +122,70 @@ def test_any_text_is_a_value_or_a_sentence(tiny, key, text):
     assert all(value >= 0 for value in (*selection.axes["seed"], *selection.parameters["strains"]))
 
 
-def test_identity_is_what_the_case_is(tiny):
-    """Other axis values in the run, order of settings and spelling of numbers do not enter; everything else does."""
-    few = select(tiny.study, ["seeds=1", "spread=0.10"]).cases()[0]
-    many = select(tiny.study, ["spread=1e-1", "seeds=0:3", "populations=wide,random"]).cases()[3]
-    assert (few.values, few.id) == (many.values, many.id)
-    base = {"study": "tiny", "version": 1, "parameters": dict(few.parameters), "values": few.values}
-    assert Case(**base).id == few.id
-    others = [
-        base | {"study": "other"},
-        base | {"version": 2},
-        base | {"parameters": base["parameters"] | {"spread": 0.2}},
-        base | {"values": {"seed": 2, "population": "random"}},
-    ]
-    assert len({few.id, *(Case(**other).id for other in others)}) == 5
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("residual", ("residual", "status")),
+        ("status", ("status",)),
+        ("residual, sigma", ("sigma", "residual", "status")),
+        ("scalars", ("residual", "status")),
+        ("sigma,scalars,residual", ("sigma", "residual", "status")),
+        ("all", ALL),
+        ("steps,modulus,edges,residual,sigma", ALL),
+    ],
+)
+def test_requested_variables_have_the_order_of_the_table(tiny, text, names):
+    study = select(tiny.study, [f"variables={text}"]).study
+    assert tuple(variable.name for variable in study.variables) == names
 
 
-def test_case_ids_never_change(tiny):
-    """Frozen: another id here means that every shard on disk would be computed again."""
+def ids(study, *words):
+    return {tuple(case.values.values()): case.id for case in select(study, words).cases()}
+
+
+def test_the_identifier_of_a_case_depends_on_its_values_parameters_and_variables_only(tiny):
+    """Other values in the run, the order of settings and the spelling of numbers do not matter."""
+    few = ids(tiny.study, "seeds=1", "spread=0.10")
+    many = ids(tiny.study, "spread=1e-1", "seeds=0:3", "populations=wide,random,floppy")
+    assert few.items() <= many.items()
+    assert len(set(many.values())) == 9
+    key = (1, "random")
+    others = ("spread=0.2", "variables=residual", "variables=sigma", "strains=0.001")
+    assert len({few[key], *(ids(tiny.study, "seeds=1", word)[key] for word in others)}) == 5
+    assert ids(tiny.study, "seeds=1", "variables=all")[key] == ids(tiny.study, "seeds=1")[key]
+    same = [ids(tiny.study, "seeds=1", f"variables={text}")[key] for text in ("status,residual", "residual")]
+    assert same[0] == same[1]
+
+
+def test_the_identifiers_never_change(tiny):
+    """Frozen: another identifier here means that every stored case would be computed again."""
     assert select(tiny.study, ["seeds=3"]).cases()[0].id == "seed3-random-7577c7c87ebd336f"
+
+
+@pytest.mark.parametrize(
+    ("name", "draws"),
+    [
+        ((0,), [4047996732, 4154883421, 3771220488]),
+        ((7, "network"), [1581593097, 3619310726, 3367848767]),
+        ((7, "rest_lengths", "random_lengths"), [4082507471, 2045364871, 2839303814]),
+        ((2**70, "é"), [3912850049, 2182706300, 3248301135]),
+    ],
+)
+def test_the_draws_of_a_generator_never_change(name, draws):
+    """Frozen: another number here means that every published dataset would change."""
+    assert stable_rng(*name).integers(0, 2**32, 3).tolist() == draws
+
+
+words = st.lists(st.text(max_size=8), max_size=3)
+
+
+@given(st.tuples(st.integers(0, 99), words), st.tuples(st.integers(0, 99), words))
+def test_different_names_give_different_generators(one, other):
+    draws = [stable_rng(entropy, *names).integers(0, 2**63, 2).tolist() for entropy, names in (one, other)]
+    assert (draws[0] == draws[1]) == (one == other)
+
+
+def test_the_global_generator_is_not_used():
+    before = np.random.get_state()[1].tobytes()  # noqa: NPY002 (the subject of the test)
+    stable_rng(3, "a").random()
+    assert np.random.get_state()[1].tobytes() == before  # noqa: NPY002

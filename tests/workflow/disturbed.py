@@ -1,0 +1,173 @@
+"""Runs of the plain study in processes of their own, disturbed at a chosen step or from outside.
+
+A step is anything that a run does to the files of its folder: opening one to write, writing with the netCDF library,
+synchronising, renaming, deleting. They are counted by Python's audit events and by wrappers of library functions, so
+the engine contains no code for its tests. A process killed while it synchronises leaves half of that file.
+"""
+
+import errno
+import multiprocessing
+import os
+import signal
+import sys
+from contextlib import suppress
+from multiprocessing import forkserver
+from pathlib import Path
+
+import netCDF4
+
+from critflow.cli import main
+from critflow.workflow.load import load_file
+from critflow.workflow.plan import select
+from critflow.workflow.store import read_shard
+
+PLAIN = Path(__file__).with_name("plain_study.py")
+STUDY = load_file(PLAIN).study
+SIGNALS = {"kill": signal.SIGKILL, "terminate": signal.SIGTERM, "interrupt": signal.SIGINT}
+
+SERVER = multiprocessing.get_context("forkserver")
+
+VOLATILE = {"history", "commit", "commit_dirty"}  # the last two describe the tree that the tests run in
+
+
+def contents_of(path):
+    """Dimensions, attributes, dtypes and bytes of a netCDF file, except for the attributes that may differ."""
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        attributes = {name: repr(file.getncattr(name)) for name in file.ncattrs() if name not in VOLATILE}
+        variables = {
+            name: (
+                str(variable.dtype),
+                variable.dimensions,
+                {key: repr(variable.getncattr(key)) for key in variable.ncattrs()},
+                variable[...].tolist() if variable.dtype is str else variable[...].tobytes(),
+            )
+            for name, variable in file.variables.items()
+        }
+        return {name: len(dim) for name, dim in file.dimensions.items()}, attributes, variables
+
+
+def stamps_of(folder):
+    """Which stored cases a folder contains, and when each was put in place."""
+    return {path.name: (path.stat().st_ino, path.stat().st_mtime_ns) for path in (folder / "shards").glob("*.nc")}
+
+
+def stored_whole(folder, settings=()):
+    """Names of the stored cases; each file with the name of a case must be complete."""
+    cases = select(STUDY, list(settings)).cases()
+    return {f"{case.id}.nc" for case in cases if read_shard(folder / "shards", STUDY, case) is not None}
+
+
+def words_of(folder, settings=(), workers=0):
+    return ["run", str(PLAIN), "--out", str(folder), f"--workers={workers}", *(f"--set={word}" for word in settings)]
+
+
+def server():
+    """Starts processes that are forked from one in which a run has loaded all libraries."""
+    before = os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
+    SERVER.set_forkserver_preload(["warm"])
+    forkserver.ensure_running()
+    del os.environ["PYTHONPATH"]
+    if before is not None:
+        os.environ["PYTHONPATH"] = before
+    return SERVER
+
+
+def begun(folder, settings=(), *, workers=0, step=0, action="kill", environment=None, prepare=None, log=None):
+    """The process of a run that has begun.
+
+    Its messages go to FOLDER.err or to `log`, the number of its steps to FOLDER.steps.
+
+    `prepare` is called in the process before the run.
+    """
+    process = server().Process(
+        target=_run,
+        args=(words_of(folder, settings, workers), str(folder), step, action, environment or {}, prepare, log),
+    )
+    process.start()
+    return process
+
+
+def ended(process, seconds=120.0):
+    """The exit code of a process; a signal is a number below zero."""
+    process.join(seconds)
+    if process.exitcode is None:
+        process.kill()
+        process.join()
+        raise AssertionError(f"the run did not end in {seconds} s")
+    return process.exitcode
+
+
+def messages(folder):
+    path = Path(f"{folder}.err")
+    return path.read_text() if path.exists() else ""
+
+
+class _Steps:
+    """Counts steps in one folder; the chosen one is disturbed."""
+
+    def __init__(self, folder, chosen, action):
+        self.folder, self.chosen, self.action, self.count = folder + os.sep, chosen, action, 0
+
+    def audit(self, event, args):
+        writes = event == "open" and args[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
+        if writes or event in ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate"):
+            self.take(args[0], deletes=event in ("os.remove", "os.rmdir"))
+
+    def take(self, path, descriptor=None, deletes=False):
+        if isinstance(path, int) or not os.fspath(path).startswith(self.folder):
+            return
+        self.count += not (deletes and self.action == "full")  # a full disk refuses no deletion
+        if self.count != self.chosen:
+            return
+        self.chosen = 0
+        if self.action == "full":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), path)
+        if self.action == "kill" and descriptor is not None:
+            with suppress(OSError):  # a folder
+                os.ftruncate(descriptor, os.fstat(descriptor).st_size // 2)
+        os.kill(os.getpid(), SIGNALS[self.action])
+
+    def install(self):
+        steps, fsync, dataset = self, os.fsync, netCDF4.Dataset
+
+        written = {}
+
+        class Dataset(dataset):
+            def __init__(self, path, mode="r", *more, **options):
+                if mode != "r":
+                    steps.take(path)
+                    written[id(self)] = path
+                super().__init__(path, mode, *more, **options)
+
+            def close(self):
+                if path := written.pop(id(self), None):
+                    steps.take(path)
+                return super().close()
+
+        def synchronise(file):
+            descriptor = file if isinstance(file, int) else file.fileno()
+            steps.take(os.readlink(f"/proc/self/fd/{descriptor}"), descriptor)
+            fsync(descriptor)
+
+        os.fsync, netCDF4.Dataset = synchronise, Dataset
+        sys.addaudithook(self.audit)
+
+
+def _run(words, folder, step, action, environment, prepare, log):
+    os.environ.update(environment)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+    with open(log or folder + ".err", "a") as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    sys.stdout = sys.stderr = open(2, "w", closefd=False)
+    steps = _Steps(folder, step, action)
+    steps.install()
+    if prepare is not None:
+        prepare()
+    code = main(words)
+    with suppress(OSError):  # under a limit
+        Path(folder + ".steps").write_text(str(steps.count))
+    sys.exit(code)

@@ -1,0 +1,186 @@
+"""The labelled dataset: names, units, meanings, missing values, and the conventions that it states."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from compliance_checker.runner import CheckSuite, ComplianceChecker
+
+from critflow.result import Status
+
+
+def test_the_dataset_has_the_dtypes_units_and_meanings_of_the_table(tmp_path, run, tiny):
+    """With a failed case: a fill value must not turn integers into floats."""
+    assert run(tmp_path, "trouble=1-random", "how=raise") == 3
+    with xr.open_dataset(tmp_path / "tiny.nc") as ds:
+        variables = tiny.study.variables
+        assert {name: ds[name].dtype.str[1:] for name in ds.data_vars} == {v.name: v.dtype for v in variables}
+        assert {name: ds[name].dims for name in ds.data_vars} == {v.name: v.dims for v in variables}
+        for name, variable in ds.variables.items():
+            assert variable.attrs["units"], name
+            assert variable.attrs["long_name"], name
+        assert ds.modulus.attrs["units"] == "N m-1"
+        assert ds.seed.dtype.kind == "i"
+        assert ds.population.values.tolist() == ["random", "floppy"]
+        assert ds.strain.values.tolist() == [0.001, 0.002, 0.003]
+        assert "_FillValue" not in ds.strain.encoding
+        assert ds.attrs["Conventions"] == "CF-1.11, ACDD-1.3"
+        assert ds.attrs["title"] == tiny.study.title
+        assert json.loads(ds.attrs["parameters"])["strains"] == [0.001, 0.002, 0.003]
+        meanings = dict(zip(ds.status.attrs["flag_meanings"].split(), ds.status.attrs["flag_values"], strict=True))
+        assert meanings == {status.name: status.value for status in Status}
+        assert ds.status.attrs["flag_values"].dtype == ds.status.dtype
+
+
+def test_values_are_those_of_the_case_function(tmp_path, run, tiny):
+    assert run(tmp_path, "seeds=3,1", "populations=floppy,random") == 0
+    ds = xr.load_dataset(tmp_path / "tiny.nc")
+    for seed in (3, 1):
+        right = tiny.study.case(tiny.study.parameters, seed=seed, population="random")
+        case = ds.sel(seed=seed, population="random")
+        for name in ("edges", "sigma", "modulus", "steps", "residual", "status"):
+            np.testing.assert_array_equal(case[name].values, np.asarray(right[name], case[name].dtype), err_msg=name)
+    assert ds.seed.values.tolist() == [1, 3]
+    assert ds.population.values.tolist() == ["random", "floppy"]  # the order of the study
+
+
+def test_a_failed_case_is_filled_and_the_others_are_not(tmp_path, run):
+    assert run(tmp_path, "trouble=1-random", "how=raise") == 3
+    ds = xr.load_dataset(tmp_path / "tiny.nc")
+    failed = ds.sel(seed=1, population="random")
+    assert failed.status == Status.failed
+    assert failed.residual.isnull() and failed.sigma.isnull().all() and (failed.steps == -1).all()
+    assert ds.steps.attrs["value_if_missing"] == -1
+    assert (ds.status.sel(population="random") == Status.ok).sum() == 3
+    assert ds.sigma.sel(population="random").isnull().sum() == ds.sizes["edge"]
+
+
+def test_a_dataset_of_failed_cases_only_is_written(tmp_path, run, capsys):
+    assert run(tmp_path, "seeds=1", "populations=random", "trouble=1-random") == 3
+    assert "Traceback" not in capsys.readouterr().err
+    assert xr.load_dataset(tmp_path / "tiny.nc").status.item() == Status.failed
+
+
+@pytest.mark.parametrize(
+    ("settings", "names"),
+    [
+        (("trouble=2-floppy", "how=other edges"), ("seed2-floppy", "edges")),
+        (("trouble=2-wide", "how=other edges", "seeds=2", "populations=random,wide"), ("seed2-wide", "edges")),
+        (("trouble=0-random", "how=longer", "populations=random"), ("seed1-random", "edge")),
+    ],
+)
+def test_cases_that_disagree_about_shared_arrays_or_sizes_are_an_error(tmp_path, run, capsys, settings, names):
+    assert run(tmp_path, *settings) == 4
+    err = capsys.readouterr().err
+    assert all(name in err for name in names), err
+    assert not (tmp_path / "tiny.nc").exists()
+
+
+def test_volatile_variables_are_marked(tmp_path, run, source):
+    path = source('long_name="residual")', 'long_name="residual", volatile=True)')
+    assert run(tmp_path / "out", "seeds=0", study=path) == 0
+    ds = xr.load_dataset(tmp_path / "out" / "tiny.nc")
+    assert [name for name in ds if "comment" in ds[name].attrs] == ["residual"]
+
+
+def test_the_date_in_the_history_can_be_set(tmp_path, run, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
+    assert run(tmp_path, "seeds=0") == 0
+    assert xr.load_dataset(tmp_path / "tiny.nc").attrs["history"].startswith("1970-01-01T00:00:00Z critflow run")
+
+
+def test_fewer_variables_equal_those_of_the_whole(tmp_path, run, stamps, contents):
+    assert run(tmp_path) == 0
+    whole, before = contents(tmp_path / "tiny.nc"), stamps(tmp_path)
+    assert run(tmp_path, "variables=residual,sigma") == 0
+    few = contents(tmp_path / "tiny.nc")
+    assert set(few[2]) == {"residual", "sigma", "status", "seed", "population"}
+    assert "strain" not in few[0]
+    assert all(few[2][name] == whole[2][name] for name in few[2])
+    with_few = stamps(tmp_path)
+    assert before.items() < with_few.items()
+    assert run(tmp_path, "variables=sigma,residual") == 0  # all are stored
+    assert run(tmp_path) == 0
+    assert stamps(tmp_path) == with_few
+    assert contents(tmp_path / "tiny.nc") == whole
+
+
+WANTED = '''
+from pathlib import Path
+
+def selective(parameters, *, seed, population, wanted):
+    """As the other, but records the requested variables and returns only them."""
+    Path(parameters["how"]).write_text(",".join(sorted(wanted)))
+    made = case(parameters, seed=seed, population=population)
+    return {name: value for name, value in made.items() if name in {*wanted, "status"}}
+
+study ='''
+
+
+def test_a_case_function_learns_which_variables_are_requested(tmp_path, run, source, tiny):
+    path, seen = source("\nstudy =", WANTED, "case=case", "case=selective"), tmp_path / "seen"
+    every = sorted(v.name for v in tiny.study.variables)
+    for text, names in (("all", every), ("scalars", ["residual", "status"]), ("steps", ["status", "steps"])):
+        settings = (f"how={seen}", "seeds=0", "populations=random", f"variables={text}")
+        assert run(tmp_path / "out", *settings, study=path) == 0
+        assert seen.read_text().split(",") == names
+
+
+def test_a_case_without_a_requested_variable_or_with_an_unknown_one_has_failed(tiny):
+    values = {"seed": 0, "population": "random"}
+    study = replace(tiny.study, case=lambda parameters, *, seed, population: {"status": Status.ok})
+    with pytest.raises(ValueError, match="sigma"):
+        study.storing(["sigma"]).computed(study.parameters, values)
+    assert study.storing(["status"]).computed(study.parameters, values) == {"status": Status.ok}
+    unknown = replace(study, case=lambda parameters, *, seed, population: {"status": Status.ok, "residua": 1.0})
+    with pytest.raises(ValueError, match="'residual'"):
+        unknown.computed(study.parameters, values)
+
+
+# What ACDD recommends and a spring network does not have: a place on Earth, a time, an instrument, a publisher; names
+# of people and institutions, which the software does not know; a name in the table of standard names. The date is in
+# `history` only, so that nothing else differs from run to run.
+NOT_OURS = (
+    *("geospatial", "time_coverage", "instrument", "platform", "publisher", "creator", "contributor", "institution"),
+    *("acknowledgment", "license", "naming_authority", "project", "processing_level", "program", "metadata_link"),
+    *("keywords_vocabulary", "standard_name", "Attr date_", "references"),
+)
+# Networks with fewer edges than others end in NaN.
+RAGGED = ("rng.normal(size=n_edges)", "np.where(np.arange(n_edges) < 3 + seed, rng.normal(size=n_edges), np.nan)")
+SAMPLES = {
+    "scalars": ((), ("variables=scalars",)),
+    "ragged networks": (RAGGED, ()),
+    "a failed case": ((), ("trouble=1-random", "how=raise")),
+    "failed cases only": ((), ("seeds=1", "populations=random", "trouble=1-random")),
+}
+
+
+@pytest.fixture(scope="module")
+def complaints():
+    """`complaints(path, suite, out)`: the messages of compliance-checker in its strict mode."""
+    CheckSuite.load_all_available_checkers()
+
+    def check(path, suite, out):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of its dependencies
+            options = {"output_filename": str(out), "output_format": "json"}
+            ComplianceChecker.run_checker(str(path), [suite], 0, "strict", **options)
+        found = json.loads(out.read_text())[suite]
+        assert found["scored_points"] > 0
+        results = [result for level in ("high", "medium", "low") for result in found[f"{level}_priorities"]]
+        return [f"{result['name']}: {message}" for result in results for message in result["msgs"]]
+
+    return check
+
+
+@pytest.mark.parametrize("sample", SAMPLES)
+def test_datasets_follow_the_conventions_that_they_state(tmp_path, run, source, complaints, sample):
+    changes, settings = SAMPLES[sample]
+    assert run(tmp_path / "out", *settings, study=source(*changes)) in (0, 3)
+    path = tmp_path / "out" / "tiny.nc"
+    assert complaints(path, "cf:1.11", tmp_path / "cf.json") == []
+    found = complaints(path, "acdd:1.3", tmp_path / "acdd.json")
+    assert [line for line in found if not any(word in line for word in NOT_OURS)] == []

@@ -1,0 +1,152 @@
+"""What the machine refuses is one sentence and exit code 6; nothing is damaged, and the same command continues."""
+
+import ctypes
+import errno
+import os
+import resource
+import signal
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+from disturbed import begun, ended, messages, stored_whole, words_of
+
+from critflow.cli import main
+
+pytestmark = pytest.mark.timeout(120)
+
+
+def limit(kind, value):
+    resource.setrlimit(getattr(resource, kind), (value, value))
+
+
+def limit_memory(spare):
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    limit("RLIMIT_AS", used + spare)
+
+
+def obey_permissions():
+    """Root loses the capability to ignore permissions; other users have none."""
+    if os.geteuid() == 0:
+        libc, version_3 = ctypes.CDLL(None, use_errno=True), 0x20080522
+        head, sets = (ctypes.c_uint32 * 2)(version_3, 0), (ctypes.c_uint32 * 6)()
+        assert libc.capset(head, sets) == 0
+
+
+def refuse_reading(number, suffix):
+    """In the process of a run: files of this kind cannot be opened to be read."""
+
+    def audit(event, args):
+        if event == "open" and str(args[0]).endswith(suffix) and not args[2] & (os.O_WRONLY | os.O_RDWR):
+            raise OSError(number, os.strerror(number), args[0])
+
+    sys.addaudithook(audit)
+
+
+def assert_refused(folder, code, log=None):
+    """One sentence, no traceback, no damaged file."""
+    said = log.read_text() if log else messages(folder)
+    assert code == 6, said
+    assert "Traceback" not in said
+    (line,) = [line for line in said.splitlines() if line.startswith("critflow:")]
+    assert line.count(":") >= 2, line  # what, why, what to do
+    stored_whole(folder)
+    assert not list(folder.rglob("*.partial"))
+    return line
+
+
+def assert_completed(folder):
+    assert main(words_of(folder)) == 0
+    assert main(["verify", str(folder)]) == 0
+
+
+@pytest.fixture
+def disk(tmp_path):
+    """`disk(kilobytes)` is a folder on a small disk; where mounting is not permitted, None."""
+    mounted = []
+
+    def make(kilobytes):
+        path = tmp_path / f"disk{kilobytes}"
+        path.mkdir()
+        words = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", str(path)]
+        if subprocess.run(words, capture_output=True).returncode:
+            return None
+        mounted.append(path)
+        return path
+
+    yield make
+    for path in mounted:
+        subprocess.run(["umount", str(path)], check=True)
+
+
+@pytest.mark.parametrize("kilobytes", [8, 20, 28, 36, 44])
+def test_a_full_disk_is_reported_and_what_is_stored_stays(tmp_path, disk, kilobytes):
+    """On a real small disk where mounting is permitted; otherwise under a limit on the size of files."""
+    small, log = disk(kilobytes), tmp_path / "log.txt"
+    folder = (small or tmp_path) / "out"
+    prepare = None if small else partial(limit, "RLIMIT_FSIZE", 25 * kilobytes)
+    assert_refused(folder, ended(begun(folder, prepare=prepare, log=str(log))), log)
+    if small:
+        stored = stored_whole(folder)
+        subprocess.run(["mount", "-o", "remount,size=10m", str(small)], check=True)
+        assert stored_whole(folder) == stored
+    assert_completed(folder)
+
+
+@pytest.mark.parametrize("size", [700, 2_000, 8_000])
+def test_a_refused_file_size_is_reported(tmp_path, size):
+    folder = tmp_path / "out"
+    assert_refused(folder, ended(begun(folder, prepare=partial(limit, "RLIMIT_FSIZE", size))))
+    assert_completed(folder)
+
+
+@pytest.mark.parametrize("which", [".", "shards", "above"])
+def test_a_folder_without_permission_to_write_is_reported(tmp_path, which):
+    folder = tmp_path / "parent" / "out"
+    (folder / "shards").mkdir(parents=True)
+    closed = {".": folder, "shards": folder / "shards", "above": tmp_path / "parent"}[which]
+    folder = folder.with_name("new") if which == "above" else folder
+    before = Path(f"{folder}.err")
+    before.touch()
+    closed.chmod(0o555)
+    try:
+        code = ended(begun(folder, prepare=obey_permissions))
+        assert "ermission denied" in assert_refused(folder, code)
+    finally:
+        closed.chmod(0o755)
+    assert_completed(folder)
+
+
+def test_a_result_folder_that_is_a_file_is_reported(tmp_path, capsys):
+    (tmp_path / "file").write_text("precious")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/nowhere/out")):
+        assert main(words_of(folder)) == 6
+        assert len(capsys.readouterr().err.splitlines()) <= 2
+    assert (tmp_path / "file").read_text() == "precious"
+
+
+@pytest.mark.parametrize("suffix", [".nc", "study.json"])
+@pytest.mark.parametrize("number", [errno.EMFILE, errno.EIO, errno.EACCES])
+def test_a_file_that_the_machine_does_not_read_is_not_taken_for_damaged(tmp_path, number, suffix, tally):
+    folder = tmp_path / "out"
+    assert main(words_of(folder)) == 0
+    stored = {path: path.stat().st_ino for path in (folder / "shards").iterdir()}
+    tally()
+    assert_refused(folder, ended(begun(folder, prepare=partial(refuse_reading, number, suffix))))
+    assert {path: path.stat().st_ino for path in (folder / "shards").iterdir()} == stored
+    assert tally() == []
+    assert_completed(folder)
+
+
+@pytest.mark.parametrize("spare", [0, 2**20, 2**23])
+def test_too_little_memory_damages_nothing(tmp_path, spare):
+    """Compiled libraries may crash without memory."""
+    folder = tmp_path / "out"
+    code = ended(begun(folder, prepare=partial(limit_memory, spare)))
+    assert code in (0, 3, 6, -signal.SIGSEGV, -signal.SIGABRT), messages(folder)
+    assert "Traceback" not in messages(folder)
+    stored_whole(folder)
+    assert main([*words_of(folder), "--retry-failed"]) == 0
+    assert_completed(folder)
