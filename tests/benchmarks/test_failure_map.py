@@ -1,8 +1,8 @@
-"""The failure map: its references against dense numpy, its judge against fabricated answers, and the study, small."""
+"""The failure map: its references against dense numpy, its outcomes of fabricated answers, and the study, small."""
 
 import json
-import sys
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,28 +14,19 @@ from critflow import (
 )
 from critflow.cli import main
 from critflow.workflow.load import load_study
+from workflows.benchmarks.failure_map import percolation_report as percolation
+from workflows.benchmarks.failure_map import problems, quantities, report
+from workflows.benchmarks.failure_map.outcomes import Answer, Outcome, Violation, assessed, compared
+from workflows.benchmarks.reference import Unknown
 
 STUDY = load_study("failure_map").study
 
 
-def beside(ending):
-    """A module beside the study, which is loaded under a name of its own."""
-    folder = STUDY.case.__globals__["asked"].__module__.rpartition(".")[0]
-    return sys.modules[f"{folder}.{ending}"]
-
-
-judge = beside("judge")
-problems, questions, report, percolation = (
-    beside(name) for name in ("problems", "questions", "report", "percolation_report")
-)
-Outcome, Violation = judge.Outcome, judge.Violation
-
-
-# The judge
+# Outcomes
 
 
 def answer(values=(1.0,), bounds=np.nan, status=Status.ok, **more):
-    return lambda: judge.Answer(status, values, bounds, **more)
+    return lambda: Answer(status, values, bounds, **more)
 
 
 def off(error, scale=1.0):
@@ -56,17 +47,17 @@ def warning():
 
 
 def not_known(_):
-    raise judge.Unknown("no")
+    raise Unknown("no")
 
 
 @pytest.mark.parametrize(
-    "ask, compare, outcome, violation",
+    "compute, compare, outcome, violation",
     [
         (answer(bounds=1e-15), off(1e-16), Outcome.exact, Violation.none),
         (answer(bounds=1e-5), off(1e-6), Outcome.bounded, Violation.none),
         (answer(), off(1e-10), Outcome.tolerated, Violation.none),
         (answer(), off(1e-6, 1e4), Outcome.tolerated, Violation.none),
-        (answer(status=Status.singular, values=(np.nan,)), off(1.0), Outcome.said, Violation.none),
+        (answer(status=Status.singular, values=(np.nan,)), off(1.0), Outcome.reported, Violation.none),
         (refusing, off(0.0), Outcome.refused, Violation.none),
         (answer(), not_known, Outcome.unknown, Violation.none),
         (answer(bounds=1e-16), off(2e-16), Outcome.violation, Violation.above_bound),
@@ -81,14 +72,14 @@ def not_known(_):
         (answer(status=Status.floppy, proper=(Status.floppy,)), off(0.0), Outcome.exact, Violation.none),
     ],
 )
-def test_every_kind_of_answer_is_judged(ask, compare, outcome, violation):
-    judgement = judge.judged(ask, compare)
-    assert (judgement.outcome, judgement.violation) == (outcome, violation)
+def test_every_kind_of_answer_is_assessed(compute, compare, outcome, violation):
+    found = assessed(compute, compare)
+    assert (found.outcome, found.violation) == (outcome, violation)
 
 
 def test_of_several_numbers_the_one_nearest_to_its_bound_is_kept():
-    judgement = judge.weighed([1e-6, 1e-8], [1e-3, 2e-8], 2.0)
-    assert (judgement.error, judgement.bound) == (0.5e-8, 1e-8)
+    found = compared([1e-6, 1e-8], [1e-3, 2e-8], 2.0)
+    assert (found.error, found.bound) == (0.5e-8, 1e-8)
 
 
 # The problems
@@ -119,29 +110,29 @@ def test_straight_lines_carry_a_stress_each():
 
 def test_a_floppy_network_must_say_so(monkeypatch):
     problem = problems.DIFFICULTIES["extra_edges"].problem(-2, 0, 12)
-    assert questions.asked("elastic_moduli", problem).outcome is Outcome.exact
-    real = questions.elastic_moduli
+    assert quantities.finding("elastic_moduli", problem).outcome is Outcome.exact
+    real = quantities.elastic_moduli
 
     def confident(*arguments):
         solution = real(*arguments)
-        return type(solution)(solution.value, Status.ok, solution.stats)
+        return replace(solution, status=Status.ok)
 
-    monkeypatch.setattr(questions, "elastic_moduli", confident)
-    assert questions.asked("elastic_moduli", problem).violation is Violation.status
+    monkeypatch.setattr(quantities, "elastic_moduli", confident)
+    assert quantities.finding("elastic_moduli", problem).violation is Violation.status
 
 
 def test_an_optimum_that_is_none_is_found_out(monkeypatch):
     problem = problems.DIFFICULTIES["threshold"].problem(0.5, 1, 16)
-    real = questions.optimize
+    real = quantities.optimize
 
     def careless(*arguments, **more):
         solution = real(*arguments, **{**more, "tolerance": 1e-3})
-        return type(solution)(solution.value, Status.ok, solution.stats)
+        return replace(solution, status=Status.ok)
 
-    monkeypatch.setattr(questions, "optimize", careless)
-    judgement = questions.asked("shear_modulus_lbfgs", problem)
-    assert judgement.violation is Violation.above_tolerance
-    assert judgement.error < 0.1
+    monkeypatch.setattr(quantities, "optimize", careless)
+    found = quantities.finding("shear_modulus_lbfgs", problem)
+    assert found.violation is Violation.above_tolerance
+    assert found.error < 0.1
 
 
 # The study
@@ -208,7 +199,7 @@ def test_a_fabricated_violation_is_counted(small):
     dataset, _ = small
     # Nothing else is wrong in this copy.
     clean = dataset.copy(deep=True)
-    clean.outcome.values[clean.outcome.values == Outcome.violation] = Outcome.said
+    clean.outcome.values[clean.outcome.values == Outcome.violation] = Outcome.reported
     claims = {claim.key: claim for claim in report.claims(clean)}
     assert (claims["violations"].verdict, claims["violations"].value[:2]) == ("holds", "0 ")
     place = {"difficulty": "small_strain", "quantity": "equilibrium_newton", "seed": 0, "step": 1}

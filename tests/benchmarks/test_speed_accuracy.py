@@ -1,11 +1,10 @@
-"""Speed against accuracy: how contestants are timed and judged, how fronts are read, and the study end to end, small.
+"""Speed against accuracy: how methods are timed and judged, how fronts are read, and the study end to end, small.
 
 No test asks how long anything took on this machine.
 """
 
 import json
 import os
-import sys
 import time
 
 import numpy as np
@@ -17,18 +16,13 @@ from critflow import CriticalManifold, critical_from_lengths, voronoi_network
 from critflow.cli import main
 from critflow.result import Status
 from critflow.workflow.load import load_study
+from workflows.benchmarks.speed_accuracy import report
+from workflows.benchmarks.speed_accuracy.lengths import Answer, accuracy_of_stress
+from workflows.benchmarks.speed_accuracy.references import stress_of_lengths
+from workflows.benchmarks.speed_accuracy.tasks import TASKS
+from workflows.benchmarks.timing import Accuracy, Method, benchmark, installed
 
 study = load_study("speed_accuracy").study
-
-
-def beside(name):
-    """A module of the files beside the study."""
-    return sys.modules[f"{study.case.__module__.split('.')[0]}.benchmarks.{name}"]
-
-
-contests, report, references = beside("timing"), beside("speed_accuracy.report"), beside("speed_accuracy.references")
-TASKS = beside("speed_accuracy.tasks").TASKS
-
 
 CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 
@@ -36,7 +30,7 @@ CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 
 
 def fake(name, run, levels=(0.0, 1.0, 2.0), **more):
-    return contests.Contestant(name, run, lambda answer: contests.Verdict(answer, iterations=3), levels, **more)
+    return Method(name, run, lambda answer: Accuracy(answer, iterations=3), levels, **more)
 
 
 def broken(level):
@@ -57,40 +51,40 @@ def test_who_raises_has_failed_and_who_is_slow_stops():
         runs.append(level)
         return 10.0**-level
 
-    entrants = [
+    selected = [
         fake("steady", steady),
         fake("broken", broken),
         fake("slow", slow),
         fake("gone", broken, package="no-x"),
     ]
-    timings = {(t.contestant.name, t.level): t for t in contests.contest(entrants, repeats=4, patience=0.01)}
+    timings = {(t.method.name, t.level): t for t in benchmark(selected, repeats=4, patience=0.01)}
     assert len(timings) == 12
     for level in range(3):
         timing = timings["steady", level]
-        assert (timing.verdict.error, timing.verdict.status, timing.verdict.iterations) == (10.0**-level, Status.ok, 3)
+        assert timing.accuracy == Accuracy(10.0**-level, Status.ok, 3, pytest.approx(np.nan, nan_ok=True))
         assert len(timing.seconds) == 4
         assert timing.quartiles[0] <= timing.median <= timing.quartiles[1]
-        assert timings["gone", level].verdict.status is Status.missing
+        assert timings["gone", level].accuracy.status is Status.missing
         assert "pip install 'critflow[peers]'" in timings["gone", level].note
     # One round is judged and not timed.
     assert sorted(runs) == [0.0] * 5 + [1.0] * 5 + [2.0] * 5
-    assert [timings["broken", level].verdict.status for level in range(3)] == [Status.ok, Status.failed, Status.ok]
+    assert [timings["broken", level].accuracy.status for level in range(3)] == [Status.ok, Status.failed, Status.ok]
     assert timings["broken", 1].note == "ZeroDivisionError: by a peer"
     assert np.isnan(timings["broken", 1].median)
     assert [len(timings["slow", level].seconds) for level in range(3)] == [1, 0, 0]
     assert timings["slow", 0].median >= 0.02
-    assert [timings["slow", level].verdict.status for level in (1, 2)] == [Status.missing] * 2
+    assert [timings["slow", level].accuracy.status for level in (1, 2)] == [Status.missing] * 2
 
 
 def test_no_round_begins_after_the_budget():
-    (timing,) = contests.contest([fake("slow", slow, (0.0,))], repeats=9, patience=9.0, budget=0.0)
+    (timing,) = benchmark([fake("slow", slow, (0.0,))], repeats=9, patience=9.0, budget=0.0)
     assert len(timing.seconds) == 1
 
 
 @pytest.mark.skipif(not CORES, reason="only Linux keeps a process on a core")
 def test_all_runs_are_on_one_core_and_none_is_taken_away():
     within = []
-    contests.contest([fake("any", lambda level: within.append(len(os.sched_getaffinity(0))) or 0.0, (0.0,))], repeats=1)
+    benchmark([fake("any", lambda level: within.append(len(os.sched_getaffinity(0))) or 0.0, (0.0,))], repeats=1)
     assert within == [1, 1]
     assert os.sched_getaffinity(0) == CORES
 
@@ -152,16 +146,15 @@ def test_a_choice_is_measured_at_every_accuracy_that_it_reaches():
 
 
 def test_stresses_of_rest_lengths_are_compared_without_their_scale():
-    lengths_task = beside("speed_accuracy.lengths")
     manifold = CriticalManifold(voronoi_network(16, 3))
     lengths = 1 + 0.05 * np.random.default_rng(1).standard_normal(24)
-    judge = lengths_task._judge(references.stress_of_lengths(manifold, lengths))
+    accuracy = accuracy_of_stress(stress_of_lengths(manifold, lengths))
     found = critical_from_lengths(manifold, lengths).value.sigma
-    assert judge(lengths_task._Answer(7 * found)).error < 1e-12
+    assert accuracy(Answer(7 * found)).error < 1e-12
     worse = found.copy()
     worse[5] += 1e-6 * found.mean()
     # The comparison of scales returns a part of one edge in 24.
-    assert judge(lengths_task._Answer(worse)).error == pytest.approx(1e-6, rel=0.3)
+    assert accuracy(Answer(worse)).error == pytest.approx(1e-6, rel=0.3)
 
 
 # The study
@@ -170,11 +163,11 @@ ASKED = ("auto", "newton", "cone", "solve", "splu", "dense Cholesky", "SciPy L-B
 
 
 @pytest.mark.parametrize("word", [word for word in TASKS if not word.endswith("pinned")])
-def test_tasks_name_their_contestants(word):
+def test_tasks_name_their_methods(word):
     task = TASKS[word]
-    entrants = task.contestants(min(40, task.sizes[0]), 1)
-    names = [contestant.name for contestant in entrants]
-    assert max(len(contestant.levels) for contestant in entrants) <= len(study.parameters["levels"])
+    selected = task.methods(min(40, task.sizes[0]), 1)
+    names = [method.name for method in selected]
+    assert max(len(method.levels) for method in selected) <= len(study.parameters["levels"])
     assert len(names) == len(set(names))
     assert set(names) <= set(task.names)
     assert task.default in names
@@ -225,7 +218,7 @@ def test_who_takes_part_and_who_is_missing(small):
     numbers = parts.package_version.sel(contestant="splu", task="configuration").values
     assert list(numbers) == [int(number) for number in scipy.__version__.split(".")[:3]]
     for name, word, package in (("pyamg CG", "gradient", "pyamg"), ("jax_fdm", "length_variance_pinned", "jax-fdm")):
-        version = contests.installed(package)
+        version = installed(package)
         part = parts.sel(contestant=name, task=word)
         assert int(part.presence) == (2 if version else 3)
         assert (part.outcome != Status.missing).any() == bool(version)
@@ -256,7 +249,7 @@ def test_it_has_its_charts_claims_and_fronts(small):
 @pytest.mark.parametrize(
     "setting, sentence",
     [
-        ("contestants=auto,lammps", "no contestant 'lammps'"),
+        ("contestants=auto,lammps", "no method 'lammps'"),
         ("repeats=0", "repeats=0 must be positive"),
         ("patience=0", "must be positive"),
         ("budget=-1", "must"),

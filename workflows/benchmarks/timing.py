@@ -1,7 +1,7 @@
-"""Methods timed against each other: one process, one core, in turn, and beside each time the error of its answer.
+"""Times and errors of methods for the same problem, in one process on one core, in random order.
 
-A task is one chart.  Its module `_contest_<...>.py` ends with `TASKS = (Task(...), ...)`, which `speed_accuracy`
-gathers.  Contestants import their peers by `peer`, when they run; one whose `package` is not installed is not run.
+A task is one chart.  The modules of `speed_accuracy` define them as `TASKS = (Task(...), ...)`.  Other packages are
+imported by `peer` when a method runs; a method whose `package` is not installed is not run.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from critflow import Status
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What an answer is worth: its error against the reference, how the method says it ended, its own error bound."""
+class Accuracy:
+    """Accuracy of an answer: error against the reference, status, iterations and error bound returned by the method."""
 
     error: float
     status: Status = Status.ok
@@ -31,19 +31,19 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Contestant:
-    """A method for one problem, which its functions hold already.
+class Method:
+    """A method for one problem, which its functions contain.
 
-    levels  tolerances, or whatever makes it more accurate, from rough to fine
-    run     what is timed: the answer at a level
-    judge   what is not timed: the worth of an answer
-    package the distribution whose version stands beside the time; one that is not installed is said to be missing
-    backend what factorises, where that is a choice
+    run       the answer at a level, timed
+    accuracy  the accuracy of an answer, not timed
+    levels    tolerances or other parameters of the accuracy, from rough to fine
+    package   distribution whose version is stored with the time
+    backend   linear solver, if the method has a choice
     """
 
     name: str
     run: Callable[[float], Any]
-    judge: Callable[[Any], Verdict]
+    accuracy: Callable[[Any], Accuracy]
     levels: tuple[float, ...] = (0.0,)
     package: str = "critflow"
     backend: str = ""
@@ -53,15 +53,15 @@ class Contestant:
 class Task:
     """One chart of error against time.
 
-    word         its name on the axis, as in "strain_step"
-    title        what is computed, as in "σ → configuration, with its gradient"
-    error        what the error is, for the axis of the chart, as in "largest relative error of a bond vector"
-    sizes        sizes N_v that make sense; beyond the largest the task is left out
-    names        all its contestants at any size; an own method says what it does, a peer its package
-    default      the contestant that is critflow called without choosing anything, the one to lie on the front
-    contestants  (n_vertices, seed) -> those that take part at a size, with problem and reference in their closures;
-                 the reference is at least 1,000 times better than the best of them
-    useful       with a larger error an answer is none
+    word     value of the axis, as in "strain_step"
+    title    the computed quantity, as in "σ → configuration, with its gradient"
+    error    definition of the error, for the axis of the chart, as in "largest relative error of a bond vector"
+    sizes    sizes N_v of the task; larger ones are left out
+    names    its methods at all sizes; methods of other packages begin with the name of the package
+    default  the method of critflow without options
+    methods  (n_vertices, seed) -> the methods at this size, with problem and reference in their closures; the
+             reference is at least 1,000 times more accurate than the best method
+    useful   largest error that is compared
     """
 
     word: str
@@ -70,18 +70,18 @@ class Task:
     sizes: tuple[int, ...]
     names: tuple[str, ...]
     default: str
-    contestants: Callable[[int, int], Sequence[Contestant]]
+    methods: Callable[[int, int], Sequence[Method]]
     useful: float = 1e-2
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds of every repeat at one level of one contestant, and the worth of the answer."""
+    """Seconds of every repeat at one level of one method, and the accuracy of the answer."""
 
-    contestant: Contestant
+    method: Method
     level: int
     seconds: tuple[float, ...] = ()
-    verdict: Verdict = field(default_factory=lambda: Verdict(np.nan, Status.missing))
+    accuracy: Accuracy = field(default_factory=lambda: Accuracy(np.nan, Status.missing))
     note: str = ""
 
     @property
@@ -95,7 +95,7 @@ class Timing:
 
 
 def installed(package: str) -> str:
-    """The version of a distribution, or nothing where it is missing."""
+    """The version of a distribution, or an empty string if it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -103,13 +103,13 @@ def installed(package: str) -> str:
 
 
 def peer(module: str) -> Any:
-    """A module of a package that need not be installed, imported when first used."""
+    """A module of an optional package, imported at first use."""
     return import_module(module)
 
 
 @contextmanager
 def one_core() -> Iterator[None]:
-    """Keep this thread, and all that it starts, on one core, where the system can."""
+    """Bind this thread and the threads started by it to one core, where the system supports it."""
     if not hasattr(os, "sched_setaffinity"):
         yield
         return
@@ -121,57 +121,57 @@ def one_core() -> Iterator[None]:
         os.sched_setaffinity(0, before)
 
 
-def contest(
-    contestants: Sequence[Contestant], repeats: int = 7, patience: float = 2.0, budget: float = np.inf
+def benchmark(
+    methods: Sequence[Method], repeats: int = 7, patience: float = 2.0, budget: float = np.inf
 ) -> list[Timing]:
-    """Time all levels of all contestants in turn, round after round, after one round that is judged and not timed.
+    """Time all levels of all methods in repeated rounds; the first round yields the accuracy and is not timed.
 
-    Every round has an order of its own: what a contestant leaves behind, in caches and threads, is borne by all alike.
-    Nobody is run again after `repeats` rounds or `patience` seconds, and no round begins after `budget` seconds.
-    Whoever takes longer than the patience in the first round has that time counted, and its finer levels are left out.
-    Whoever raises has failed; one whose package is not installed is missing.
+    Each round has a random order, so that effects of a method on caches and threads are spread over all methods.  A
+    method ends after `repeats` rounds or `patience` seconds; no round begins after `budget` seconds.  If the first run
+    of a level exceeds the patience, its time is used and finer levels are left out.  The status of a method that raises
+    is `failed`; that of a method whose package is not installed is `missing`.
     """
     begin, rng = time.perf_counter(), np.random.default_rng(0)
     timings: dict[tuple[str, int], Timing] = {}
     with one_core():
-        for contestant in contestants:
-            for timing in _judged(contestant, patience):
-                timings[contestant.name, timing.level] = timing
+        for method in methods:
+            for timing in _first_round(method, patience):
+                timings[method.name, timing.level] = timing
         keys = list(timings)
         for n_round in range(repeats):
             for key in (keys[n] for n in rng.permutation(len(keys))):
                 known = timings[key]
-                over = sum(known.seconds) > patience or known.verdict.status in (Status.failed, Status.missing)
+                over = sum(known.seconds) > patience or known.accuracy.status in (Status.failed, Status.missing)
                 late = n_round and time.perf_counter() - begin > budget
                 if not over and not late:
-                    spent, _ = _timed(known.contestant, known.level)
+                    spent, _ = _timed(known.method, known.level)
                     timings[key] = replace(known, seconds=(*known.seconds, spent))
     return list(timings.values())
 
 
-def _judged(contestant: Contestant, patience: float) -> Iterator[Timing]:
-    """The first round of one contestant, from its rough to its fine levels."""
-    nothing = Verdict(np.nan, Status.missing)
-    if not installed(contestant.package):
-        note = f"{contestant.package} is not installed: `pip install 'critflow[peers]'`"
-        yield from (Timing(contestant, n, verdict=nothing, note=note) for n in range(len(contestant.levels)))
+def _first_round(method: Method, patience: float) -> Iterator[Timing]:
+    """The first round of one method, from rough to fine levels."""
+    nothing = Accuracy(np.nan, Status.missing)
+    if not installed(method.package):
+        note = f"{method.package} is not installed: `pip install 'critflow[peers]'`"
+        yield from (Timing(method, n, accuracy=nothing, note=note) for n in range(len(method.levels)))
         return
     spent = 0.0
-    for n in range(len(contestant.levels)):
+    for n in range(len(method.levels)):
         if spent > patience:
-            yield Timing(contestant, n, verdict=nothing, note=f"the level before took {spent:.2g} s")
+            yield Timing(method, n, accuracy=nothing, note=f"the previous level took {spent:.2g} s")
             continue
         try:
-            spent, answer = _timed(contestant, n)
-            verdict = contestant.judge(answer)
-        except Exception as error:  # a peer may raise anything, and that is its outcome
+            spent, answer = _timed(method, n)
+            accuracy = method.accuracy(answer)
+        except Exception as error:  # other packages may raise any exception
             note = f"{type(error).__name__}: {error}"
-            yield Timing(contestant, n, verdict=Verdict(np.nan, Status.failed), note=note)
+            yield Timing(method, n, accuracy=Accuracy(np.nan, Status.failed), note=note)
             continue
-        yield Timing(contestant, n, (spent,) if spent > patience else (), verdict)
+        yield Timing(method, n, (spent,) if spent > patience else (), accuracy)
 
 
-def _timed(contestant: Contestant, level: int) -> tuple[float, Any]:
+def _timed(method: Method, level: int) -> tuple[float, Any]:
     begin = time.perf_counter()
-    answer = contestant.run(contestant.levels[level])
+    answer = method.run(method.levels[level])
     return time.perf_counter() - begin, answer

@@ -27,7 +27,7 @@ from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stabl
 from ...shared.checks import check_network, check_positive
 from ...shared.measurements import planar_member, table
 from ...shared.populations import prepared
-from ..timing import Contestant, Verdict, contest
+from ..timing import Accuracy, Method, benchmark
 from .report import ratio_figure, read_claims, summary
 
 QUESTIONS = ("growth", "member", "moduli", "configuration", "optimum")
@@ -95,16 +95,16 @@ def case(parameters, *, seed):
     for n, name in enumerate(parameters["questions"]):
         reference = np.asarray(questions[name].short())
 
-        def judge(answer, reference=reference):
-            return Verdict(float(np.abs(answer - reference).max() / np.abs(reference).mean()))
+        def accuracy(answer, reference=reference):
+            return Accuracy(float(np.abs(answer - reference).max() / np.abs(reference).mean()))
 
-        both = [Contestant(way, lambda _, run=run: run(), judge) for way, run in questions[name]._asdict().items()]
-        timings = contest(both, parameters["repeats"])
+        both = [Method(way, lambda _, run=run: run(), accuracy) for way, run in questions[name]._asdict().items()]
+        timings = benchmark(both, parameters["repeats"])
         for timing in timings:
-            if timing.verdict.status is Status.failed:
-                raise RuntimeError(f"{name} by the {timing.contestant.name} way: {timing.note}")
+            if timing.accuracy.status is Status.failed:
+                raise RuntimeError(f"{name} by the {timing.method.name} way: {timing.note}")
         seconds[:, n] = [timing.median for timing in timings]
-        difference[n] = timings[1].verdict.error
+        difference[n] = timings[1].accuracy.error
     return {
         "status": Status.ok,
         "seconds_short": seconds[0],

@@ -21,7 +21,7 @@ from critflow.mechanics.springs import SpringState, spring_state
 from critflow.workflow import stable_rng
 
 from .. import reference
-from .judge import Carried
+from .outcomes import Unavailable
 
 # Every map has so many steps; shorter lists of strengths leave the last ones empty.
 STEPS = 16
@@ -73,7 +73,7 @@ class Problem:
     def critical(self):
         """The configuration of σ as the library has it."""
         if not self.solution.ok:
-            raise Carried(self.solution.status)
+            raise Unavailable(self.solution.status)
         return self.solution.value
 
     @cached_property

@@ -13,7 +13,7 @@ from critflow.plot import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
 
-from .judge import Outcome, Violation
+from .outcomes import Outcome, Violation
 from .percolation_report import half_point, percolation_claims, percolation_curve
 from .problems import DIFFICULTIES, METHODS, OBJECTIVES
 
@@ -23,15 +23,15 @@ CELLS = {
     Outcome.exact: ("#0B3C6F", "", "right to rounding"),
     Outcome.bounded: ("#4F93C4", "", "right within its claimed bound"),
     Outcome.tolerated: ("#B8D9EF", "", "right within tolerance, no bound claimed"),
-    Outcome.said: ("#E3E3E3", "s", "status says why not"),
+    Outcome.reported: ("#E3E3E3", "s", "status says why not"),
     Outcome.refused: ("#E3E3E3", "r", "refused with a sentence"),
     Outcome.unknown: ("#FFFFFF", "?", "reference fails"),
     Outcome.violation: ("#D55E00", "✗", "SILENT WRONG ANSWER"),
 }
 # Of several methods or networks in one cell the last of these is shown.
 ORDER = (
-    Outcome.absent, Outcome.exact, Outcome.bounded, Outcome.tolerated, Outcome.refused, Outcome.said, Outcome.unknown,
-    Outcome.violation,
+    Outcome.absent, Outcome.exact, Outcome.bounded, Outcome.tolerated, Outcome.refused, Outcome.reported,
+    Outcome.unknown, Outcome.violation,
 )  # fmt: skip
 RIGHT = (Outcome.exact, Outcome.bounded, Outcome.tolerated)
 # What error and bound are drawn for.

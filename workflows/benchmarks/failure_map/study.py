@@ -13,11 +13,11 @@ from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network
 from .assembly import ASSEMBLIES, DIFFICULT, errors, seconds
-from .judge import Outcome, Violation
+from .outcomes import Outcome, Violation
 from .percolation import percolation
 from .percolation_report import percolation_figure
 from .problems import DIFFICULTIES, QUANTITIES
-from .questions import asked
+from .quantities import finding
 from .report import assembly_figure, bound_figure, claims, map_figure, summary
 
 PERCOLATION = "percolation"
@@ -44,10 +44,10 @@ def case(parameters, *, difficulty, seed):
                 continue
             for step, value in enumerate(strengths):
                 problem = DIFFICULTIES[difficulty].problem(value, seed, parameters["n_vertices"])
-                judgement = asked(quantity, problem)
-                error[row, step], bound[row, step] = judgement.error, judgement.bound
-                outcome[row, step], violation[row, step] = judgement.outcome, judgement.violation
-                status[row, step] = judgement.status
+                found = finding(quantity, problem)
+                error[row, step], bound[row, step] = found.error, found.bound
+                outcome[row, step], violation[row, step] = found.outcome, found.violation
+                status[row, step] = found.status
         if difficulty in DIFFICULT:
             for step, value in enumerate(strengths):
                 problem = DIFFICULTIES[difficulty].problem(value, seed, parameters["n_vertices"])

@@ -8,7 +8,6 @@ certificate, the moduli at the transition and the exact C_B and C_G.  Short stag
 from __future__ import annotations
 
 import time
-from enum import IntEnum
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from critflow.networks.random_networks import STANDARD_HARD_CORE
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ...shared.checks import check_positive
+from ..backends import Backend
 from .memory import peak_memory, restart_peak
 from .report import claims, scale_figure, summary
 
@@ -41,17 +41,6 @@ STAGES = (
     "moduli",
     "coefficients",
 )
-
-
-class Backend(IntEnum):
-    """The sparse solver behind a stage, as data files store it: append, never renumber."""
-
-    none = 0
-    qdldl = 1
-    superlu = 2
-    metis = 3
-    pardiso = 4
-    single = 5
 
 
 class _Clock:
@@ -172,6 +161,7 @@ STAGE = (*EACH, "stage")
 
 study = Study(
     name="scale",
+    version=2,
     title="Time and memory of every stage from 1,000 to 1,000,000 vertices (times differ from run to run)",
     axes=(
         Axis("seed", range(1), "seed of the network", noun="networks"),

@@ -26,7 +26,7 @@ from critflow.mechanics.strain_path import StrainPath
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended
 
-from ..timing import Contestant, Task, Verdict
+from ..timing import Accuracy, Method, Task
 from . import references
 from .moduli import LARGE, random_critical
 from .references import relative_error
@@ -75,10 +75,10 @@ class Slopes:
         solution = strain_path(self.manifold.network, start, strains, pattern=self.manifold.hessian, throw=False)
         return solution.value, solution.status
 
-    def judge(self, answer: Answer) -> Verdict:
+    def accuracy(self, answer: Answer) -> Accuracy:
         """The larger of the relative errors."""
         error = max(relative_error(answer.C_B, self.C_B), relative_error(answer.C_G, self.C_G))
-        return Verdict(error, answer.status, answer.iterations, answer.bound)
+        return Accuracy(error, answer.status, answer.iterations, answer.bound)
 
 
 def _exactly(slopes: Slopes, level: float) -> Answer:
@@ -111,14 +111,14 @@ def _extrapolated(slopes: Slopes, reach: float) -> Answer:
     return Answer(*found, status, int(path.steps.sum()))
 
 
-def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
+def _methods(n_vertices: int, seed: int) -> list[Method]:
     slopes = Slopes.of(n_vertices, seed)
     windows = WINDOWS if n_vertices < LARGE else WINDOWS[-1:]
     return [
-        Contestant("exact", partial(_exactly, slopes), slopes.judge, backend="qdldl"),
-        Contestant("Richardson", partial(_extrapolated, slopes), slopes.judge, windows, backend="qdldl"),
+        Method("exact", partial(_exactly, slopes), slopes.accuracy, backend="qdldl"),
+        Method("Richardson", partial(_extrapolated, slopes), slopes.accuracy, windows, backend="qdldl"),
         *(
-            Contestant(name, partial(_fitted, slopes, *fit), slopes.judge, windows, backend="qdldl")
+            Method(name, partial(_fitted, slopes, *fit), slopes.accuracy, windows, backend="qdldl")
             for name, fit in _FITS.items()
         ),
     ]
@@ -132,6 +132,6 @@ TASKS = (
         SIZES,
         ("exact", "Richardson", *_FITS),
         "exact",
-        _contestants,
+        _methods,
     ),
 )

@@ -22,7 +22,7 @@ from critflow.linalg.backends import available_backends
 from critflow.precision.double_double import Extended
 from critflow.workflow import stable_rng
 
-from ..timing import Contestant, Task, Verdict, installed, peer
+from ..timing import Accuracy, Method, Task, installed, peer
 from . import references
 
 SIZES = (100, 1_000, 10_000, 100_000)
@@ -40,7 +40,7 @@ Solve = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class _Method:
+class _LinearSolver:
     """A way to solve P y = r: (σ, level) -> a function of right sides (n, d)."""
 
     name: str
@@ -134,18 +134,18 @@ def _multigrid(laplacian: _Laplacian):
     return factorise
 
 
-def _methods(network: Network) -> list[_Method]:
+def _peer_solvers(network: Network) -> list[_LinearSolver]:
     laplacian, small = _Laplacian(network), network.n_vertices <= DENSE
     dense = (
-        _Method("dense Cholesky", "scipy", _dense_cholesky(laplacian)),
-        _Method("pseudo-inverse", "numpy", _pseudo_inverse(network)),
+        _LinearSolver("dense Cholesky", "scipy", _dense_cholesky(laplacian)),
+        _LinearSolver("pseudo-inverse", "numpy", _pseudo_inverse(network)),
     )
     direct = (
-        _Method("splu", "scipy", _superlu(laplacian)),
-        _Method("splu float32", "scipy", _single_precision(laplacian), (0.0, 1.0, 2.0, 3.0, 4.0)),
+        _LinearSolver("splu", "scipy", _superlu(laplacian)),
+        _LinearSolver("splu float32", "scipy", _single_precision(laplacian), (0.0, 1.0, 2.0, 3.0, 4.0)),
     )
     levels = TOLERANCES if network.n_vertices < LARGE else _GOOD
-    multigrid = _Method("pyamg CG", "pyamg", _multigrid(laplacian), levels)
+    multigrid = _LinearSolver("pyamg CG", "pyamg", _multigrid(laplacian), levels)
     return [*(dense if small else ()), *(direct if network.n_vertices < HUGE else ()), multigrid]
 
 
@@ -165,7 +165,7 @@ class _Problem:
         sigma *= np.sqrt(len(sigma) / (sigma @ sigma))
         return cls(manifold, sigma, *references.bulk_modulus_gradient(manifold, sigma))
 
-    def judge(self, answer) -> Verdict:
+    def accuracy(self, answer) -> Accuracy:
         """Largest relative error of a bond vector; with a gradient, that over its largest component if it is larger."""
         L, slope, bound = answer
         length = np.linalg.norm(self.L.high, axis=1)
@@ -173,18 +173,18 @@ class _Problem:
         if slope is not None:
             wrong = np.abs((slope - self.slope.high) - self.slope.low)
             error = float(wrong.max() / np.abs(self.slope.high).max())
-        return Verdict(error, bound=bound)
+        return Accuracy(error, bound=bound)
 
 
-def _contestants(n_vertices: int, seed: int, gradient: bool) -> list[Contestant]:
+def _methods(n_vertices: int, seed: int, gradient: bool) -> list[Method]:
     problem = _Problem.of(n_vertices, seed)
     network, sigma = problem.manifold.network, problem.sigma
     divergence, g, b = network.divergence, network.free_incidence, network.boundary_vectors
     goal = transition_modulus(network, dilation(network.dimension))
 
-    def peer_run(method: _Method):
+    def peer_run(solver: _LinearSolver):
         def run(level):
-            solve = method.factorise(sigma, level)
+            solve = solver.factorise(sigma, level)
             L = b - g @ solve(divergence @ (sigma[:, None] * b))
             if not gradient:
                 return L, None, np.nan
@@ -208,17 +208,19 @@ def _contestants(n_vertices: int, seed: int, gradient: bool) -> list[Contestant]
         solution = problem.manifold.solve(sigma)
         return solution.value.bond_vectors, None, float("nan")
 
-    own = [Contestant("auto", own_run(problem.manifold), problem.judge)]
+    own = [Method("auto", own_run(problem.manifold), problem.accuracy)]
     if not gradient:
-        own.append(Contestant("solve", solved, problem.judge))
+        own.append(Method("solve", solved, problem.accuracy))
     huge = n_vertices >= HUGE
     for backend in (name for name in available_backends() if name in _AT_HUGE or not huge):
         run = own_run(CriticalManifold(network, backend=backend))
-        own.append(Contestant(backend, run, problem.judge, backend=backend))
+        own.append(Method(backend, run, problem.accuracy, backend=backend))
     for backend, package in FAST.items():
         if not installed(package):
-            own.append(Contestant(backend, own_run(problem.manifold), problem.judge, package=package))
-    peers = [Contestant(m.name, peer_run(m), problem.judge, m.levels, m.package, m.backend) for m in _methods(network)]
+            own.append(Method(backend, own_run(problem.manifold), problem.accuracy, package=package))
+    peers = [
+        Method(m.name, peer_run(m), problem.accuracy, m.levels, m.package, m.backend) for m in _peer_solvers(network)
+    ]
     return [*own, *peers]
 
 
@@ -233,7 +235,7 @@ TASKS = (
         (*SIZES, HUGE),
         ("auto", "solve", *_BACKENDS, *_PEERS),
         "auto",
-        partial(_contestants, gradient=False),
+        partial(_methods, gradient=False),
     ),
     Task(
         "gradient",
@@ -242,6 +244,6 @@ TASKS = (
         SIZES,
         ("auto", *_BACKENDS, *_PEERS),
         "auto",
-        partial(_contestants, gradient=True),
+        partial(_methods, gradient=True),
     ),
 )

@@ -19,7 +19,7 @@ from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
 
 from ...shared.populations import random_lengths
-from ..timing import Contestant, Task, Verdict
+from ..timing import Accuracy, Method, Task
 from . import references
 
 SIZES = (100, 1_000, 10_000)
@@ -33,21 +33,21 @@ CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
 
 @dataclass(frozen=True)
-class _Answer:
+class Answer:
     sigma: np.ndarray
     status: Status = Status.ok
     iterations: int = 0
 
 
-def _judge(best: Extended):
+def accuracy_of_stress(best: Extended):
     """Largest error of a stress over the mean stress; scales are compared by their projection."""
 
-    def judge(answer: _Answer) -> Verdict:
+    def accuracy(answer: Answer) -> Accuracy:
         sigma = answer.sigma * ((answer.sigma @ best.high) / (answer.sigma @ answer.sigma))
         wrong = np.abs((sigma - best.high) - best.low)
-        return Verdict(float(wrong.max() / best.high.mean()), answer.status, answer.iterations)
+        return Accuracy(float(wrong.max() / best.high.mean()), answer.status, answer.iterations)
 
-    return judge
+    return accuracy
 
 
 def _problem(n_vertices: int, seed: int):
@@ -61,23 +61,23 @@ def _problem(n_vertices: int, seed: int):
     raise ValueError("some edges are slack at every spread of the rest lengths")
 
 
-def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
+def _methods(n_vertices: int, seed: int) -> list[Method]:
     manifold, lengths, best = _problem(n_vertices, seed)
-    network, judge, saddle = manifold.network, _judge(best), manifold.saddle
+    network, accuracy, saddle = manifold.network, accuracy_of_stress(best), manifold.saddle
 
     def auto(level):
         solution = critical_from_lengths(manifold, lengths, throw=False)
-        return _Answer(solution.value.sigma, solution.status, solution.stats.steps + solution.polish_steps)
+        return Answer(solution.value.sigma, solution.status, solution.stats.steps + solution.polish_steps)
 
     def cone(level):
         found = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, level)
-        return _Answer(found.sigma, Status.ok if found.solved else Status.stalled, found.steps)
+        return Answer(found.sigma, Status.ok if found.solved else Status.stalled, found.steps)
 
     def polished(level):
         found = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, level)
         _, sigma, _, steps = polish(saddle, network, lengths, network.all_coordinates(found.coordinates), found.sigma)
         status = Status.ok if found.solved and (sigma > 0).all() else Status.stalled
-        return _Answer(sigma, status, found.steps + steps)
+        return Answer(sigma, status, found.steps + steps)
 
     def strain(level, relaxation):
         # An energy of springs stretched by half a step beyond the transition.
@@ -86,21 +86,21 @@ def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
             manifold, lengths, "strain", relaxation=relaxation, strain_step=level, energy_threshold=threshold,
             throw=False,
         )  # fmt: skip
-        return _Answer(solution.value.sigma, solution.status, solution.stats.steps)
+        return Answer(solution.value.sigma, solution.status, solution.stats.steps)
 
     own = [
-        Contestant("auto", auto, judge),
-        Contestant("cone + Newton", polished, judge, CONE),
-        Contestant("cone", cone, judge, CONE),
-        Contestant("strain Newton", partial(strain, relaxation="newton"), judge, STRAIN_STEPS),
-        Contestant("bisection", partial(_bisected, manifold, lengths), judge, WIDTHS),
+        Method("auto", auto, accuracy),
+        Method("cone + Newton", polished, accuracy, CONE),
+        Method("cone", cone, accuracy, CONE),
+        Method("strain Newton", partial(strain, relaxation="newton"), accuracy, STRAIN_STEPS),
+        Method("bisection", partial(_bisected, manifold, lengths), accuracy, WIDTHS),
     ]
     if n_vertices <= FIRE_SIZE:
-        own.append(Contestant("strain FIRE", partial(strain, relaxation="fire"), judge, STRAIN_STEPS[:2]))
+        own.append(Method("strain FIRE", partial(strain, relaxation="fire"), accuracy, STRAIN_STEPS[:2]))
     return own
 
 
-def _bisected(manifold: CriticalManifold, lengths: np.ndarray, width: float) -> _Answer:
+def _bisected(manifold: CriticalManifold, lengths: np.ndarray, width: float) -> Answer:
     """The stress of the last rigid state, when the strain of the transition is known to `width`."""
     network, pattern = manifold.network, manifold.hessian
     x = manifold.configuration(network.stiffness).coordinates
@@ -116,7 +116,7 @@ def _bisected(manifold: CriticalManifold, lengths: np.ndarray, width: float) -> 
             high, x, sigma = strain, solution.value.coordinates, solution.value.sigma
         else:
             low = strain
-    return _Answer(sigma, Status.ok if (sigma > 0).all() else Status.slack_edges, steps)
+    return Answer(sigma, Status.ok if (sigma > 0).all() else Status.slack_edges, steps)
 
 
 TASKS = (
@@ -127,6 +127,6 @@ TASKS = (
         SIZES,
         ("auto", "cone + Newton", "cone", "strain Newton", "bisection", "strain FIRE"),
         "auto",
-        _contestants,
+        _methods,
     ),
 )

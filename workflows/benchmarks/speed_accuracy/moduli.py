@@ -38,7 +38,7 @@ from critflow.networks.network import Array
 from critflow.precision.double_double import extended
 from critflow.workflow import stable_rng
 
-from ..timing import Contestant, Task, Verdict, installed, peer
+from ..timing import Accuracy, Method, Task, installed, peer
 from . import references
 from .ase import atoms_of, matscipy_springs
 from .references import ExtendedModuli, relative_error
@@ -84,10 +84,10 @@ class Measured:
         bound = max(claim.bulk / value.bulk, claim.shear / value.shear) if isinstance(claim, Moduli) else np.nan
         return cls(value.bulk, value.shear, solution.status, solution.stats.steps, bound)
 
-    def against(self, exact: ExtendedModuli) -> Verdict:
+    def against(self, exact: ExtendedModuli) -> Accuracy:
         """The larger of the relative errors of B and G."""
         error = max(relative_error(self.bulk, exact.bulk), relative_error(self.shear, exact.shear))
-        return Verdict(error, self.status, self.iterations, self.bound)
+        return Accuracy(error, self.status, self.iterations, self.bound)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ class StressedSprings:
         exact = references.equilibrium(state.network, extended(critical.lengths), near, manifold.hessian)
         return cls(state, manifold.hessian, references.moduli(*exact))
 
-    def judge(self, answer: Measured) -> Verdict:
+    def accuracy(self, answer: Measured) -> Accuracy:
         return answer.against(self.reference)
 
 
@@ -142,7 +142,7 @@ def _differences(springs: StressedSprings, order: int, h: float) -> Measured:
     return Measured(*moduli, status, sum(end.stats.steps for end in ends))
 
 
-def _matscipy(springs: StressedSprings) -> list[Contestant]:
+def _matscipy(springs: StressedSprings) -> list[Method]:
     """With plain conjugate gradients, and with an incomplete LU factorisation that drops next to nothing."""
 
     def run(preconditioner: dict[str, float] | None, residual: float) -> Measured:
@@ -162,12 +162,12 @@ def _matscipy(springs: StressedSprings) -> list[Contestant]:
     if installed("matscipy"):
         start, calculator = atoms_of(springs.state), matscipy_springs(springs.state)
     return [
-        Contestant("matscipy", partial(run, None), springs.judge, RESIDUALS, "matscipy"),
-        Contestant("matscipy LU", partial(run, _NEARLY_EXACT), springs.judge, _FIRST, "matscipy", "SuperLU"),
+        Method("matscipy", partial(run, None), springs.accuracy, RESIDUALS, "matscipy"),
+        Method("matscipy LU", partial(run, _NEARLY_EXACT), springs.accuracy, _FIRST, "matscipy", "SuperLU"),
     ]
 
 
-def _stressed(n_vertices: int, seed: int) -> list[Contestant]:
+def _stressed(n_vertices: int, seed: int) -> list[Method]:
     springs = StressedSprings.of(n_vertices, seed)
     steps = STEPS if n_vertices < LARGE else (1e-5,)
 
@@ -175,21 +175,21 @@ def _stressed(n_vertices: int, seed: int) -> list[Contestant]:
         return Measured.of(linear_response(replace(springs.state), springs.pattern))
 
     return [
-        Contestant("linear response", respond, springs.judge, backend="qdldl"),
-        Contestant("differences of stress", partial(_differences, springs, 1), springs.judge, steps),
-        Contestant("differences of energy", partial(_differences, springs, 2), springs.judge, steps),
+        Method("linear response", respond, springs.accuracy, backend="qdldl"),
+        Method("differences of stress", partial(_differences, springs, 1), springs.accuracy, steps),
+        Method("differences of energy", partial(_differences, springs, 2), springs.accuracy, steps),
         *_matscipy(springs),
     ]
 
 
-def _at_transition(n_vertices: int, seed: int) -> list[Contestant]:
+def _at_transition(n_vertices: int, seed: int) -> list[Method]:
     manifold, critical = random_critical(n_vertices, seed)
     strains = STRAINS if n_vertices < LARGE else STRAINS[-1:]
     exact = references.transition_moduli(manifold, critical.sigma)
 
-    def judge(answer: Measured) -> Verdict:
+    def accuracy(answer: Measured) -> Accuracy:
         """The relative error of B_0."""
-        return Verdict(relative_error(answer.bulk, exact.bulk), answer.status, answer.iterations, answer.bound)
+        return Accuracy(relative_error(answer.bulk, exact.bulk), answer.status, answer.iterations, answer.bound)
 
     def closed(level: float) -> Measured:
         value = transition_moduli(replace(critical))
@@ -206,14 +206,14 @@ def _at_transition(n_vertices: int, seed: int) -> list[Contestant]:
     def at_rest(level: float) -> Measured:
         return Measured.of(elastic_moduli(manifold.network, critical.coordinates))
 
-    contestants = [
-        Contestant("closed form", closed, judge),
-        Contestant("linear response at γ → 0", partial(along, moduli=True), judge, strains, backend="qdldl"),
-        Contestant("energy at γ → 0", partial(along, moduli=False), judge, strains, backend="qdldl"),
+    methods = [
+        Method("closed form", closed, accuracy),
+        Method("linear response at γ → 0", partial(along, moduli=True), accuracy, strains, backend="qdldl"),
+        Method("energy at γ → 0", partial(along, moduli=False), accuracy, strains, backend="qdldl"),
     ]
     if n_vertices <= AT_REST:
-        contestants.append(Contestant("self-stress at rest", at_rest, judge))
-    return contestants
+        methods.append(Method("self-stress at rest", at_rest, accuracy))
+    return methods
 
 
 TASKS = (

@@ -33,7 +33,7 @@ from critflow.critical.objectives import named_objective
 from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
 
-from ..timing import Contestant, Task, Verdict, installed, peer
+from ..timing import Accuracy, Method, Task, installed, peer
 
 SIZES = (100, 1_000, 10_000)
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
@@ -49,7 +49,7 @@ WORDS = ("length_variance", "tension_variance", "bulk_modulus", "shear_modulus")
 Gradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
 
 
-class _Landscape:
+class _StressObjective:
     """An objective to be minimised over θ = log σ, with gradients and products with its Hessian, for SciPy."""
 
     def __init__(self, manifold: CriticalManifold, word: str):
@@ -129,7 +129,7 @@ def _by_cone(manifold: CriticalManifold):
     return run
 
 
-def _judge(manifold: CriticalManifold, word: str):
+def _accuracy(manifold: CriticalManifold, word: str):
     """The error of a stress, as said above."""
     goal = named_objective(manifold.network, word)
     best = np.empty(0)
@@ -137,9 +137,9 @@ def _judge(manifold: CriticalManifold, word: str):
         best = manifold.configuration(manifold.network.stiffness).bond_vectors.ravel()
         best = best / np.linalg.norm(best)
 
-    def judge(answer: _Answer) -> Verdict:
+    def accuracy(answer: _Answer) -> Accuracy:
         if not (np.isfinite(answer.sigma).all() and (answer.sigma > 0).all()):
-            return Verdict(np.nan, answer.status, answer.iterations)
+            return Accuracy(np.nan, answer.status, answer.iterations)
         sigma = answer.sigma
         evaluation = evaluate(manifold, goal, sigma)
         if word == "bulk_modulus":
@@ -150,37 +150,37 @@ def _judge(manifold: CriticalManifold, word: str):
             error = evaluation.value
         else:
             error = np.abs(sigma * evaluation.gradient / evaluation.value).max()
-        return Verdict(float(error), answer.status, answer.iterations)
+        return Accuracy(float(error), answer.status, answer.iterations)
 
-    return judge
+    return accuracy
 
 
-def _contestants(n_vertices: int, seed: int, word: str, pinned: bool = False) -> list[Contestant]:
+def _methods(n_vertices: int, seed: int, word: str, pinned: bool = False) -> list[Method]:
     manifold = _hanging(n_vertices, seed, word) if pinned else CriticalManifold(voronoi_network(n_vertices, seed))
     start = np.ones(manifold.network.n_edges)
     if word == "bulk_modulus":
         start = np.exp(0.5 * stable_rng(seed, "contest", "start").standard_normal(len(start)))
-    judge, landscape = _judge(manifold, word), _Landscape(manifold, word)
+    accuracy, objective = _accuracy(manifold, word), _StressObjective(manifold, word)
     curved = FINE if n_vertices <= SHORT else TOLERANCES
     # A closed form has one accuracy.
     chosen = (1e-12,) if word == "bulk_modulus" else FINE
     own = [
-        Contestant("auto", _by_critflow(manifold, word, "auto", None), judge, chosen),
-        Contestant("newton", _by_critflow(manifold, word, "newton", start), judge, curved),
-        Contestant("lbfgs", _by_critflow(manifold, word, "lbfgs", start), judge, FINE),
-        Contestant("fire", _by_fire(manifold, word, start), judge, STEPS),
+        Method("auto", _by_critflow(manifold, word, "auto", None), accuracy, chosen),
+        Method("newton", _by_critflow(manifold, word, "newton", start), accuracy, curved),
+        Method("lbfgs", _by_critflow(manifold, word, "lbfgs", start), accuracy, FINE),
+        Method("fire", _by_fire(manifold, word, start), accuracy, STEPS),
     ]
     if word == "length_variance":
-        own.append(Contestant("cone", _by_cone(manifold), judge, CONE))
-    lbfgs = _by_scipy(landscape.at, start, "L-BFGS-B")
-    krylov = _by_scipy(landscape.at, start, "trust-krylov", landscape.curvature)
+        own.append(Method("cone", _by_cone(manifold), accuracy, CONE))
+    lbfgs = _by_scipy(objective.at, start, "L-BFGS-B")
+    krylov = _by_scipy(objective.at, start, "trust-krylov", objective.curvature)
     peers = [
-        Contestant("SciPy L-BFGS-B", lbfgs, judge, FINE, "scipy"),
-        Contestant("SciPy trust-krylov", krylov, judge, curved, "scipy"),
+        Method("SciPy L-BFGS-B", lbfgs, accuracy, FINE, "scipy"),
+        Method("SciPy trust-krylov", krylov, accuracy, curved, "scipy"),
     ]
     if pinned:
         run = _by_jax(manifold.network, word, start) if installed("jax-fdm") else _absent
-        peers.append(Contestant("jax_fdm", run, judge, FINE, "jax-fdm"))
+        peers.append(Method("jax_fdm", run, accuracy, FINE, "jax-fdm"))
     return [*own, *peers]
 
 
@@ -253,14 +253,14 @@ TASKS = (
     *(
         Task(
             word, _TITLES[word], _ERRORS[word], SIZES[: 2 if word == "tension_variance" else 3],
-            (*_OWN, *_MORE.get(word, ()), *_SCIPY), "auto", partial(_contestants, word=word),
+            (*_OWN, *_MORE.get(word, ()), *_SCIPY), "auto", partial(_methods, word=word),
         )
         for word in WORDS
     ),
     *(
         Task(
             f"{word}_pinned", f"{_TITLES[word]}, pinned", _ERRORS[word], SIZES[:2] if word == WORDS[0] else SIZES[:1],
-            (*_OWN, *_MORE.get(word, ()), *_SCIPY, "jax_fdm"), "auto", partial(_contestants, word=word, pinned=True),
+            (*_OWN, *_MORE.get(word, ()), *_SCIPY, "jax_fdm"), "auto", partial(_methods, word=word, pinned=True),
         )
         for word in WORDS[:2]
     ),

@@ -328,7 +328,7 @@ def _place(entry):
 
 
 def _missing(ds):
-    """Contestants whose package is not installed, with the package, once each."""
+    """Methods whose package is not installed, with the package, once each."""
     gone = (ds.presence == MISSING).any(("task", "n_vertices")).values
     return [
         (str(name), str(name).split()[0]) for name, missing in zip(ds.contestant.values, gone, strict=True) if missing

@@ -27,7 +27,7 @@ from critflow.precision.double_double import Extended, extended
 from critflow.solvers.minimize import LBFGS, minimise
 from critflow.workflow import stable_rng
 
-from ..timing import Contestant, Task, Verdict, installed, peer
+from ..timing import Accuracy, Method, Task, installed, peer
 from . import references
 from .ase import ase_springs, atoms_of
 from .lammps import Lammps, representable
@@ -91,14 +91,14 @@ class StrainStep:
         """The start without anything that was computed from it."""
         return replace(self.start)
 
-    def judge(self, solution: Solution[SpringState]) -> Verdict:
+    def accuracy(self, solution: Solution[SpringState]) -> Accuracy:
         """Largest error of a coordinate, in mean lengths; the vertex that is grounded stays where it is."""
         x = solution.value.coordinates[self.start.network.free]
         error = float(np.abs((x - self.reference.high) - self.reference.low).max())
         bound = float(solution.stats.error_bound)
-        return Verdict(error / self.unit, solution.status, solution.stats.steps, bound / self.unit)
+        return Accuracy(error / self.unit, solution.status, solution.stats.steps, bound / self.unit)
 
-    def judge_peer(self, answer: tuple[Array, Status, int]) -> Verdict:
+    def peer_accuracy(self, answer: tuple[Array, Status, int]) -> Accuracy:
         """The same for coordinates (N_v, 2) that the box may have wrapped and that have drifted."""
         x, status, iterations = answer
         side = self.start.network.cell[0, 0]  # type: ignore[index]
@@ -108,10 +108,10 @@ class StrainStep:
         for _ in range(2):
             off -= side * np.round(off / side)
             off -= off.mean(axis=0)
-        return Verdict(float(np.abs(off).max()) / self.unit, status, iterations)
+        return Accuracy(float(np.abs(off).max()) / self.unit, status, iterations)
 
 
-def _own(step: StrainStep) -> list[Contestant]:
+def _own(step: StrainStep) -> list[Method]:
     def by(method: str, most_steps: int | None, tolerance: float) -> Solution[SpringState]:
         return equilibrium(step.fresh(), method, tolerance, most_steps, step.pattern, throw=False)
 
@@ -123,13 +123,13 @@ def _own(step: StrainStep) -> list[Contestant]:
         return Solution(value, end.status, Stats("lbfgs", end.steps, residual=end.point.residual))
 
     return [
-        Contestant("Newton", partial(by, "newton", None), step.judge, LEVELS, backend="qdldl"),
-        Contestant("L-BFGS", by_lbfgs, step.judge, LEVELS),
-        Contestant("FIRE", partial(by, "fire", step.most_steps(*_FIRE_STEPS)), step.judge, LEVELS),
+        Method("Newton", partial(by, "newton", None), step.accuracy, LEVELS, backend="qdldl"),
+        Method("L-BFGS", by_lbfgs, step.accuracy, LEVELS),
+        Method("FIRE", partial(by, "fire", step.most_steps(*_FIRE_STEPS)), step.accuracy, LEVELS),
     ]
 
 
-def _lammps(step: StrainStep) -> list[Contestant]:
+def _lammps(step: StrainStep) -> list[Method]:
     if not representable(step.start):
         return []
     engine = Lammps(step.start) if installed("lammps") else None
@@ -142,12 +142,12 @@ def _lammps(step: StrainStep) -> list[Contestant]:
         return x, Status.ok if force <= tolerance * step.unit else short, iterations
 
     return [
-        Contestant(name, partial(run, style, options), step.judge_peer, LEVELS, "lammps")
+        Method(name, partial(run, style, options), step.peer_accuracy, LEVELS, "lammps")
         for name, (style, options) in _LAMMPS.items()
     ]
 
 
-def _ase(step: StrainStep) -> list[Contestant]:
+def _ase(step: StrainStep) -> list[Method]:
     def run(
         method: str, options: dict[str, Any], limits: tuple[int, int], tolerance: float
     ) -> tuple[Array, Status, int]:
@@ -161,13 +161,13 @@ def _ase(step: StrainStep) -> list[Contestant]:
         start, calculator, optimizers = atoms_of(step.start), ase_springs(step.start), peer("ase.optimize")
     small = step.start.network.n_vertices <= DENSE
     return [
-        Contestant(name, partial(run, *choice), step.judge_peer, LEVELS, "ase")
+        Method(name, partial(run, *choice), step.peer_accuracy, LEVELS, "ase")
         for name, choice in _ASE.items()
         if small or choice[0] != "BFGS"
     ]
 
 
-def _contestants(n_vertices: int, seed: int) -> list[Contestant]:
+def _methods(n_vertices: int, seed: int) -> list[Method]:
     step = StrainStep.of(n_vertices, seed)
     return [*_own(step), *_lammps(step), *_ase(step)]
 
@@ -180,7 +180,7 @@ TASKS = (
         SIZES,
         ("Newton", "L-BFGS", "FIRE", *_LAMMPS, *_ASE),
         "Newton",
-        _contestants,
+        _methods,
         USEFUL,
     ),
 )

@@ -1,9 +1,8 @@
-"""Speed against accuracy: for each task of the library all methods, its own and its peers', in one process on one core.
+"""Speed against accuracy of every method of critflow and of other packages, for each task, on one core.
 
-Each point has an error against a reference far better than any contestant, the median of its times with their spread,
-the outcome, iterations, and the version of what computed it.  Peers are an optional extra, `pip install
-'critflow[peers]'`; one that is missing is recorded as missing.  Times are those of the machine that ran the study:
-what can be compared are ratios within one case.
+Each point has the error against a much more accurate reference, the median of the times with quartiles, the status,
+the iterations and the version of the package.  Other packages are optional, `pip install 'critflow[peers]'`; a missing
+one is recorded.  Times depend on the machine: compare ratios within one case.
 """
 
 from __future__ import annotations
@@ -19,13 +18,14 @@ from critflow import Status, StudyError, voronoi_network
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network, check_positive
-from ..timing import contest, installed, one_core
+from ..backends import Backend
+from ..timing import benchmark, installed, one_core
 from .report import all_sizes_figure, claims, main_figure, summary
-from .tasks import CONTESTANTS, TASKS
+from .tasks import METHODS, TASKS
 
 
 class Presence(IntEnum):
-    """Whose method a contestant is, and whether it took part."""
+    """Whether a method belongs to critflow or to another package, and whether it was run."""
 
     absent = 0
     critflow = 1
@@ -33,22 +33,8 @@ class Presence(IntEnum):
     not_installed = 3
 
 
-class Backend(IntEnum):
-    """What factorised, where that is a choice."""
-
-    none = 0
-    qdldl = 1
-    pardiso = 2
-    metis = 3
-    superlu = 4
-    single = 5
-    dense = 6
-    multigrid = 7
-    other = 8
-
-
 def case(parameters, *, task, n_vertices):
-    """All contestants of one task at one size; nothing where the task does not go to this size."""
+    """All methods of one task at one size; empty beyond the sizes of the task."""
     names, levels = parameters["contestants"], parameters["levels"]
     shape = len(names), len(levels)
     floats = {
@@ -57,25 +43,25 @@ def case(parameters, *, task, n_vertices):
     }
     outcome, counts = np.full(shape, int(Status.missing)), np.zeros((2, *shape), int)
     presence, backend, versions = np.zeros(shape[0], int), np.zeros(shape[0], int), np.full((shape[0], 3), -1)
-    # Peers warn of much, and start threads; what counts is their answer on one core.
+    # Other packages warn and start threads; only their answers on one core are compared.
     with one_core(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        entrants = _entrants(parameters, TASKS[task], n_vertices)
-        timings = contest(entrants, parameters["repeats"], parameters["patience"], parameters["budget"])
-    for contestant in entrants:
-        place, version = names.index(contestant.name), installed(contestant.package)
-        own = contestant.package == "critflow"
+        selected = _selected(parameters, TASKS[task], n_vertices)
+        timings = benchmark(selected, parameters["repeats"], parameters["patience"], parameters["budget"])
+    for method in selected:
+        place, version = names.index(method.name), installed(method.package)
+        own = method.package == "critflow"
         presence[place] = Presence.critflow if own else Presence.peer if version else Presence.not_installed
-        backend[place] = Backend.__members__.get(contestant.backend or "none", Backend.other)
+        backend[place] = Backend.__members__.get(method.backend or "none", Backend.other)
         numbers = [int(number) for number in re.findall(r"\d+", version)[:3]]
         versions[place, : len(numbers)] = numbers
     for timing in timings:
-        at = names.index(timing.contestant.name), timing.level
-        values = timing.median, *timing.quartiles, timing.verdict.error, timing.verdict.bound
-        for name, value in zip(floats, (*values, timing.contestant.levels[timing.level]), strict=True):
+        at = names.index(timing.method.name), timing.level
+        values = timing.median, *timing.quartiles, timing.accuracy.error, timing.accuracy.bound
+        for name, value in zip(floats, (*values, timing.method.levels[timing.level]), strict=True):
             floats[name][at] = value
-        outcome[at] = timing.verdict.status
-        counts[0][at], counts[1][at] = timing.verdict.iterations, len(timing.seconds)
+        outcome[at] = timing.accuracy.status
+        counts[0][at], counts[1][at] = timing.accuracy.iterations, len(timing.seconds)
     return {
         "status": Status.ok,
         **floats,
@@ -88,13 +74,13 @@ def case(parameters, *, task, n_vertices):
     }
 
 
-def _entrants(parameters, task, n_vertices):
-    """The contestants that were asked for, with the levels that were asked for; none beyond the sizes of the task."""
+def _selected(parameters, task, n_vertices):
+    """The requested methods with the requested levels; none beyond the sizes of the task."""
     if n_vertices > max(task.sizes):
         return []
     return [
         replace(c, levels=tuple(c.levels[level] for level in parameters["levels"] if level < len(c.levels)))
-        for c in task.contestants(n_vertices, parameters["seed"])
+        for c in task.methods(n_vertices, parameters["seed"])
         if c.name in parameters["contestants"]
     ]
 
@@ -102,14 +88,15 @@ def _entrants(parameters, task, n_vertices):
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_positive(parameters, "repeats", "patience", "budget")
-    if unknown := sorted(set(parameters["contestants"]) - set(CONTESTANTS)):
-        raise StudyError(f"there is no contestant {unknown[0]!r}: choose among {', '.join(CONTESTANTS)}")
+    if unknown := sorted(set(parameters["contestants"]) - set(METHODS)):
+        raise StudyError(f"there is no method {unknown[0]!r}: choose among {', '.join(METHODS)}")
     for n_vertices in axes["n_vertices"]:
         if n_vertices < 1_000:
             check_network(voronoi_network, n_vertices, parameters["seed"])
 
 
 EACH = ("task", "n_vertices")
+# The dimension of the methods is not called `method`, which is an argument of xarray's `sel`.
 POINT = (*EACH, "contestant", "level")
 
 study = Study(
@@ -121,7 +108,7 @@ study = Study(
         Axis("n_vertices", (100, 1_000, 10_000, 100_000, 1_000_000), "number of vertices", key="n_vertices"),
     ),
     parameters={
-        "contestants": CONTESTANTS,
+        "contestants": METHODS,
         "levels": tuple(range(14)),
         "repeats": 15,
         "patience": 1.5,
@@ -130,7 +117,7 @@ study = Study(
     },
     coordinates=(
         Coordinate("contestant", "contestants", "method"),
-        Coordinate("level", "levels", "accuracy asked of a method, from rough to fine"),
+        Coordinate("level", "levels", "requested accuracy, from rough to fine"),
     ),
     case=case,
     check=check,
@@ -144,14 +131,14 @@ study = Study(
                 "seconds_high": "upper quartile",
             }.items()
         ),
-        Variable("error", POINT, "f8", long_name="error against the reference, of the kind that the task names"),
-        Variable("claimed_bound", POINT, "f8", long_name="what the method says its error does not exceed"),
-        Variable("level_value", POINT, "f8", long_name="tolerance, steps or whatever the level stands for"),
-        Variable("outcome", POINT, "i1", long_name="how the method ended", flags=Status),
+        Variable("error", POINT, "f8", long_name="error against the reference, as defined by the task"),
+        Variable("claimed_bound", POINT, "f8", long_name="error bound returned by the method"),
+        Variable("level_value", POINT, "f8", long_name="tolerance, step limit or other parameter of the level"),
+        Variable("outcome", POINT, "i1", long_name="status returned by the method", flags=Status),
         Variable("iterations", POINT, "i4", long_name="iterations of the method"),
-        Variable("repeats_done", POINT, "i2", long_name="runs that were timed"),
-        Variable("presence", (*EACH, "contestant"), "i1", long_name="whose method it is", flags=Presence),
-        Variable("backend", (*EACH, "contestant"), "i1", long_name="what factorised", flags=Backend),
+        Variable("repeats_done", POINT, "i2", long_name="number of timed runs"),
+        Variable("presence", (*EACH, "contestant"), "i1", long_name="package of the method", flags=Presence),
+        Variable("backend", (*EACH, "contestant"), "i1", long_name="linear solver", flags=Backend),
         Variable(
             "package_version", (*EACH, "contestant", "part"), "i4", fill=-2,
             long_name="version of the package, its first three numbers",

@@ -1,4 +1,4 @@
-"""All tasks of the charts of error against time, by their words."""
+"""All tasks of the benchmark, by word, and their methods."""
 
 from __future__ import annotations
 
@@ -22,5 +22,5 @@ MODULES = (
 
 TASKS = {task.word: task for module in MODULES for task in module.TASKS}
 
-# Every name once, in the order of the tasks.
-CONTESTANTS = tuple(dict.fromkeys(name for task in TASKS.values() for name in task.names))
+# Names of all methods, in the order of the tasks.
+METHODS = tuple(dict.fromkeys(name for task in TASKS.values() for name in task.names))

@@ -14,16 +14,16 @@ TASKS = {task.word: task for m in (strain_tasks, modulus_tasks, coefficient_task
 
 
 @pytest.fixture(scope="module")
-def contestants():
-    return {word: {c.name: c for c in task.contestants(40, 1)} for word, task in TASKS.items()}
+def methods():
+    return {word: {c.name: c for c in task.methods(40, 1)} for word, task in TASKS.items()}
 
 
-def test_every_contestant_is_announced(contestants):
+def test_every_contestant_is_announced(methods):
     for word, task in TASKS.items():
         # Small boxes have edges longer than half of them, which LAMMPS cannot take.
-        assert set(contestants[word]) <= set(task.names)
-        assert task.default in contestants[word]
-        ours = [c for c in contestants[word].values() if c.package == "critflow"]
+        assert set(methods[word]) <= set(task.names)
+        assert task.default in methods[word]
+        ours = [c for c in methods[word].values() if c.package == "critflow"]
         assert {c.name for c in ours} == {name for name in task.names if not name.startswith(("LAMMPS", "ASE", "mats"))}
 
 
@@ -49,26 +49,26 @@ EXPECTED = {
 
 
 @pytest.mark.parametrize("word, name", EXPECTED)
-def test_errors_fall_with_the_levels(contestants, word, name):
-    contestant = contestants[word][name]
+def test_errors_fall_with_the_levels(methods, word, name):
+    method = methods[word][name]
     n_levels, reached = EXPECTED[word, name]
-    verdicts = [contestant.judge(contestant.run(level)) for level in contestant.levels[:n_levels]]
+    accuracies = [method.accuracy(method.run(level)) for level in method.levels[:n_levels]]
     # A rough answer may say that it knows no bound on its error.
-    assert {v.status for v in verdicts} <= {Status.ok, Status.ill_conditioned}
-    assert verdicts[-1].status is Status.ok
-    errors = np.array([v.error for v in verdicts])
+    assert {v.status for v in accuracies} <= {Status.ok, Status.ill_conditioned}
+    assert accuracies[-1].status is Status.ok
+    errors = np.array([v.error for v in accuracies])
     assert errors[-1] < reached
     # A step of Newton's method may serve several tolerances, and one to the exact equilibrium all of them.
     assert (errors[1:] <= np.maximum(1.01 * errors[:-1], 1e-15)).all()
     assert n_levels == 1 or errors[-1] < max(3e-2 * errors[0], 1e-15)
     # Whoever claims a bound keeps it.
-    assert not any(v.bound < v.error for v in verdicts)
+    assert not any(v.bound < v.error for v in accuracies)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
-def test_the_bias_of_a_fit_falls_as_its_degree_says(contestants, degree):
-    contestant = contestants["coefficients"][f"{('line', 'parabola')[degree - 1]} through 16"]
-    errors = [contestant.judge(contestant.run(window)).error for window in (1e-3, 1e-4)]
+def test_the_bias_of_a_fit_falls_as_its_degree_says(methods, degree):
+    method = methods["coefficients"][f"{('line', 'parabola')[degree - 1]} through 16"]
+    errors = [method.accuracy(method.run(window)).error for window in (1e-3, 1e-4)]
     assert np.log10(errors[0] / errors[1]) == pytest.approx(degree, abs=0.1)
 
 
@@ -79,14 +79,14 @@ def test_answers_off_by_a_known_amount_have_that_error():
     # A drift and a wrap are no errors, an odd displacement is.
     side = step.start.network.cell[0, 0]
     wrapped = np.mod(off + np.array([0.3, -0.2]), side)
-    assert step.judge_peer((wrapped, Status.ok, 1)).error < 1e-14
+    assert step.peer_accuracy((wrapped, Status.ok, 1)).error < 1e-14
     wrapped[[3, 5], 0] += np.array([1e-5, -1e-5]) * step.unit
-    assert step.judge_peer((wrapped, Status.ok, 1)).error == pytest.approx(1e-5, rel=1e-9)
+    assert step.peer_accuracy((wrapped, Status.ok, 1)).error == pytest.approx(1e-5, rel=1e-9)
     springs = StressedSprings.of(40, 1)
     exact = modulus_tasks.Measured(springs.reference.bulk.high[0], springs.reference.shear.high[0])
-    assert springs.judge(exact).error < 1.2e-16
+    assert springs.accuracy(exact).error < 1.2e-16
     wrong = modulus_tasks.Measured(exact.bulk, exact.shear * (1 + 1e-6))
-    assert springs.judge(wrong).error == pytest.approx(1e-6, rel=1e-9)
+    assert springs.accuracy(wrong).error == pytest.approx(1e-6, rel=1e-9)
 
 
 # Peers
@@ -107,20 +107,20 @@ def test_answers_off_by_a_known_amount_have_that_error():
 def test_peers_take_the_same_step(module, name, n_levels, reached):
     pytest.importorskip(module)
     (task,) = strain_tasks.TASKS
-    found = {c.name: c for c in task.contestants(60, 1)}
-    verdicts = [found[name].judge(found[name].run(level)) for level in found[name].levels[:n_levels]]
-    assert all(v.status is Status.ok for v in verdicts)
-    assert verdicts[-1].error < reached
+    found = {c.name: c for c in task.methods(60, 1)}
+    accuracies = [found[name].accuracy(found[name].run(level)) for level in found[name].levels[:n_levels]]
+    assert all(v.status is Status.ok for v in accuracies)
+    assert accuracies[-1].error < reached
     # A second run starts where the first one did.
-    again = found[name].judge(found[name].run(found[name].levels[0]))
-    assert again.iterations == verdicts[0].iterations
-    assert again.error == pytest.approx(verdicts[0].error, rel=1e-6)
+    again = found[name].accuracy(found[name].run(found[name].levels[0]))
+    assert again.iterations == accuracies[0].iterations
+    assert again.error == pytest.approx(accuracies[0].error, rel=1e-6)
 
 
 @pytest.mark.parametrize("name, n_levels, reached", [("matscipy", 6, 1e-9), ("matscipy LU", 1, 1e-9)])
-def test_matscipy_has_the_same_moduli(contestants, name, n_levels, reached):
+def test_matscipy_has_the_same_moduli(methods, name, n_levels, reached):
     pytest.importorskip("matscipy")
-    contestant = contestants["moduli"][name]
-    errors = [contestant.judge(contestant.run(level)).error for level in contestant.levels[:n_levels]]
+    method = methods["moduli"][name]
+    errors = [method.accuracy(method.run(level)).error for level in method.levels[:n_levels]]
     assert errors[-1] < reached
     assert n_levels == 1 or errors[-1] < 1e-4 * errors[0]

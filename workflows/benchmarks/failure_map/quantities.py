@@ -1,4 +1,4 @@
-"""The questions that are asked of every problem: what the library says, and how far that is from the reference."""
+"""The quantities of every problem: the answer of the library and its error against the reference."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from critflow.mechanics.moduli_bounds import transition_bounds
 
 from .. import reference
 from ..reference import Unknown
-from .judge import Answer, Carried, Judgement, judged
+from .outcomes import Answer, Finding, Unavailable, assessed
 from .problems import METHODS, OBJECTIVES
 
 # Beyond this FIRE has failed; the default limit would take a minute a network.
 _FIRE_STEPS = 20_000
 
 
-def asked(quantity: str, problem) -> Judgement:
-    """The judgement of one quantity of a problem."""
-    ask, compare = QUESTIONS[quantity]
-    return judged(lambda: ask(problem), lambda answer: compare(problem, answer))
+def finding(quantity: str, problem) -> Finding:
+    """The finding on one quantity of a problem."""
+    compute, compare = QUANTITIES[quantity]
+    return assessed(lambda: compute(problem), lambda answer: compare(problem, answer))
 
 
 def _coordinates(solution):
@@ -128,10 +128,10 @@ def _elastic_error(problem, answer):
 
 
 def _equilibrium(method, limit):
-    def ask(problem):
+    def compute(problem):
         return _coordinates(equilibrium(problem.strained, method, max_steps=limit, throw=False))
 
-    return ask
+    return compute
 
 
 def _equilibrium_error(problem, answer):
@@ -163,7 +163,7 @@ def _strain_path(problem):
 def _linear_response(problem):
     reached = equilibrium(problem.strained, throw=False)
     if not reached.ok:
-        raise Carried(reached.status)
+        raise Unavailable(reached.status)
     problem.reached = reached.value
     solution = linear_response(reached.value)
     return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound))
@@ -180,12 +180,12 @@ def _linear_error(problem, answer):
 
 
 def _lengths(method):
-    def ask(problem):
+    def compute(problem):
         solution = critical_from_lengths(problem.manifold, problem.rest_lengths, method, throw=False)
         problem.found = solution
         return _coordinates(solution)
 
-    return ask
+    return compute
 
 
 def _conic_error(problem, answer):
@@ -204,13 +204,13 @@ def _strain_error(problem, answer):
 
 
 def _optimum(objective, method):
-    def ask(problem):
+    def compute(problem):
         limit = _FIRE_STEPS if method == "fire" else None
         solution = optimize(problem.manifold, _goal(problem, objective), method, max_steps=limit, throw=False)
         problem.found = solution
         return Answer(solution.status, solution.objective, solution.objective_error)
 
-    return ask
+    return compute
 
 
 def _goal(problem, name):
@@ -264,7 +264,7 @@ def _uphill(problem, name):
     return float(np.sum((slope @ modes[:, steep]) ** 2 / curvatures[steep]) / 2)
 
 
-QUESTIONS = {
+QUANTITIES = {
     "configuration": (_configuration, _configuration_error),
     "transition_moduli": (_transition_moduli, _transition_error),
     "stiffening": (_stiffening, _stiffening_error),
