@@ -28,7 +28,8 @@ from critflow.critical.manifold import CriticalConfiguration, critical_configura
 from critflow.design.tolerances import FLAT_TRIANGLE
 from critflow.networks.network import Array, edge_values
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.rigidity.counts import LARGEST, spread_columns
+from critflow.rigidity.spectrum import spread_columns
+from critflow.rigidity.tolerances import LARGEST_DENSE
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -172,7 +173,7 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
     if network.dimension != 2:
         raise InputError("isogonal modes are implemented in two dimensions only")
     size = 2 * len(network.free)
-    if size**2 > LARGEST:
+    if size**2 > LARGEST_DENSE:
         raise InputError(
             f"a matrix of {size} × {size} is too large to find all modes at once: where every vertex has three edges, "
             "face_modes() finds them"

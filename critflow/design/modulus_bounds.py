@@ -25,7 +25,7 @@ from critflow.design.optimum import Optimum
 from critflow.design.tolerances import BALANCED, ISOTROPIC, NO_LENGTH
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, SolveError, Stats, Status
-from critflow.rigidity.counts import spread_columns
+from critflow.rigidity.spectrum import spread_columns
 
 _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 

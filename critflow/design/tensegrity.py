@@ -25,7 +25,7 @@ from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.rigidity.counts import spread_columns
+from critflow.rigidity.spectrum import spread_columns
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from critflow.mechanics.springs import SpringState
 from critflow.mechanics.tolerances import FLOPPY_SHIFT
 from critflow.networks.network import Array
 from critflow.result import Solution, SolveError, Stats, Status
-from critflow.rigidity.counts import spread_columns
+from critflow.rigidity.spectrum import spread_columns
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, lengths
 from critflow.precision.geometry import exact_sums
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.rigidity.counts import rigidity_matrix
+from critflow.rigidity.spectrum import rigidity_matrix
 from critflow.solvers.cone import fit_perimeters
 
 # Polishing: penalty stiffness in units of the mean tension over the mean perimeter, most iterations, and the factor by

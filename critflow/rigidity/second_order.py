@@ -1,12 +1,12 @@
-"""Rigid to first order, by prestress, to second order: what holds a configuration whose lengths leave motions free.
+"""Rigidity to first order, by prestress, and to second order.
 
 For self-stresses σ_I and unit zero modes z, q_I(z) = Σ_α σ_Iα |(g z)_α|² = zᵀP(σ_I)z (`SecondOrderRigidity`).
   second-order rigid   no z makes all q_I(z) vanish
   prestress stable     one stress Σ a_I σ_I has Σ a_I q_I(z) > 0 for all z, which is stronger
-With one self-stress the two are the same.  With several, a stress that stabilises is found by a linear program (all
-edges in tension), by the inertia of one factorisation, or by a semidefinite program; what shows that there is none is
-a matrix X ⪰ 0 on the zero modes with ⟨P(σ_I), X⟩ = 0 for all I.  Then either a zero mode escapes, all q_I(z) = 0, or
-the next relaxation proves that none does; where neither is found the answer is None.
+With one self-stress the two are the same.  With several, a stabilising stress is found by a linear program (all edges
+in tension), by the inertia of one factorisation, or by a semidefinite program.  A matrix X ⪰ 0 on the zero modes with
+⟨P(σ_I), X⟩ = 0 for all I shows that no such stress exists.  Then either a zero mode escapes, all q_I(z) = 0, or the
+next relaxation proves that none does; where neither is found the answer is None.
 """
 
 from __future__ import annotations
@@ -21,27 +21,25 @@ from scipy.optimize import linprog
 from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
 from critflow.result import Solution, Stats, Status
-from critflow.rigidity.counts import LARGEST, Rigidity, rigidity, zero_modes
+from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
+from critflow.rigidity.tolerances import (
+    FOURTH_ORDER_MODES,
+    LARGEST_DENSE,
+    LINEAR_PROGRAM,
+    POSITIVE,
+    PROGRAM_MODES,
+    RESISTED,
+    ZERO,
+)
 from critflow.solvers.semidefinite import fourth_order_bound, second_order_relaxation
 
-# In units of the largest |q_I(z)|: what is a positive answer, and what is zero to rounding.
-_POSITIVE = 1e-7
-_ZERO = 1e-10
-
-# Stiffness, in those units, from which on a mode counts as resisted by a stress that is nowhere negative.
-_FACE = 1e-4
-
-# Zero modes that a semidefinite program sees at once, and that the second relaxation can take.
-_PROGRAM = 40
-_FOURTH_ORDER = 8
-
-# Entries of the self-stresses up to which the linear program is tried.
-_LINEAR_PROGRAM = 4_000_000
+# Levenberg–Marquardt: initial, smallest and largest damping, and the residual (in units of ZERO) of a solution.
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _SOLVED = 1e-3, 1e-14, 1e6, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class SecondOrderRigidity:
-    """How rigid a configuration is, and what shows it; `print` says it in a sentence.
+    """Order of rigidity of a configuration, with certificates; `print` gives a sentence.
 
     counts              Maxwell–Calladine counts, self-stresses and the gap of singular values behind them
     first_order_rigid   no zero mode but the translations of a periodic network
@@ -50,7 +48,7 @@ class SecondOrderRigidity:
     stress              a stabilising self-stress of unit norm, (N_b,); None where none was found or needed
     escape              a unit zero mode with q_I = 0 for all I, (N_v, d); None where none was found or none exists
     least_stiffness     least Σσ|g z|² over unit zero modes z for that stress; NaN where only its sign was found
-    reason              what decided, or why nothing did
+    reason              the argument that decided, or the obstacle to a decision
     """
 
     counts: Rigidity
@@ -80,13 +78,13 @@ class SecondOrderRigidity:
 def second_order_rigidity(
     network: Network, coordinates: ArrayLike, tolerance: float = 1e-6
 ) -> Solution[SecondOrderRigidity]:
-    """Decide how rigid a configuration (N_v, d) is, with a certificate for each answer.
+    """Order of rigidity of a configuration (N_v, d), with a certificate for each answer.
 
-    tolerance  singular values of R below count as zero, as in `rigidity`
+    tolerance  singular values of R below it count as zero, as in `rigidity`
 
     `Status.floppy` for a configuration without self-stress, `Status.singular` where the counts cannot be trusted,
-    `Status.stalled` where second-order rigidity stays undecided; `stats.details["note"]` says why.  Dense matrices of
-    zero modes are made up to 160 MB; a larger network is decided where one factorisation does it.
+    `Status.stalled` where second-order rigidity stays undecided; the note is the reason of the value.  Dense matrices
+    of zero modes are limited to 160 MB; a larger network is decided where one factorisation suffices.
     """
     counted = rigidity(network, coordinates, tolerance, vectors=False)
     counts = counted.value
@@ -98,9 +96,9 @@ def second_order_rigidity(
     fits = _modes_fit(network, counts)
     if counts.n_self_stresses == 0:
         escape = zero_modes(network, coordinates, tolerance).value.modes[0] if fits else None
-        reason = "without a self-stress every zero mode goes on to second order"
+        reason = "without a self-stress every zero mode extends to second order"
         return _answer(SecondOrderRigidity(counts, False, False, False, escape=escape, reason=reason), Status.floppy)
-    if counts.n_self_stresses * network.n_edges > LARGEST:
+    if counts.n_self_stresses * network.n_edges > LARGEST_DENSE:
         reason = f"{counts.n_self_stresses} self-stresses are more than fit in memory: take a part of the network"
         return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.stalled)
 
@@ -108,9 +106,9 @@ def second_order_rigidity(
     counts = counted.value
     if counted.status is Status.singular:
         return _uncertain(counted)
-    quick = _quickly(network, counts, network.bond_vectors(np.asarray(coordinates, dtype=float)))
-    if quick is not None:
-        return _answer(quick, Status.ok)
+    stable = _by_one_stress(network, counts, network.bond_vectors(np.asarray(coordinates, dtype=float)))
+    if stable is not None:
+        return _answer(stable, Status.ok)
     if not fits:
         n_modes = counts.n_zero_modes - counts.n_trivial
         reason = f"{n_modes} zero modes are too many for a dense search: take a part of the network"
@@ -121,7 +119,7 @@ def second_order_rigidity(
 
 
 def _answer(value: SecondOrderRigidity, status: Status) -> Solution[SecondOrderRigidity]:
-    return Solution(value, status, Stats("second order", details={"note": value.reason}))
+    return Solution(value, status, Stats("second order"), value.reason)
 
 
 def _uncertain(counted: Solution[Rigidity]) -> Solution[SecondOrderRigidity]:
@@ -132,25 +130,25 @@ def _uncertain(counted: Solution[Rigidity]) -> Solution[SecondOrderRigidity]:
 def _modes_fit(network: Network, counts: Rigidity) -> bool:
     n_modes = counts.n_zero_modes - counts.n_trivial
     tallest = max(network.dimension * max(network.n_vertices, network.n_edges), counts.n_self_stresses * n_modes)
-    return n_modes * tallest <= LARGEST
+    return n_modes * tallest <= LARGEST_DENSE
 
 
-def _quickly(network: Network, counts: Rigidity, L: Array) -> SecondOrderRigidity | None:
-    """What sparse factorisations and a linear program alone can show: that some stress stabilises."""
+def _by_one_stress(network: Network, counts: Rigidity, L: Array) -> SecondOrderRigidity | None:
+    """A stabilising stress from sparse factorisations and a linear program, or None."""
     S = counts.self_stresses
     if len(S) == 1:
         if not counts.prestress_stable:
             return None
         return SecondOrderRigidity(counts, False, True, True, S[0], reason="its only self-stress stabilises it")
-    # The self-stress nearest to equal force densities is often in tension as it stands.
+    # The self-stress nearest to equal force densities often has no compression.
     sigma = S.sum(axis=1) @ S
-    if not sigma.min() > _POSITIVE * np.abs(sigma).max():
-        found = _tension(S) if S.size <= _LINEAR_PROGRAM else None
+    if not sigma.min() > POSITIVE * np.abs(sigma).max():
+        found = _tension(S) if S.size <= LINEAR_PROGRAM else None
         if found is None or not Saddle(network).stable(found, L):
             return None
         sigma = found
     sigma = sigma / np.linalg.norm(sigma)
-    slack = int(np.count_nonzero(sigma <= _POSITIVE * sigma.max()))
+    slack = int(np.count_nonzero(sigma <= POSITIVE * sigma.max()))
     tense = f"{slack} slack edges and the others in tension" if slack else "every edge in tension"
     return SecondOrderRigidity(counts, False, True, True, sigma, reason=f"a self-stress with {tense} stabilises it")
 
@@ -180,7 +178,7 @@ def _forms(network: Network, stresses: Array, modes: Array) -> Array:
 def _by_forms(counts: Rigidity, modes: Array, forms: Array) -> SecondOrderRigidity:
     """Decide by the quadratic forms of all self-stresses on all zero modes."""
     scale = max(float(np.abs(np.linalg.eigvalsh(Q)).max()) for Q in forms)
-    if not scale > _ZERO * np.abs(counts.self_stresses).max():
+    if not scale > ZERO * np.abs(counts.self_stresses).max():
         reason = "no self-stress resists any zero mode"
         return SecondOrderRigidity(counts, False, False, False, escape=modes[0], reason=reason)
     unit = forms / scale
@@ -188,7 +186,7 @@ def _by_forms(counts: Rigidity, modes: Array, forms: Array) -> SecondOrderRigidi
         return _one_stress(counts, modes, unit[0], scale)
 
     found = _program(unit)
-    if found.least > _POSITIVE:
+    if found.least > POSITIVE:
         reason = f"a combination of its {len(forms)} self-stresses stabilises it"
         sigma = found.multipliers @ counts.self_stresses
         return SecondOrderRigidity(counts, False, True, True, sigma, None, scale * found.least, reason)
@@ -197,7 +195,7 @@ def _by_forms(counts: Rigidity, modes: Array, forms: Array) -> SecondOrderRigidi
         reason = "a zero mode escapes all self-stresses"
         return SecondOrderRigidity(counts, False, False, False, escape=np.tensordot(z, modes, 1), reason=reason)
     X = found.obstruction
-    if X is None or not np.linalg.norm(np.tensordot(unit, X, 2)) < _POSITIVE:
+    if X is None or not np.linalg.norm(np.tensordot(unit, X, 2)) < POSITIVE:
         reason = "no self-stress was found that stabilises it, and no zero mode that escapes them all"
         return SecondOrderRigidity(counts, False, None, None, reason=reason)
     if _none_escapes(unit, found.support):
@@ -211,11 +209,11 @@ def _one_stress(counts: Rigidity, modes: Array, Q: Array, scale: float) -> Secon
     """With one self-stress the eigenvalues of its form decide."""
     values, vectors = np.linalg.eigh(Q)
     for sign, least in ((1.0, values[0]), (-1.0, -values[-1])):
-        if least > _POSITIVE:
+        if least > POSITIVE:
             sigma, reason = sign * counts.self_stresses[0], "its only self-stress stabilises it"
             return SecondOrderRigidity(counts, False, True, True, sigma, None, scale * float(least), reason)
     nearest = int(np.abs(values).argmin())
-    if abs(values[nearest]) < _ZERO:
+    if abs(values[nearest]) < ZERO:
         z, reason = vectors[:, nearest], "its only self-stress does not resist some zero mode"
     elif values[0] < 0 < values[-1]:
         z = np.sqrt(values[-1]) * vectors[:, 0] + np.sqrt(-values[0]) * vectors[:, -1]
@@ -229,11 +227,11 @@ def _one_stress(counts: Rigidity, modes: Array, Q: Array, scale: float) -> Secon
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """The best stress found, Σ a_I σ_I with |a| = 1, and what speaks against any.
+    """The best stress found, Σ a_I σ_I with |a| = 1, and the obstruction to a stabilising one.
 
     least        λ_min(Σ a_I Q_I) over all modes
     obstruction  X ⪰ 0 of trace 1 with the least |⟨Q_I, X⟩|, or None
-    support      multipliers of the last program: where nothing stabilises, those of a stress that resists what it can
+    support      multipliers of the last program: where no stress stabilises, those of one that resists most modes
     """
 
     multipliers: Array
@@ -243,52 +241,53 @@ class _Search:
 
 
 def _program(forms: Array) -> _Search:
-    """Look for the multipliers with the largest λ_min(Σ a_I Q_I) by semidefinite programs.
+    """The multipliers with the largest λ_min(Σ a_I Q_I) found by semidefinite programs.
 
-    The program sees the modes through a subspace W that grows by the modes its answer left unstable, so that many
-    modes cost no more than the few that matter.
+    The program is restricted to a subspace W of the modes, which grows by the modes that its solution leaves unstable:
+    its cost is that of the few modes that matter.
     """
     n = forms.shape[1]
-    # The first guess: the stress that resists all modes together.
+    # Initial guess: the stress with the largest sum of stiffnesses over all modes.
     best, least = np.trace(forms, axis1=1, axis2=2), -np.inf
     best = best / (np.linalg.norm(best) or 1.0)
-    W = np.eye(n) if n <= _PROGRAM else _softest(forms, best, _PROGRAM // 2)
+    W = np.eye(n) if n <= PROGRAM_MODES else _softest(forms, best, PROGRAM_MODES // 2)
     while True:
         relaxed = second_order_relaxation(np.einsum("ik,aij,jl->akl", W, forms, W, optimize=True))
         a, X = relaxed.multipliers, W @ relaxed.moments @ W.T
         if not relaxed.solved:
             return _Search(best, least, None, a)
         norm = float(np.linalg.norm(a))
-        if norm > _POSITIVE:
+        if norm > POSITIVE:
             values, vectors = np.linalg.eigh(np.tensordot(a / norm, forms, 1))
             if values[0] > least:
                 best, least = a / norm, float(values[0])
-        if least > _POSITIVE or relaxed.bound < _POSITIVE or W.shape[1] == n:
+        if least > POSITIVE or relaxed.bound < POSITIVE or W.shape[1] == n:
             return _Search(best, least, X, a)
-        if W.shape[1] > 2 * _PROGRAM:
+        if W.shape[1] > 2 * PROGRAM_MODES:
             return _Search(best, least, None, a)
         W = np.linalg.qr(np.hstack([W, vectors[:, :5]]))[0]
 
 
 def _softest(forms: Array, a: Array, count: int) -> Array:
-    """The modes that the stress with multipliers a resists least, (n, count)."""
+    """The modes of least stiffness under the stress with multipliers a, (n, count)."""
     return np.linalg.eigh(np.tensordot(a, forms, 1))[1][:, :count]
 
 
 def _none_escapes(forms: Array, support: Array) -> bool:
     """Whether the fourth-order relaxation proves that the forms have no common zero.
 
-    A stress that is nowhere negative and does work on a mode keeps it, so only the modes without such work remain.
+    A stress without negative eigenvalue stops every mode that it resists, so only the modes that it does not resist
+    remain.
     """
     values, vectors = np.linalg.eigh(np.tensordot(support, forms, 1))
     below = max(-float(values[0]), 1e-12)
-    face, certain = vectors, 10 * _POSITIVE
-    if below < _ZERO:
-        # What an escaping mode may still have outside the face is at most √(below/_FACE).
-        face, certain = vectors[:, values < _FACE], 10 * np.sqrt(below / _FACE)
-    if not 0 < face.shape[1] <= _FOURTH_ORDER:
+    remaining, certain = vectors, 10 * POSITIVE
+    if below < ZERO:
+        # The component of an escaping mode outside the remaining ones is at most √(below/RESISTED).
+        remaining, certain = vectors[:, values < RESISTED], 10 * np.sqrt(below / RESISTED)
+    if not 0 < remaining.shape[1] <= FOURTH_ORDER_MODES:
         return False
-    bound = fourth_order_bound(np.einsum("ik,aij,jl->akl", face, forms, face, optimize=True))
+    bound = fourth_order_bound(np.einsum("ik,aij,jl->akl", remaining, forms, remaining, optimize=True))
     return bool(bound > certain)
 
 
@@ -312,24 +311,25 @@ def _common_zero(forms: Array, X: Array | None, n_starts: int = 40) -> Array | N
 
 
 def _descend(forms: Array, start: Array, max_steps: int = 200) -> Array | None:
+    """A unit z with zᵀQ_I z = 0 near a start, by Levenberg–Marquardt iteration on the sphere, or None."""
     norm = float(np.linalg.norm(start))
-    if norm < _ZERO:
+    if norm < ZERO:
         return None
-    z, damping = start / norm, 1e-3
+    z, damping = start / norm, _DAMPING
     q = forms @ z @ z
     for _ in range(max_steps):
         size = float(np.linalg.norm(q))
-        if size < 1e-3 * _ZERO:
+        if size < _SOLVED * ZERO:
             break
-        slope = 2 * (forms @ z - np.outer(q, z))
-        step = slope.T @ np.linalg.solve(slope @ slope.T + damping * np.eye(len(q)), q)
+        jacobian = 2 * (forms @ z - np.outer(q, z))
+        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(len(q)), q)
         trial = (z - step) / np.linalg.norm(z - step)
         trial_q = forms @ trial @ trial
         if np.linalg.norm(trial_q) < size:
             z, q, damping = trial, trial_q, 0.1 * damping
         else:
             damping *= 10
-        if damping > 1e6:
+        if damping > _MOST_DAMPING:
             break
-        damping = max(damping, 1e-14)
-    return z if np.linalg.norm(q) < _ZERO else None
+        damping = max(damping, _LEAST_DAMPING)
+    return z if np.linalg.norm(q) < ZERO else None

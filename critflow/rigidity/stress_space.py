@@ -1,4 +1,4 @@
-"""All stresses of one configuration: how many-to-one the map σ → configuration is.
+"""All stresses of one configuration: the kernel of the map σ → configuration.
 
 Every σ' that balances on the same bond vectors, gᵀ(σ' ∘ L) = 0, has the same configuration, since P(σ') x = −gᵀ(σ' ∘ b)
 has one solution wherever P(σ') is regular.  So the stresses of a configuration are its N_s-dimensional space of
@@ -24,7 +24,7 @@ class StressSpace:
     """The stresses that share a configuration.
 
     basis  orthonormal geometric stresses, (N_s, N_b); the first is that of the configuration itself, scaled to |σ| = 1
-    gap    largest singular value of the rigidity matrix that was counted as zero, and the next one
+    gap    largest singular value of the rigidity matrix that counts as zero, and the next one
     """
 
     critical: CriticalConfiguration
@@ -46,11 +46,11 @@ class StressSpace:
         stress = edge_values(sigma, self.basis.shape[1], "sigma", positive=False)
         size = float(np.linalg.norm(stress))
         if size == 0:
-            raise InputError("sigma is zero on every edge, which is no stress: give one that is not")
+            raise InputError("sigma is zero on every edge: give a stress with a non-zero entry")
         return float(np.linalg.norm(stress - (self.basis @ stress) @ self.basis)) / size
 
     def walk(self, amplitudes: ArrayLike) -> CriticalConfiguration:
-        """The same configuration under the stress Σ a_m basis_m, at any amplitudes a (N_s,) but all zero."""
+        """The same configuration under the stress Σ a_m basis_m, for amplitudes a (N_s,) not all zero."""
         a = np.asarray(amplitudes, dtype=float)
         if a.shape != (self.dimension,) or not np.isfinite(a).all() or not a.any():
             raise InputError(f"a stress needs {self.dimension} finite amplitudes, not all zero, of shape {a.shape}")
@@ -60,23 +60,23 @@ class StressSpace:
 def stresses_of(critical: CriticalConfiguration, tolerance: float | None = None) -> Solution[StressSpace]:
     """The space of all stresses that give the same configuration as a critical one.
 
-    `stats.residual` is the distance of its own σ from the space that was found.  `Status.singular` where an edge has
-    no length or the count cannot be trusted, and `Status.floppy` where the coordinates admit no self-stress, so that
-    σ cannot balance.
+    `stats.residual` is the distance of the configuration's σ from the space.  `Status.singular` where an edge has no
+    length or the count cannot be trusted, and `Status.floppy` where the coordinates admit no self-stress, so that σ
+    cannot balance.
     """
     counts = rigidity(critical.network, critical.coordinates, tolerance)
     found = counts.value
-    space = StressSpace(critical, _led_by(critical.sigma, found), (found.largest_zero, found.smallest_nonzero))
+    space = StressSpace(critical, _aligned_basis(critical.sigma, found), (found.largest_zero, found.smallest_nonzero))
     distance = space.distance(critical.sigma) if counts.ok else np.nan
-    return Solution(space, counts.status, Stats("counts", 1, 1, distance, dict(counts.stats.details)))
+    return Solution(space, counts.status, Stats("counts", 1, residual=distance), counts.note)
 
 
-def _led_by(sigma: Array, found: Rigidity) -> Array:
-    """An orthonormal basis of the self-stresses whose first member is the part of σ among them."""
+def _aligned_basis(sigma: Array, found: Rigidity) -> Array:
+    """An orthonormal basis of the self-stresses whose first member is the projection of σ."""
     basis = found.self_stresses
     if len(basis) == 0:
         return basis
-    # Rotate the basis so that its first member is along σ: a QR of σ's components does it.
+    # Gram–Schmidt from σ's components rotates the first member onto σ.
     rotation = np.linalg.qr(np.column_stack([basis @ sigma, np.eye(len(basis))]))[0]
-    turned = rotation.T @ basis
-    return turned * np.sign(turned[0] @ sigma or 1.0)
+    aligned = rotation.T @ basis
+    return aligned * np.sign(aligned[0] @ sigma or 1.0)

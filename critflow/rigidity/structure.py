@@ -1,4 +1,4 @@
-"""Local structure: shape anisotropy of faces and of the force network's polygons, and relative variances.
+"""Local structure: shape anisotropy of faces and of the polygons of the force network, and relative variances.
 
 κ = 2(λ_1⁴ + λ_2⁴)/(λ_1² + λ_2²)² − 1 with λ² the eigenvalues of the gyration tensor of a polygon's corners about
 their centre: 0 for a regular polygon, 1 for a line (`ShapeAnisotropy`).
@@ -35,9 +35,9 @@ def face_anisotropy(critical: CriticalConfiguration) -> Array:
 
 
 def force_anisotropy(critical: CriticalConfiguration) -> Array:
-    """κ of the polygon that the tensions at each free vertex close to, (n,): triangles where three edges meet.
+    """κ of the closed polygon of the tensions at each free vertex, (n,): triangles where three edges meet.
 
-    Turned by a right angle these polygons are the faces of the dual force network.
+    Rotated by a right angle these polygons are the faces of the dual force network.
     """
     network = critical.network
     if network.dimension != 2:

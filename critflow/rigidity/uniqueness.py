@@ -1,9 +1,10 @@
-"""Whether the self-stress of a configuration is its only one: shown vertex by vertex, and counted where that fails.
+"""Uniqueness of the self-stress of a configuration: proved vertex by vertex, and counted where that fails.
 
-A self-stress balances at each vertex by itself.  Where z edges meet whose directions have rank r, the stresses that do
-have z − r degrees of freedom: a single one where three edges of the plane, or four in space, meet in general
-directions.  There every self-stress is a multiple of the known one, by a factor that stressed edges carry to the next
-vertex, so a connected network of such vertices has no other.  This takes a few sums over the edges and no matrix.
+A self-stress balances at every vertex.  Where z edges meet whose directions have rank r, balanced stresses have z − r
+degrees of freedom: one where three edges of the plane, or four in space, meet in general directions.  There every
+self-stress is a multiple of the known one, by a factor shared by vertices with a common stressed edge, so a connected
+network of such vertices has no other.  The cost is a few sums over the edges, without a matrix; a count by singular
+values (`counts`) would cost a factorisation.
 """
 
 from __future__ import annotations
@@ -17,52 +18,52 @@ from critflow.critical.manifold import CriticalConfiguration, require_one_self_s
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Status
 from critflow.rigidity.counts import rigidity
-
-# Relative error of bond vectors whose errors are not known.
-_UNKNOWN = 1e-8
-# Directions differ where they do by so many times their errors and the rounding of products of them.
-_SAFETY, _ROUNDING = 10.0, 1e-14
+from critflow.rigidity.tolerances import DIRECTION_MARGIN, DIRECTION_ROUNDING, UNKNOWN_ERROR
 
 
 def require_only_self_stress(critical: CriticalConfiguration, instead: str) -> None:
-    """Refuse configurations with several self-stresses, or whose rounding hides how many there are."""
+    """Raise `InputError` for several self-stresses, or where rounding hides their number.
+
+    instead  advice for the message
+    """
     require_one_self_stress(critical.network, instead)
     if only_self_stress(critical):
         return
     counts = rigidity(critical.network, critical.coordinates)
     several = counts.value.n_self_stresses
     if counts.status is Status.singular:
-        raise InputError(f"this holds for one self-stress and rounding hides how many there are: {instead}")
+        raise InputError(f"this requires one self-stress and rounding hides their number: {instead}")
     if several > 1:
-        raise InputError(f"this holds for one self-stress and the configuration has {several}: {instead}")
+        raise InputError(f"this requires one self-stress and the configuration has {several}: {instead}")
 
 
 def only_self_stress(critical: CriticalConfiguration) -> bool:
-    """Whether the directions of the edges alone show that there is no self-stress but σ; False leaves it open."""
+    """Whether the directions of the edges alone prove that σ is the only self-stress; False: undecided."""
     network, sigma, length = critical.network, critical.sigma, critical.lengths
     tail, head = network.edges.T
-    held = np.ones(network.n_vertices, bool)
-    held[list(network.pins or {})] = False
-    # Balance asks nothing of an edge between pins, or from a vertex to its own image.
-    if not (length > 0).all() or (tail == head).any() or not (held[tail] | held[head]).all():
+    free = np.ones(network.n_vertices, bool)
+    free[list(network.pins or {})] = False
+    # The stress of an edge between pins, or from a vertex to its own image, is not restricted by balance.
+    if not (length > 0).all() or (tail == head).any() or not (free[tail] | free[head]).all():
         return False
     errors = critical.bond_errors / length
     directions = _Directions(
-        network, critical.bond_vectors / length[:, None], np.where(np.isfinite(errors), errors, _UNKNOWN)
+        network, critical.bond_vectors / length[:, None], np.where(np.isfinite(errors), errors, UNKNOWN_ERROR)
     )
     known = sigma != 0
+    freedom = directions.freedom(None)
     if known.all():
-        loose = directions.freedom(None)
-        return bool((loose[held] <= 1).all()) and _joined(network, held, known)
+        return bool((freedom[free] <= 1).all()) and _joined(network, free, known)
     stressed = np.zeros(network.n_vertices, bool)
     stressed[network.edges[known]] = True
-    stressed &= held
-    if not ((directions.freedom(None)[stressed] <= 1).all() and _joined(network, stressed, known)):
+    stressed &= free
+    if not ((freedom[stressed] <= 1).all() and _joined(network, stressed, known)):
         return False
-    # Edges without stress have none in any self-stress next to a stressed vertex, nor where they alone must balance.
+    # An edge that is unstressed in σ has no stress in any self-stress where it meets a stressed vertex, nor where the
+    # remaining edges of a vertex have independent directions.
     open_edges = ~(stressed[tail] | stressed[head])
     while open_edges.any():
-        settled = held & (directions.freedom(open_edges) == 0)
+        settled = free & (directions.freedom(open_edges) == 0)
         closed = open_edges & (settled[tail] | settled[head])
         if not closed.any():
             return False
@@ -71,7 +72,7 @@ def only_self_stress(critical: CriticalConfiguration) -> bool:
 
 
 def _joined(network: Network, vertices: NDArray[np.bool_], edges: NDArray[np.bool_]) -> bool:
-    """Whether the edges join these vertices, by ways that do not pass others."""
+    """Whether the subgraph of these vertices, with these edges, is connected."""
     tail, head = network.edges[edges & vertices[network.edges].all(axis=1)].T
     graph = sp.coo_array((np.ones(len(tail)), (tail, head)), shape=(network.n_vertices,) * 2)
     n_parts = connected_components(graph, directed=False)[0]
@@ -85,7 +86,10 @@ class _Directions:
         self._network, self._units, self._errors = network, units, errors
 
     def freedom(self, edges: NDArray[np.bool_] | None) -> NDArray[np.int64]:
-        """z − r at each vertex, counting these edges only (None: all); never less than in exact arithmetic, (N_v,)."""
+        """z − r at each vertex, of these edges only (None: all), (N_v,).
+
+        Error bound (proof): never less than in exact arithmetic, if the errors are bounds.
+        """
         network, units, errors = self._network, self._units, self._errors
         ends = network.edges
         if edges is not None:
@@ -95,7 +99,7 @@ class _Directions:
         vertex = np.concatenate([tail, head])
         met = np.bincount(vertex, minlength=n)
         if d == 2:
-            # Rank 2 where some edge is not parallel to one of them, whichever that is.
+            # Rank 2 where some edge is not parallel to an arbitrary one of the vertex.
             one = np.zeros(n, int)
             one[tail] = one[head] = np.arange(len(ends))
             x, y = units.T
@@ -103,12 +107,13 @@ class _Directions:
             for end in (tail, head):
                 other = one[end]
                 cross = np.abs(x * y[other] - y * x[other])
-                apart.append(cross > _SAFETY * (errors + errors[other]) + _ROUNDING)
+                apart.append(cross > DIRECTION_MARGIN * (errors + errors[other]) + DIRECTION_ROUNDING)
             rank = np.minimum(met, 1) + (np.bincount(vertex, np.concatenate(apart), n) > 0)
             return met - rank
         spread, wrong = np.zeros((n, d, d)), np.zeros(n)
         for end in (tail, head):
             np.add.at(spread, end, units[:, :, None] * units[:, None, :])
             np.add.at(wrong, end, errors)
-        # Eigenvalues are the squares of what the directions span across; products lose half of the digits.
-        return met - (np.linalg.eigvalsh(spread) > (2 * _SAFETY * wrong + _ROUNDING * met)[:, None]).sum(axis=1)
+        # Eigenvalues are squares of the singular values of the directions, so half of the digits are lost.
+        rounding = 2 * DIRECTION_MARGIN * wrong + DIRECTION_ROUNDING * met
+        return met - (np.linalg.eigvalsh(spread) > rounding[:, None]).sum(axis=1)

@@ -17,7 +17,7 @@ from critflow import (
     voronoi_network,
     zero_modes,
 )
-from critflow.rigidity.counts import rigidity_matrix
+from critflow.rigidity.spectrum import rigidity_matrix
 
 
 def dense_matrix(network, x):

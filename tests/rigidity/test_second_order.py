@@ -303,19 +303,19 @@ def test_ambiguous_counts_decide_nothing():
 
 def test_large_networks_are_undecided_with_a_reason(monkeypatch):
     network, x = joined(chain([6, -1, -2]), chain([1, 2, 1], shift=1.0))
-    monkeypatch.setattr(second_order, "LARGEST", 20)
+    monkeypatch.setattr(second_order, "LARGEST_DENSE", 20)
     solution = second_order_rigidity(network, x)
     assert solution.status is Status.stalled
     assert (solution.value.prestress_stable, solution.value.second_order_rigid) == (None, None)
     assert "4 zero modes" in str(solution.value)
     # A factorisation decides at any size.
     assert second_order_rigidity(*joined(chain([1, 1]), chain([1, 2], shift=1.0))).value.prestress_stable
-    monkeypatch.setattr(second_order, "LARGEST", 10)
+    monkeypatch.setattr(second_order, "LARGEST_DENSE", 10)
     assert "2 self-stresses" in str(second_order_rigidity(network, x).value)
 
 
 def test_tension_certificate_without_linear_program(monkeypatch):
-    monkeypatch.setattr(second_order, "_LINEAR_PROGRAM", 0)
+    monkeypatch.setattr(second_order, "LINEAR_PROGRAM", 0)
     value = decide(*star([-1, 1, 2, -3, 4, -2]), "prestress").value
     assert "tension" in value.reason
 

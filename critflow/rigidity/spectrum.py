@@ -1,0 +1,166 @@
+"""Singular values of the rigidity matrix R next to zero, and its null vectors on either side.
+
+Small networks by a dense decomposition.  Of large ones the inertia of RᵀR − t² is the number of singular values below
+t, without a dense matrix; the null vectors follow by inverse iteration of a block of that size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from critflow.linalg.matrices import block_laplacian, edge_blocks
+from critflow.linalg.tolerances import EPS
+from critflow.networks.network import Array, Network
+from critflow.result import InputError
+from critflow.rigidity.tolerances import (
+    CLEAR_GAP,
+    DENSE_EDGES,
+    ITERATION_ERROR,
+    ROUNDING_MARGIN,
+    SQUARED_ROUNDING,
+    ZERO_MODE,
+)
+
+# Inverse iteration: shift in units of the squared tolerance, so that values below it gain a hundredfold in every step;
+# most steps; largest singular value, in units of the tolerance, of a null space that has converged.
+_SHIFT, _MOST_ITERATIONS, _CONVERGED = 0.01, 6, 1e-6
+# Squared singular values near this one are resolved best in the search for the smallest that is not zero.
+_MODERATE = 1e-3
+
+
+def rigidity_matrix(network: Network, coordinates: Array) -> sp.csr_array:
+    """R = ∂|L|/∂x over the free coordinates, (N_b, d·n_free): incidence times unit vectors (`RigidityMatrix`)."""
+    L = network.bond_vectors(coordinates)
+    return spread_columns(network, L / np.linalg.norm(L, axis=1)[:, None])
+
+
+def spread_columns(network: Network, vectors: Array) -> sp.csr_array:
+    """The matrix (N_b, d·n_free) with entries g_{αi} v_{αμ} of edge vectors v (N_b, d)."""
+    g, d = network.free_incidence, network.dimension
+    columns = [sp.diags_array(vectors[:, axis]) @ g for axis in range(d)]
+    order = np.arange(d * g.shape[1]).reshape(d, -1).T.ravel()
+    return sp.csr_array(sp.hstack(columns).tocsc()[:, order])
+
+
+class Spectrum:
+    """Number of singular values of R that count as zero, the gap around them, and the null vectors.
+
+    coordinates  (N_v, d), with the rounding errors that R inherits
+    tolerance    values below count as zero; None: `ZERO_MODE`, and they must be zero to rounding
+
+    n_coordinates, n_motions  number of free coordinates, and of zero modes among them
+    gap                       largest value that counts as zero and the smallest that does not, or limits of them
+
+    Raises `InputError` for a tolerance that is not positive, or too small for a large network.
+    """
+
+    def __init__(self, network: Network, coordinates: Array, L: Array, length: Array, tolerance: float | None):
+        self._tolerance = ZERO_MODE if tolerance is None else tolerance
+        if not self._tolerance > 0:
+            raise InputError(f"the tolerance must be positive, not {self._tolerance}: 1e-6 separates most networks")
+        self._largest_rounding = np.inf
+        if tolerance is None:
+            # Norm of the change of all rows, each √2 times a direction.
+            reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
+            rounding = EPS * reach * float(np.linalg.norm(np.sqrt(2) / length))
+            self._largest_rounding = max(ROUNDING_MARGIN * rounding, ITERATION_ERROR)
+        self.n_coordinates = network.dimension * len(network.free)
+        unit = L / length[:, None]
+        self._R = spread_columns(network, unit)
+        self._dense = network.n_edges <= DENSE_EDGES
+        if self._dense:
+            self._decompose()
+        else:
+            self._count(network, unit)
+
+    def _decompose(self) -> None:
+        left, values, right = np.linalg.svd(self._R.toarray())
+        rank = int(np.count_nonzero(values >= self._tolerance))
+        self._null = (left.T[rank:], right[rank:])
+        self.n_motions = self.n_coordinates - rank
+        self.gap = (
+            float(values[rank]) if rank < len(values) else 0.0,
+            float(values[rank - 1]) if rank else np.nan,
+        )
+
+    def _count(self, network: Network, unit: Array) -> None:
+        tolerance = self._tolerance
+        if tolerance < SQUARED_ROUNDING:
+            raise InputError(
+                f"singular values below {SQUARED_ROUNDING:.0e} are lost in the rounding of RᵀR, which counts networks "
+                f"of more than {DENSE_EDGES} edges: raise the tolerance from {tolerance:.1e}"
+            )
+        self._pattern = block_laplacian(network)
+        self._values = edge_blocks(np.ones(network.n_edges), unit, np.zeros(network.n_edges))
+        counted, fewest = self._below(tolerance), max(self.n_coordinates - network.n_edges, 0)
+        self.n_motions = max(counted, fewest)
+        clear = self._below(CLEAR_GAP * tolerance) == counted >= fewest
+        self.gap = (0.0, CLEAR_GAP * tolerance if clear else tolerance)
+
+    def _below(self, threshold: float) -> int:
+        """Number of singular values below a threshold: negative eigenvalues of RᵀR − threshold² (Sylvester)."""
+        return self._pattern.factorize(self._values, -(threshold**2)).n_negative
+
+    def doubt(self, largest_zero: float, smallest_nonzero: float) -> str:
+        """The reason why a count with this gap cannot be trusted, or an empty string."""
+        tolerance = self._tolerance
+        if largest_zero > tolerance / CLEAR_GAP:
+            near = largest_zero
+        elif smallest_nonzero < CLEAR_GAP * tolerance:
+            near = smallest_nonzero
+        elif largest_zero > self._largest_rounding:
+            return (
+                f"a singular value of {largest_zero:.1e} is neither zero to rounding nor far from it: give a tolerance "
+                "that decides whether it counts as zero, or move the configuration"
+            )
+        else:
+            return ""
+        return (
+            f"a singular value of {near:.1e} lies so close to the tolerance {tolerance:.1e} that the counts are not "
+            "certain: choose a tolerance inside a gap, or move the configuration"
+        )
+
+    def null_space(self, count: int, of_stresses: bool) -> tuple[Array, tuple[float, float]]:
+        """An orthonormal basis of unit tensions (count, N_b) or motions (count, d·n_free), and the gap."""
+        if self._dense:
+            return self._null[0 if of_stresses else 1], self.gap
+        M = self._R.T if of_stresses else self._R
+        amplified = self._filter(_SHIFT * self._tolerance**2, of_stresses)
+        vectors = np.random.default_rng(0).standard_normal((M.shape[1], count))
+        largest = 0.0
+        for _ in range(_MOST_ITERATIONS if count else 0):
+            vectors = np.linalg.qr(amplified(vectors))[0]
+            largest = float(np.linalg.svd(M @ vectors, compute_uv=False)[0])
+            if largest < _CONVERGED * self._tolerance:
+                break
+        return vectors.T, (largest, self._smallest_nonzero(vectors, of_stresses))
+
+    def _smallest_nonzero(self, null: Array, of_stresses: bool) -> float:
+        """The smallest singular value outside a null space (n, count), by Lanczos iteration."""
+        moderate = self._filter(_MODERATE, of_stresses)
+
+        def outside(vector: Array) -> Array:
+            rest = vector - null @ (null.T @ vector)
+            rest = moderate(rest[:, None])[:, 0]
+            return rest - null @ (null.T @ rest)
+
+        operator = LinearOperator((len(null), len(null)), matvec=outside, dtype=float)
+        start = np.random.default_rng(1).standard_normal(len(null))
+        weight = float(eigsh(operator, k=1, which="LA", v0=start, tol=1e-9, return_eigenvectors=False)[0])
+        return float(np.sqrt(max(_MODERATE * (1 / weight - 1), 0.0)))
+
+    def _filter(self, shift: float, of_stresses: bool) -> Callable[[Array], Array]:
+        """The map shift/(s² + shift) of the singular values s, on tensions or on motions (n, count)."""
+        factor = self._pattern.factorize(self._values, shift)
+
+        def on_stresses(v: Array) -> Array:
+            return v - np.asarray(self._R @ factor.solve(np.asarray(self._R.T @ v)))
+
+        def on_motions(v: Array) -> Array:
+            return shift * factor.solve(v)
+
+        return on_stresses if of_stresses else on_motions
