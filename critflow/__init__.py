@@ -32,11 +32,11 @@ from critflow.networks.lattices import (
 from critflow.networks.network import Network
 from critflow.networks.random_networks import (
     foam_network,
-    random_sequential_addition,
     three_bar_linkage,
     voronoi_network,
     voronoi_of,
 )
+from critflow.networks.random_points import random_sequential_addition
 from critflow.result import (
     CritflowError,
     EnvironmentFailure,

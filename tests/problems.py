@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from critflow import CriticalManifold, Network, honeycomb_network, spring_state, voronoi_network, voronoi_of
-from critflow.networks.network import planar_faces
+from critflow.networks.faces import planar_faces
 
 SQRT3 = np.sqrt(3.0)
 

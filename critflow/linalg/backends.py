@@ -1,9 +1,9 @@
-"""The sparse solvers that may factorise a symmetric matrix, behind one interface, and which of them serves what size.
+"""The sparse solvers of symmetric matrices behind one interface, and the choice between them by size.
 
-Every one eliminates along the diagonal only, so that A = L D Lᵀ and the signs of D are the inertia:
+All eliminate along the diagonal only, so that A = L D Lᵀ and the signs of D are the inertia:
 
-qdldl    row by row on a minimum-degree ordering; always there, and the fastest while matrices are small
-superlu  SciPy's SuperLU on a minimum-degree ordering; always there
+qdldl    row by row on a minimum-degree ordering; always installed, and the fastest for small matrices
+superlu  SciPy's SuperLU on a minimum-degree ordering; always installed
 metis    SuperLU on a nested dissection, which keeps large planar networks sparser (extra `fast`)
 pardiso  Intel's MKL, blocked, on a nested dissection (extra `fast`, x86 only)
 """
@@ -31,11 +31,11 @@ except ImportError:
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 
-# Entries of the upper triangle up to which qdldl is the fastest; of what is installed, the first here serves larger
-# matrices.  Measured on Voronoi networks of 300 to 10⁵ vertices, for "factorise anew and solve four times", where the
-# Laplacian, the elastic Hessian and the saddle matrix cross qdldl at
-#   pardiso 24,000, 9,000 and 40,000;  metis 120,000, 90,000 and 170,000;  superlu 180,000, 100,000 and 170,000
-# entries.  A Laplacian has 2.5 of them a vertex, the others in two dimensions 9 and 12.5.
+# Entries of the upper triangle up to which qdldl is the fastest; the first of these solvers that is installed takes
+# larger matrices.  Measured on Voronoi networks of 300 to 10⁵ vertices for one numeric factorisation and four solves.
+# The crossovers of the Laplacian, the elastic Hessian and the saddle matrix are, in entries,
+#   pardiso 24,000, 9,000 and 40,000;  metis 120,000, 90,000 and 170,000;  superlu 180,000, 100,000 and 170,000.
+# Per vertex in two dimensions the Laplacian has 2.5 entries, the others 9 and 12.5.
 CROSSOVERS = {"pardiso": 20_000, "metis": 120_000, "superlu": 150_000}
 
 
@@ -105,7 +105,7 @@ class MinimumDegree:
         factor = _eliminate(full, "MMD_AT_PLUS_A")
         order, L = np.argsort(factor.perm_c), factor.L
         # The elimination tree leads from each column to its first row below the diagonal.  In postorder the columns
-        # of a subtree stand side by side, which makes wide blocks.
+        # of a subtree are adjacent, which makes wide blocks.
         L.sort_indices()
         n = len(order)
         inner = np.diff(L.indptr) > 1

@@ -129,7 +129,7 @@ class FixedPattern:
         for solver, owner in zip(self._solvers, self._owners, strict=True):
             if owner() is factor:
                 return solver
-        # The first solver stays with the newest factor, or two factors in use would overwrite each other for ever.
+        # The first solver stays with the newest factor, or two factors in use would overwrite each other in turn.
         unused = (place for place, owner in enumerate(self._owners) if place and owner() is None)
         place = next(unused, len(self._solvers))
         if place == len(self._solvers):

@@ -1,7 +1,7 @@
 """The Pardiso solver of Intel's MKL, called by its C interface: phases 11, 22 and 33, and −1 at the end of life.
 
 Diagonal pivoting only, no scaling and no matching: then A = L D Lᵀ with a diagonal D as everywhere else here, the signs
-of D are the inertia, and the same input gives the same bits.  MKL is what `pip install 'critflow[fast]'` brings.
+of D are the inertia, and the same input gives the same bits.  `pip install 'critflow[fast]'` installs MKL.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def _load() -> Any:
-    """MKL's one library where pip, for all or for one user, and conda put it, or None."""
+    """MKL's runtime library in the folders of pip, of pip for one user, and of conda, or None."""
     user = sysconfig.get_path("data", sysconfig.get_preferred_scheme("user"))
     for prefix in (sys.prefix, sysconfig.get_path("data"), user):
         for folder in ("lib", "Library/bin"):
@@ -40,7 +40,7 @@ MKL = _load()
 
 _SYMMETRIC_INDEFINITE = -2
 _ANALYSE, _FACTORISE, _SOLVE, _RELEASE = 11, 22, 33, -1
-# A pivot below this power of ten of ‖A‖ is replaced by it, which is told; far below rounding, so none that counts is.
+# A pivot below 10⁻³⁰ ‖A‖ is replaced by that, and counted: far below rounding, so that no valid pivot changes.
 _SMALLEST_PIVOT = 30
 # Entries of iparm, counted from 1 as in Intel's manual, that differ from its zeros.
 _SETTINGS = {
@@ -59,7 +59,7 @@ class Pardiso:
 
     def __init__(self, model: sp.csc_matrix):
         self.size = model.shape[0]
-        # Upper triangle by rows, and where each of its entries stands in the columns.
+        # The upper triangle by rows, and the position of each of its entries in the columns.
         number = np.arange(model.nnz, dtype=np.int32)
         by_rows = sp.csc_matrix((number, model.indices, model.indptr), shape=model.shape).tocsr()
         self._place = by_rows.data
@@ -116,7 +116,7 @@ _ONE = ctypes.c_int32(1)
 
 
 def _call(phase: int, memory: NDArray[np.int64], settings: NDArray[np.int32], size: int, *arrays: Any) -> int:
-    """One call of `pardiso`, on one thread of this caller's unless the environment says otherwise; its error code."""
+    """The error code of one call of `pardiso`, on one thread unless the environment sets a number of threads."""
     values, starts, columns, right, x = arrays or (None,) * 5
     number = [ctypes.c_int32(i) for i in (_SYMMETRIC_INDEFINITE, phase, size, 0)]
     kind, step, n, silent = map(ctypes.byref, number)

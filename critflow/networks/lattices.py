@@ -1,7 +1,7 @@
 """Regular lattices, periodic in an oblique cell: their counts, stresses and moduli are known in closed form.
 
-Every lattice is a unit cell of vertices and edges, repeated.  A small number of repeats is no special case: edges that
-join the same two vertices through different images, or a vertex to its own image, are different edges.
+Every lattice is a unit cell of vertices and edges, repeated.  A small number of repeats is not a special case: edges
+that join the same two vertices through different images, or a vertex to its image, are different edges.
 At σ = k the bulk modulus is B_0 = Σ k|L|²/(d² V), in units of k a^(2−d) for edges of length a:
 
     lattice      edges a vertex   B_0     independent self-stresses
@@ -20,13 +20,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.networks.network import Array, IntArray, Network, PlanarFaces
+from critflow.networks.faces import PlanarFaces
+from critflow.networks.network import Array, IntArray, Network
 from critflow.result import InputError
 
 # The side 2 and height √3 of the rhombus that triangular lattices of every kind repeat.
 _RHOMBUS = np.array([[2.0, 0.0], [1.0, np.sqrt(3)]])
 
-# One edge of a unit cell: from this vertex of it, to that vertex of the cell so many cells away.
+# One edge of a unit cell: its tail, its head, and the offset of the cell of the head.
 Bond = tuple[int, int, tuple[int, ...]]
 
 
@@ -85,7 +86,7 @@ def _repeated(
     vectors, vertices = edge_length * np.asarray(lattice), edge_length * np.asarray(basis)
     cells = np.array(list(np.ndindex(*repeats)))
     if len(cells) * len(vertices) == 1:
-        raise InputError("a lattice of a single vertex has nothing that is free to move: ask for more unit cells")
+        raise InputError("a lattice of a single vertex has no free vertex: request more unit cells")
     positions = ((cells @ vectors)[:, None] + vertices).reshape(-1, len(vectors))
     edges, offsets = [], []
     for tail, head, step in bonds:

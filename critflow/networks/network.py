@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,40 +21,6 @@ from critflow.result import InputError, NetworkError
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
-class Faces:
-    """The polygons of a planar network, each a closed walk along its edges with the face on the left.
-
-    Face f walks `edges[starts[f]:starts[f + 1]]` in turn; `signs` is +1 where an edge is walked from tail to head.
-    """
-
-    edges: IntArray
-    signs: IntArray
-    starts: IntArray
-
-    @property
-    def n_faces(self) -> int:
-        return len(self.starts) - 1
-
-    @property
-    def sizes(self) -> IntArray:
-        """Number of sides of each face, (n_faces,)."""
-        return np.diff(self.starts)
-
-
-class PlanarFaces(Faces):
-    """The faces of a planar network from its embedding, found when they are first asked for: `planar_faces`."""
-
-    def __init__(self, edges: IntArray, bond_vectors: Array, n_vertices: int):
-        self.__dict__["_embedding"] = edges, bond_vectors, n_vertices
-
-    def __getattr__(self, name: str) -> Any:
-        if name in ("edges", "signs", "starts"):
-            self.__dict__.update(vars(planar_faces(*self._embedding)))
-            return self.__dict__[name]
-        raise AttributeError(name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +115,7 @@ class Network:
 
     @cached_property
     def free(self) -> IntArray:
-        """Vertices that are unknown: all but the pins, or all but vertex 0, which a periodic network is grounded at."""
+        """The unknown vertices: all but the pins, or all but vertex 0, the ground of a periodic network."""
         free = np.ones(self.n_vertices, bool)
         free[list(self.pins) if self.pins else 0] = False
         return np.flatnonzero(free)
@@ -199,11 +164,11 @@ class Network:
         return replace(self, stiffness=np.asarray(stiffness, dtype=float))
 
     def deformed(self, gradient: ArrayLike) -> Network:
-        """The network after the affine deformation F of its boundary: b → F b, pins and positions alike."""
+        """The network after the affine deformation F of its boundary: b → F b, including pins and positions."""
         F = np.asarray(gradient, dtype=float)
         if F.shape != (self.dimension,) * 2 or not np.isfinite(F).all() or not abs(np.linalg.det(F)) > 0:
             raise NetworkError(f"a deformation must be an invertible {self.dimension} × {self.dimension} matrix")
-        # The graph stays, so it is neither checked again nor are its matrices made again.
+        # The graph is the same: its checks and its matrices stay valid.
         copied = copy(self)
         copied.__dict__.pop("boundary_vectors", None)
         copied.__dict__.pop("fixed_positions", None)
@@ -234,7 +199,7 @@ def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = Tru
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        raise NetworkError(f"{name} must be numbers, one per edge: {values!r:.60} is none") from None
+        raise NetworkError(f"{name} must be numbers, one per edge, not {values!r:.60}") from None
     if array.shape != (n_edges,):
         raise NetworkError(f"{name} must have one value per edge, shape ({n_edges},), not {array.shape}")
     bad = ~np.isfinite(array) | (positive & ~(array > 0))
@@ -254,41 +219,6 @@ def validated_coordinates(network: Network, coordinates: ArrayLike) -> Array:
     if x.shape != shape or not np.isfinite(x).all():
         raise InputError(f"coordinates must be finite and of shape {shape}, not {x.shape}: give one row per vertex")
     return x
-
-
-def planar_faces(edges: IntArray, bond_vectors: Array, n_vertices: int) -> Faces:
-    """The faces of a planar network from its embedding: bond vectors (N_b, 2) that do not cross.
-
-    Walking an edge and taking the sharpest left turn at each vertex goes once around a face counterclockwise.
-    """
-    n_edges = len(edges)
-    # Half-edge 2α leaves the tail of edge α, half-edge 2α + 1 leaves its head.
-    origin = edges.ravel()
-    direction = np.repeat(bond_vectors, 2, axis=0) * np.tile([1.0, -1.0], n_edges)[:, None]
-    order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), origin))
-    degree = np.bincount(origin, minlength=n_vertices)
-    first = np.cumsum(degree) - degree
-    place = np.empty(2 * n_edges, int)
-    place[order] = np.arange(2 * n_edges)
-    twin = np.arange(2 * n_edges) ^ 1
-    # Arriving along a half-edge, the next one of the face is clockwise before the way back.
-    vertex = origin[twin]
-    following = order[first[vertex] + (place[twin] - first[vertex] - 1) % degree[vertex]]
-
-    cycle = connected_components(
-        sp.coo_array((np.ones(2 * n_edges), (np.arange(2 * n_edges), following))), directed=False
-    )[1]
-    size = np.bincount(cycle)
-    # The least half-edge of each face, since the last of several assignments stands.
-    walker = np.empty(len(size), int)
-    walker[cycle[::-1]] = np.arange(2 * n_edges)[::-1]
-    starts = np.concatenate([[0], np.cumsum(size)])
-    walk = np.empty(2 * n_edges, int)
-    for k in range(int(size.max())):
-        inside = size > k
-        walk[starts[:-1][inside] + k] = walker[inside]
-        walker = following[walker]
-    return Faces(walk // 2, 1 - 2 * (walk % 2), starts)
 
 
 def _integers(values: ArrayLike, name: str) -> IntArray:
@@ -337,12 +267,12 @@ def _check_graph(edges: IntArray, offsets: IntArray, pins: Mapping[int, Array], 
         edge = int(np.flatnonzero(loops)[0])
         raise NetworkError(f"edge {edge} joins vertex {edges[edge, 0]} to itself, which has no length: remove it")
     if len(pins) == n_vertices or n_vertices == 1:
-        raise NetworkError("no vertex is free to move, so there is nothing to find: add vertices, or take pins away")
+        raise NetworkError("no vertex is free to move, so there is nothing to find: add vertices or remove pins")
     degree = np.bincount(edges.ravel(), minlength=n_vertices)
     loose = [int(i) for i in np.flatnonzero(degree <= 1) if i not in pins]
     if loose:
-        held = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
-        raise NetworkError(f"vertex {loose[0]} hangs on {held}: remove it")
+        support = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
+        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it")
     tail, head = edges.T
     # All pins belong to one support, so they count as joined.
     anchors = np.fromiter(pins, int, len(pins))

@@ -12,19 +12,17 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import Delaunay
 
 from critflow.networks.lattices import periodic_network
 from critflow.networks.network import Array, Network
+from critflow.networks.random_points import random_sequential_addition
 from critflow.result import InputError
 
-# Random sequential addition of discs stops near ρ = 0.834; above, the points asked for do not fit.
+# Random sequential addition of discs stops near ρ = 0.834; above, the points do not fit.
 STANDARD_HARD_CORE = 0.82
 # Of spheres it stops at 0.384 of the volume, which is ρ = 0.902.
 FOAM_HARD_CORE = 0.87
-_SATURATED = {2: 0.834, 3: 0.902}
-# No packing at all is denser than the hexagonal one of discs and the face-centred one of spheres.
-_DENSEST = {2: np.sqrt(2 / np.sqrt(3)), 3: 2 ** (1 / 6)}
 
 
 def voronoi_network(
@@ -33,11 +31,11 @@ def voronoi_network(
     """The standard disordered network: exactly n_vertices, three edges a vertex, area V = n_vertices.
 
     The same seed gives the same network, always.  Raises `InputError` for an odd or too small n_vertices and for a
-    hard core (ρ, in units of the mean spacing 1/√n_cells) that does not leave room for all points.
+    hard core (ρ, in units of the mean spacing 1/√n_cells) that leaves too little space for all points.
     """
     if int(n_vertices) != n_vertices or n_vertices < 4 or n_vertices % 2:
         raise InputError(
-            f"n_vertices must be an even number of at least 4, not {n_vertices}: every Voronoi cell brings two"
+            f"n_vertices must be an even number of at least 4, not {n_vertices}: a Voronoi network has two a cell"
         )
     n_cells = int(n_vertices) // 2
     rng = np.random.default_rng(seed)
@@ -50,10 +48,10 @@ def foam_network(
 ) -> Network:
     """The disordered network in three dimensions: exactly n_vertices, four edges a vertex, volume V = n_vertices.
 
-    A cell has about 6.45 vertices, no fixed number, so the points are drawn anew until the vertices are n_vertices:
-    about 11 times for 400 vertices and √10 times as often for ten times as many.  The same seed gives the same network,
-    always.  Raises `InputError` for too few vertices and for a hard core (ρ, in units of 1/n_cells^(1/3)) that does not
-    leave room for all points.
+    A cell has about 6.45 vertices, not a fixed number, so points are drawn until the number of vertices is n_vertices:
+    about 11 draws for 400 vertices, and √10 times this number for ten times as many vertices.  The same seed gives the
+    same network, always.  Raises `InputError` for too few vertices and for a hard core (ρ, in units of 1/n_cells^(1/3))
+    that leaves too little space for all points.
     """
     if int(n_vertices) != n_vertices or n_vertices < _FEWEST_CELLS * _VERTICES_A_CELL:
         raise InputError(
@@ -84,33 +82,6 @@ def three_bar_linkage(span: float = 3.0) -> Network:
         np.array([[0, 1], [1, 2], [2, 3]]),
         pins={0: np.zeros(2), 3: np.array([span, 0.0])},
         positions=np.array([[0.0, 0.0], [span / 3, 0.3], [2 * span / 3, -0.3], [span, 0.0]]),
-    )
-
-
-def random_sequential_addition(
-    n_points: int, distance: float, rng: np.random.Generator, dimension: int = 2, max_restarts: int = 1000
-) -> Array:
-    """Points (n_points, d) in the periodic unit cube, placed one by one and no two closer than `distance`.
-
-    Trials are drawn only from voxels that the points so far leave uncovered, which changes nothing of the
-    distribution and makes the cost linear.  A packing that saturates early starts again.  The points are returned
-    sorted by grid cell, so that neighbours lie near each other in memory.
-    """
-    if n_points < 1 or not distance > 0:
-        raise InputError(
-            f"random sequential addition needs points and a positive distance, not {n_points} and {distance}"
-        )
-    if dimension < 1:
-        raise InputError(f"points need a dimension of at least 1, not {dimension}")
-    crowded = distance * n_points ** (1 / dimension) > _DENSEST.get(dimension, np.inf)
-    for _ in range(0 if crowded else max_restarts):
-        points = _add_until_saturated(n_points, distance, rng, dimension)
-        if len(points) == n_points:
-            cell = np.floor(points * n_points ** (1 / dimension)).astype(int)
-            return points[np.lexsort(cell.T)]
-    raise InputError(
-        f"{n_points} points never fitted at a distance of {distance:.4g} in {max_restarts} tries: lower the hard core "
-        f"(ρ = {_SATURATED.get(dimension, 0.9)} is the limit in {dimension} dimensions)"
     )
 
 
@@ -147,7 +118,7 @@ def voronoi_of(points: Array, side: float | None = None) -> Network:
         )
     tail, head = first // (dimension + 1), second // (dimension + 1)
     step = shift[first] - shift[second]
-    # Circumcentres that coincide belong to more than d + 1 points on one sphere, which can be joined in several ways.
+    # Circumcentres that coincide belong to more than d + 1 points on one sphere, which have several tessellations.
     gap = np.linalg.norm(centres[head] + step - centres[tail], axis=1)
     if gap.min() < 1e-9 * gap.max():
         raise InputError(f"some of the {len(points)} points lie on a regular lattice, so vertices coincide: move them")
@@ -156,121 +127,6 @@ def voronoi_of(points: Array, side: float | None = None) -> Network:
     offsets = step + wrap[head] - wrap[tail]
     scale = n_vertices ** (1 / dimension) if side is None else side
     return periodic_network(edges, offsets, scale * np.eye(dimension), scale * (centres - wrap))
-
-
-def _add_until_saturated(n_points: int, distance: float, rng: np.random.Generator, dimension: int) -> Array:
-    # Grid cells of diagonal <= distance hold one point at most, so the neighbours of a trial are found by index.
-    per_side = int(np.ceil(np.sqrt(dimension) / distance))
-    grid = np.full((per_side,) * dimension + (dimension,), _NOWHERE)
-    points = np.empty((n_points, dimension))
-    n_placed = 0
-
-    voxels = np.indices(grid.shape[:-1]).reshape(dimension, -1).T / per_side
-    side = 1.0 / per_side
-    uncovered = _Uncovered(grid, distance)
-    while n_placed < n_points and len(voxels):
-        # As many trials as uncovered voxels is cheap and rarely places two in reach of each other.
-        trials = voxels[rng.integers(len(voxels), size=len(voxels))] + side * rng.random((len(voxels), dimension))
-        trials -= trials >= 1.0
-        if n_placed:
-            trials = trials[uncovered(trials, 0.0)]
-        placed = trials[_first_come(trials, distance)][: n_points - n_placed]
-        points[n_placed : n_placed + len(placed)] = placed
-        n_placed += len(placed)
-        if n_placed == n_points:
-            break
-        grid[tuple(np.floor(placed * per_side).astype(int).T)] = placed
-        uncovered = _Uncovered(grid, distance)
-
-        voxels = voxels[uncovered(voxels + side / 2, side / 2)]
-        # Halving the voxels follows the shrinking holes; while holes are large it would only cost.
-        if len(placed) < 0.2 * max(len(voxels), 1):
-            side /= 2
-            voxels = (voxels[:, None, :] + side * np.array(list(product((0, 1), repeat=dimension)))).reshape(
-                -1, dimension
-            )
-    return points[:n_placed]
-
-
-class _Uncovered:
-    """Which places keep their distance to all points of a grid (…, d) of cells with one point each at most."""
-
-    def __init__(self, grid: Array, distance: float):
-        dimension, self._per_side, self._distance = grid.shape[-1], len(grid), distance
-        self._padded = _periodic_padding(grid)
-        self._strides = (len(grid) + 4) ** np.arange(dimension - 1, -1, -1)
-        # The nearest cells first, which settles most places at once; but the cell of a place itself is mostly empty.
-        steps = np.array(list(product(range(-2, 3), repeat=dimension)))
-        order = np.argsort(np.sum(steps**2, axis=1), kind="stable")
-        self._steps = steps[np.roll(order, -1)]
-
-    def _reach(self, half_width: float) -> NDArray[np.int64]:
-        """Steps in the padded grid to the cells from which a point can cover a cube that lies in one cell."""
-        away = np.abs(self._steps)
-        gap = np.maximum(away - 1, 0) / self._per_side + np.where(away, 2, 1) * half_width
-        able = np.sum(gap**2, axis=1) < (1 + 1e-9) * self._distance**2
-        return np.asarray((self._steps[able] + 2) @ self._strides)
-
-    def __call__(self, places: Array, half_width: float) -> NDArray[np.bool_]:
-        """For points or cubes of that half width around places (n, d): whether even the farthest corner is clear."""
-        clear, reach = np.zeros(len(places), bool), self._reach(half_width)
-        # Blocks stay in the cache of the processor, and shrink as their places are found to be covered.
-        for start in range(0, len(places), _BLOCK):
-            at = np.ascontiguousarray(places[start : start + _BLOCK].T)
-            cell = self._strides @ np.floor(at * self._per_side).astype(int)
-            left = np.arange(start, start + at.shape[1])
-            for step in reach:
-                near, squared = cell + step, np.zeros(len(cell))
-                for x, padded in zip(at, self._padded, strict=True):
-                    away = padded[near]
-                    np.subtract(x, away, out=away)
-                    np.abs(away, out=away)
-                    away += half_width
-                    away *= away
-                    squared += away
-                far = squared >= self._distance**2
-                if not far.all():
-                    left, cell, at = left[far], cell[far], at[:, far]
-            clear[left] = True
-        return clear
-
-
-# Places looked at together.
-_BLOCK = 1 << 15
-
-
-# Coordinate of the point of an empty grid cell: farther away than any distance asked for.
-_NOWHERE = 1e3
-
-
-def _periodic_padding(grid: Array) -> list[Array]:
-    """Each coordinate of the points in a grid of cells, flat, with two layers of periodic images around it."""
-    dimension = grid.shape[-1]
-    padded = np.pad(grid, [(2, 2)] * dimension + [(0, 0)], mode="wrap")
-    for axis in range(dimension):
-        ends = np.moveaxis(padded[..., axis], axis, 0)
-        ends[:2] -= 1.0
-        ends[-2:] += 1.0
-    return [padded[..., axis].ravel() for axis in range(dimension)]
-
-
-def _first_come(trials: Array, distance: float) -> NDArray[np.bool_]:
-    """Which trials stand when they are taken in order and each must keep its distance to all taken before."""
-    taken = np.zeros(len(trials), bool)
-    if len(trials) == 0:
-        return taken
-    tree = cKDTree(trials, boxsize=1.0, balanced_tree=False)
-    earlier, later = np.ascontiguousarray(tree.query_pairs(distance, output_type="ndarray").T)
-    refused = np.zeros(len(trials), bool)
-    while len(earlier):
-        # A trial that waits for no earlier one is taken, and refuses the later ones in its reach.
-        waiting = np.zeros(len(trials), bool)
-        waiting[later] = True
-        taken |= ~waiting & ~refused
-        refused[later[taken[earlier]]] = True
-        open_ = ~refused[earlier] & ~refused[later] & ~taken[earlier]
-        earlier, later = earlier[open_], later[open_]
-    return ~refused
 
 
 def _periodic_delaunay(points: Array) -> tuple[NDArray[np.int64], Array]:
@@ -313,18 +169,18 @@ def _periodic_delaunay(points: Array) -> tuple[NDArray[np.int64], Array]:
 
 
 def _packed(columns: Iterable[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
-    """Columns of whole numbers as few keys in the same lexicographic order: as many to a key as its bits hold."""
+    """Columns of whole numbers as few keys in the same lexicographic order: each key packs the bits of several."""
     keys: list[NDArray[np.int64]] = []
-    room = 0
+    free_bits = 0
     for column in columns:
         least, most = (int(column.min()), int(column.max())) if len(column) else (0, 0)
         bits = (most - least).bit_length()
-        if not keys or bits > room:
+        if not keys or bits > free_bits:
             keys.append(column - least)
-            room = 63 - bits
+            free_bits = 63 - bits
         else:
             keys[-1] = (keys[-1] << bits) | (column - least)
-            room -= bits
+            free_bits -= bits
     return keys
 
 

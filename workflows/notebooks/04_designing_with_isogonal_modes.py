@@ -26,7 +26,7 @@ from critflow import (
     transition_moduli,
 )
 from critflow.design.isogonal import affine_bulk_modulus
-from critflow.networks.network import planar_faces
+from critflow.networks.faces import planar_faces
 from critflow.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions
 from critflow.rigidity.structure import length_variance, tension_variance
 
