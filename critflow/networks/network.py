@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
+from critflow.networks.faces import Faces
 from critflow.result import InputError, NetworkError
 
 Array = NDArray[np.float64]
