@@ -9,6 +9,7 @@ A page is executed as one program, in an empty directory, with warnings as error
     text, sh         not executed
 """
 
+import inspect
 import re
 import shlex
 import subprocess
@@ -19,6 +20,7 @@ from typing import NamedTuple
 
 import pytest
 
+import critflow
 from workflows.pages.paper import EQUATIONS
 
 ROOT = Path(__file__).parents[1]
@@ -155,3 +157,28 @@ def test_the_theory_page_names_the_functions_of_the_paper():
     assert len(rows) > 20
     for label, function in rows:
         assert functions[label] == function, label
+
+
+# Modules that define the bounds of these functions.
+DELEGATES = {
+    "CriticalManifold": ("precision/refinement.py",),
+    "optimize": ("design/optimum.py",),
+    "critical_from_lengths": ("design/proportional_lengths.py",),
+    "strain_path": ("mechanics/equilibrium.py",),
+}
+
+
+def source_of(module: str) -> str:
+    return (ROOT / "critflow" / module).read_text(encoding="utf-8")
+
+
+def test_error_bounds_have_the_kind_that_their_modules_state():
+    text = (ROOT / "docs" / "failures.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|.*\| (.*(?:proof|estimate).*) \|$", text, flags=re.M)
+    assert len(rows) == 9
+    for names, kinds in rows:
+        for name in re.findall(r"`(\w+)`", names):
+            stated = Path(inspect.getfile(getattr(critflow, name))).read_text(encoding="utf-8")
+            stated += "".join(source_of(module) for module in DELEGATES.get(name, ()))
+            for kind in ("proof", "estimate"):
+                assert (f"rror bound ({kind}" in stated or f"rror bounds ({kind}" in stated) == (kind in kinds), name
