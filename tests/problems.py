@@ -10,6 +10,8 @@ import numpy as np
 
 from critflow import CriticalManifold, Network, honeycomb_network, spring_state, voronoi_network, voronoi_of
 from critflow.networks.faces import planar_faces
+from critflow.critical.derivatives import evaluate
+from critflow.solvers.minimize import Function, Point
 
 SQRT3 = np.sqrt(3.0)
 
@@ -24,6 +26,11 @@ TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS = SQRT3 / 2, SQRT3 / 4
 def random_stress(n_edges: int, seed: int) -> np.ndarray:
     """Positive stresses without any symmetry, between 0.3 and 2.3."""
     return 0.3 + 2.0 * np.random.default_rng(seed).random(n_edges)
+
+
+def random_start(seed: int, n_edges: int = 150) -> np.ndarray:
+    """|N(0, 1)|: positive stresses without a lower limit."""
+    return np.abs(np.random.default_rng(seed).standard_normal(n_edges))
 
 
 def with_random_stiffness(network: Network, seed: int) -> Network:
@@ -196,6 +203,45 @@ def with_faces(network: Network, bond_vectors: np.ndarray) -> Network:
     return Network(network.edges, network.offsets, network.cell, network.stiffness, faces=faces)
 
 
+def value_and_gradient(network, goal, sigma):
+    """O and dO/dσ at a stress."""
+    evaluation = evaluate(CriticalManifold(network), goal, sigma)
+    return evaluation.value, evaluation.gradient
+
+
+def hessian_product(network, goal, sigma, direction):
+    """(∂²O/∂σ∂σ) times a direction, at a stress."""
+    return evaluate(CriticalManifold(network), goal, sigma).hessian_product(direction)
+
+
+class Analytic(Function):
+    """A function given by value, gradient and Hessian; `evaluated` records every x."""
+
+    def __init__(self, value, gradient, hessian, diagonal=0.0):
+        self._value, self._gradient, self._hessian, self._diagonal = value, gradient, hessian, diagonal
+        self.evaluated = []
+
+    def at(self, x):
+        self.evaluated.append(x.copy())
+        gradient = self._gradient(x)
+        return Point(x, float(self._value(x)), gradient, float(np.abs(gradient).max()))
+
+    def stiff_diagonal(self, point):
+        return self._diagonal
+
+    def hessian_product(self, point, direction):
+        return self._hessian(point.x) @ direction
+
+
+def quadratic(n=8):
+    """½ (x − a)ᵀ A (x − a) with curvatures between 1 and 100, least at a."""
+    rng = np.random.default_rng(1)
+    Q = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    A, a = Q @ np.diag(np.geomspace(1, 100, n)) @ Q.T, rng.standard_normal(n)
+    A = 0.5 * (A + A.T)
+    return Analytic(lambda x: 0.5 * (x - a) @ A @ (x - a), lambda x: A @ (x - a), lambda x: A), np.zeros(n), a
+
+
 # Networks whose map σ → configuration is tested in every way, by name.
 NETWORKS = {
     "voronoi": lambda: voronoi_network(40, seed=1),
@@ -212,6 +258,12 @@ NETWORKS = {
 }
 PERIODIC = [name for name in NETWORKS if not name.startswith("pinned")]
 
+# Networks of different dimension, cell and stiffness, for derivatives of objectives.
+PERIODIC_KINDS = {
+    "random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=1), 2),
+    "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=2), 3)),
+    "3D": lambda: with_random_stiffness(voronoi_3d(), 4),
+}
 
 # Strained springs, for tests of error bounds
 

@@ -8,17 +8,15 @@ from problems import (
     dense_bond_vectors,
     modulus_by_formula,
     oblique,
+    random_start,
     random_stress,
     voronoi_3d,
     with_random_stiffness,
 )
-from scipy.optimize import minimize
 
 from critflow import (
     CriticalManifold,
     InputError,
-    Network,
-    SolveError,
     Status,
     bulk_modulus_bound,
     honeycomb_network,
@@ -26,16 +24,9 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
-from critflow.critical.derivatives import evaluate
 from critflow.critical.objectives import LengthVariance, dilation, named_objective, pure_shear, transition_modulus
-from critflow.design.stress_objective import StressObjective
-from critflow.solvers.minimize import LBFGS, minimise
 
 NETWORK = voronoi_network(100, seed=1)
-
-
-def random_start(seed: int, n_edges: int = 150) -> np.ndarray:
-    return np.abs(np.random.default_rng(seed).standard_normal(n_edges))
 
 
 def projected_gradient(network, objective, sigma) -> float:
@@ -182,87 +173,6 @@ def test_least_tension_variance_is_the_same_from_every_start():
     assert 0.01 < values[0] < 0.02
 
 
-def contracted(network: Network, collapsed: np.ndarray, centre: int) -> tuple[Network, np.ndarray]:
-    """The network with edges of zero length around one vertex contracted, and +1 where an edge leaves such a leaf."""
-    edges, offsets = network.edges.copy(), network.offsets.copy()
-    kept = np.setdiff1d(np.arange(network.n_edges), collapsed)
-    outward = []
-    for edge in collapsed:
-        tail, head = network.edges[edge]
-        leaf, shift = (tail, network.offsets[edge]) if head == centre else (head, -network.offsets[edge])
-        # x_leaf = x_centre + shift, in cells.
-        outward.append(1.0 * (network.edges[kept, 0] == leaf) - 1.0 * (network.edges[kept, 1] == leaf))
-        offsets[network.edges[:, 1] == leaf] += shift
-        offsets[network.edges[:, 0] == leaf] -= shift
-        edges[edges == leaf] = centre
-    index = np.unique(edges[kept], return_inverse=True)[1].reshape(-1, 2)
-    return Network(index, offsets[kept], network.cell), np.array(outward)
-
-
-COLLAPSING = voronoi_network(40, seed=47, hard_core=0.65)
-
-
-def test_an_infimum_that_collapses_edges_names_them_and_has_its_value():
-    solution = optimize(COLLAPSING, "tension_variance", throw=False)
-    assert solution.status is Status.edge_collapse
-    collapsed = solution.collapsed_edges
-    np.testing.assert_array_equal(collapsed, [33, 38])
-    assert "edges 33, 38 shrink to zero length" in solution.note
-    # The limit itself: three vertices become one, and an edge without length carries what its leaf's others pull.
-    centre = int(np.intersect1d(*COLLAPSING.edges[collapsed])[0])
-    point, outward = contracted(COLLAPSING, collapsed, centre)
-
-    def variance(theta):
-        sigma = np.exp(theta)
-        force = sigma[:, None] * dense_bond_vectors(point, sigma)
-        tension = np.concatenate([np.linalg.norm(force, axis=1), np.linalg.norm(outward @ force, axis=1)])
-        return np.mean(tension**2) / np.mean(tension) ** 2 - 1
-
-    start = np.log(np.delete(solution.value.sigma, collapsed))
-    found = minimize(variance, start, method="L-BFGS-B", options={"ftol": 1e-14, "gtol": 1e-9, "maxfun": 20000})
-    limit = solution.objective
-    # Descent by finite differences, and a collapse stopped at 1e-4 of the mean length, agree to 1e-7.
-    assert limit == pytest.approx(found.fun, abs=1e-7)
-    assert abs(limit - found.fun) < solution.uncertainty < 1e-4
-    # The configuration returned is a sound one on the way, a little above the infimum.
-    assert solution.value.residual < 1e-12
-    tension = solution.value.tensions
-    assert limit < np.mean(tension**2) / np.mean(tension) ** 2 - 1 < limit + 1e-3
-    with pytest.raises(SolveError, match="edges 33, 38 shrink to zero length"):
-        optimize(COLLAPSING, "tension_variance")
-
-
-@pytest.mark.parametrize("method", ["lbfgs", "newton"])
-def test_a_collapse_has_one_value_by_every_method_and_start(method):
-    expected = optimize(COLLAPSING, "tension_variance", throw=False).objective
-    solution = optimize(COLLAPSING, "tension_variance", method, start=random_start(1, 60) + 0.1, throw=False)
-    assert solution.status is Status.edge_collapse
-    assert solution.objective == pytest.approx(expected, abs=1e-7)
-
-
-@pytest.mark.parametrize("method", ["lbfgs", "newton"])
-def test_a_collapse_names_the_same_edges_from_every_start(method):
-    solution = optimize(COLLAPSING, "tension_variance", method, start=random_start(1, 60) + 0.1, throw=False)
-    assert solution.status is Status.edge_collapse
-    # An edge that was still on its way to an ordinary length may be named beside them.
-    assert {33, 38} <= set(solution.collapsed_edges.tolist())
-
-
-def test_the_uncertainty_of_a_limit_covers_its_error():
-    # This network has two infima, each with edges of its own that vanish; a start leads to the one or the other.
-    network = voronoi_network(50, seed=2, hard_core=0.5)
-    found: dict[tuple[int, ...], list[tuple[float, float]]] = {}
-    for method in ("lbfgs", "newton"):
-        for start in (None, *(random_start(seed, 75) + 0.1 for seed in (1, 2, 3))):
-            solution = optimize(network, "tension_variance", method, start=start, throw=False)
-            assert solution.status is Status.edge_collapse
-            found.setdefault(tuple(solution.collapsed_edges), []).append((solution.objective, solution.uncertainty))
-    assert len(found) >= 2
-    for limits in found.values():
-        values, uncertainties = np.transpose(limits)
-        assert np.ptp(values) <= 2 * uncertainties.max()
-
-
 # Shear modulus
 
 
@@ -301,90 +211,11 @@ def test_an_objective_of_ones_own():
     assert upper.objective > goal.evaluate(np.ones(150), dense_bond_vectors(NETWORK, np.ones(150)))[0]
 
 
-def test_step_limits_are_a_status():
-    for method in ("fire", "lbfgs", "newton"):
-        solution = optimize(NETWORK, "tension_variance", method, max_steps=2, throw=False)
-        assert solution.status is Status.step_limit
-        assert solution.stats.steps == 2
-        assert solution.value.residual < 1e-12
-        with pytest.raises(SolveError, match="raise max_steps"):
-            optimize(NETWORK, "tension_variance", method, max_steps=2)
-
-
-@pytest.mark.parametrize("seed", [1, 3, 4])
-def test_fire_stays_off_the_wall_of_the_barrier(seed):
-    # It has no line search; without a limit on its moves the first one goes over the wall.
-    start = random_start(seed) + 0.05
-    by_fire = optimize(NETWORK, "shear_modulus", "fire", start=start, throw=False)
-    assert by_fire.status is Status.ok
-    expected = optimize(NETWORK, "shear_modulus", "lbfgs", start=start).objective
-    assert by_fire.objective == pytest.approx(expected, rel=1e-12)
-
-
-def test_least_length_variance_of_slack_networks_has_a_value():
-    # Where equal lengths would leave edges slack, the infimum still has a value, which descent finds.
-    network = oblique(voronoi_network(40, seed=3))
-    by_cone = optimize(network, "length_variance", "conic", throw=False)
-    assert by_cone.status is Status.slack_edges
-    assert len(by_cone.slack_edges)
-    solution = optimize(network, "length_variance", throw=False)
-    assert solution.status is Status.slack_edges
-    assert solution.value.residual < 1e-12
-    # Descent in the logarithms of the stresses alone gets there in thousands of steps.
-    variance = LengthVariance()
-    manifold = CriticalManifold(network)
-
-    def along(x):
-        sigma = np.exp(x)
-        return variance.evaluate(sigma, manifold.balance(sigma).bond_vectors)[0]
-
-    slow = minimize(along, np.zeros(network.n_edges), method="L-BFGS-B", options={"maxfun": 60_000, "maxiter": 2_000})
-    assert solution.objective - solution.uncertainty < slow.fun
-    assert solution.objective < slow.fun + 1e-5
-
-
-def test_the_log_stress_landscape_keeps_the_scale():
-    landscape = StressObjective(CriticalManifold(NETWORK), LengthVariance())
-    x = np.log(random_start(1))
-    np.testing.assert_allclose(landscape.sigma(x + 500), landscape.sigma(x), rtol=1e-12)
-    assert abs(landscape.at(x).gradient.sum()) < 1e-14
-
-
 def test_bad_arguments_say_what_to_do():
     with pytest.raises(InputError, match="random generator"):
         optimize(NETWORK, "shear_modulus", starts=3)
     with pytest.raises(InputError, match="stiffness of the network"):
         optimize(NETWORK, transition_modulus(NETWORK.with_stiffness(2), dilation(2)), "closed_form")
-
-
-def steepest_way_up(manifold, goal, x):
-    """Largest curvature of the objective along log-stresses, against the largest of all, by differences of slopes."""
-    sign = 1.0 if goal.maximise else -1.0
-
-    def slope(theta):
-        sigma = np.exp(theta - theta.mean())
-        return sigma * evaluate(manifold, goal, sigma).gradient
-
-    steps = 1e-5 * np.eye(len(x))
-    hessian = np.array([slope(x + step) - slope(x - step) for step in steps]) / 2e-5
-    curvatures = np.linalg.eigvalsh(sign * (hessian + hessian.T) / 2)
-    return curvatures[-1] / np.abs(curvatures).max()
-
-
-@pytest.mark.parametrize(
-    "n_vertices, seed, threshold, method", [(20, 5, 0.03, "auto"), (20, 5, 0.03, "newton"), (16, 0, 0.03, "lbfgs")]
-)
-def test_a_saddle_on_the_way_is_left(n_vertices, seed, threshold, method):
-    manifold = CriticalManifold(voronoi_network(n_vertices, seed))
-    goal = named_objective(manifold.network, "shear_modulus", 0.03)
-    # Where the slope alone leads from σ = 1 the modulus is stationary and curves up along some direction.
-    alone = minimise(StressObjective(manifold, goal), LBFGS(), np.zeros(manifold.network.n_edges), 1e-12, 3_000).point
-    assert alone.residual < 1e-12
-    assert steepest_way_up(manifold, goal, alone.x) > 1e-3
-    solution = optimize(manifold, goal, method)
-    assert solution.saddles == 1
-    assert solution.objective > -alone.value * (1 + 1e-3)
-    assert steepest_way_up(manifold, goal, np.log(solution.value.sigma)) < 1e-6
 
 
 def test_equal_lengths_take_a_descent_where_a_rough_answer_will_do():

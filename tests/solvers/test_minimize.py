@@ -2,37 +2,10 @@
 
 import numpy as np
 import pytest
+from problems import Analytic, quadratic
 
 from critflow import Status
 from critflow.solvers.minimize import LBFGS, METHODS, Fire, Function, Newton, Point, minimise
-
-
-class Analytic(Function):
-    """A function given by value, gradient and Hessian; `evaluated` records every x."""
-
-    def __init__(self, value, gradient, hessian, diagonal=0.0):
-        self._value, self._gradient, self._hessian, self._diagonal = value, gradient, hessian, diagonal
-        self.evaluated = []
-
-    def at(self, x):
-        self.evaluated.append(x.copy())
-        gradient = self._gradient(x)
-        return Point(x, float(self._value(x)), gradient, float(np.abs(gradient).max()))
-
-    def stiff_diagonal(self, point):
-        return self._diagonal
-
-    def hessian_product(self, point, direction):
-        return self._hessian(point.x) @ direction
-
-
-def quadratic(n=8):
-    """½ (x − a)ᵀ A (x − a) with curvatures between 1 and 100, least at a."""
-    rng = np.random.default_rng(1)
-    Q = np.linalg.qr(rng.standard_normal((n, n)))[0]
-    A, a = Q @ np.diag(np.geomspace(1, 100, n)) @ Q.T, rng.standard_normal(n)
-    A = 0.5 * (A + A.T)
-    return Analytic(lambda x: 0.5 * (x - a) @ A @ (x - a), lambda x: A @ (x - a), lambda x: A), np.zeros(n), a
 
 
 def rosenbrock():

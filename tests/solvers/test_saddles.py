@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_minimize import Analytic, quadratic
+from problems import Analytic, quadratic
 
 from critflow import Status
 from critflow.solvers.minimize import LBFGS, minimise

@@ -1,0 +1,269 @@
+"""Descents over stress: optima that are not attained, saddles, inertia, observers and limits."""
+
+import numpy as np
+import pytest
+from problems import dense_bond_vectors, modulus_by_formula, oblique, random_start, square_octagon
+from scipy.optimize import minimize
+
+from critflow import CriticalManifold, Network, Objective, SolveError, Status, optimize, voronoi_network
+from critflow.critical.derivatives import evaluate
+from critflow.critical.objectives import LengthVariance, named_objective, pure_shear, transition_modulus
+from critflow.design.stress_objective import StressObjective
+from critflow.solvers.minimize import LBFGS, minimise
+
+NETWORK = voronoi_network(100, seed=1)
+
+
+def contracted(network: Network, collapsed: np.ndarray, centre: int) -> tuple[Network, np.ndarray]:
+    """The network with edges of zero length around one vertex contracted, and +1 where an edge leaves such a leaf."""
+    edges, offsets = network.edges.copy(), network.offsets.copy()
+    kept = np.setdiff1d(np.arange(network.n_edges), collapsed)
+    outward = []
+    for edge in collapsed:
+        tail, head = network.edges[edge]
+        leaf, shift = (tail, network.offsets[edge]) if head == centre else (head, -network.offsets[edge])
+        # x_leaf = x_centre + shift, in cells.
+        outward.append(1.0 * (network.edges[kept, 0] == leaf) - 1.0 * (network.edges[kept, 1] == leaf))
+        offsets[network.edges[:, 1] == leaf] += shift
+        offsets[network.edges[:, 0] == leaf] -= shift
+        edges[edges == leaf] = centre
+    index = np.unique(edges[kept], return_inverse=True)[1].reshape(-1, 2)
+    return Network(index, offsets[kept], network.cell), np.array(outward)
+
+
+COLLAPSING = voronoi_network(40, seed=47, hard_core=0.65)
+
+
+def test_an_infimum_that_collapses_edges_names_them_and_has_its_value():
+    solution = optimize(COLLAPSING, "tension_variance", throw=False)
+    assert solution.status is Status.edge_collapse
+    collapsed = solution.collapsed_edges
+    np.testing.assert_array_equal(collapsed, [33, 38])
+    assert "edges 33, 38 shrink to zero length" in solution.note
+    # The limit itself: three vertices become one, and an edge without length carries what its leaf's others pull.
+    centre = int(np.intersect1d(*COLLAPSING.edges[collapsed])[0])
+    point, outward = contracted(COLLAPSING, collapsed, centre)
+
+    def variance(theta):
+        sigma = np.exp(theta)
+        force = sigma[:, None] * dense_bond_vectors(point, sigma)
+        tension = np.concatenate([np.linalg.norm(force, axis=1), np.linalg.norm(outward @ force, axis=1)])
+        return np.mean(tension**2) / np.mean(tension) ** 2 - 1
+
+    start = np.log(np.delete(solution.value.sigma, collapsed))
+    found = minimize(variance, start, method="L-BFGS-B", options={"ftol": 1e-14, "gtol": 1e-9, "maxfun": 20000})
+    limit = solution.objective
+    # Descent by finite differences, and a collapse stopped at 1e-4 of the mean length, agree to 1e-7.
+    assert limit == pytest.approx(found.fun, abs=1e-7)
+    assert abs(limit - found.fun) < solution.uncertainty < 1e-4
+    # The configuration returned is a sound one on the way, a little above the infimum.
+    assert solution.value.residual < 1e-12
+    tension = solution.value.tensions
+    assert limit < np.mean(tension**2) / np.mean(tension) ** 2 - 1 < limit + 1e-3
+    with pytest.raises(SolveError, match="edges 33, 38 shrink to zero length"):
+        optimize(COLLAPSING, "tension_variance")
+
+
+@pytest.mark.parametrize("method", ["lbfgs", "newton"])
+def test_a_collapse_has_one_value_by_every_method_and_start(method):
+    expected = optimize(COLLAPSING, "tension_variance", throw=False).objective
+    solution = optimize(COLLAPSING, "tension_variance", method, start=random_start(1, 60) + 0.1, throw=False)
+    assert solution.status is Status.edge_collapse
+    assert solution.objective == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize("method", ["lbfgs", "newton"])
+def test_a_collapse_names_the_same_edges_from_every_start(method):
+    solution = optimize(COLLAPSING, "tension_variance", method, start=random_start(1, 60) + 0.1, throw=False)
+    assert solution.status is Status.edge_collapse
+    # An edge that was still on its way to an ordinary length may be named beside them.
+    assert {33, 38} <= set(solution.collapsed_edges.tolist())
+
+
+def test_the_uncertainty_of_a_limit_covers_its_error():
+    # This network has two infima, each with edges of its own that vanish; a start leads to the one or the other.
+    network = voronoi_network(50, seed=2, hard_core=0.5)
+    found: dict[tuple[int, ...], list[tuple[float, float]]] = {}
+    for method in ("lbfgs", "newton"):
+        for start in (None, *(random_start(seed, 75) + 0.1 for seed in (1, 2, 3))):
+            solution = optimize(network, "tension_variance", method, start=start, throw=False)
+            assert solution.status is Status.edge_collapse
+            found.setdefault(tuple(solution.collapsed_edges), []).append((solution.objective, solution.uncertainty))
+    assert len(found) >= 2
+    for limits in found.values():
+        values, uncertainties = np.transpose(limits)
+        assert np.ptp(values) <= 2 * uncertainties.max()
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_fire_stays_off_the_wall_of_the_barrier(seed):
+    # It has no line search; without a limit on its moves the first one goes over the wall.
+    start = random_start(seed) + 0.05
+    by_fire = optimize(NETWORK, "shear_modulus", "fire", start=start, throw=False)
+    assert by_fire.status is Status.ok
+    expected = optimize(NETWORK, "shear_modulus", "lbfgs", start=start).objective
+    assert by_fire.objective == pytest.approx(expected, rel=1e-12)
+
+
+def test_least_length_variance_of_slack_networks_has_a_value():
+    # Where equal lengths would leave edges slack, the infimum still has a value, which descent finds.
+    network = oblique(voronoi_network(40, seed=3))
+    by_cone = optimize(network, "length_variance", "conic", throw=False)
+    assert by_cone.status is Status.slack_edges
+    assert len(by_cone.slack_edges)
+    solution = optimize(network, "length_variance", throw=False)
+    assert solution.status is Status.slack_edges
+    assert solution.value.residual < 1e-12
+    # Descent in the logarithms of the stresses alone gets there in thousands of steps.
+    variance = LengthVariance()
+    manifold = CriticalManifold(network)
+
+    def along(x):
+        sigma = np.exp(x)
+        return variance.evaluate(sigma, manifold.balance(sigma).bond_vectors)[0]
+
+    slow = minimize(along, np.zeros(network.n_edges), method="L-BFGS-B", options={"maxfun": 60_000, "maxiter": 2_000})
+    assert solution.objective - solution.uncertainty < slow.fun
+    assert solution.objective < slow.fun + 1e-5
+
+
+def steepest_way_up(manifold, goal, x):
+    """Largest curvature of the objective along log-stresses, against the largest of all, by differences of slopes."""
+    sign = 1.0 if goal.maximise else -1.0
+
+    def slope(theta):
+        sigma = np.exp(theta - theta.mean())
+        return sigma * evaluate(manifold, goal, sigma).gradient
+
+    steps = 1e-5 * np.eye(len(x))
+    hessian = np.array([slope(x + step) - slope(x - step) for step in steps]) / 2e-5
+    curvatures = np.linalg.eigvalsh(sign * (hessian + hessian.T) / 2)
+    return curvatures[-1] / np.abs(curvatures).max()
+
+
+@pytest.mark.parametrize(
+    "n_vertices, seed, threshold, method", [(20, 5, 0.03, "auto"), (20, 5, 0.03, "newton"), (16, 0, 0.03, "lbfgs")]
+)
+def test_a_saddle_on_the_way_is_left(n_vertices, seed, threshold, method):
+    manifold = CriticalManifold(voronoi_network(n_vertices, seed))
+    goal = named_objective(manifold.network, "shear_modulus", 0.03)
+    # Where the slope alone leads from σ = 1 the modulus is stationary and curves up along some direction.
+    alone = minimise(StressObjective(manifold, goal), LBFGS(), np.zeros(manifold.network.n_edges), 1e-12, 3_000).point
+    assert alone.residual < 1e-12
+    assert steepest_way_up(manifold, goal, alone.x) > 1e-3
+    solution = optimize(manifold, goal, method)
+    assert solution.saddles == 1
+    assert solution.objective > -alone.value * (1 + 1e-3)
+    assert steepest_way_up(manifold, goal, np.log(solution.value.sigma)) < 1e-6
+
+
+def test_step_limits_are_a_status():
+    for method in ("fire", "lbfgs", "newton"):
+        solution = optimize(NETWORK, "tension_variance", method, max_steps=2, throw=False)
+        assert solution.status is Status.step_limit
+        assert solution.stats.steps == 2
+        assert solution.value.residual < 1e-12
+        with pytest.raises(SolveError, match="raise max_steps"):
+            optimize(NETWORK, "tension_variance", method, max_steps=2)
+
+
+@pytest.mark.parametrize("method", ["lbfgs", "newton", "fire"])
+def test_an_ascent_over_both_signs_rises_and_tells_its_way(method):
+    network = voronoi_network(100, seed=1)
+    way = []
+    solution = optimize(
+        network,
+        "shear_modulus",
+        method,
+        signs="any",
+        max_steps=300,
+        observe=lambda step, value, sigma, L: way.append((step, value, sigma.copy(), L.copy())),
+        throw=False,
+    )
+    assert solution.status is Status.step_limit
+    steps, values = np.array([point[0] for point in way]), np.array([point[1] for point in way])
+    np.testing.assert_array_equal(steps, np.arange(len(way)))
+    if method != "fire":  # which is a dynamics with inertia
+        assert (np.diff(values) >= -1e-12).all()
+    assert values[-1] > 50 * values[0]
+    # What is told is so: values, stresses, bond vectors and inertia belong together.
+    negative = []
+    for _, value, sigma, L in way[::20]:
+        assert np.sum(sigma**2) == pytest.approx(network.n_edges, rel=1e-12)
+        np.testing.assert_allclose(dense_bond_vectors(network, sigma), L, rtol=0, atol=1e-9)
+        assert modulus_by_formula(network, sigma, L, pure_shear(2)) == pytest.approx(value, rel=1e-9)
+    for _, _, sigma, _ in way:
+        g = network.free_incidence.toarray()
+        negative.append(np.count_nonzero(np.linalg.eigvalsh(g.T @ (sigma[:, None] * g)) < 0))
+    assert solution.crossings == tuple(np.flatnonzero(np.diff(negative)) + 1)
+    assert solution.negative_pivots == negative[-1]
+    assert 0 < solution.nearest_singular < 1
+    # Values grow by long edges and compressed ones.
+    assert (way[-1][2] < 0).any()
+
+
+def test_who_observes_may_end_the_ascent():
+    network = voronoi_network(40, seed=1)
+    seen = []
+
+    def enough(step, value, sigma, L):
+        seen.append(value)
+        return value > 0.05
+
+    solution = optimize(network, "shear_modulus", "lbfgs", signs="any", observe=enough, throw=False)
+    assert solution.status is Status.step_limit
+    assert solution.objective == seen[-1] > 0.05
+    assert max(seen[:-1]) <= 0.05
+
+
+class Extent(Objective):
+    """1 − (1 + Σ|L|²)^(−1/20): it grows, ever more slowly, with lengths that have no largest."""
+
+    maximise = True
+
+    def evaluate(self, sigma, L):
+        size = 1 + np.sum(L**2)
+        return 1 - size**-0.05, (np.zeros_like(sigma), 0.1 * L * size**-1.05)
+
+    def differential(self, sigma, L, dsigma, dL):
+        raise NotImplementedError("no method of second order is asked")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_ascent_to_a_singular_matrix_has_a_limit(seed):
+    # The square opens without end as a link's stress comes to minus that of the sides.
+    network = square_octagon()
+    start = np.array([1.0, 1.1, 0.9, 1.0, -0.5, 0.5]) * (1 + 1e-3 * np.random.default_rng(seed).standard_normal(6))
+    values = []
+    solution = optimize(
+        network,
+        Extent(),
+        "lbfgs",
+        signs="any",
+        start=start,
+        observe=lambda step, value, sigma, L: values.append((value, np.linalg.norm(L, axis=1).max())),
+        throw=False,
+    )
+    assert solution.status is Status.singular
+    assert solution.nearest_singular < 1e-9
+    # Lengths grow by orders of magnitude while the value converges, and its limit is returned.
+    (_, before), (late, after) = values[len(values) // 2], values[-1]
+    assert after > 10 * before > 100 * np.sqrt(network.volume)
+    assert solution.objective == late < 1
+    assert "without end" in solution.note
+    # The configuration is one on the way, good to its digits, with less than that value.
+    assert solution.value.residual < 1e-6
+    assert 0 < Extent().evaluate(solution.value.sigma, solution.value.bond_vectors)[0] < late
+
+
+def test_an_ascent_from_a_singular_start_says_so():
+    network = square_octagon()
+    # Sides and links that pull against each other, t_x = −s: the matrix has no inverse.
+    sigma = np.array([1.0, 1.0, 1.0, 1.0, -1.0, 0.5])
+    solution = optimize(
+        network, transition_modulus(network, np.diag([1.0, 0.0])), "lbfgs", signs="any", start=sigma, throw=False
+    )
+    assert solution.status is Status.singular
+    assert np.isnan(solution.value.coordinates).all()
+    with pytest.raises(SolveError, match="singular"):
+        optimize(network, transition_modulus(network, np.diag([1.0, 0.0])), "lbfgs", signs="any", start=sigma)

@@ -1,0 +1,79 @@
+"""The fields of an optimum, by kind of method."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from critflow import Optimum, Solution, Status, bulk_modulus_bound, optimize, voronoi_network
+from critflow.critical.objectives import named_objective
+
+NETWORK = voronoi_network(60, seed=1)
+# Each method with an objective, and the fields that it sets beyond value, status, stats, note and objective.
+KINDS = {
+    "closed form": ("bulk_modulus", "auto", {"bound", "objective_error"}),
+    "cone program": ("length_variance", "conic", {"objective_error"}),
+    "descent": ("tension_variance", "lbfgs", {"saddles", "starts"}),
+}
+DEFAULTS = {
+    "objective_error": np.nan,
+    "uncertainty": np.nan,
+    "bound": np.nan,
+    "collapsed_edges": [],
+    "slack_edges": [],
+    "saddles": None,
+    "start": 0,
+    "starts": [],
+    "crossings": (),
+    "nearest_singular": np.nan,
+    "negative_pivots": None,
+}
+
+
+def is_default(value, default) -> bool:
+    return value is None if default is None else np.array_equal(value, default, equal_nan=True)
+
+
+def test_every_field_is_in_this_table():
+    own = [field.name for field in fields(Optimum) if field.name not in {f.name for f in fields(Solution)}]
+    assert own == ["objective", *DEFAULTS]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_fields_of_each_kind(kind):
+    objective, method, expected = KINDS[kind]
+    optimum = optimize(NETWORK, objective, method)
+    assert isinstance(optimum, Optimum)
+    assert optimum.status is Status.ok
+    assert optimum.note == ""
+    assert optimum.configuration is optimum.value
+    assert optimum.gradient_norm == optimum.stats.residual < 1e-11
+    value = optimum.value
+    evaluated = named_objective(NETWORK, objective).evaluate(value.sigma, value.bond_vectors)[0]
+    assert optimum.objective == pytest.approx(evaluated, rel=1e-11, abs=1e-18)
+    found = {name for name, default in DEFAULTS.items() if not is_default(getattr(optimum, name), default)}
+    assert found == expected
+
+
+def test_the_gap_to_the_bound():
+    best = optimize(NETWORK, "bulk_modulus")
+    assert best.bound == pytest.approx(bulk_modulus_bound(NETWORK), rel=1e-14)
+    assert best.gap == 1 - best.objective / best.bound
+    assert abs(best.objective - best.bound) <= best.objective_error + 1e-14
+    assert np.isnan(optimize(NETWORK, "tension_variance").gap)
+
+
+def test_a_limit_has_an_uncertainty_and_its_edges():
+    limit = optimize(voronoi_network(40, seed=47, hard_core=0.65), "tension_variance", throw=False)
+    assert limit.status is Status.edge_collapse
+    assert np.isnan(limit.gap)
+    assert 0 < limit.uncertainty < 1e-4
+    assert len(limit.collapsed_edges) and not len(limit.slack_edges)
+    assert limit.saddles is None
+
+
+def test_signed_descents_report_their_inertia():
+    optimum = optimize(NETWORK, "shear_modulus", "lbfgs", signs="any", max_steps=60, throw=False)
+    assert optimum.negative_pivots is not None
+    assert 0 < optimum.nearest_singular < 1
+    assert all(isinstance(step, int) for step in optimum.crossings)

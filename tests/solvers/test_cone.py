@@ -1,0 +1,69 @@
+"""Cone programs of lengths and perimeters: optimality, multipliers, slack."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from critflow import CriticalManifold, cells_of, critical_from_lengths, critical_from_perimeters, voronoi_network
+from critflow.solvers.cone import fit_lengths, fit_perimeters
+
+NETWORK = voronoi_network(100, seed=1)
+
+
+def lengths(spread: float, seed: int) -> np.ndarray:
+    return 1 + spread * np.random.default_rng(seed).standard_normal(150)
+
+
+def test_no_other_configuration_has_a_smaller_largest_ratio():
+    # The cone program minimises max |L|/ℓ; neighbours of its answer on the manifold all have more.
+    target = lengths(0.1, 4)
+    cone = fit_lengths(NETWORK.free_incidence, NETWORK.boundary_vectors, target, tolerance=1e-12)
+    assert cone.solved
+    assert cone.stressed.all()
+    rng = np.random.default_rng(1)
+    manifold = CriticalManifold(NETWORK)
+    for _ in range(20):
+        other = manifold.configuration(cone.sigma * np.exp(0.1 * rng.standard_normal(150)))
+        assert np.max(other.lengths / target) > cone.ratio * (1 - 1e-8)
+
+
+def test_the_cone_program_of_lengths_is_that_of_one_edge_a_cell():
+    network = voronoi_network(100, seed=1)
+    lengths = 1 + 0.05 * np.random.default_rng(1).standard_normal(150)
+    cables = network.free_incidence, network.boundary_vectors
+    one, other = (
+        fit_lengths(*cables, lengths, 1e-12),
+        fit_perimeters(*cables, sp.csr_array(np.eye(150)), lengths, 1e-12),
+    )
+    assert one.ratio == pytest.approx(other.ratio, rel=1e-10)
+    # Interior-point programs of a gap of 1e-12 end within about its root.
+    np.testing.assert_allclose(other.multipliers, one.multipliers, rtol=1e-4)
+    np.testing.assert_array_equal(other.stressed, one.stressed)
+    springs = critical_from_lengths(network, lengths).value
+    cells = critical_from_perimeters(cells_of(network, sides=sp.eye_array(150)), lengths).value
+    # To the error 1e-12 of the polished perimeters, over the softest curvature of some 1e-3.
+    np.testing.assert_allclose(cells.configuration.bond_vectors, springs.bond_vectors, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(cells.cell_tensions, springs.tensions / springs.tensions.mean(), rtol=1e-8)
+
+
+def test_two_cables_between_pins_by_hand():
+    # One free vertex on a line between pins at 0 and 1, with targets 1 and 3: L = t ℓ gives t = 1/4 and x = 1/4.
+    incidence = sp.csr_array(np.array([[1.0], [-1.0]]))
+    offsets = np.array([[0.0, 0.0], [1.0, 0.0]])
+    found = fit_lengths(incidence, offsets, np.array([1.0, 3.0]), 1e-12)
+    assert found.solved
+    assert found.stressed.all()
+    assert found.ratio == pytest.approx(0.25, rel=1e-8)
+    np.testing.assert_allclose(found.coordinates, [[0.25, 0.0]], rtol=0, atol=1e-6)
+    # Equal tensions in series.
+    assert found.multipliers[0] == pytest.approx(found.multipliers[1], rel=1e-6)
+
+
+def test_a_long_cable_is_slack():
+    # Two cables in parallel from the free vertex to the pin at 1, of targets 1 and 3: only the shorter one is tight.
+    incidence = sp.csr_array(np.array([[1.0], [-1.0], [-1.0]]))
+    offsets = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
+    found = fit_lengths(incidence, offsets, np.array([1.0, 1.0, 3.0]), 1e-12)
+    np.testing.assert_array_equal(found.stressed, [True, True, False])
+    assert found.ratio == pytest.approx(0.5, rel=1e-8)
+    assert found.sigma[2] < 1e-6 * found.sigma[0]

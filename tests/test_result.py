@@ -1,0 +1,57 @@
+"""Statuses, solutions and their typed subclasses."""
+
+from dataclasses import FrozenInstanceError, dataclass, fields
+
+import pytest
+
+from critflow import Solution, SolveError, Stats, Status
+from critflow.result import CritflowError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Root(Solution[float]):
+    """A solution with a typed field."""
+
+    bracket: tuple[float, float]
+
+
+def test_stored_integers_never_change():
+    assert {status.name: int(status) for status in Status} == {
+        "ok": 0,
+        "floppy": 1,
+        "step_limit": 2,
+        "stalled": 3,
+        "singular": 4,
+        "edge_collapse": 5,
+        "slack_edges": 6,
+        "unstable": 7,
+        "failed": 8,
+        "missing": 9,
+        "ill_conditioned": 10,
+    }
+    assert all(status.message for status in Status)
+
+
+def test_statistics_have_five_fields():
+    assert [field.name for field in fields(Stats)] == ["method", "steps", "residual", "condition", "error_bound"]
+
+
+def test_a_good_solution_is_returned_with_its_type():
+    root = Root(2.0, Status.ok, Stats("bisection", 3), bracket=(1.0, 3.0))
+    assert root.ok
+    assert root.or_raise("no root") is root
+    assert root.or_raise("no root").bracket == (1.0, 3.0)
+    with pytest.raises(FrozenInstanceError):
+        root.bracket = (0.0, 1.0)  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("note", ["", "the bracket has no change of sign"])
+def test_a_failed_solution_raises_its_reason(note):
+    root = Root(2.0, Status.stalled, Stats("bisection"), note, bracket=(1.0, 3.0))
+    assert not root.ok
+    assert root.reason == (note or Status.stalled.message)
+    with pytest.raises(SolveError) as caught:
+        root.or_raise("no root")
+    assert str(caught.value) == f"no root: {root.reason}"
+    assert caught.value.solution is root
+    assert isinstance(caught.value, CritflowError)
