@@ -6,11 +6,14 @@ the edges, offsets, cell and pins alone.
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from critflow import CriticalManifold, Network, honeycomb_network, spring_state, voronoi_network, voronoi_of
-from critflow.networks.faces import planar_faces
 from critflow.critical.derivatives import evaluate
+from critflow.linalg.factor import FixedPattern
+from critflow.networks.faces import planar_faces
 from critflow.solvers.minimize import Function, Point
 
 SQRT3 = np.sqrt(3.0)
@@ -240,6 +243,36 @@ def quadratic(n=8):
     A, a = Q @ np.diag(np.geomspace(1, 100, n)) @ Q.T, rng.standard_normal(n)
     A = 0.5 * (A + A.T)
     return Analytic(lambda x: 0.5 * (x - a) @ A @ (x - a), lambda x: A @ (x - a), lambda x: A), np.zeros(n), a
+
+
+class Factorisations:
+    """Counts numeric factorisations by kind of matrix: `counter(network, call)`.
+
+    The kinds have different sizes: "P" (n_free), the elastic "Hessian" (d n_free), the "saddle" matrix of stresses and
+    displacements (d n_free + N_b); "part" is any other size.
+    """
+
+    def __init__(self, monkeypatch):
+        self._sizes = []
+        factorize = FixedPattern.factorize
+
+        def counting(pattern, *arguments, **options):
+            self._sizes.append(pattern.size)
+            return factorize(pattern, *arguments, **options)
+
+        monkeypatch.setattr(FixedPattern, "factorize", counting)
+
+    def __call__(self, network: Network, call) -> Counter:
+        self._sizes.clear()
+        call()
+        n, d = len(network.free), network.dimension
+        kinds = {n: "P", d * n: "Hessian", d * n + network.n_edges: "saddle"}
+        return Counter(kinds.get(size, "part") for size in self._sizes)
+
+
+def forbidden(*arguments, **options):
+    """Replaces a function that a test must not call."""
+    raise AssertionError("unnecessary call")
 
 
 # Networks whose map σ → configuration is tested in every way, by name.

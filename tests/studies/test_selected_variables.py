@@ -1,0 +1,88 @@
+"""Cost of studies: the selected variables are computed with the same bits, and nothing else is computed."""
+
+import pytest
+from problems import Factorisations, forbidden
+
+from critflow import Status, foam_network, voronoi_network
+from critflow.workflow.dataset import labelled_dataset
+from critflow.workflow.folder import Folder
+from critflow.workflow.load import load_study
+from critflow.workflow.plan import select
+from critflow.workflow.store import read_shard
+from critflow.workflow.tasks import Job, run_cases
+
+NETWORKS = {"ensemble": voronoi_network(60, seed=1), "three_dimensions": foam_network(60, seed=1)}
+
+
+def stored(name, words, path):
+    """The dataset of a run, without its report."""
+    loaded = load_study(name)
+    selection = select(loaded.study, words)
+    folder, parameters = Folder(path), selection.parameters
+    for part in (folder.shards, folder.failed):
+        part.mkdir(parents=True, exist_ok=True)
+    job = Job(str(loaded.path), loaded.digest, str(path), parameters, selection.study.selected, command=(name,))
+    run_cases(job, [case.values for case in selection.cases()])
+    shards = [(case, read_shard(folder.shards, selection.study, case)) for case in selection.cases()]
+    return labelled_dataset(selection, shards, failed=[])
+
+
+STUDIES = {"ensemble": "n_vertices=60", "three_dimensions": "n_vertices=60"}
+LINEAR = ("seeds=1:3", "populations=bulk_modulus,random_stress")
+
+
+@pytest.fixture(scope="module", params=STUDIES)
+def whole(request, tmp_path_factory):
+    """A study by name, and the dataset of all its variables."""
+    name = request.param
+    return name, stored(name, [STUDIES[name], *LINEAR], tmp_path_factory.mktemp(name))
+
+
+SELECTIONS = {
+    "C_B alone": ("C_B_exact,bulk_modulus_0", {"P", "saddle"}),
+    "closed forms": ("bulk_modulus_0,shear_modulus_0,stressed_fraction,length_variance", {"P"}),
+    "the configuration": ("sigma,coordinates,edges,offsets,cell", {"P"}),
+    "the path": ("C_B,energy", {"P", "Hessian"}),
+    "scalars": ("scalars", {"P", "saddle", "Hessian"}),
+}
+
+
+@pytest.mark.parametrize("selection", SELECTIONS)
+def test_selected_variables_have_the_same_bits(whole, monkeypatch, tmp_path, selection):
+    name, everything = whole
+    variables, matrices = SELECTIONS[selection]
+    made = []
+
+    def compute():
+        made.append(stored(name, [STUDIES[name], *LINEAR, f"variables={variables}"], tmp_path))
+
+    assert set(Factorisations(monkeypatch)(NETWORKS[name], compute)) == matrices
+    few = made[0]
+    selected = {*variables.split(","), "status"}
+    if variables == "scalars":
+        selected = {v for v in everything if set(everything[v].dims) == {"population", "seed"}}
+    assert set(few.data_vars) == selected
+    assert (few.status == Status.ok).all()
+    for variable in few.data_vars:
+        assert few[variable].values.tobytes() == everything[variable].values.tobytes(), variable
+    assert ("strain" in few.dims) == ("energy" in few)
+
+
+@pytest.mark.parametrize(
+    ("variables", "unused"),
+    [
+        ("C_B_exact", ("strain_path", "face_anisotropy", "force_anisotropy")),
+        ("C_G,newton_steps", ("stiffening", "face_anisotropy", "force_anisotropy")),
+        ("coordinates,anisotropy_force", ("strain_path", "stiffening", "face_anisotropy")),
+    ],
+)
+def test_functions_of_other_variables_are_not_called(monkeypatch, variables, unused):
+    study = load_study("ensemble").study
+    measurements = study.case.__globals__["planar_member"].__globals__
+    for function in unused:
+        monkeypatch.setitem(measurements, function, forbidden)
+    parameters = {**study.parameters, "n_vertices": 20}
+    values = {"seed": 1, "population": "random_stress"}
+    assert set(study.storing(variables.split(",")).computed(parameters, values)) == {*variables.split(","), "status"}
+    with pytest.raises(AssertionError, match="unnecessary"):
+        study.computed(parameters, values)
