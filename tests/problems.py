@@ -11,7 +11,6 @@ from collections import Counter
 import numpy as np
 
 from critflow import CriticalManifold, Network, honeycomb_network, spring_state, voronoi_network, voronoi_of
-from critflow.critical.derivatives import evaluate
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.faces import planar_faces
 from critflow.solvers.minimize import Function, Point
@@ -204,17 +203,6 @@ def with_faces(network: Network, bond_vectors: np.ndarray) -> Network:
     """The planar network with the faces of that embedding."""
     faces = planar_faces(network.edges, bond_vectors, network.n_vertices)
     return Network(network.edges, network.offsets, network.cell, network.stiffness, faces=faces)
-
-
-def value_and_gradient(network, goal, sigma):
-    """O and dO/dσ at a stress."""
-    evaluation = evaluate(CriticalManifold(network), goal, sigma)
-    return evaluation.value, evaluation.gradient
-
-
-def hessian_product(network, goal, sigma, direction):
-    """(∂²O/∂σ∂σ) times a direction, at a stress."""
-    return evaluate(CriticalManifold(network), goal, sigma).hessian_product(direction)
 
 
 class Analytic(Function):

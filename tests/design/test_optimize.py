@@ -24,6 +24,7 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
+from critflow.critical.derivatives import evaluate
 from critflow.critical.objectives import LengthVariance, dilation, named_objective, pure_shear, transition_modulus
 
 NETWORK = voronoi_network(100, seed=1)
