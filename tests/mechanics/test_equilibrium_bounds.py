@@ -28,7 +28,7 @@ def errors(state):
 
 
 def exact_correction(state):
-    """What leads from a state to the exact equilibrium, by factors made anew."""
+    """Displacement from a state to the exact equilibrium, with new factors."""
     error = np.zeros((len(state.network.free), state.network.dimension))
     factor = state.factorize(state.pattern())
     for _ in range(8):
@@ -38,7 +38,7 @@ def exact_correction(state):
     return error
 
 
-def test_newton_ends_on_the_exact_equilibrium():
+def test_newton_converges_to_the_exact_equilibrium():
     ratios = []
     for name, make in SMALL_NETWORKS.items():
         for gamma in STRAINS[:: 1 if name == "voronoi" else 4]:
@@ -47,7 +47,7 @@ def test_newton_ends_on_the_exact_equilibrium():
             coordinates, bonds = errors(solution.value)
             bound = solution.stats.error_bound
             assert max(coordinates, bonds) <= bound, (name, gamma)
-            # Half a rounding of coordinates, that is all.
+            # Half a rounding of coordinates.
             assert bound <= 2 * np.finfo(float).eps * np.abs(solution.value.coordinates).max(), (name, gamma)
             ratios.append(bound / coordinates)
     assert np.median(ratios) < 3
@@ -55,17 +55,17 @@ def test_newton_ends_on_the_exact_equilibrium():
 
 @pytest.mark.parametrize("method, tolerance", [("fire", 1e-6), ("fire", 1e-10), ("fire", 1e-13)])
 @pytest.mark.parametrize("gamma", [0.1, 1e-2, 1e-3])
-def test_fire_knows_how_far_it_is_off(method, tolerance, gamma):
+def test_error_bounds_of_fire(method, tolerance, gamma):
     start = strained(SMALL_NETWORKS["voronoi"](), gamma)
     solution = equilibrium(start, method, tolerance)
     assert solution.status is Status.ok
     error, bound = max(errors(solution.value)), solution.stats.error_bound
     assert error <= bound <= 2 * error
-    # The answer is FIRE's own, as far off as its force allows.
+    # The solution is FIRE's, without refinement: its error corresponds to its force.
     assert error > 1e-2 * tolerance
 
 
-def test_a_small_force_is_not_a_small_error():
+def test_small_force_with_large_error():
     start = strained(SMALL_NETWORKS["voronoi"](), 1e-4)
     fire = equilibrium(start, "fire", 1e-9)
     assert fire.value.max_force < 1e-9 * fire.value.length_scale
@@ -75,7 +75,7 @@ def test_a_small_force_is_not_a_small_error():
 
 @pytest.mark.parametrize("gamma", [1e-1, 1e-5, 1e-10])
 def test_bounds_of_larger_networks(gamma):
-    # The reference is Newton's method in extended precision with factors made anew, which the decimals above check.
+    # The reference is Newton's method in double-double arithmetic with new factors, checked above against mpmath.
     for network in (voronoi_network(300, seed=1), voronoi_3d(20)):
         solution = equilibrium(strained(network, gamma))
         error = np.abs(exact_correction(solution.value)).max()
@@ -91,12 +91,12 @@ def test_rough_tolerances_are_not_ill_conditioned(n_vertices, method):
         assert solution.status is Status.ok, tolerance
         assert solution.stats.method == "newton"
         error = np.abs(exact_correction(solution.value)).max()
-        # Newton's method ends on the equilibrium anyway.
+        # Newton's method converges to the equilibrium at any tolerance.
         assert error <= solution.stats.error_bound < 4 * np.finfo(float).eps * np.abs(solution.value.coordinates).max()
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])
-def test_rough_answers_of_fire_know_how_rough_they_are(tolerance):
+def test_error_bounds_of_rough_fire(tolerance):
     start = strained(voronoi_network(40, seed=1), 1e-3)
     solution = equilibrium(start, "fire", tolerance)
     assert solution.status is Status.ok
@@ -112,11 +112,11 @@ def test_rough_answers_of_fire_know_how_rough_they_are(tolerance):
     assert error - exact.stats.error_bound <= solution.stats.error_bound <= 1.01 * error
 
 
-# From a first answer that is too rough, as the start itself is near the transition, Newton's method has to go on.
+# After a solution that is too rough, such as the start near the transition, Newton's method continues.
 @pytest.mark.parametrize(
     "gamma, tolerance, near, needed", [(0.1, 1e-2, 1e-8, 4), (1e-8, 1e-8, 1e-8, 1), (0.1, 1e-2, 1, 3)]
 )
-def test_no_more_steps_than_allowed(monkeypatch, gamma, tolerance, near, needed):
+def test_step_limit_is_respected(monkeypatch, gamma, tolerance, near, needed):
     monkeypatch.setattr(sys.modules["critflow.mechanics.equilibrium"], "LOOSEST_TOLERANCE", near)
     start = strained(voronoi_network(40, seed=1), gamma)
     assert equilibrium(start, tolerance=tolerance).stats.steps == needed
@@ -126,7 +126,7 @@ def test_no_more_steps_than_allowed(monkeypatch, gamma, tolerance, near, needed)
         assert solution.stats.steps == most
 
 
-def test_the_condition_is_that_of_the_hessian():
+def test_condition_is_that_of_the_hessian():
     for gamma in (1e-1, 1e-4, 1e-8):
         solution = equilibrium(strained(SMALL_NETWORKS["stiffness"](), gamma))
         state = solution.value
@@ -137,14 +137,14 @@ def test_the_condition_is_that_of_the_hessian():
 
 @pytest.mark.parametrize("gamma", [1e-1, 1e-4, 1e-8])
 def test_cells_with_one_side_are_springs(gamma):
-    # Sides of weight 0.3 and targets 0.3 ℓ: sums must be exact for weights that are no integers, too.
+    # Sides of weight 0.3 and targets 0.3 ℓ: sums must be exact also for non-integer weights.
     network = voronoi_network(12, seed=6)
     state = strained(network, gamma)
     sides = 0.3 * np.eye(network.n_edges)
     cells = perimeter_state(cells_of(state.network, 1.0, sides), sides @ state.rest_lengths, state.coordinates)
     solution = equilibrium(cells)
     assert solution.status is Status.ok
-    # p0 = 0.3 ℓ is rounded, which moves the equilibrium by as much and not more.
+    # p0 = 0.3 ℓ is rounded, which displaces the equilibrium by the same order.
     springs = equilibrium(state).value
     assert np.abs(solution.value.coordinates - springs.coordinates).max() < 1e-13
     assert solution.stats.error_bound < 1e-15

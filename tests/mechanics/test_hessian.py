@@ -1,4 +1,4 @@
-"""Both splits of the Hessian against each other, differences of forces, and the bond operator against its meaning."""
+"""Both splits of the Hessian, differences of forces, and the bond operator by its definition."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ NAMES = ["voronoi, random stiffness", "voronoi 3D", "own images", "oblique", "pi
 
 
 def stressed(network, strength=0.3):
-    """Springs in equilibrium under a random stress: σ = k(|L| − ℓ)/|L| wants ℓ = |L|(1 − σ/k)."""
+    """Springs in equilibrium under a random stress: σ = k(|L| − ℓ)/|L| requires ℓ = |L|(1 − σ/k)."""
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
     sigma = strength * network.stiffness.min() * critical.sigma / critical.sigma.max()
     return spring_state(network, critical.lengths * (1 - sigma / network.stiffness), critical.coordinates)
@@ -40,7 +40,7 @@ def moved(state, seed=2, size=0.05):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_both_splits_are_the_hessian(name):
-    # Also out of equilibrium, where pushing and pulling mix.
+    # Also out of equilibrium, with tension and compression.
     for state in (stressed(NETWORKS[name]()), moved(stressed(NETWORKS[name]()))):
         geometric, hookean = geometric_split(state), hookean_split(state)
         H = geometric.hessian.toarray()
@@ -55,7 +55,7 @@ def test_both_splits_are_the_hessian(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_hessian_is_the_slope_of_the_forces(name):
+def test_hessian_is_the_derivative_of_the_forces(name):
     state = moved(stressed(NETWORKS[name]()))
     H = geometric_split(state).hessian
     u = np.random.default_rng(3).standard_normal(state.forces.shape)
@@ -63,13 +63,13 @@ def test_the_hessian_is_the_slope_of_the_forces(name):
     for h in (1e-3, 1e-4):
         slope = (state.moved(-h * u).forces - state.moved(h * u).forces) / (2 * h)
         errors.append(np.abs(H @ u.ravel() - slope.ravel()).max())
-    # Central differences: a hundredfold smaller error for a tenth of the step.
+    # Central differences: the error falls a hundredfold for a tenth of the step.
     assert errors[1] < 0.02 * errors[0]
     assert errors[1] < 1e-5 * np.abs(H @ u.ravel()).max()
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_responses_are_slopes_of_squares_and_lengths(name):
+def test_responses_are_derivatives_of_squares_and_lengths(name):
     state = moved(stressed(NETWORKS[name]()))
     u, h = np.random.default_rng(3).standard_normal(state.forces.shape), 1e-5
     there, back = state.moved(h * u).lengths, state.moved(-h * u).lengths
@@ -81,11 +81,11 @@ def test_responses_are_slopes_of_squares_and_lengths(name):
 @pytest.mark.parametrize(
     "make", [NETWORKS["voronoi, random stiffness"], NETWORKS["voronoi 3D"], NETWORKS["oblique"], three_bar_linkage]
 )
-def test_zero_modes_see_no_difference(make):
+def test_both_splits_agree_on_zero_modes(make):
     state = stressed(make())
     network = state.network
     modes = zero_modes(network, state.coordinates).value.modes
-    # The modes as displacements of the free vertices, the ground at rest.
+    # The modes as displacements of the free vertices, with the ground vertex fixed.
     Z = (modes - (0 if network.pins else modes[:, :1]))[:, network.free].reshape(len(modes), -1)
     geometric, hookean = geometric_split(state), hookean_split(state)
     for split in (geometric, hookean):
@@ -111,7 +111,7 @@ class StiffeningSprings(SpringState):
         return (self.network.stiffness * (1 + 3 * self.extension**2) - self.sigma) / self.lengths**2
 
 
-def test_any_central_force_law():
+def test_general_central_force_law():
     plain = moved(stressed(NETWORKS["voronoi, random stiffness"]()))
 
     def at(u):
@@ -144,7 +144,7 @@ def relaxed_lengths(state, dipole_bond, strength):
 
 
 @pytest.mark.parametrize("name", ["voronoi, random stiffness", "pinned grid"])
-def test_a_force_dipole_changes_lengths_by_a_column(name):
+def test_force_dipole_changes_lengths_by_a_column(name):
     state = stressed(NETWORKS[name]())
     operator = bond_operator(state)
     for bond in (0, 7):
@@ -155,7 +155,7 @@ def test_a_force_dipole_changes_lengths_by_a_column(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_bond_operator_is_symmetric_and_that_of_dense_matrices(name):
+def test_bond_operator_by_dense_matrices(name):
     state = stressed(NETWORKS[name]())
     operator = bond_operator(state)
     X = operator @ np.eye(state.network.n_edges)
@@ -167,7 +167,7 @@ def test_the_bond_operator_is_symmetric_and_that_of_dense_matrices(name):
     np.testing.assert_allclose(operator.rmatvec(np.ones(len(X))), X.sum(axis=0), rtol=0, atol=1e-11 * np.abs(X).max())
 
 
-def test_unstressed_springs_project_on_the_tensions_that_displacements_cause():
+def test_unstressed_bond_operator_is_a_projection():
     # Rigid to first order with 18 self-stresses, and a critical network with 20 floppy motions.
     lattice, x = triangular_lattice(4, 4)
     voronoi = voronoi_network(40, seed=2)
@@ -181,21 +181,21 @@ def test_unstressed_springs_project_on_the_tensions_that_displacements_cause():
         counts = rigidity(network, y).value
         np.testing.assert_allclose(projector @ projector, projector, rtol=0, atol=1e-11)
         assert np.trace(projector) == pytest.approx(network.n_edges - counts.n_self_stresses, abs=1e-10)
-        # Tensions τ = σ|L| of self-stresses: forces that no motion answers to.
+        # Tensions τ = σ|L| of self-stresses: no displacement results from them.
         tensions = counts.self_stresses * lengths
         assert np.abs(projector @ (tensions / root).T).max() < 1e-10
 
 
-def test_springs_that_buckle_have_no_bond_operator():
+def test_buckled_springs_have_no_bond_operator():
     network = three_bar_linkage()
     critical = CriticalManifold(network).configuration([1.0, 1.0, 1.0])
     pushed = spring_state(network, 1.2 * critical.lengths, critical.coordinates)
-    with pytest.raises(SolveError, match="2 negative eigenvalues, so the springs buckle") as refusal:
+    with pytest.raises(SolveError, match="2 negative") as refusal:
         bond_operator(pushed)
     assert refusal.value.solution.status is Status.unstable
 
 
-def test_the_operator_survives_later_ones():
+def test_operators_are_independent():
     state = stressed(NETWORKS["pinned grid"]())
     dipoles = np.random.default_rng(1).standard_normal(state.network.n_edges)
     operator = bond_operator(state)

@@ -46,7 +46,7 @@ CELLS = {
 
 
 def deformed_state(cells, spread=0.2, seed=3):
-    """Cells pulled and pushed at random."""
+    """Cells under random displacements."""
     network = cells.network
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
     factor = np.random.default_rng(seed).uniform(1 - spread, 1 + spread, cells.sides.shape[0])
@@ -55,7 +55,7 @@ def deformed_state(cells, spread=0.2, seed=3):
 
 @lru_cache
 def disordered(seed=1, n_vertices=100, varied=False):
-    """Cells of equal perimeters, or of random ones, and where they become rigid."""
+    """Cells of equal perimeters, or of random ones, and their transition."""
     network = voronoi_network(n_vertices, seed=seed)
     rng = np.random.default_rng(seed)
     n_cells = n_vertices // 2
@@ -129,7 +129,7 @@ def test_edges_are_coupled_exactly_where_they_share_a_cell(name):
 
 
 @pytest.mark.parametrize("name", CELLS)
-def test_the_convex_part_has_no_negative_stiffness(name):
+def test_convex_part_has_no_negative_stiffness(name):
     cells = CELLS[name]()
     network, n = cells.network, cells.network.dimension * len(cells.network.free)
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
@@ -169,7 +169,7 @@ def test_cells_of_one_edge_each_are_springs(name):
 
 
 @pytest.mark.parametrize("columns, rows, k", [(3, 4, 1.0), (4, 4, 2.5)])
-def test_regular_hexagons_become_rigid_at_their_shape_index(columns, rows, k):
+def test_transition_of_regular_hexagons(columns, rows, k):
     network = honeycomb_network(columns, rows)
     n_cells = network.faces.n_faces
     solution = critical_from_perimeters(cells_of(network, k), np.full(n_cells, 2.0))
@@ -184,7 +184,7 @@ def test_regular_hexagons_become_rigid_at_their_shape_index(columns, rows, k):
 
 @pytest.mark.parametrize("varied", [False, True], ids=["equal", "varied"])
 @pytest.mark.parametrize("seed", [3, 4, 5])
-def test_disordered_cells_at_the_transition(seed, varied):
+def test_transition_of_disordered_cells(seed, varied):
     targets, solution = disordered(seed, 200, varied)
     value = solution.value
     critical, p = value.configuration, value.at_rest().perimeters
@@ -196,11 +196,11 @@ def test_disordered_cells_at_the_transition(seed, varied):
     tensions = value.cells.sides.T @ value.cell_tensions
     np.testing.assert_allclose(critical.tensions / critical.tensions.mean(), tensions / tensions.mean(), rtol=1e-12)
     assert np.sum(critical.sigma**2) == pytest.approx(300, rel=1e-12)
-    # Disordered tilings need more perimeter than regular hexagons, and not much more.
+    # Disordered tilings have a larger perimeter than regular hexagons, by less than the bound.
     assert HEXAGON < value.shape_index.mean() < 3.9
 
 
-def test_the_transition_is_where_straining_leads():
+def test_transition_is_the_limit_of_straining():
     # Targets a little below the transition leave one relaxed state; the distance to it falls with the excess.
     value = disordered()[1].value
     x = value.configuration.coordinates + 0.05 * np.random.default_rng(1).standard_normal((100, 2))
@@ -218,7 +218,7 @@ def test_the_transition_is_where_straining_leads():
     np.testing.assert_allclose(np.array(apart[1:]) / apart[:-1], 0.1, rtol=0.2)
 
 
-def test_no_other_configuration_has_smaller_perimeters():
+def test_configuration_minimises_perimeters():
     targets, solution = disordered()
     value = solution.value
     rng = np.random.default_rng(2)
@@ -232,7 +232,7 @@ def test_no_other_configuration_has_smaller_perimeters():
 
 
 @pytest.mark.parametrize("varied", [False, True], ids=["equal", "varied"])
-def test_the_modulus_at_the_transition_three_ways(varied):
+def test_transition_modulus_by_three_methods(varied):
     value = disordered(varied=varied)[1].value
     found, start = value.moduli(), value.at_rest()
     network, kappa, T = start.network, value.cells.stiffness, value.cell_tensions
@@ -269,8 +269,8 @@ def test_linear_response_is_the_second_derivative_of_relaxed_energies():
         assert value == pytest.approx(second / V, rel=1e-6)
 
 
-def test_before_the_transition_cells_are_floppy():
-    # Targets that leave room are all met, and nothing resists.
+def test_cells_before_the_transition_are_floppy():
+    # Targets above the transition are all met, at zero energy.
     value = disordered()[1].value
     start = value.at_rest()
     x = start.coordinates + 0.05 * np.random.default_rng(1).standard_normal(start.coordinates.shape)
@@ -282,7 +282,7 @@ def test_before_the_transition_cells_are_floppy():
 
 
 @pytest.mark.parametrize("name", ["faces", "random cells, pinned"])
-def test_newton_and_fire_find_the_same_equilibrium(name):
+def test_newton_and_fire_reach_the_same_equilibrium(name):
     cells = CELLS[name]()
     critical = CriticalManifold(cells.network).configuration(random_stress(cells.network.n_edges, 3))
     start = perimeter_state(cells, 0.8 * (cells.sides @ critical.lengths), critical.coordinates)
@@ -292,40 +292,40 @@ def test_newton_and_fire_find_the_same_equilibrium(name):
     np.testing.assert_allclose(newton.value.cell_tensions, fire.value.cell_tensions, rtol=0, atol=1e-8)
 
 
-# What goes wrong
+# Failures
 
 
 def test_collapsing_edges_are_named():
-    # No perimeter holds a single edge: two vertices may want to meet.
+    # No perimeter fixes a single edge: two vertices may coincide at the minimum.
     cells = cells_of(voronoi_network(200, seed=1))
     solution = critical_from_perimeters(cells, np.ones(100), throw=False)
     assert solution.status is Status.edge_collapse
     collapsed, value = solution.collapsed_edges, solution.value
     assert len(collapsed) == 1
     assert value.configuration.lengths[collapsed[0]] < 1e-6
-    # What is known all the same: the ratio, the tensions, the moduli.
+    # The ratio, the tensions and the moduli are still defined.
     np.testing.assert_allclose(value.at_rest().perimeters, solution.ratio, rtol=1e-6)
     assert (value.cell_tensions > 0).all()
     T = value.cell_tensions
     bulk = value.shape_index.mean() ** 2 / 4 / np.mean(T**2)
     assert value.moduli().bulk == pytest.approx(bulk, rel=1e-6)
-    with pytest.raises(SolveError, match=f"edges {collapsed[0]} shrink to zero length"):
+    with pytest.raises(SolveError, match=f"edges {collapsed[0]}"):
         critical_from_perimeters(cells, np.ones(100))
 
 
-def test_relaxing_towards_a_collapse_is_told():
+def test_relaxation_to_a_collapse_raises():
     network = voronoi_network(200, seed=1)
     cells = cells_of(network)
     critical = critical_from_perimeters(cells, np.ones(100), throw=False)
     edge, goal = critical.collapsed_edges[0], 0.95 * critical.ratio
     start = perimeter_state(cells, np.full(100, goal), network.positions)
     assert equilibrium(start, throw=False).status is Status.edge_collapse
-    with pytest.raises(SolveError, match=f"edge {edge} shrinks to zero length"):
+    with pytest.raises(SolveError, match=f"edge {edge}"):
         equilibrium(start)
 
 
 def test_slack_cells_are_named():
-    # A cell that may be larger than its neighbours let it be.
+    # A cell with a target larger than its neighbours allow.
     targets = np.ones(50)
     targets[7] = 5.0
     cells = cells_of(voronoi_network(100, seed=1))
@@ -335,7 +335,7 @@ def test_slack_cells_are_named():
     ratio = solution.value.at_rest().perimeters / targets / solution.ratio
     assert ratio[7] < 0.99
     np.testing.assert_allclose(np.delete(ratio, 7), 1, rtol=1e-8)
-    with pytest.raises(SolveError, match="cells 7 are slack: narrow"):
+    with pytest.raises(SolveError, match="cells 7"):
         critical_from_perimeters(cells, targets)
 
 
@@ -363,7 +363,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_one_sentence_that_helps(name):
+def test_bad_input_raises_one_sentence(name):
     call, pattern = BAD[name]
     with pytest.raises(InputError, match=pattern) as caught:
         call()
@@ -371,7 +371,7 @@ def test_bad_input_is_one_sentence_that_helps(name):
     assert 10 < len(str(caught.value)) < 250
 
 
-def test_cells_are_not_changed_by_what_uses_them():
+def test_cells_are_immutable():
     before = FACES.sides.toarray()
     critical_from_perimeters(FACES, np.ones(6), throw=False)
     np.testing.assert_array_equal(FACES.sides.toarray(), before)

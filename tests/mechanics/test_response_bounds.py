@@ -43,7 +43,7 @@ def exact_stiffening(network, sigma):
     return reference.stiffening(network, reference.configuration(network, sigma))
 
 
-def test_moduli_from_afar_to_the_transition():
+def test_moduli_at_all_distances_from_the_transition():
     found = []
     for name, make in SMALL_NETWORKS.items():
         for gamma in STRAINS[:: 1 if name == "voronoi" else 4]:
@@ -52,7 +52,7 @@ def test_moduli_from_afar_to_the_transition():
             assert solution.status is Status.ok
             assert solution.stats.condition > 0.1 / gamma
             bounds = astuple(solution.stats.error_bound)
-            # Nothing is lost on the way to the transition.
+            # No digits are lost near the transition.
             assert max(bounds) < 1e-13
             found += ratios(astuple(solution.value), bounds, exact_moduli(state))
     assert np.median(found) < 100
@@ -68,8 +68,8 @@ def test_moduli_of_an_unfinished_relaxation(gamma, tolerance):
 
 
 @pytest.mark.parametrize("gamma, off", [(1e-3, 1e-4), (1e-4, 1e-4), (1e-5, 1e-6)])
-def test_moduli_far_from_equilibrium_are_none(gamma, off):
-    # Extensions are about γ/2, so displacements like these change every stress.
+def test_moduli_far_from_equilibrium_are_ill_conditioned(gamma, off):
+    # Extensions are about γ/2, so such displacements change every stress.
     state = strained(SMALL_NETWORKS["voronoi"](), gamma)
     state = state.moved(off * np.random.default_rng(1).standard_normal((len(state.network.free), 2)))
     solution = linear_response(state)
@@ -77,7 +77,7 @@ def test_moduli_far_from_equilibrium_are_none(gamma, off):
     assert np.isnan(astuple(solution.value)).all()
 
 
-def test_paths_keep_the_bounds():
+def test_bounds_of_paths():
     network = SMALL_NETWORKS["stiffness"]()
     critical = CriticalManifold(network).configuration(random_stress(18, 4))
     strains = np.concatenate([STRAINS[:3:-1], [0.001, 0.002, 0.003, 0.05, 0.3]])
@@ -109,14 +109,14 @@ def test_stiffening_coefficients(decades):
 
 @pytest.mark.parametrize("system", ["whole", "condensed"])
 @pytest.mark.parametrize("decades", [4, 8, 10, 12])
-def test_stiffening_where_an_edge_is_nearly_gone(monkeypatch, decades, system):
-    # Two neighbours that faint edges hold: the edge between them has a length of 10^−decades.
+def test_stiffening_with_a_nearly_collapsed_edge(monkeypatch, decades, system):
+    # Two neighbours with weak other edges: the edge between them has a length of 10^−decades.
     network = voronoi_network(16, seed=1)
     stress = 0.5 + np.random.default_rng(3).random(network.n_edges)
-    faint = np.isin(network.edges, network.edges[7]).sum(axis=1) == 1
-    stress[faint] *= 10.0**-decades
+    weak = np.isin(network.edges, network.edges[7]).sum(axis=1) == 1
+    stress[weak] *= 10.0**-decades
     if system == "condensed":
-        # It serves no stress below a part of the mean, but the system itself has no trouble with one.
+        # The library does not choose it for stresses far below the mean, but the system is valid.
         monkeypatch.setattr(MANIFOLD, "CONDENSED_EDGES", 1)
         monkeypatch.setattr(MANIFOLD, "positive", lambda sigma: True)
         monkeypatch.setattr(CondensedSaddle, "stable", lambda *arguments: True)
@@ -127,7 +127,7 @@ def test_stiffening_where_an_edge_is_nearly_gone(monkeypatch, decades, system):
     ratios(astuple(solution.value), astuple(solution.stats.error_bound), exact_stiffening(network, critical.sigma))
 
 
-def test_large_positive_stresses_take_the_condensed_system(monkeypatch):
+def test_large_positive_stresses_use_the_condensed_system(monkeypatch):
     network = voronoi_network(40, seed=1)
     manifold = CriticalManifold(network)
     positive = np.ones(network.n_edges)
@@ -140,13 +140,13 @@ def test_large_positive_stresses_take_the_condensed_system(monkeypatch):
     condensed = stiffening(manifold, manifold.configuration(positive)).value
     assert astuple(condensed) != astuple(whole)
     np.testing.assert_allclose(astuple(condensed), astuple(whole), rtol=0, atol=1e-13)
-    # Stiffnesses are those of the network that is given.
+    # Stiffnesses are those of the given network.
     soft = network.with_stiffness(0.5 * network.stiffness)
     assert stiffening(soft, manifold.configuration(positive)).value.bulk_0 == pytest.approx(whole.bulk_0 / 2, rel=1e-12)
 
 
-def test_stiffening_mends_coordinates_that_are_off():
-    # The answer is that of the stress; coordinates are a start for finding its balance.
+def test_stiffening_corrects_inaccurate_coordinates():
+    # The stress determines the solution; coordinates are the start of the iteration.
     network = SMALL_NETWORKS["voronoi"]()
     critical = CriticalManifold(network).configuration(random_stress(18, 1))
     x = critical.coordinates + 1e-9 * np.random.default_rng(2).standard_normal((12, 2))
@@ -156,8 +156,8 @@ def test_stiffening_mends_coordinates_that_are_off():
     ratios(astuple(solution.value), astuple(solution.stats.error_bound), exact_stiffening(network, critical.sigma))
 
 
-def test_bounds_hold_where_all_edges_round_alike():
-    # Lattices repeat one rounding on every edge, so that errors add up instead of averaging out.
+def test_bounds_with_equal_rounding_on_all_edges():
+    # Lattices repeat one rounding on every edge, so that errors accumulate instead of averaging out.
     for columns, rows in ((2, 2), (3, 2)):
         network = honeycomb_network(columns, rows)
         critical = CriticalManifold(network).configuration(np.ones(network.n_edges))

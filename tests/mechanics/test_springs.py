@@ -77,12 +77,12 @@ def test_newton_relaxes_to_rounding(name, gamma):
     g, _ = dense_free(network)
     force = g.T @ (state.sigma[:, None] * state.bond_vectors)
     assert np.abs(force).max() < 1e-13
-    # Few steps, soft as the network is: stiffness ∝ γ.
+    # Few steps in spite of a soft network: stiffness ∝ γ.
     assert solution.stats.steps <= 12
     assert (state.sigma > 0).all()
 
 
-def test_newton_and_fire_find_the_same_equilibrium():
+def test_newton_and_fire_reach_the_same_equilibrium():
     start = strained(with_random_stiffness(voronoi_network(20, seed=3), 2), 0.05)
     newton = equilibrium(start)
     fire = equilibrium(start, "fire", tolerance=1e-13)
@@ -95,7 +95,7 @@ def test_newton_and_fire_find_the_same_equilibrium():
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("size", [1.1, 0.8], ids=["stretched", "compressed"])
-def test_a_start_with_an_indefinite_hessian_ends_in_a_minimum(size, seed):
+def test_indefinite_start_reaches_a_minimum(size, seed):
     network = voronoi_network(40, seed=seed)
     critical = CriticalManifold(network).configuration(np.ones(60))
     rng = np.random.default_rng(seed)
@@ -114,7 +114,7 @@ def test_a_start_with_an_indefinite_hessian_ends_in_a_minimum(size, seed):
         assert solution.value.energy < 1e-20
 
 
-def test_equilibrium_does_not_depend_on_the_common_scale():
+def test_equilibrium_is_scale_invariant():
     start = strained(voronoi_network(20, seed=3), 0.02)
     soft = equilibrium(start).value
     stiff_network = start.network.with_stiffness(1e6)
@@ -123,18 +123,18 @@ def test_equilibrium_does_not_depend_on_the_common_scale():
     assert stiff.energy == pytest.approx(1e6 * soft.energy, rel=1e-11)
 
 
-def test_steps_and_failures_are_told():
+def test_steps_and_failures_are_reported():
     start = strained(voronoi_network(20, seed=3), 0.3)
     for method in ("newton", "fire"):
         solution = equilibrium(start, method, max_steps=1, throw=False)
         assert solution.status is Status.step_limit
-        with pytest.raises(SolveError, match="raise max_steps"):
+        with pytest.raises(SolveError, match="max_steps"):
             equilibrium(start, method, max_steps=1)
-    with pytest.raises(InputError, match="'auto', 'newton' or 'fire'"):
+    with pytest.raises(InputError, match="newton"):
         equilibrium(start, "bfgs")
 
 
-def test_relaxing_leaves_the_given_state_alone():
+def test_relaxation_does_not_change_its_input():
     start = strained(voronoi_network(20, seed=3), 0.1)
     before = start.coordinates.copy(), start.bond_vectors.copy()
     equilibrium(start)
@@ -143,7 +143,7 @@ def test_relaxing_leaves_the_given_state_alone():
 
 
 @pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "oblique"])
-def test_coordinates_and_bond_vectors_stay_together(name):
+def test_coordinates_and_bond_vectors_stay_consistent(name):
     critical = CriticalManifold(NETWORKS[name]()).configuration(random_stress(NETWORKS[name]().n_edges, 4))
     path = strain_path(critical.network, critical, [0.01, 0.02, 0.05]).value
     for state in path.states:
@@ -152,7 +152,7 @@ def test_coordinates_and_bond_vectors_stay_together(name):
         )
 
 
-def test_a_straight_compressed_linkage_is_a_saddle():
+def test_straight_compressed_linkage_is_a_saddle():
     network = three_bar_linkage()
     straight = CriticalManifold(network).configuration(np.ones(3))
     solution = equilibrium(spring_state(network, np.full(3, 1.1), straight.coordinates), throw=False)
@@ -197,7 +197,7 @@ def test_forces_and_hessian_of_every_law(law, name):
 
 
 @pytest.mark.parametrize("law", LAWS, ids=repr)
-def test_the_convex_part_is_the_hessian_without_compression(law):
+def test_convex_part_is_the_hessian_without_compression(law):
     network = with_random_stiffness(voronoi_network(40, seed=2), 5)
     critical = CriticalManifold(network).configuration(random_stress(60, 2))
     pattern, unit = block_laplacian(network), np.eye(78)
@@ -229,8 +229,8 @@ def test_newton_and_fire_agree_for_every_law(law):
 
 
 @pytest.mark.parametrize("method", ["newton", "fire"])
-def test_steps_stop_before_the_wall(method):
-    # A long stiff spring that pulls a short soft one, at rest, by seven times what it can be stretched.
+def test_steps_stay_within_the_range_of_the_law(method):
+    # A long stiff spring stretches a short soft one from rest by seven times its range.
     network = Network([[0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: [22.0, 0.0]}, stiffness=[1.0, 1000.0])
     state = spring_state(network, [1.0, 19.0], [[0.0, 0.0], [1.0, 0.0], [22.0, 0.0]], WormLike(0.3))
     pull = state.factorize(state.pattern()).solve(state.forces.ravel()).reshape(1, 2)
@@ -238,17 +238,17 @@ def test_steps_stop_before_the_wall(method):
     solution = equilibrium(state, method, tolerance=1e-13)
     assert solution.status is Status.ok
     end = solution.value
-    # Both hang in a row, so they share one tension, and the soft one is near its end.
+    # In series both have one tension, and the soft one is near its contour length.
     tension = end.sigma * end.lengths
     assert tension[0] == pytest.approx(tension[1], rel=1e-9)
     assert 1.29 < end.lengths[0] < 1.3
 
 
 @pytest.mark.parametrize("method", ["newton", "fire"])
-def test_a_start_beyond_the_wall_is_told(method):
+def test_start_beyond_the_range_raises(method):
     state = strained(voronoi_network(20, seed=3), 0.1)
     worms = spring_state(state.network, state.rest_lengths, state.coordinates, WormLike(0.01))
     assert worms.energy == np.inf
     assert equilibrium(worms, method, throw=False).status is Status.stalled
-    with pytest.raises(SolveError, match="take smaller strain steps"):
+    with pytest.raises(SolveError, match="smaller"):
         equilibrium(worms, method)

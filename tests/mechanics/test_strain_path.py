@@ -1,4 +1,4 @@
-"""The strain path: equilibria at growing volume, the same as relaxed directly."""
+"""The strain path: equilibria at increasing volume, equal to direct relaxations."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def relaxed_directly(critical, gamma):
 
 
 @pytest.mark.parametrize("name", ["voronoi", "voronoi, random stiffness", "voronoi 3D", "oblique"])
-def test_the_path_is_relaxed_at_every_strain(name):
+def test_path_is_relaxed_at_every_strain(name):
     critical = critical_of(NETWORKS[name]())
     solution = strain_path(critical.network, critical, STRAINS)
     assert solution.status is Status.ok
@@ -48,13 +48,13 @@ def test_the_path_is_relaxed_at_every_strain(name):
         np.testing.assert_array_equal(state.rest_lengths, critical.lengths)
         assert energy == state.energy
         direct = relaxed_directly(critical, gamma)
-        # Forces of 1e-14 over the softest stiffness, of order γ/100, are what both may differ by.
+        # Both may differ by forces of 1e-14 over the softest stiffness, of order γ/100.
         np.testing.assert_allclose(state.bond_vectors, direct.bond_vectors, rtol=0, atol=1e-11 + 1e-13 / gamma)
         # The energy is second order in that error.
         assert energy == pytest.approx(direct.energy, rel=1e-7)
 
 
-def test_intermediate_strains_change_nothing():
+def test_path_is_independent_of_intermediate_strains():
     critical = critical_of(voronoi(40, seed=1))
     few = strain_path(critical.network, critical, [0.03]).value
     many = strain_path(critical.network, critical, np.linspace(0.001, 0.03, 30)).value
@@ -63,7 +63,7 @@ def test_intermediate_strains_change_nothing():
         assert getattr(many, name)[-1] == pytest.approx(getattr(few, name)[-1], rel=1e-9)
 
 
-def test_without_moduli_the_states_are_the_same():
+def test_states_are_independent_of_moduli():
     critical = critical_of(voronoi(40, seed=1))
     plain = strain_path(critical.network, critical, [0.001, 0.01], moduli=False)
     full = strain_path(critical.network, critical, [0.001, 0.01])
@@ -72,7 +72,7 @@ def test_without_moduli_the_states_are_the_same():
     np.testing.assert_allclose(plain.value.energy, full.value.energy, rtol=1e-10)
 
 
-def test_fire_walks_the_same_path():
+def test_fire_follows_the_same_path():
     critical = critical_of(with_random_stiffness(voronoi(20, seed=2), 1))
     fire = strain_path(critical.network, critical, [0.02, 0.04], "fire", tolerance=1e-13)
     newton = strain_path(critical.network, critical, [0.02, 0.04])
@@ -94,24 +94,24 @@ def test_energy_is_the_work_done():
     assert work == pytest.approx(path.energy[-1] - path.energy[0], rel=1e-4)
 
 
-def test_a_path_that_stops_says_where():
+def test_failed_path_names_the_strain():
     critical = critical_of(voronoi(40, seed=1))
     # No solve reaches a force of 1e-30.
     solution = strain_path(critical.network, critical, [0.001, 0.002], tolerance=1e-30, throw=False)
     assert solution.status is not Status.ok
     assert solution.value.status[1] == Status.missing
     assert np.isnan(solution.value.energy).all()
-    with pytest.raises(SolveError, match=r"at strain 0\.001"):
+    with pytest.raises(SolveError, match=r"0\.001"):
         strain_path(critical.network, critical, [0.001, 0.002], tolerance=1e-30)
 
 
 @pytest.mark.parametrize("strains", [[], [0.002, 0.001], [-0.001], [0.0, 0.001], [np.nan], [0.001, 0.001], [np.inf]])
 def test_bad_strains(strains):
-    with pytest.raises(InputError, match=r"such as 0\.001"):
+    with pytest.raises(InputError, match=r"0\.001"):
         strain_path(voronoi(12, seed=1), critical_of(voronoi(12, seed=1)), strains)
 
 
-def test_steps_start_close_to_where_they_end():
+def test_steps_start_near_their_solution():
     # Extrapolation of third order along an even path leaves a step or two to Newton's method.
     critical = critical_of(voronoi(40, seed=1))
     path = strain_path(critical.network, critical, np.linspace(0.001, 0.02, 20)).value
@@ -119,9 +119,9 @@ def test_steps_start_close_to_where_they_end():
 
 
 @pytest.mark.parametrize("n", [2.0, 3.0, 4.5])
-def test_power_laws_of_the_largest_bulk_modulus_stay_affine(n):
-    # With σ = k all edges stretch alike, by λ = √v; every tension is then kℓ times one function of λ, so forces go on
-    # balancing and B = (v/V_0) d²E/dv² with E = Σkℓ²/(n − 1)·((λⁿ − 1)/n − λ + 1) at any strain.
+def test_power_laws_of_the_largest_bulk_modulus_are_affine(n):
+    # With σ = k all edges stretch alike, by λ = √v; every tension is then kℓ times one function of λ, so the
+    # balance persists and B = (v/V_0) d²E/dv² with E = Σkℓ²/(n − 1)·((λⁿ − 1)/n − λ + 1) at any strain.
     network = with_random_stiffness(voronoi(40, seed=1), 3)
     critical = CriticalManifold(network).configuration(network.stiffness)
     gamma = np.array([0.01, 0.1, 0.5])
@@ -135,7 +135,7 @@ def test_power_laws_of_the_largest_bulk_modulus_stay_affine(n):
         np.testing.assert_allclose(state.lengths, np.sqrt(1 + g) * critical.lengths, rtol=1e-10)
 
 
-def test_a_path_ends_where_its_law_does():
+def test_path_ends_with_the_range_of_its_law():
     # With σ = k the edges of equal law reach their contour length together, at the volume (1 + m)².
     network = voronoi(40, seed=1)
     critical = CriticalManifold(network).configuration(np.ones(60))
@@ -147,7 +147,7 @@ def test_a_path_ends_where_its_law_does():
     assert path.strains[19] < 1.02**2 - 1 < path.strains[20]
     assert (np.diff(path.bulk_modulus[:20]) > 0).all()
     assert np.isnan(path.bulk_modulus[20:]).all()
-    with pytest.raises(SolveError, match=r"at strain 0\.042.*longer"):
+    with pytest.raises(SolveError, match=r"0\.042"):
         strain_path(network, critical, strains, law=law)
 
 
@@ -156,12 +156,12 @@ def test_a_path_ends_where_its_law_does():
 
 @pytest.mark.parametrize("moduli", [True, False])
 @pytest.mark.parametrize("end", [0.1, 0.5])
-def test_one_step_ends_where_many_do(end, moduli):
+def test_one_step_equals_many_steps(end, moduli):
     critical = critical_of(voronoi(40, seed=1))
     one = strain_path(critical.network, critical, [end], moduli=moduli).value
     many = strain_path(critical.network, critical, np.linspace(0, end, 51)[1:]).value
     np.testing.assert_allclose(one.states[-1].bond_vectors, many.states[-1].bond_vectors, rtol=0, atol=1e-13)
-    # Nothing is compressed, so there is one equilibrium alone and no step is inserted.
+    # Without compression the equilibrium is unique and no step is inserted.
     assert (one.states[-1].extension > 0).all()
     assert not one.inserted.any() and not many.inserted.any()
 
@@ -175,7 +175,7 @@ def partly_compressed(n_vertices, seed):
 
 
 @pytest.mark.parametrize("end", [0.1, 0.5])
-def test_one_step_stays_on_the_branch_of_many(end):
+def test_one_step_follows_the_branch_of_many_steps(end):
     critical = partly_compressed(20, 12)
     one = strain_path(critical.network, critical, [end]).value
     many = strain_path(critical.network, critical, np.linspace(0, end, 101)[1:]).value
@@ -188,9 +188,9 @@ def test_one_step_stays_on_the_branch_of_many(end):
 
 
 @pytest.mark.parametrize("n_vertices, seed", [(12, 5), (40, 11)])
-def test_a_branch_that_ends_is_told(n_vertices, seed):
+def test_end_of_a_branch_is_reported(n_vertices, seed):
     critical = partly_compressed(n_vertices, seed)
-    # There are equilibria beyond, but no way leads to them that is continuous.
+    # There are equilibria beyond, but no continuous path to them.
     assert relaxed_directly(critical, 0.5).max_force < 1e-12
     for strains in ([0.5], np.linspace(0, 0.5, 51)[1:]):
         solution = strain_path(critical.network, critical, strains, throw=False)
@@ -198,7 +198,7 @@ def test_a_branch_that_ends_is_told(n_vertices, seed):
         assert np.isnan(solution.value.energy[-1]) and np.isnan(solution.value.coordinate_error[-1])
 
 
-def test_steps_grow_again_and_inserted_strains_are_not_kept():
+def test_inserted_strains_are_removed_and_steps_grow():
     critical = partly_compressed(20, 12)
     strains = [0.3, 0.301, 0.4]
     path = strain_path(critical.network, critical, strains).value
