@@ -6,7 +6,7 @@ convert it into a `SolveError` that carries the solution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Generic, Self, TypeVar
 
@@ -63,17 +63,9 @@ class Stats:
 
     method: str
     steps: int = 0
-    # Deprecated, removed when every solve returns a typed result: `evaluations`, `details`, `iterations`.
-    evaluations: int = 0
     residual: float = float("nan")
-    details: dict[str, Any] = field(default_factory=dict)
     condition: float = float("nan")
     error_bound: Any = float("nan")
-
-    @property
-    def iterations(self) -> int:
-        """Deprecated name of `steps`."""
-        return self.steps
 
 
 @dataclass(frozen=True)
@@ -91,11 +83,6 @@ class Solution(Generic[Value]):
     status: Status
     stats: Stats
     note: str = ""
-
-    def __post_init__(self) -> None:
-        # Deprecated: notes in `stats.details`.
-        if not self.note and "note" in self.stats.details:
-            object.__setattr__(self, "note", self.stats.details["note"])
 
     @property
     def ok(self) -> bool:

@@ -32,7 +32,7 @@ def test_stored_integers_never_change():
     assert all(status.message for status in Status)
 
 
-def _test_statistics_have_five_fields():
+def test_statistics_have_five_fields():
     assert [field.name for field in fields(Stats)] == ["method", "steps", "residual", "condition", "error_bound"]
 
 

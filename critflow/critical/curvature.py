@@ -216,8 +216,7 @@ def principal_curvatures(
             residual = float(candidate.residuals.max())
             status = Status.ok if residual < tolerance else Status.stalled
             value = candidate if status is Status.ok else value
-    details = {"note": _NOTES[status]} if status in _NOTES else {}
-    solution = Solution(value, status, Stats(method, residual=residual, details=details))
+    solution = Solution(value, status, Stats(method, residual=residual), _NOTES.get(status, ""))
     return solution.or_raise("the principal curvatures were not found") if throw else solution
 
 
@@ -315,7 +314,7 @@ def gaussian_curvature(
         float(-quadratic - (n - 1) * np.log(np.linalg.norm(stress))),
         network.dimension * prestress.n_negative - stiffened.n_negative,
     )
-    return Solution(value, Status.ok, Stats("determinants", 3, 3, float(abs(quadratic - linear) + rounding)))
+    return Solution(value, Status.ok, Stats("determinants", 3, residual=float(abs(quadratic - linear) + rounding)))
 
 
 def _log_size(factor: Factor) -> float:

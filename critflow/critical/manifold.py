@@ -141,6 +141,16 @@ class Balance:
         return self.network.free_incidence @ self.factor.solve(self.network.divergence @ edge_vectors)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ForceBalance(Solution[CriticalConfiguration]):
+    """The configuration of a stress.
+
+    negative_pivots  number of negative eigenvalues of P(σ)
+    """
+
+    negative_pivots: int
+
+
 class CriticalManifold:
     """The map σ → configuration of one network, its pull-back and its tangents.
 
@@ -202,7 +212,7 @@ class CriticalManifold:
         """
         return self.solve(sigma, throw).value
 
-    def solve(self, stress: ArrayLike, throw: bool = False) -> Solution[CriticalConfiguration]:
+    def solve(self, stress: ArrayLike, throw: bool = False) -> ForceBalance:
         """As `configuration`, with status, number of negative pivots, Skeel's condition and bounds on all errors.
 
         Coordinates are NaN where P is singular (`Status.singular`), and where rounding may have taken every digit
@@ -226,13 +236,11 @@ class CriticalManifold:
         stats = Stats(
             "force density",
             refined.steps,
-            1 + refined.steps,
-            value.residual,
-            {"negative_pivots": n_negative},
-            refined.condition,
-            refined.error,
+            residual=value.residual,
+            condition=refined.condition,
+            error_bound=refined.error,
         )
-        solution = Solution(value, status, stats)
+        solution = ForceBalance(value, status, stats, negative_pivots=n_negative)
         return solution.or_raise("no configuration for this stress") if throw else solution
 
     def _solve_shifted(self, sigma: Extended, failed: Refined) -> tuple[Refined, int, Status]:

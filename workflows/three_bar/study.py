@@ -69,7 +69,7 @@ def at_point(manifold, chart, sigma):
         "sigma": critical.sigma,
         "normal": normal,
         "prestress_eigenvalue": np.linalg.eigvalsh(g.T @ (normal[:, None] * g)),
-        "n_negative": found.stats.details["negative_pivots"],
+        "n_negative": found.negative_pivots,
         "outcome": found.status,
         "length": critical.lengths,
         "coordinates": critical.coordinates,
