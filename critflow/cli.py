@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import sys
 import traceback
 from collections.abc import Sequence
@@ -15,10 +16,10 @@ import typer
 
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.dataset import opened_dataset
-from critflow.workflow.folder import CHANGED, DAMAGED, STATES, Folder, LockedError, count_states, reason_lines
+from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
 from critflow.workflow.load import StudyFile, each_named_study, load_study
 from critflow.workflow.plan import Selection, select, spelled
-from critflow.workflow.provenance import code_version, command_line, timestamp
+from critflow.workflow.provenance import code_version, timestamp
 from critflow.workflow.report import Report, write_report
 from critflow.workflow.run import RunResult, plan_run, run_study
 from critflow.workflow.show import case_title, choose_case, show_configuration
@@ -145,7 +146,9 @@ def run(
     folder.check_owner(loaded)
     if dry_run:
         return _print_plan(loaded, requested, folder, retry_failed)
-    command = command_line(study, settings, f"in {place.place}")
+    # For `history`: no folder and no address of this machine.
+    words = ["critflow", "run", Path(study).name, *(f"--set={word}" for word in settings)]
+    command = f"{shlex.join(words)} (in {place.place})"
     result = run_study(loaded, requested, folder, place, retry_failed=retry_failed, command=command)
     return _print_result(requested, folder, result)
 
@@ -196,7 +199,7 @@ def status(
     results = Folder(folder)
     note, (_, selection) = results.read_note(), results.selection()
     states, code = results.states(selection), code_version(selection.study)
-    counts = {state: number for state, number in count_states(states).items() if state not in (DAMAGED, CHANGED)}
+    counts = {name: sum(state == name for _, state, _ in states) for name in (DONE, FAILED, MISSING)}
     messages = []
     if note.code != code:
         messages.append(f"the last run used other code: {note.code}, now {code}; its cases are kept")
@@ -223,7 +226,7 @@ def _status_record(selection: Selection, states: list, counts: dict[str, int], m
         "to_compute": [
             {"id": case.id, **case.values, "state": state, "reason": reason}
             for case, state, reason in states
-            if state != STATES[0]
+            if state != DONE
         ],
         "messages": messages,
     }
@@ -273,7 +276,7 @@ def show(
 
 def _print_report(folder: Folder, report: Report) -> None:
     if report.written:
-        print(f"{folder.figures}: {', '.join(report.written)}")
+        print(f"{folder.path}: {', '.join(report.written)}")
     if report.left_out:
         print(f"{folder.path}: not made, because the run does not store their variables: {', '.join(report.left_out)}")
     if report.claims:

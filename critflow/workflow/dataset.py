@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
@@ -37,17 +37,18 @@ def labelled_dataset(selection: Selection, shards: Iterable[tuple[Case, Shard]],
     """
     study = selection.study
     table = _Table(selection)
-    origins = _Origins(volatile=any(variable.volatile for variable in study.variables))
+    origins = []
     for case, shard in shards:
         table.add(case, {**shard.arrays, "status": np.asarray(int(shard.status))})
-        origins.add(case, shard)
+        origins.append((case.id, shard.checksum, shard.code, shard.environment))
     for case in failed:
         table.add(case, {"status": np.asarray(int(Status.failed))})
     data = {
         variable.name: xr.Variable(variable.dims, table.array(variable), variable_attributes(variable))
         for variable in study.variables
     }
-    dataset = xr.Dataset(data, _coordinates(selection), _global_attributes(selection) | origins.attributes())
+    attributes = _global_attributes(selection) | _origin_attributes(selection, origins)
+    dataset = xr.Dataset(data, _coordinates(selection), attributes)
     for name, labelled in dataset.variables.items():
         # xarray would add a fill value to coordinates, which have none.
         filled = labelled.dtype.kind == "f" and name in data
@@ -145,37 +146,25 @@ class _Table:
         return self.arrays[variable.name]
 
 
-class _Origins:
-    """What the shards of a dataset say about their computation."""
+def _origin_attributes(selection: Selection, origins: Sequence[tuple[str, str, str, str]]) -> dict[str, str]:
+    """Global attributes about the shards: id, checksum, code and environment of each.
 
-    def __init__(self, volatile: bool):
-        self._volatile = volatile
-        self._checksums: dict[str, str] = {}
-        self._code: Counter[str] = Counter()
-        self._environment: Counter[str] = Counter()
-
-    def add(self, case: Case, shard: Shard) -> None:
-        self._checksums[case.id] = shard.checksum
-        self._code[shard.code] += 1
-        self._environment[shard.environment] += 1
-
-    def attributes(self) -> dict[str, str]:
-        """Global attributes; the code that computed the cases may be older than the code that wrote the dataset."""
-        lines = [f"{case_id} {checksum}\n".encode() for case_id, checksum in self._checksums.items()]
-        whole = sum(int.from_bytes(sha256(line).digest()) for line in lines)
-        each = " ".join(sorted(f"{case_id}:{checksum}" for case_id, checksum in self._checksums.items()))
-        found = {
-            "cases_code": _counted(self._code),
-            "cases_environment": _counted(self._environment),
-            "shards_sha256": f"{whole % 2**256:064x}",
-            "shards_sha256_each": each if len(lines) <= _MOST_CHECKSUMS else "",
-        }
-        volatile = ["history", *(name for name in found if self._volatile and name.startswith("shards_"))]
-        return _nonempty(found | {"volatile_attributes": " ".join(volatile)})
+    The code that computed the cases may be older than the code that wrote the dataset.
+    """
+    whole = sum(int.from_bytes(sha256(f"{case} {checksum}\n".encode()).digest()) for case, checksum, *_ in origins)
+    each = " ".join(sorted(f"{case}:{checksum}" for case, checksum, *_ in origins))
+    found = {
+        "cases_code": _counted(code for _, _, code, _ in origins),
+        "cases_environment": _counted(environment for *_, environment in origins),
+        "shards_sha256": f"{whole % 2**256:064x}",
+        "shards_sha256_each": each if len(origins) <= _MOST_CHECKSUMS else "",
+    }
+    volatile = ["shards_sha256", "shards_sha256_each"] if any(v.volatile for v in selection.study.variables) else []
+    return _nonempty(found | {"volatile_attributes": " ".join(["history", *volatile])})
 
 
-def _counted(counter: Counter[str]) -> str:
-    return "; ".join(f"{text}: {count} cases" for text, count in sorted(counter.items()))
+def _counted(texts: Iterable[str]) -> str:
+    return "; ".join(f"{text}: {count} cases" for text, count in sorted(Counter(texts).items()))
 
 
 def _coordinates(selection: Selection) -> dict[str, xr.Variable]:

@@ -15,7 +15,6 @@ import json
 import os
 import platform
 import time
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -29,16 +28,7 @@ from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, S
 from critflow.workflow.load import StudyFile, load_file, load_study
 from critflow.workflow.plan import Case, Selection
 from critflow.workflow.provenance import code_version
-from critflow.workflow.store import (
-    PARTIAL,
-    SCHEMA_VERSION,
-    OtherTable,
-    failure_path,
-    failure_reason,
-    read_shard,
-    shard_path,
-    write_text,
-)
+from critflow.workflow.store import PARTIAL, SCHEMA_VERSION, OtherTable, failure_reason, read_shard, write_text
 
 DONE, FAILED, MISSING, DAMAGED, CHANGED = STATES = ("done", "failed", "missing", "damaged", "changed")
 
@@ -75,39 +65,20 @@ class Note:
         return (self.version, self.parameters, self.variables, tuple(self.axes)) == ours
 
 
-@dataclass(frozen=True)
 class Folder:
     """Paths of one results folder."""
 
-    path: Path
-
-    @property
-    def shards(self) -> Path:
-        return self.path / "shards"
-
-    @property
-    def failed(self) -> Path:
-        return self.path / "failed"
-
-    @property
-    def figures(self) -> Path:
-        return self.path / "figures"
-
-    @property
-    def log(self) -> Path:
-        return self.path / "run.log"
-
-    @property
-    def note(self) -> Path:
-        return self.path / "study.json"
-
-    @property
-    def stop(self) -> Path:
-        """File whose existence tells workers to begin no further case."""
-        return self.path / ".stop"
+    def __init__(self, path: Path):
+        self.path = path
+        self.shards, self.failed, self.figures = path / "shards", path / "failed", path / "figures"
+        self.note, self.log = path / "study.json", path / "run.log"
+        self.stop = path / ".stop"  # if it exists, workers begin no further case
 
     def dataset(self, study: str) -> Path:
         return self.path / f"{study}.nc"
+
+    def trace(self, case: Case) -> Path:
+        return self.failed / f".{case.id}.trace"
 
     @contextmanager
     def locked(self, loaded: StudyFile) -> Iterator[None]:
@@ -116,7 +87,7 @@ class Folder:
         The lock is released by the end of the process.  Raises `LockedError` if another run holds it.
         """
         self.check_owner(loaded)
-        lock = FileLock(self.path / ".lock", timeout=0, mode=0o600)  # another user could hold a readable lock
+        lock = FileLock(self.path / ".lock", timeout=0, mode=0o660)  # every reader could lock it
         holder = Path(lock.lock_file)
         try:
             for folder in (self.shards, self.failed, self.figures):
@@ -214,8 +185,8 @@ class Folder:
         for case in selection.cases():
             if case.id in shards:
                 found.append(self._read_state(selection, case) if read else CaseState(case, DONE))
-            elif case.id in failed and failure_path(self.failed, case).is_file():
-                found.append(CaseState(case, FAILED, failure_reason(self.failed, case)))
+            elif case.id in failed and (reason := failure_reason(self.failed, case)):
+                found.append(CaseState(case, FAILED, reason))
             else:
                 found.append(CaseState(case, MISSING, "not computed yet"))
         return found
@@ -226,7 +197,7 @@ class Folder:
         except OtherTable:
             return CaseState(case, CHANGED, "stored with another table of variables")
         except IntegrityError as error:
-            return CaseState(case, DAMAGED, str(error).removeprefix(f"{shard_path(self.shards, case)} is damaged: "))
+            return CaseState(case, DAMAGED, str(error).rpartition(" is damaged: ")[2])
         return CaseState(case, DONE) if found else CaseState(case, MISSING, "not computed yet")
 
 
@@ -242,12 +213,6 @@ def reason_lines(states: list[CaseState], most: int = 20) -> list[str]:
         others = f" and {len(cases) - 1} more" if len(cases) > 1 else ""
         lines.append(f"{state}: {first}{others}: {reason}")
     return lines if len(lines) <= most else [*lines[:most], f"and {len(lines) - most} more reasons"]
-
-
-def count_states(states: list[CaseState]) -> dict[str, int]:
-    """Number of cases in each state, zeros included."""
-    counts = Counter(state for _, state, _ in states)
-    return {state: counts[state] for state in STATES}
 
 
 def _names(folder: Path, suffix: str) -> set[str]:

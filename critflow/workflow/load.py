@@ -19,7 +19,6 @@ from critflow.workflow.provenance import STUDY_MODULE
 from critflow.workflow.study import Study, nearest
 
 _BENCHMARKS = ("economy", "failure_map", "scale", "speed_accuracy")  # not part of the installed package
-_LARGEST = 10_000_000  # bytes of a study file
 _loading = threading.Lock()
 
 
@@ -46,10 +45,7 @@ class _Loaded:
     files: Mapping[Path, str]
 
     def is_current(self) -> bool:
-        try:
-            return all(_digest(file.read_bytes()) == digest for file, digest in self.files.items())
-        except OSError:
-            return False
+        return all(file.is_file() and _digest(file.read_bytes()) == digest for file, digest in self.files.items())
 
 
 _loaded: dict[Path, _Loaded] = {}
@@ -137,8 +133,6 @@ def _source(path: Path) -> bytes:
     if path.exists() and not path.is_file():  # reading a pipe would block
         raise StudyError(f"{path} is not a file: {hint}")
     try:
-        if path.stat().st_size > _LARGEST:
-            raise StudyError(f"{path} is too large for a study file: {hint}")
         return path.read_bytes()
     except OSError as error:
         kind = EnvironmentFailure if error.errno in (errno.EMFILE, errno.ENFILE, errno.EIO) else StudyError

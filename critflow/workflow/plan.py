@@ -16,6 +16,7 @@ import itertools
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
@@ -26,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from critflow.result import CritflowError, StudyError
-from critflow.workflow.study import LONGEST, Axis, Study, nearest
+from critflow.workflow.study import LONGEST, Axis, Study, nearest, require
 
 # Derivation of every random number, stored in the files that contain some.
 SEED_ENTROPY = (
@@ -110,8 +111,8 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
         if not isinstance(labels[0], str) and any(later <= earlier for earlier, later in itertools.pairwise(labels)):
             raise StudyError(f"{coordinate.parameter} must increase from each value to the next")
     selection = Selection(study.storing(_variables(study, given.get("variables", "all"))), parameters, axes)
-    if selection.count > LONGEST:
-        raise StudyError(f"these settings give {selection.count:,} cases: choose at most {LONGEST:,}")
+    count = selection.count
+    require(count <= LONGEST, f"these settings give {count:,} cases: choose at most {LONGEST:,}")
     if study.check is not None:
         try:
             study.check(parameters, axes)
@@ -128,15 +129,11 @@ def _settings(study: Study, words: Sequence[str]) -> dict[str, str]:
     given: dict[str, str] = {}
     keys = [*(axis.key for axis in study.axes), *study.parameters, "variables"]
     for word in words:
-        if not word.isprintable():
-            raise StudyError(f"--set {word!a} contains unprintable characters")
+        require(word.isprintable(), f"--set {word!a} contains unprintable characters")
         key, equals, text = word.partition("=")
-        if not equals:
-            raise StudyError(f"--set {word} has no value: write --set {word}=VALUE")
-        if key not in keys:
-            raise StudyError(f"study {study.name!r} has no setting {key!r}: {nearest(key, keys, 'settings')}")
-        if key in given:
-            raise StudyError(f"{key} is set twice: give it once, with all its values")
+        require(bool(equals), f"--set {word} has no value: write --set {word}=VALUE")
+        require(key in keys, f"study {study.name!r} has no setting {key!r}: {nearest(key, keys, 'settings')}")
+        require(key not in given, f"{key} is set twice: give it once, with all its values")
         given[key] = text.strip()
     return given
 
@@ -162,26 +159,23 @@ def words_of_case(study: Study, case: Case) -> list[str]:
 def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:
     """`start:stop:step` with the stop included, or a comma list; decimal arithmetic gives 0.003 exactly."""
     if ":" not in text:
-        return tuple(_float(_decimal(key, piece)) for piece in _pieces(key, text))
+        return tuple(float(_decimal(key, piece)) + 0.0 for piece in _pieces(key, text))  # no negative zero
     parts = text.split(":")
-    if len(parts) != 3:
-        raise StudyError(f"{key}={text} must be start:stop:step, as in {key}=0.001:0.010:0.001")
+    require(len(parts) == 3, f"{key}={text} must be start:stop:step, as in {key}=0.001:0.010:0.001")
     start, stop, step = (_decimal(key, part) for part in parts)
-    if step <= 0:
-        raise StudyError(f"{key}={text} has the step {step}: give a step above zero")
-    if stop < start:
-        raise StudyError(f"{key}={text} runs backwards: write the smaller end first")
+    require(step > 0, f"{key}={text} has the step {step}: give a step above zero")
+    require(stop >= start, f"{key}={text} runs backwards: write the smaller end first")
     count = int((stop - start) / step) + 1 if (stop - start) / step < LONGEST else LONGEST + 1
     _check_length(key, text, count)
-    return tuple(_float(start + i * step) for i in range(count))
+    return tuple(float(start + i * step) + 0.0 for i in range(count))
 
 
 def _axis_values(axis: Axis, text: str) -> tuple:
     if axis.is_words:
         values: tuple = _pieces(axis.key, text)
         for value in values:
-            if value not in axis.choices:
-                raise StudyError(f"{axis.key} has no {value!r}: {nearest(value, axis.choices, 'choices')}")
+            hint = nearest(value, axis.choices, "choices")
+            require(value in axis.choices, f"{axis.key} has no {value!r}: {hint}")
     else:
         values = _integers(axis.key, text)
         _refuse_negative(axis.key, values)
@@ -196,10 +190,8 @@ def _variables(study: Study, text: str) -> tuple[str, ...]:
     words |= {name: [name] for name in table}
     pieces = _pieces("variables", text)
     for piece in pieces:
-        if piece not in words:
-            raise StudyError(
-                f"study {study.name!r} has no variable {piece!r}: {nearest(piece, list(words), 'choices')}"
-            )
+        hint = nearest(piece, list(words), "choices")
+        require(piece in words, f"study {study.name!r} has no variable {piece!r}: {hint}")
     _refuse_duplicates("variables", pieces)
     return tuple(name for piece in pieces for name in words[piece])
 
@@ -207,24 +199,18 @@ def _variables(study: Study, text: str) -> tuple[str, ...]:
 def _parameter(key: str, text: str, default: Any) -> Any:
     """The text as a value of the type of the default; negative numbers only if the default contains some."""
     if isinstance(default, bool):
-        if text not in ("true", "false"):
-            raise StudyError(f"{key}={text} must be true or false")
+        require(text in ("true", "false"), f"{key}={text} must be true or false")
         return text == "true"
     sample = default[0] if isinstance(default, tuple) else default
-    read = {int: _integers, float: _float_list, str: _pieces}[type(sample)]
+    read = {int: _integers, float: lambda key, text: decimals(text, key), str: _pieces}[type(sample)]
     values = read(key, text)
     if not isinstance(sample, str) and min(default if isinstance(default, tuple) else (default,)) >= 0:
         _refuse_negative(key, values)
     if isinstance(default, tuple):
         _refuse_duplicates(key, values)
         return values
-    if len(values) != 1:
-        raise StudyError(f"{key}={text} must be one value, as in {key}={default}")
+    require(len(values) == 1, f"{key}={text} must be one value, as in {key}={default}")
     return values[0]
-
-
-def _float_list(key: str, text: str) -> tuple[float, ...]:
-    return decimals(text, key)
 
 
 def _integers(key: str, text: str) -> tuple[int, ...]:
@@ -234,11 +220,9 @@ def _integers(key: str, text: str) -> tuple[int, ...]:
             values.append(_integer(key, piece))
             continue
         ends = piece.split(":")
-        if len(ends) != 2:
-            raise StudyError(f"{key}={text} must be start:stop, as in {key}=0:100")
+        require(len(ends) == 2, f"{key}={text} must be start:stop, as in {key}=0:100")
         start, stop = (_integer(key, end) for end in ends)
-        if stop <= start:
-            raise StudyError(f"{key}={piece} is an empty range: the stop is excluded, so give one above {start}")
+        require(stop > start, f"{key}={piece} is an empty range: the stop is excluded, so give one above {start}")
         _check_length(key, text, stop - start + len(values))
         values.extend(range(start, stop))
     return tuple(values)
@@ -246,15 +230,14 @@ def _integers(key: str, text: str) -> tuple[int, ...]:
 
 def _pieces(key: str, text: str) -> tuple[str, ...]:
     pieces = tuple(piece.strip() for piece in text.split(","))
-    if "" in pieces:
-        raise StudyError(f"{key}={text} has an empty value: write {key}=VALUE or {key}=VALUE,VALUE")
+    require("" not in pieces, f"{key}={text} has an empty value: write {key}=VALUE or {key}=VALUE,VALUE")
     _check_length(key, "...", len(pieces))
     return pieces
 
 
 def _integer(key: str, text: str) -> int:
-    if not re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text):
-        raise StudyError(f"{key} needs whole numbers, not {text!r}")
+    valid = re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text) is not None
+    require(valid, f"{key} needs whole numbers, not {text!r}")
     return int(text)
 
 
@@ -263,28 +246,19 @@ def _decimal(key: str, text: str) -> Decimal:
         value = Decimal(text.strip())
     except InvalidOperation:
         raise StudyError(f"{key} needs numbers, not {text!r}") from None
-    if not value.is_finite() or abs(float(value)) == float("inf"):
-        raise StudyError(f"{key} needs finite numbers, not {text!r}")
+    finite = value.is_finite() and math.isfinite(float(value))
+    require(finite, f"{key} needs finite numbers, not {text!r}")
     return value
 
 
-def _float(value: Decimal) -> float:
-    return float(value) + 0.0  # a negative zero would be another identity of the same case
-
-
 def _check_length(key: str, text: str, count: int) -> None:
-    if count > LONGEST:
-        raise StudyError(f"{key}={text} has {count:,} values or more: choose at most {LONGEST:,}")
+    require(count <= LONGEST, f"{key}={text} has {count:,} values or more: choose at most {LONGEST:,}")
 
 
 def _refuse_negative(key: str, values: Sequence[Any]) -> None:
-    if min(values) < 0:
-        raise StudyError(f"{key} must not be negative, but {min(values)} is")
+    require(min(values) >= 0, f"{key} must not be negative, but {min(values)} is")
 
 
 def _refuse_duplicates(key: str, values: Sequence[Any]) -> None:
-    seen = set()
-    for value in values:
-        if value in seen:
-            raise StudyError(f"{key} contains {value} twice: give every value once")
-        seen.add(value)
+    twice = [value for value, count in Counter(values).items() if count > 1]
+    require(not twice, f"{key} contains {spelled(twice[:1])} twice: give every value once")

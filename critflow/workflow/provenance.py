@@ -9,14 +9,13 @@ from __future__ import annotations
 import os
 import platform
 import re
-import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from hashlib import sha256
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import distributions, version
 from pathlib import Path
 
 import netCDF4
@@ -81,12 +80,6 @@ def source_tree(folder: Path = _PACKAGE.parent) -> Mapping[str, str]:
     return {"commit": commit, "commit_dirty": "true" if changed else "false"}
 
 
-def command_line(study: str, settings: Sequence[str], place: str) -> str:
-    """The command and where it computed, without folders or addresses."""
-    words = ["critflow", "run", Path(study).name, *(f"--set={word}" for word in settings)]
-    return f"{shlex.join(words)} ({place})"
-
-
 def timestamp() -> str:
     """The date of `history`: now, or SOURCE_DATE_EPOCH if set, for files without any difference."""
     word = os.environ.get("SOURCE_DATE_EPOCH", str(int(time.time())))
@@ -96,14 +89,7 @@ def timestamp() -> str:
 
 
 def _versions() -> dict[str, str]:
-    return {name: number for name in _ENVIRONMENT if (number := _version(name))}
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
+    return {name: found.version for name in _ENVIRONMENT for found in distributions(name=name)}
 
 
 def _environment() -> dict[str, str]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -20,7 +21,7 @@ from PIL import Image
 from critflow.result import CritflowError, StudyError
 from critflow.workflow.dataset import opened_dataset
 from critflow.workflow.folder import Folder
-from critflow.workflow.store import replacing, write_text
+from critflow.workflow.store import replacing
 from critflow.workflow.study import Claim, Study
 
 FORMATS = ("png", "pdf", "svg")
@@ -36,9 +37,17 @@ class ReportError(CritflowError):
 class Report:
     """Parts that were written, and parts that need variables which the run does not store."""
 
-    written: list[str] = field(default_factory=list)  # figures and animations
+    written: list[str] = field(default_factory=list)
     claims: list[Claim] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
+
+
+class Part(NamedTuple):
+    """A part of the report: its files, and the function that makes their contents from the dataset."""
+
+    name: str
+    paths: list[Path]
+    make: Callable[[xr.Dataset], list[bytes]]
 
 
 def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
@@ -51,68 +60,63 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
         raise StudyError(f"figures can be {', '.join(FORMATS)}, not {format!r}")
     report, errors = Report(), dict[str, Exception]()
     with opened_dataset(folder.dataset(study.name)) as dataset:
-        for part, paths, write in _parts(study, folder, dataset, format, report):
-            if not study.can_report(part):
-                report.left_out.append(part)
-                for path in paths:
+        for part in [*_picture_parts(study, folder, format), *text_parts(study, folder)]:
+            if not study.can_report(part.name):
+                report.left_out.append(part.name)
+                for path in part.paths:
                     path.unlink(missing_ok=True)
                 continue
             try:
-                write()
-            except CritflowError:
-                raise
+                contents = part.make(dataset)
             except Exception as error:
-                errors[part] = error
+                errors[part.name] = error
+                continue
+            for path, content in zip(part.paths, contents, strict=True):
+                path.parent.mkdir(exist_ok=True)
+                with replacing(path) as partial_path:
+                    partial_path.write_bytes(content)
+            report.written.append(part.name)
+            if part.name == "claims":
+                report.claims.extend(Claim(**claim) for claim in json.loads(contents[0]))
     if errors:
-        part, cause = next(iter(errors.items()))
+        name, cause = next(iter(errors.items()))
         others = f" (and {len(errors) - 1} more parts)" if len(errors) > 1 else ""
-        raise ReportError(f"{part!r} could not be made{others}: {type(cause).__name__}: {cause}") from cause
+        raise ReportError(f"{name!r} could not be made{others}: {type(cause).__name__}: {cause}") from cause
     return report
 
 
-def texts(study: Study, dataset: xr.Dataset) -> dict[str, Callable[[], dict[str, str]]]:
-    """For each part of the report that is text, a function that returns its files by name."""
-    parts: dict[str, Callable[[], dict[str, str]]] = {}
+def text_parts(study: Study, folder: Folder) -> list[Part]:
+    """The parts that are text: equal datasets give equal bytes."""
+    parts, path = [], folder.path
     if (claims := study.claims) is not None:
-        parts["claims"] = lambda: _claims_files(study, list(claims(dataset)))
+        files = [path / "claims.json", path / "claims.md"]
+        parts.append(Part("claims", files, lambda dataset: _claims_files(study, list(claims(dataset)))))
     if (summary := study.summary) is not None:
-        parts["summary"] = lambda: {"summary.json": _json(summary(dataset))}
+        parts.append(Part("summary", [path / "summary.json"], lambda dataset: [_json(summary(dataset))]))
     return parts
 
 
-def _parts(
-    study: Study, folder: Folder, dataset: xr.Dataset, format: str, report: Report
-) -> Iterator[tuple[str, list[Path], Callable[[], None]]]:
-    """Name, files and writer of every part."""
-    for name, draw in study.figures.items():
-        path = folder.figures / f"{name}.{format}"
-        yield name, [path], partial(_write_figure, path, draw, dataset, report)
-    for name, frames in study.animations.items():
-        path = folder.figures / f"{name}.gif"
-        yield name, [path], partial(_write_animation, path, frames, dataset, report)
-    names = {"claims": ("claims.json", "claims.md"), "summary": ("summary.json",)}
-    for part, made in texts(study, dataset).items():
-        paths = [folder.path / name for name in names[part]]
-        yield part, paths, partial(_write_texts, folder.path, made, report)
+def _picture_parts(study: Study, folder: Folder, format: str) -> list[Part]:
+    parts = [
+        Part(name, [folder.figures / f"{name}.{format}"], partial(_figure, draw, format))
+        for name, draw in study.figures.items()
+    ]
+    animations = study.animations.items()
+    return parts + [Part(n, [folder.figures / f"{n}.gif"], partial(_animation, frames)) for n, frames in animations]
 
 
-def _write_figure(path: Path, draw: Callable[[xr.Dataset], Figure], dataset: xr.Dataset, report: Report) -> None:
-    # Axes in three dimensions compute with the NaN of missing data.
-    with np.errstate(over="ignore", invalid="ignore"):
+def _figure(draw: Callable[[xr.Dataset], Figure], format: str, dataset: xr.Dataset) -> list[bytes]:
+    file = io.BytesIO()
+    with np.errstate(over="ignore", invalid="ignore"):  # axes in three dimensions compute with NaN of missing data
         figure = draw(dataset)
-        path.parent.mkdir(exist_ok=True)
-        with replacing(path) as partial_path:
-            # Without the version of matplotlib equal data give equal bytes.
-            metadata = {"Software": None} if path.suffix == ".png" else None
-            figure.savefig(partial_path, format=path.suffix[1:], metadata=metadata)
+        # Without the version of matplotlib equal data give equal bytes.
+        figure.savefig(file, format=format, metadata={"Software": None} if format == "png" else None)
     plt.close(figure)
-    report.written.append(path.stem)
+    return [file.getvalue()]
 
 
-def _write_animation(
-    path: Path, frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dataset, report: Report
-) -> None:
-    images = []
+def _animation(frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dataset) -> list[bytes]:
+    images, file = [], io.BytesIO()
     for figure in frames(dataset):
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
@@ -120,36 +124,26 @@ def _write_animation(
         plt.close(figure)
     if not images:
         raise ValueError("an animation needs at least one frame")
-    path.parent.mkdir(exist_ok=True)
     durations = [_FRAME] * (len(images) - 1) + [_LAST_FRAME]
-    with replacing(path) as partial_path:
-        images[0].save(partial_path, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
-    report.written.append(path.stem)
+    images[0].save(file, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
+    return [file.getvalue()]
 
 
-def _write_texts(folder: Path, made: Callable[[], dict[str, str]], report: Report) -> None:
-    files = made()
-    for name, text in files.items():
-        write_text(folder / name, text)
-    if "claims.json" in files:
-        report.claims.extend(Claim(**claim) for claim in json.loads(files["claims.json"]))
-
-
-def _claims_files(study: Study, claims: Sequence[Claim]) -> dict[str, str]:
+def _claims_files(study: Study, claims: Sequence[Claim]) -> list[bytes]:
     """The claims as JSON, and as a Markdown table followed by the reasons."""
     lines = [f"# {study.title}", "", "| claim | the paper says | paper | here | verdict |", "|---|---|---|---|---|"]
     lines += [f"| {_cells(c.key, c.statement, c.paper, c.value, c.verdict)} |" for c in claims]
     reasons = [f"- **{c.key}** {c.verdict}: {c.because}" for c in claims if c.because]
     table = "\n".join([*lines, *(["", *reasons] if reasons else [])]) + "\n"
-    return {"claims.json": _json([asdict(claim) for claim in claims]), "claims.md": table}
+    return [_json([asdict(claim) for claim in claims]), table.encode()]
 
 
 def _cells(*cells: str) -> str:
     return " | ".join(text.replace("|", "\\|").replace("\n", " ") for text in cells)
 
 
-def _json(value: Any) -> str:
-    return json.dumps(_plain(value), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+def _json(value: Any) -> bytes:
+    return (json.dumps(_plain(value), indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
 
 
 def _plain(value: Any) -> Any:

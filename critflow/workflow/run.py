@@ -12,7 +12,6 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
-from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -25,8 +24,8 @@ from critflow.workflow.plan import LONGEST, Case, Selection, spelled
 from critflow.workflow.provenance import code_version, host_facts
 from critflow.workflow.report import Report, ReportError, write_report
 from critflow.workflow.store import delete_failure, read_shard
-from critflow.workflow.tasks import Job, Outcome
-from critflow.workflow.workers import Interrupted, Interruption, Task, Workers, compute
+from critflow.workflow.tasks import Job
+from critflow.workflow.workers import Interrupted, Task, Workers, compute, interruption
 
 _RESUME = "run the same command again to resume"
 
@@ -131,34 +130,30 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers)
     ]
     left = Counter(case.values[first] for case in plan.todo)
     stored = 0
+    progress = _RunProgress(study.name, study.axes[0].noun, len(left))
     with (
-        _RunProgress(study.name, study.axes[0].noun, len(left)) as progress,
+        progress.bar,
         open(folder.log, "a", encoding="utf-8") as log,
-        Interruption(folder.stop) as interruption,
+        interruption(folder.stop) as stopped,
     ):
         log.write(f"# {host_facts()}; {len(plan.todo)} cases in {workers.place}\n")
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
-            progress.say(line)
+            progress.say(f"critflow: {line}")
         if tasks:
             progress.say(f"{study.name}: {len(left)} {progress.noun}, {len(plan.todo)} cases in {workers.place}")
         try:
-            for outcomes in compute(job, tasks, workers, interruption) if tasks else ():
+            for outcomes in compute(job, tasks, workers, stopped) if tasks else ():
                 stored += len(outcomes)
-                log.writelines(_log_line(outcome) for outcome in outcomes)
-                log.flush()
-                for outcome in outcomes:
-                    left[outcome.values[first]] -= 1
-                    if not left[outcome.values[first]]:
+                for case_id, values, status, seconds, checksum, error in outcomes:
+                    log.write(f"{case_id} {Status(status).name} {seconds:.3f} s {checksum} {error}\n")
+                    left[values[first]] -= 1
+                    if not left[values[first]]:
                         progress.advance()
+                log.flush()
         except KeyboardInterrupt:
             raise Interrupted(f"stopped at once; complete cases are stored: {_RESUME}") from None
     if stored < len(plan.todo):
         raise Interrupted(f"interrupted after {stored} of {len(plan.todo)} cases: {_RESUME}")
-
-
-def _log_line(outcome: Outcome) -> str:
-    status = Status(outcome.status).name
-    return f"{outcome.case_id} {status} {outcome.seconds:.3f} s {outcome.checksum} {outcome.error}\n"
 
 
 def _finish(plan: RunPlan, folder: Folder, command: str) -> RunResult:
@@ -197,27 +192,14 @@ class _RunProgress:
     """Number of finished values of the first axis: a bar on a terminal, ten lines elsewhere."""
 
     def __init__(self, title: str, noun: str, total: int):
-        self.title, self.noun, self.total = title, noun, total
-        self.console = Console(stderr=True, highlight=False, soft_wrap=True)
-        self.done = 0
+        self.title, self.noun, self.total, self.done = title, noun, total, 0
         self.start = time.monotonic()
-        self.bar: Progress | None = None
-        if self.console.is_terminal and total:
-            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn(noun))
-            times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-            self.bar = Progress(*columns, *times, console=self.console)
-
-    def __enter__(self) -> _RunProgress:
-        if self.bar:
-            self.bar.start()
-            self.task = self.bar.add_task(self.title, total=self.total)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self.bar:
-            self.bar.stop()
+        self.console = Console(stderr=True, highlight=False, soft_wrap=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn(noun))
+        times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+        off = not (self.console.is_terminal and total)
+        self.bar = Progress(*columns, *times, console=self.console, disable=off)
+        self.task = self.bar.add_task(title, total=total)
 
     def say(self, line: str) -> None:
         """Print a line on stderr without disturbing the bar."""
@@ -225,9 +207,8 @@ class _RunProgress:
 
     def advance(self) -> None:
         self.done += 1
-        if self.bar:
-            self.bar.advance(self.task)
-        elif self.done * 10 // self.total > (self.done - 1) * 10 // self.total:
+        self.bar.advance(self.task)
+        if self.bar.disable and self.done * 10 // self.total > (self.done - 1) * 10 // self.total:
             elapsed = time.monotonic() - self.start
             left = elapsed / self.done * (self.total - self.done)
             ending = f"about {left:.0f} s left" if self.done < self.total else f"in {elapsed:.1f} s"

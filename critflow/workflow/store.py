@@ -150,7 +150,7 @@ def _read(path: Path, study: Study, case: Case) -> Shard:
             for name, expected in _identity(study, case).items():
                 if (found := file.getncattr(name)) != expected:
                     kind = OtherTable if name == "table" else IntegrityError  # compared last
-                    raise kind(f"{path} is not the shard of its case: its {name} is {found}, not {expected}")
+                    raise kind(f"{path} is damaged: its {name} is {found}, not {expected}")
             arrays = {name: np.asarray(variable[...]) for name, variable in file.variables.items()}
             origin = {name: str(file.getncattr(name)) for name in ("code", "environment")}
             return Shard(Status(int(file.getncattr("status"))), arrays, checksum, **origin)
@@ -186,8 +186,6 @@ def last_line(text: str) -> str:
 
 
 def failure_reason(folder: Path, case: Case) -> str:
-    """Reason of a failed case, for messages only: the existence of the text says that the case failed."""
-    try:
-        return last_line(failure_path(folder, case).read_text(encoding="utf-8", errors="replace"))
-    except OSError:
-        return last_line("")
+    """Reason of a failed case, empty if it has no text; for messages only: the existence of the text decides."""
+    path = failure_path(folder, case)
+    return last_line(path.read_text(encoding="utf-8", errors="replace")) if path.is_file() else ""

@@ -45,6 +45,11 @@ def nearest(word: str, known: Sequence[str], noun: str) -> str:
     return f"did you mean {close[0]!r}?" if close else f"the {noun} are {', '.join(known)}"
 
 
+def require(condition: bool, message: str) -> None:
+    if not condition:
+        raise StudyError(message)
+
+
 @dataclass(frozen=True)
 class Axis:
     """An axis of the study: one case is computed for every combination of axis values.
@@ -61,15 +66,14 @@ class Axis:
 
     def __post_init__(self) -> None:
         _identifier(self.name, "axis")
-        if len(self.values) > LONGEST:
-            raise StudyError(f"axis {self.name!r} has {len(self.values):,} values: give at most {LONGEST:,}")
+        count, name = len(self.values), f"axis {self.name!r}"
+        require(count <= LONGEST, f"{name} has {count:,} values: give at most {LONGEST:,}")
         values = tuple(self.values)
-        if not values or len(set(values)) < len(values):
-            raise StudyError(f"axis {self.name!r} needs different values, got {values!r}")
-        if not all(type(value) is type(values[0]) and type(value) in (int, str) for value in values):
-            raise StudyError(f"axis {self.name!r} needs whole numbers or words, all of one kind")
-        if below := [value for value in values if isinstance(value, int) and value < 0]:
-            raise StudyError(f"axis {self.name!r} needs whole numbers from zero, got {below[0]}")
+        require(bool(values) and len(set(values)) == count, f"{name} needs different values")
+        kinds = {type(value) for value in values}
+        require(kinds in ({int}, {str}), f"{name} needs whole numbers or words, all of one kind")
+        negative = any(isinstance(value, int) and value < 0 for value in values)
+        require(not negative, f"{name} needs whole numbers from zero")
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "key", self.key or f"{self.name}s")
         object.__setattr__(self, "noun", self.noun or self.key)
@@ -114,22 +118,21 @@ class Variable:
 
     def __post_init__(self) -> None:
         _identifier(self.name, "variable")
-        if isinstance(self.dims, str):
-            raise StudyError(f"dims of variable {self.name!r} must be a tuple: write ({self.dims!r},)")
+        name = f"variable {self.name!r}"
+        require(not isinstance(self.dims, str), f"dims of {name} must be a tuple: write ({self.dims!r},)")
         object.__setattr__(self, "dims", tuple(self.dims))
-        if len(set(self.dims)) < len(self.dims):
-            raise StudyError(f"variable {self.name!r} names a dimension twice: call the second one {self.dims[-1]}_")
-        if self.dtype not in _DTYPES:
-            raise StudyError(f"dtype {self.dtype!r} of variable {self.name!r} must be one of {', '.join(_DTYPES)}")
-        integer = self.dtype[0] in "iu"
-        if (self.flags or self.fill is not None) and not integer:
-            raise StudyError(f"variable {self.name!r} has flags or an integer fill, so its dtype must be an integer")
-        if integer:
-            limits = np.iinfo(self.dtype)
-            fill = self.fill if self.fill is not None else limits.min if self.dtype[0] == "i" else limits.max
-            if not limits.min <= fill <= limits.max:
-                raise StudyError(f"fill {fill} of variable {self.name!r} does not fit its dtype {self.dtype}")
-            object.__setattr__(self, "fill", int(fill))
+        unique = len(set(self.dims)) == len(self.dims)
+        require(unique, f"{name} names a dimension twice: call the second one {self.dims[-1:]}_")
+        require(self.dtype in _DTYPES, f"dtype {self.dtype!r} of {name} must be one of {', '.join(_DTYPES)}")
+        if self.dtype[0] == "f":
+            require(
+                not self.flags and self.fill is None, f"{name} has flags or a fill, so its dtype must be an integer"
+            )
+            return
+        limits = np.iinfo(self.dtype)
+        fill = self.fill if self.fill is not None else limits.min if self.dtype[0] == "i" else limits.max
+        require(limits.min <= fill <= limits.max, f"fill {fill} of {name} does not fit its dtype {self.dtype}")
+        object.__setattr__(self, "fill", int(fill))
 
     @property
     def filler(self) -> float | int:
@@ -140,18 +143,16 @@ class Variable:
 
     def cast(self, value: Any) -> np.ndarray:
         """The value in the declared dtype; `StudyError` if the conversion loses more than digits of a float."""
-        given = np.asarray(value)
-        target = np.dtype(self.dtype)
-        if not np.can_cast(given.dtype, target, "same_kind") and not (given.dtype.kind in "iu" and target.kind in "iu"):
-            raise StudyError(f"{self.name!r} has dtype {given.dtype}, which does not go into {self.dtype}")
+        given, target = np.asarray(value), np.dtype(self.dtype)
+        fits = np.can_cast(given.dtype, target, "same_kind") or {given.dtype.kind, target.kind} <= {"i", "u"}
+        require(fits, f"{self.name!r} has dtype {given.dtype}, which cannot be cast to {self.dtype}")
         array = given.astype(target)
         if self.fill is not None:
-            if not np.array_equal(array, given):
-                raise StudyError(f"{self.name!r} has numbers too large for {self.dtype}")
-            if not self.flags and (array == self.fill).any():
-                raise StudyError(
-                    f"{self.name!r} contains {self.fill}, which stands for a missing value: declare another"
-                )
+            require(np.array_equal(array, given), f"{self.name!r} has numbers too large for {self.dtype}")
+            missing = not self.flags and bool((array == self.fill).any())
+            require(
+                not missing, f"{self.name!r} contains {self.fill}, which stands for a missing value: declare another"
+            )
         return array
 
 
@@ -167,12 +168,10 @@ class Claim:
     because: str = ""  # required when it differs
 
     def __post_init__(self) -> None:
-        if self.verdict not in ("holds", "differs", "measured"):
-            raise StudyError(
-                f"verdict of claim {self.key!r} must be 'holds', 'differs' or 'measured', not {self.verdict!r}"
-            )
-        if self.verdict == "differs" and not self.because.strip():
-            raise StudyError(f"claim {self.key!r} differs: give the reason in `because`")
+        claim, verdicts = f"claim {self.key!r}", ("holds", "differs", "measured")
+        require(self.verdict in verdicts, f"verdict {self.verdict!r} of {claim} must be one of {', '.join(verdicts)}")
+        explained = self.verdict != "differs" or bool(self.because.strip())
+        require(explained, f"{claim} differs: give the reason in `because`")
 
     @classmethod
     def tested(
@@ -214,50 +213,46 @@ class Study:
     left_out: Sequence[Variable] = ()  # rows of the table that are not stored; set by `storing`
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name):
-            raise StudyError(f"study name {self.name!r} must be letters, digits, - and _")
-        for name in ("axes", "variables", "coordinates", "left_out"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+        name = f"study {self.name!r}"
+        valid = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name) is not None
+        require(valid, f"study name {self.name!r} must be letters, digits, - and _")
+        for key in ("axes", "variables", "coordinates", "left_out"):
+            object.__setattr__(self, key, tuple(getattr(self, key)))
         parameters = {key: _plain_parameter(key, value) for key, value in self.parameters.items()}
         object.__setattr__(self, "parameters", parameters)
-        if not self.axes:
-            raise StudyError(f"study {self.name!r} needs at least one axis")
-        if type(self.version) is not int or self.version < 1:
-            raise StudyError(f"version {self.version!r} of study {self.name!r} must be a whole number above zero")
-        for name in (*self.figures, *self.animations):
-            _identifier(name, "figure")
-        if self.workers is not None and self.workers < 1:
-            raise StudyError(f"study {self.name!r} allows {self.workers} workers: allow one, or omit it")
+        require(bool(self.axes), f"{name} needs at least one axis")
+        positive = type(self.version) is int and self.version > 0
+        require(positive, f"version {self.version!r} of {name} must be a whole number above zero")
+        for part in (*self.figures, *self.animations):
+            _identifier(part, "figure")
+        require(self.workers is None or self.workers > 0, f"{name} must allow one worker, or omit `workers`")
         self._check_case()
         self._check_needs()
         self._check_table()
 
     def _check_table(self) -> None:
         """Raise unless names are unique and axes, parameters, coordinates and variables agree."""
-        parameters = self.parameters
+        name, parameters = f"study {self.name!r}", self.parameters
         labels = [*self.axis_names, *(c.name for c in self.coordinates), *(v.name for v in self.variables)]
         for names in (labels, ["variables", *(axis.key for axis in self.axes), *parameters]):
-            if twice := sorted({name for name in names if names.count(name) > 1}):
-                raise StudyError(f"study {self.name!r} uses the name {twice[0]!r} twice")
-        for coordinate in self.coordinates:
-            if not isinstance(parameters.get(coordinate.parameter), tuple):
-                raise StudyError(
-                    f"coordinate {coordinate.name!r} needs a parameter {coordinate.parameter!r} with a list"
-                )
-        for variable in self.variables:
-            if variable.volatile and not set(self.axis_names) <= set(variable.dims):
-                raise StudyError(f"variable {variable.name!r} is volatile and needs every axis in its dims")
-        status = next((variable for variable in self.variables if variable.name == "status"), None)
-        if status is None or status.flags is not Status or set(status.dims) != set(self.axis_names):
-            raise StudyError(f"study {self.name!r} needs a variable 'status' over exactly its axes with flags=Status")
+            twice = sorted({word for word in names if names.count(word) > 1})
+            require(not twice, f"{name} uses the name {''.join(twice[:1])!r} twice")
+        for c in self.coordinates:
+            listed = isinstance(parameters.get(c.parameter), tuple)
+            require(listed, f"coordinate {c.name!r} needs a parameter {c.parameter!r} with a list")
+        for v in self.variables:
+            complete = not v.volatile or set(self.axis_names) <= set(v.dims)
+            require(complete, f"variable {v.name!r} is volatile, so cases cannot share it: add every axis")
+        status = [v for v in self.variables if v.name == "status" and v.flags is Status]
+        right = [set(v.dims) for v in status] == [set(self.axis_names)]
+        require(right, f"{name} needs a variable 'status' over exactly its axes with flags=Status")
 
     def _check_case(self) -> None:
         """Raise unless the case function takes the parameters and a value of every axis."""
-        if not callable(self.case):
-            raise StudyError(f"case of study {self.name!r} must be a function, not {self.case!r}")
+        require(callable(self.case), f"case of study {self.name!r} must be a function, not {self.case!r}")
         try:
             signature = inspect.signature(self.case)
-        except ValueError:  # functions in C may have no signature
+        except ValueError:  # some builtins have no signature
             return
         wanted = {"wanted"} & signature.parameters.keys()
         try:
@@ -271,23 +266,18 @@ class Study:
         parts = [*self.figures, *self.animations, "claims", "summary", "verify"]
         variables = [variable.name for variable in (*self.variables, *self.left_out)]
         for part, names in self.needs.items():
-            if part not in parts:
-                raise StudyError(f"needs of study {self.name!r} names {part!r}: {nearest(part, parts, 'parts')}")
-            if isinstance(names, str):
-                raise StudyError(f"needs of {part!r} must be a tuple of names: write ({names!r},)")
+            require(part in parts, f"needs of study {self.name!r} names {part!r}: {nearest(part, parts, 'parts')}")
+            require(not isinstance(names, str), f"needs of {part!r} must be a tuple of names: write ({names!r},)")
             for name in names:
-                if name not in variables:
-                    hint = nearest(name, variables, "variables")
-                    raise StudyError(f"{part!r} needs {name!r}, which no variable declares: {hint}")
+                hint = nearest(name, variables, "variables")
+                require(name in variables, f"{part!r} needs {name!r}, which no variable declares: {hint}")
 
     def worker_count(self, requested: int | None, available: int) -> int:
         """Number of worker processes: the requested number, otherwise one per CPU within the limit of the study."""
-        if requested is None:
-            return min(available, self.workers or available)
-        if self.workers is not None and requested > self.workers:
-            limit = f"give at most {self.workers}"
-            raise StudyError(f"--workers {requested} disturbs the times that {self.name!r} measures: {limit}")
-        return requested
+        limit = self.workers or max(available, requested or 0)
+        message = f"--workers {requested} disturbs the times that {self.name!r} measures: give at most {limit}"
+        require(requested is None or requested <= limit, message)
+        return min(available, limit) if requested is None else requested
 
     def can_report(self, part: str) -> bool:
         """Whether all variables that a part of the report needs are stored."""
@@ -338,8 +328,8 @@ class Study:
 
     def arrays(self, returned: Any, parameters: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """The returned arrays, checked against the table and cast; variables may be missing unless the status is ok."""
-        if not isinstance(returned, Mapping) or "status" not in returned:
-            raise StudyError("the case function must return a dict with at least 'status'")
+        valid = isinstance(returned, Mapping) and "status" in returned
+        require(valid, "the case function must return a dict with at least 'status'")
         status = Status(int(returned["status"]))
         names = [variable.name for variable in self.variables]
         declared = [*names, *(variable.name for variable in self.left_out)]
@@ -347,50 +337,39 @@ class Study:
             if name not in declared:
                 hint = nearest(name, declared, "variables")
                 raise StudyError(f"the case function returned {name!r}, which no variable declares: {hint}")
-        if missing := [name for name in names if name not in returned]:
-            if status is Status.ok:
-                raise StudyError(f"the case function returned status ok without {', '.join(missing)}")
+        missing = [name for name in names if name not in returned]
+        complete = not missing or status is not Status.ok
+        require(complete, f"the case function returned status ok without {', '.join(missing)}")
         sizes = {coordinate.name: len(parameters[coordinate.parameter]) for coordinate in self.coordinates}
         arrays = {}
         for variable in self.variables:
             if variable.name not in returned:
                 continue
-            array = variable.cast(returned[variable.name])
-            dims = self.inner_dims[variable.name]
-            if array.ndim != len(dims) or 0 in array.shape:
-                raise StudyError(
-                    f"{variable.name!r} has shape {array.shape} in a case, but its dimensions there are {dims}"
-                )
+            array, dims = variable.cast(returned[variable.name]), self.inner_dims[variable.name]
+            name, fits = repr(variable.name), array.ndim == len(dims) and 0 not in array.shape
+            require(fits, f"{name} has shape {array.shape} in a case, its inner dimensions are {dims}")
             for dim, size in zip(dims, array.shape, strict=True):
-                if sizes.setdefault(dim, size) != size:
-                    raise StudyError(f"{variable.name!r} has length {size} in {dim!r}, not {sizes[dim]}")
+                equal = sizes.setdefault(dim, size) == size
+                require(equal, f"{name} has length {size} in {dim!r}, not {sizes[dim]}")
             arrays[variable.name] = array
         return arrays
 
 
 def _identifier(name: str, kind: str) -> None:
-    if not _NAME.fullmatch(name):
-        raise StudyError(f"{kind} name {name!r} must be a word of letters, digits and _")
+    valid = _NAME.fullmatch(name) is not None
+    require(valid, f"{kind} name {name!r} must be a word of letters, digits and _")
 
 
 def _plain_parameter(key: str, value: Any) -> Any:
     """The default as a plain Python number, word, truth value or tuple: equal values have one identity."""
     _identifier(key, "parameter")
-    value = value.item() if isinstance(value, np.generic) else value
-    if type(value) in (bool, int, float, str):
-        return _finite(key, value)
-    if isinstance(value, (Sequence, np.ndarray)):
-        items = tuple(item.item() if isinstance(item, np.generic) else item for item in value)
-        if items and {type(item) for item in items} == {int, float}:
-            items = tuple(float(item) for item in items)
-        if items and len({type(item) for item in items}) == 1 and type(items[0]) in (int, float, str):
-            return tuple(_finite(key, item) for item in items)
-    raise StudyError(
-        f"parameter {key!r} must default to a number, a word, a truth value, or a list of numbers or words"
-    )
-
-
-def _finite(key: str, value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        raise StudyError(f"parameter {key!r} must default to finite numbers, not {value}")
-    return value
+    listed = isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str)
+    items = tuple(item.item() if isinstance(item, np.generic) else item for item in (value if listed else (value,)))
+    if {type(item) for item in items} == {int, float}:
+        items = tuple(float(item) for item in items)
+    finite = all(math.isfinite(item) for item in items if isinstance(item, float))
+    require(finite, f"parameter {key!r} must default to finite numbers, not {value}")
+    kinds = {type(item) for item in items}
+    if len(kinds) == 1 and kinds <= ({int, float, str} if listed else {bool, int, float, str}):
+        return items if listed else items[0]
+    raise StudyError(f"parameter {key!r} must default to a number, word or truth value, or a list of numbers or words")

@@ -66,11 +66,8 @@ class Job:
             raise StudyError(f"{self.study_path} changed during the run: run it again")
         found = libraries()
         if different := [name for name in {**self.libraries, **found} if self.libraries.get(name) != found.get(name)]:
-            words = [
-                f"{n} {found.get(n, 'missing')} (not {self.libraries.get(n, 'installed here')})" for n in different
-            ]
-            machine = socket.gethostname()
-            raise EnvironmentFailure(f"the worker on {machine} has {', '.join(words)}: install the same versions there")
+            words = ", ".join(f"{n} {found.get(n, 'missing')} (not {self.libraries.get(n)})" for n in different)
+            raise EnvironmentFailure(f"the worker on {socket.gethostname()} has {words}: install the same versions")
         return loaded.study.storing(self.variables)
 
     def case(self, study: Study, values: Mapping[str, int | str]) -> Case:
@@ -105,7 +102,7 @@ def record_failure(job: Job, study: Study, case: Case, error: str, seconds: floa
 
 def take_trace(folder: Folder, case: Case) -> str | None:
     """Reason and stack of the death in this case, whose trace file is deleted; None if there was no death in it."""
-    path = _trace_path(folder, case)
+    path = folder.trace(case)
     try:
         stack = path.read_text(encoding="utf-8", errors="replace").partition("\n\nExtension modules")[0].strip()
     except FileNotFoundError:
@@ -155,7 +152,7 @@ def _attempted(job: Job, folder: Folder, study: Study, case: Case) -> Outcome:
 @contextmanager
 def _traced(folder: Folder, case: Case, seconds: float) -> Iterator[None]:
     """Keep a trace file during the block, and end the process if it takes longer than its time limit."""
-    path = _trace_path(folder, case)
+    path = folder.trace(case)
     with open(path, "w") as trace:
         faulthandler.enable(trace, all_threads=False)
         faulthandler.register(signal.SIGTERM, trace, chain=True)  # sent by dask for too much memory
@@ -168,7 +165,3 @@ def _traced(folder: Folder, case: Case, seconds: float) -> Iterator[None]:
             faulthandler.unregister(signal.SIGTERM)
             faulthandler.disable()
     path.unlink(missing_ok=True)
-
-
-def _trace_path(folder: Folder, case: Case) -> Path:
-    return folder.failed / f".{case.id}.trace"

@@ -12,7 +12,7 @@ import xarray as xr
 from critflow.result import IntegrityError, StudyError
 from critflow.workflow.dataset import REWRITE, labelled_dataset, opened_dataset
 from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, Folder
-from critflow.workflow.report import texts
+from critflow.workflow.report import text_parts
 from critflow.workflow.store import read_shard, shard_path
 from critflow.workflow.study import Study
 
@@ -96,8 +96,8 @@ def _plain(attributes: dict[Any, Any]) -> dict[str, list]:
 
 def _outdated_texts(study: Study, folder: Folder, dataset: xr.Dataset) -> Iterator[str]:
     """A line for each file of claims or of the summary that differs from the dataset."""
-    for part, made in texts(study, dataset).items():
-        for name, text in made().items() if study.can_report(part) else ():
-            path = folder.path / name
-            if not path.is_file() or path.read_bytes() != text.encode():
-                yield f"{path} differs from the dataset: {REWRITE}"
+    for part in text_parts(study, folder):
+        if study.can_report(part.name):
+            for path, content in zip(part.paths, part.make(dataset), strict=True):
+                if not path.is_file() or path.read_bytes() != content:
+                    yield f"{path} differs from the dataset: {REWRITE}"

@@ -9,6 +9,7 @@ from dask's configuration alone (`jobqueue.slurm` for `--cluster slurm`); each j
 
 from __future__ import annotations
 
+import asyncio
 import importlib
 import logging
 import math
@@ -17,7 +18,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -40,18 +41,9 @@ Task = Sequence[Mapping[str, int | str]]  # axis values of some cases
 
 ATTEMPTS = 3
 HOUR = 3600.0
-CLUSTERS = {  # module and class of dask-jobqueue
-    "slurm": "SLURMCluster",
-    "pbs": "PBSCluster",
-    "sge": "SGECluster",
-    "lsf": "LSFCluster",
-    "oar": "OARCluster",
-    "moab": "MoabCluster",
-    "htcondor": "HTCondorCluster",
-    "local": "LocalCluster",  # jobs are processes of this machine, for a trial without a queue
-}
+# Modules of dask-jobqueue; the jobs of "local" are processes of this machine, for a trial without a queue.
+CLUSTERS = ("slurm", "pbs", "sge", "lsf", "oar", "moab", "htcondor", "local")
 
-_GIGABYTE = 10**9
 _GRACE = 60.0  # seconds beyond the time limit before the scheduler restarts a silent worker
 _SCHEDULER_ANSWERS = 10.0  # seconds
 _WORKERS_START = 60.0  # seconds: local workers that died are back earlier
@@ -65,31 +57,30 @@ class Interrupted(CritflowError):
     """The run was stopped; all cases computed before are stored."""
 
 
-class Interruption:
-    """First Ctrl-C or SIGTERM: running cases finish and no other begins.  Second: `KeyboardInterrupt`."""
+@contextmanager
+def interruption(stop: Path) -> Iterator[threading.Event]:
+    """An event that the first Ctrl-C or SIGTERM sets: running cases finish and no other begins.
 
-    def __init__(self, stop: Path):
-        self.stop = stop  # workers look for this file before each case
-        self.requested = False
+    Workers look for the file `stop` before each case.  A second signal raises `KeyboardInterrupt`.
+    """
+    requested = threading.Event()
 
-    def __enter__(self) -> Interruption:
-        self.before = {}
-        if threading.current_thread() is threading.main_thread():  # signals are handled only there
-            self.before = {number: signal.signal(number, self._request) for number in (signal.SIGINT, signal.SIGTERM)}
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self.before.items():
-            signal.signal(number, handler)
-
-    def _request(self, number: int, frame: FrameType | None) -> None:
-        if self.requested:
+    def request(number: int, frame: FrameType | None) -> None:
+        if requested.is_set():
             raise KeyboardInterrupt
-        self.requested = True
+        requested.set()
         with suppress(OSError):
-            self.stop.touch()
+            stop.touch()
         # Not through the console: the interrupted line may own its lock.
         os.write(2, b"\nstopping: running cases finish and are stored; press Ctrl-C again to stop at once\n")
+
+    main = threading.current_thread() is threading.main_thread()  # signals are handled only there
+    before = {number: signal.signal(number, request) for number in (signal.SIGINT, signal.SIGTERM) if main}
+    try:
+        yield requested
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @dataclass(frozen=True)
@@ -108,18 +99,18 @@ class Workers:
         for option, value in (("--time-limit", self.case_seconds), ("--memory-limit", self.gigabytes)):
             if value is not None and not 0 < value < math.inf:
                 raise InputError(f"{option} {value:g} must be a number above zero")
-        if self.processes < 0 or self.jobs < 1:
-            raise InputError("--workers must not be negative, and --jobs must be positive")
-        if self.scheduler and self.cluster:
-            raise InputError("--scheduler and --cluster exclude each other: give one of them")
-        if self.cluster and self.cluster not in CLUSTERS:
-            raise InputError(f"there is no cluster {self.cluster!r}: {nearest(self.cluster, [*CLUSTERS], 'clusters')}")
-        if self.scheduler and not self.scheduler.startswith("tls://") and not self.insecure:
-            raise InputError(f"the scheduler at {self.scheduler!r} is not encrypted: use tls://, or add --insecure")
-        if not self.processes and not self.remote and (self.case_seconds, self.gigabytes) != (HOUR, None):
-            raise InputError("limits apply to worker processes, and --workers 0 has none: give --workers 1")
-        if self.remote and self.gigabytes is not None:
-            raise InputError("--memory-limit applies to local workers: set it where the other workers are started")
+        hint, limited = nearest(self.cluster, CLUSTERS, "clusters"), (self.case_seconds, self.gigabytes) != (HOUR, None)
+        open_scheduler = self.scheduler and not self.scheduler.startswith("tls://") and not self.insecure
+        for wrong, message in (
+            (self.processes < 0 or self.jobs < 1, "--workers must not be negative, and --jobs must be positive"),
+            (self.scheduler and self.cluster, "--scheduler and --cluster exclude each other: give one of them"),
+            (self.cluster not in ("", *CLUSTERS), f"there is no cluster {self.cluster!r}: {hint}"),
+            (open_scheduler, f"the scheduler at {self.scheduler!r} is not encrypted: use tls://, or add --insecure"),
+            (limited and not self.processes and not self.remote, "limits need worker processes: give --workers 1"),
+            (self.remote and self.gigabytes is not None, "--memory-limit applies to local workers: leave it out"),
+        ):
+            if wrong:
+                raise InputError(message)
 
     @property
     def remote(self) -> bool:
@@ -140,21 +131,19 @@ class Workers:
         return ("--workers=1", *limits, *([] if self.gigabytes is None else [f"--memory-limit={self.gigabytes:g}"]))
 
 
-def compute(job: Job, tasks: Sequence[Task], workers: Workers, interruption: Interruption) -> Iterator[list[Outcome]]:
+def compute(job: Job, tasks: Sequence[Task], workers: Workers, stopped: threading.Event) -> Iterator[list[Outcome]]:
     """Outcomes of the tasks in the order in which they end; a stopped run ends earlier."""
     if workers.processes or workers.remote:
         with _client(workers, min(workers.processes, len(tasks)), Path(job.folder)) as client:
-            yield from _distributed(client, job, tasks, interruption)
+            yield from _distributed(client, job, tasks, stopped)
         return
     for task in tasks:
-        if interruption.requested:
+        if stopped.is_set():
             return
         yield run_cases(job, task)
 
 
-def _distributed(
-    client: Client, job: Job, tasks: Sequence[Task], interruption: Interruption
-) -> Iterator[list[Outcome]]:
+def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threading.Event) -> Iterator[list[Outcome]]:
     completed = as_completed([], loop=client.loop, with_results=True, raise_errors=False)
     running: dict[Future, Task] = {}
     deaths = _Deaths(job)
@@ -169,7 +158,7 @@ def _distributed(
         submit(task)
     cancelled = False
     while running:
-        if interruption.requested and not cancelled:
+        if stopped.is_set() and not cancelled:
             cancelled = True
             _cancel_waiting(client, running)
         ended = completed.next_batch(block=False)
@@ -179,7 +168,7 @@ def _distributed(
             if (task := running.pop(future, ())) and future.status == "finished":
                 deaths.unexplained = 0
                 yield result
-            elif task and not interruption.requested:
+            elif task and not stopped.is_set():
                 failed, again = deaths.explain(task, result)
                 yield failed
                 for part in again:
@@ -234,21 +223,28 @@ class _Deaths:
 @contextmanager
 def _client(workers: Workers, processes: int, folder: Path) -> Iterator[Client]:
     """A client of the workers; temporary credentials of jobs are stored in the folder."""
+    cluster: Any = None
     with dask.config.set(_dask_settings(workers)):
-        if workers.scheduler:
-            with _joined(lambda: _scheduler_client(workers)) as client:
-                yield client
-            return
-        cluster = _jobs_cluster(workers, folder) if workers.cluster else _local_cluster(workers, processes)
         try:
-            with _joined(lambda: Client(cluster, set_as_default=False)) as client:
+            with _without_interrupts():
+                if workers.scheduler:
+                    client = _scheduler_client(workers)
+                else:
+                    cluster = _jobs_cluster(workers, folder) if workers.cluster else _local_cluster(workers, processes)
+                    client = Client(cluster, set_as_default=False)
+            with client:  # an open one delays the end of the interpreter by a minute
+                if workers.scheduler:
+                    client.wait_for_workers(1, timeout=_WORKERS_START)
                 yield client
+        except TimeoutError as error:
+            raise EnvironmentFailure(f"the scheduler at {workers.scheduler} has no worker: start some") from error
         except BaseException:
             if isinstance(cluster, LocalCluster):
                 _kill_workers(cluster)
             raise
         finally:
-            cluster.close(timeout=10)
+            if cluster is not None:
+                cluster.close(timeout=10)
 
 
 def _dask_settings(workers: Workers) -> dict[str, object]:
@@ -276,23 +272,17 @@ def _dask_settings(workers: Workers) -> dict[str, object]:
 
 
 def _local_cluster(workers: Workers, processes: int) -> LocalCluster:
-    def start() -> LocalCluster:
-        with _without_interrupts():
-            return LocalCluster(
-                n_workers=processes,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit="auto" if workers.gigabytes is None else int(workers.gigabytes * _GIGABYTE),
-                host="127.0.0.1",
-                security=True,
-                scheduler_kwargs=_NO_DASHBOARD,
-                silence_logs=logging.CRITICAL,
-            )
-
-    with suppress(Exception):  # a worker may be killed by chance while it starts
-        return start()
     try:
-        return start()
+        return LocalCluster(
+            n_workers=processes,
+            threads_per_worker=1,
+            processes=True,
+            memory_limit="auto" if workers.gigabytes is None else int(workers.gigabytes * 1e9),
+            host="127.0.0.1",
+            security=True,
+            scheduler_kwargs=_NO_DASHBOARD,
+            silence_logs=logging.CRITICAL,
+        )
     except Exception as error:
         advice = "try fewer, or --workers 0"
         raise EnvironmentFailure(f"cannot start {processes} worker processes ({error}): {advice}") from error
@@ -310,17 +300,11 @@ def _kill_workers(cluster: LocalCluster) -> None:
 def _scheduler_client(workers: Workers) -> Client:
     address, security = workers.scheduler, Security(require_encryption=not workers.insecure)
     try:
-        client = Client(address, timeout=_SCHEDULER_ANSWERS, security=security, set_as_default=False)
+        return Client(address, timeout=_SCHEDULER_ANSWERS, security=security, set_as_default=False)
     except TypeError as error:  # without certificates
         raise InputError(f"{address} needs certificates: set distributed.comm.tls in dask's configuration") from error
     except (OSError, ValueError) as error:
         raise EnvironmentFailure(f"no scheduler answers at {address}: start one, or give another address") from error
-    try:
-        client.wait_for_workers(1, timeout=_WORKERS_START)
-    except TimeoutError as error:
-        client.close()
-        raise EnvironmentFailure(f"the scheduler at {address} has no worker: start some") from error
-    return client
 
 
 def _jobs_cluster(workers: Workers, folder: Path) -> Any:
@@ -329,53 +313,37 @@ def _jobs_cluster(workers: Workers, folder: Path) -> Any:
     where = f"jobqueue.{name} in dask's configuration"
     try:
         interrupt = signal.getsignal(signal.SIGINT)
-        kind = getattr(importlib.import_module(f"dask_jobqueue.{name}"), CLUSTERS[name])
+        classes = vars(importlib.import_module(f"dask_jobqueue.{name}"))
+        kind = next(kind for word, kind in classes.items() if word.lower() == f"{name}cluster")
         signal.signal(signal.SIGINT, interrupt)  # the import of dask-jobqueue replaces it
         options = dask.config.get(f"jobqueue.{name}")
         inherited = dask.config.serialize(_dask_settings(workers))
         here = {"host": "127.0.0.1"} if name == "local" else {}
         dashboard = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
         prologue = [f"export DASK_INTERNAL_INHERIT_CONFIG={inherited}", *(options.get("job-script-prologue") or [])]
-        with _without_interrupts():
-            cluster = kind(
-                processes=options.get("cores"),
-                protocol="tls://",
-                security=Security.temporary(),
-                shared_temp_directory=str(folder),
-                worker_extra_args=[*(options.get("worker-extra-args") or []), *dashboard],
-                scheduler_options={**(options.get("scheduler-options") or {}), **_NO_DASHBOARD, **here},
-                silence_logs=logging.CRITICAL,
-                **({} if name == "local" else {"job_script_prologue": prologue}),
-            )
+        cluster = kind(
+            processes=options.get("cores"),
+            protocol="tls://",
+            security=Security.temporary(),
+            shared_temp_directory=str(folder),
+            worker_extra_args=[*(options.get("worker-extra-args") or []), *dashboard],
+            scheduler_options={**(options.get("scheduler-options") or {}), **_NO_DASHBOARD, **here},
+            silence_logs=logging.CRITICAL,
+            **({} if name == "local" else {"job_script_prologue": prologue}),
+        )
     except ImportError as error:
-        advice = "install it with pip install dask-jobqueue"
-        raise EnvironmentFailure(f"batch systems need dask-jobqueue: {advice}") from error
+        raise EnvironmentFailure("batch systems need dask-jobqueue: pip install dask-jobqueue") from error
     except Exception as error:
         raise EnvironmentFailure(f"cannot prepare jobs of {name}: {error}: set {where}") from error
     try:
         cluster.scale(jobs=workers.jobs)
-        cluster.sync(_submitted, cluster)
+        cluster.sync(asyncio.wait_for, cluster, None)  # raises the errors of the submission
         cluster.adapt(minimum_jobs=workers.jobs, maximum_jobs=workers.jobs)  # replaces jobs that end
     except Exception as error:
         cluster.close(timeout=10)
         reason = f"there is no {error.filename} here" if isinstance(error, FileNotFoundError) else str(error)
         raise EnvironmentFailure(f"cannot submit jobs of {name}: {reason}: look at {where}") from error
     return cluster
-
-
-async def _submitted(cluster: Any) -> None:
-    await cluster
-
-
-@contextmanager
-def _joined(join: Callable[[], Client]) -> Iterator[Client]:
-    """A client that is always closed: an open one delays the end of the interpreter by a minute."""
-    with _without_interrupts():
-        client = join()
-    try:
-        yield client
-    finally:
-        client.close()
 
 
 @contextmanager
