@@ -14,6 +14,7 @@ from critflow import CriticalManifold, Network, honeycomb_network, spring_state,
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.faces import planar_faces
 from critflow.solvers.minimize import Function, Point
+from workflows.benchmarks import reference
 
 SQRT3 = np.sqrt(3.0)
 
@@ -321,3 +322,22 @@ def taylor_orders(function, x, direction, gradient, product):
 
 # Fitted over five halvings of the step the orders lie this close to 2 and 3; a wrong term makes them 1 and 2.
 ORDER = 0.1
+
+
+# Error bounds
+
+
+def bounds_over_errors(values, bounds, truth):
+    """Ratios of error bounds to errors; fails where an error exceeds its bound."""
+    found = []
+    for value, bound, expected in zip(values, bounds, truth, strict=True):
+        error = float(abs(value - expected))
+        assert error <= bound
+        found.append(bound / max(error, 1e-60))
+    return found
+
+
+def exact_moduli(state):
+    """B, G and stress-corrected G of the exact equilibrium next to a state."""
+    exact = reference.equilibrium(state.network, state.rest_lengths, state.coordinates)
+    return reference.linear_response(state.network, exact.bond_vectors, state.rest_lengths)

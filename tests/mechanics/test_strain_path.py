@@ -2,7 +2,14 @@
 
 import numpy as np
 import pytest
-from problems import NETWORKS, random_stress, with_random_stiffness
+from problems import (
+    NETWORKS,
+    SMALL_NETWORKS,
+    bounds_over_errors,
+    exact_moduli,
+    random_stress,
+    with_random_stiffness,
+)
 
 from critflow import (
     CriticalManifold,
@@ -16,6 +23,7 @@ from critflow import (
     strain_path,
 )
 from critflow import voronoi_network as voronoi
+from workflows.benchmarks import reference
 
 STRAINS = np.array([1e-6, 1e-5, 1e-4, 0.001, 0.002, 0.003, 0.01, 0.05])
 
@@ -151,9 +159,6 @@ def test_path_ends_with_the_range_of_its_law():
         strain_path(network, critical, strains, law=law)
 
 
-# Steps that are too large
-
-
 @pytest.mark.parametrize("moduli", [True, False])
 @pytest.mark.parametrize("end", [0.1, 0.5])
 def test_one_step_equals_many_steps(end, moduli):
@@ -206,3 +211,29 @@ def test_inserted_strains_are_removed_and_steps_grow():
     assert path.inserted[0] > 0 and path.inserted[1] == 0
     for gamma, state in zip(strains, path.states, strict=True):
         assert state.network.volume == pytest.approx(critical.network.volume * (1 + gamma), rel=1e-13)
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "oblique"])
+def test_coordinates_and_bond_vectors_stay_consistent(name):
+    critical = CriticalManifold(NETWORKS[name]()).configuration(random_stress(NETWORKS[name]().n_edges, 4))
+    path = strain_path(critical.network, critical, [0.01, 0.02, 0.05]).value
+    for state in path.states:
+        np.testing.assert_allclose(
+            state.network.bond_vectors(state.coordinates), state.bond_vectors, rtol=0, atol=1e-13
+        )
+
+
+def test_bounds_of_paths():
+    network = SMALL_NETWORKS["stiffness"]()
+    critical = CriticalManifold(network).configuration(random_stress(18, 4))
+    strains = np.concatenate([10.0 ** -np.arange(12, 4, -1), [0.001, 0.002, 0.003, 0.05, 0.3]])
+    path = strain_path(network, critical, strains).value
+    found = []
+    for n, state in enumerate(path.states):
+        exact = reference.equilibrium(state.network, state.rest_lengths, state.coordinates)
+        error = reference.largest_error(state.coordinates, exact.coordinates, moved=True)
+        assert error <= path.coordinate_error[n] <= 10 * error
+        values = (path.bulk_modulus[n], path.shear_modulus[n], path.shear_modulus_stress_corrected[n])
+        shear = path.shear_modulus_error[n]
+        found += bounds_over_errors(values, (path.bulk_modulus_error[n], shear, shear), exact_moduli(state))
+    assert np.median(found) < 100

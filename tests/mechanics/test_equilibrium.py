@@ -1,16 +1,31 @@
-"""Equilibria: every error bound holds and is tight, however soft the network, against the high-precision reference."""
+"""Equilibria: the same by both methods, within error bounds that are tight, however soft the network."""
 
 import sys
 
 import numpy as np
 import pytest
-from problems import SMALL_NETWORKS, STRAINS, strained, voronoi_3d
+from problems import (
+    SMALL_NETWORKS,
+    STRAINS,
+    random_stress,
+    strained,
+    voronoi_3d,
+    with_random_stiffness,
+)
 
 from critflow import (
+    CriticalManifold,
+    Hookean,
+    InputError,
+    Network,
+    PowerLaw,
+    SolveError,
     Status,
+    WormLike,
     cells_of,
     equilibrium,
     perimeter_state,
+    spring_state,
     voronoi_network,
 )
 from critflow.precision.geometry import exact_bond_vectors, exact_forces
@@ -36,6 +51,87 @@ def exact_correction(state):
         force = exact_forces(state.network, state.exact_stress(L), L)
         error = error + factor.solve(force.ravel()).reshape(error.shape)
     return error
+
+
+LAWS = [Hookean(), PowerLaw(2.5), PowerLaw(4), WormLike(0.5)]
+
+
+def test_newton_and_fire_reach_the_same_equilibrium():
+    start = strained(with_random_stiffness(voronoi_network(20, seed=3), 2), 0.05)
+    newton = equilibrium(start)
+    fire = equilibrium(start, "fire", tolerance=1e-13)
+    assert newton.status is fire.status is Status.ok
+    assert newton.value.max_force < 1e-13
+    # A force of 1e-13 over the softest stiffness, about γ times a few percent, leaves 1e-10.
+    np.testing.assert_allclose(fire.value.bond_vectors, newton.value.bond_vectors, rtol=0, atol=1e-10)
+    assert fire.value.energy == pytest.approx(newton.value.energy, rel=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_newton_and_fire_agree_for_every_law(law):
+    network = with_random_stiffness(voronoi_network(20, seed=3), 2)
+    critical = CriticalManifold(network).configuration(random_stress(30, 1))
+    start = spring_state(network, critical.lengths, critical.coordinates, law).deformed(np.sqrt(1.05) * np.eye(2))
+    newton = equilibrium(start)
+    fire = equilibrium(start, "fire", tolerance=1e-13)
+    assert newton.status is fire.status is Status.ok
+    assert newton.value.law == fire.value.law == law
+    assert newton.value.max_force < 1e-13
+    np.testing.assert_allclose(fire.value.bond_vectors, newton.value.bond_vectors, rtol=0, atol=1e-10)
+
+
+def test_equilibrium_is_scale_invariant():
+    start = strained(voronoi_network(20, seed=3), 0.02)
+    soft = equilibrium(start).value
+    stiff_network = start.network.with_stiffness(1e6)
+    stiff = equilibrium(spring_state(stiff_network, start.rest_lengths, start.coordinates)).value
+    np.testing.assert_allclose(stiff.bond_vectors, soft.bond_vectors, rtol=0, atol=1e-12)
+    assert stiff.energy == pytest.approx(1e6 * soft.energy, rel=1e-11)
+
+
+def test_steps_and_failures_are_reported():
+    start = strained(voronoi_network(20, seed=3), 0.3)
+    for method in ("newton", "fire"):
+        solution = equilibrium(start, method, max_steps=1, throw=False)
+        assert solution.status is Status.step_limit
+        with pytest.raises(SolveError, match="max_steps"):
+            equilibrium(start, method, max_steps=1)
+    with pytest.raises(InputError, match="newton"):
+        equilibrium(start, "bfgs")
+
+
+def test_relaxation_does_not_change_its_input():
+    start = strained(voronoi_network(20, seed=3), 0.1)
+    before = start.coordinates.copy(), start.bond_vectors.copy()
+    equilibrium(start)
+    np.testing.assert_array_equal(start.coordinates, before[0])
+    np.testing.assert_array_equal(start.bond_vectors, before[1])
+
+
+@pytest.mark.parametrize("method", ["newton", "fire"])
+def test_steps_stay_within_the_range_of_the_law(method):
+    # A long stiff spring stretches a short soft one from rest by seven times its range.
+    network = Network([[0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: [22.0, 0.0]}, stiffness=[1.0, 1000.0])
+    state = spring_state(network, [1.0, 19.0], [[0.0, 0.0], [1.0, 0.0], [22.0, 0.0]], WormLike(0.3))
+    pull = state.factorize(state.pattern()).solve(state.forces.ravel()).reshape(1, 2)
+    assert state.moved(pull).energy == np.inf
+    solution = equilibrium(state, method, tolerance=1e-13)
+    assert solution.status is Status.ok
+    end = solution.value
+    # In series both have one tension, and the soft one is near its contour length.
+    tension = end.sigma * end.lengths
+    assert tension[0] == pytest.approx(tension[1], rel=1e-9)
+    assert 1.29 < end.lengths[0] < 1.3
+
+
+@pytest.mark.parametrize("method", ["newton", "fire"])
+def test_start_beyond_the_range_raises(method):
+    state = strained(voronoi_network(20, seed=3), 0.1)
+    worms = spring_state(state.network, state.rest_lengths, state.coordinates, WormLike(0.01))
+    assert worms.energy == np.inf
+    assert equilibrium(worms, method, throw=False).status is Status.stalled
+    with pytest.raises(SolveError, match="smaller"):
+        equilibrium(worms, method)
 
 
 def test_newton_converges_to_the_exact_equilibrium():

@@ -1,0 +1,254 @@
+"""Stiffening coefficients: against fits of strain paths, closed forms, and the high-precision reference."""
+
+import sys
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from problems import (
+    HONEYCOMB_BULK_MODULUS,
+    SMALL_NETWORKS,
+    bounds_over_errors,
+    exact_moduli,
+    oblique,
+    random_stress,
+    voronoi_3d,
+    with_random_stiffness,
+)
+
+from critflow import (
+    CriticalManifold,
+    Hookean,
+    PowerLaw,
+    Status,
+    WormLike,
+    fit_stiffening,
+    honeycomb_network,
+    linear_response,
+    optimize,
+    stiffening,
+    strain_path,
+    transition_moduli,
+    voronoi_network,
+)
+from critflow.linalg.saddle import CondensedSaddle, Saddle
+from workflows.benchmarks import reference
+
+CASES = {
+    "2D": lambda: voronoi_network(40, seed=1),
+    "2D, random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
+    "2D, oblique": lambda: oblique(voronoi_network(40, seed=3)),
+    "3D": voronoi_3d,
+    "3D, random stiffness": lambda: with_random_stiffness(voronoi_3d(), 4),
+}
+
+
+def critical_of(name, seed=2):
+    network = CASES[name]()
+    return CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
+
+
+LAWS = {"cubic": PowerLaw(3), "power 4.5": PowerLaw(4.5), "worm-like": WormLike(0.4)}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_exact_stiffening_is_the_limit_of_fits(name):
+    critical = critical_of(name)
+    solution = stiffening(critical.network, critical)
+    assert solution.status is Status.ok
+    exact = solution.value
+    moduli = transition_moduli(critical)
+    assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-11)
+    assert exact.C_G_stress_corrected == pytest.approx(exact.C_G - 0.5 * exact.bulk_0, rel=1e-12)
+    windows = 8e-4 * 2.0 ** -np.arange(4)
+    gamma = np.unique(np.concatenate([w * np.arange(1, 9) / 8 for w in windows]))
+    path = strain_path(critical.network, critical, gamma).value
+    for values, C in (
+        (path.bulk_modulus, exact.C_B),
+        (path.shear_modulus, exact.C_G),
+        (path.shear_modulus_stress_corrected, exact.C_G_stress_corrected),
+    ):
+        for degree, rate in ((1, 1), (2, 2)):
+            slopes = np.array([fit_stiffening(gamma, values, w, degree).slope for w in windows])
+            errors = np.abs(slopes - C)
+            # The bias halves, or quarters, with the window until rounding of the moduli, about 1e-12/w, is reached.
+            above = errors > 1e-6 * max(abs(C), 0.1)
+            rates = np.log2(errors[:-1] / errors[1:])[above[1:]]
+            if degree == 1:
+                assert len(rates) >= 1
+            np.testing.assert_allclose(rates, rate, atol=0.3)
+            assert errors[-1] < (0.02 if degree == 1 else 1e-4) * max(abs(C), 0.1)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_exact_stiffening_by_richardson(name):
+    critical = critical_of(name)
+    exact = stiffening(critical.network, critical).value
+    h = 1e-4 * np.array([1, 2, 4, 8])
+    path = strain_path(critical.network, critical, h).value
+    for values, start, C in (
+        (path.bulk_modulus, exact.bulk_0, exact.C_B),
+        (path.shear_modulus, exact.shear_0, exact.C_G),
+        (path.shear_modulus_stress_corrected, exact.shear_0, exact.C_G_stress_corrected),
+    ):
+        # Difference quotients have errors in h, h², h³; three eliminations leave h⁴.
+        table = (values - start) / h
+        for order in (1, 2, 3):
+            table = (2**order * table[:-1] - table[1:]) / (2**order - 1)
+        assert table[0] == pytest.approx(C, abs=1e-5 * max(abs(C), 0.1))
+
+
+def test_signs_of_stiffening_in_the_populations():
+    # The signs reported in the paper, for one network of each population; C_G under the stress-corrected convention.
+    network = voronoi_network(200, seed=3)
+    signs = {}
+    for objective in ("bulk_modulus", "tension_variance", "length_variance", "shear_modulus"):
+        solution = optimize(network, objective)
+        assert solution.status is Status.ok
+        value = stiffening(network, solution.value).value
+        signs[objective] = int(np.sign(value.C_B)), int(np.sign(value.C_G_stress_corrected))
+    assert signs["bulk_modulus"] == (-1, 1)
+    assert signs["tension_variance"] == (-1, 1)
+    assert signs["length_variance"] == (1, 1)
+    assert signs["shear_modulus"] == (1, -1)
+
+
+def test_stiffening_of_an_unstable_stress_has_a_status():
+    network = voronoi_network(20, seed=1)
+    critical = CriticalManifold(network).configuration(-np.ones(30))
+    solution = stiffening(critical.network, critical, throw=False)
+    assert solution.status is Status.unstable
+    assert np.isnan(solution.value.C_B)
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_exact_stiffening_of_every_law(law, name):
+    critical = critical_of(name)
+    network, exact = critical.network, stiffening(critical.network, critical, law=law).value
+    # The transition does not depend on the law.
+    moduli = transition_moduli(critical)
+    assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-11)
+    windows = 8e-4 * 2.0 ** -np.arange(4)
+    gamma = np.unique(np.concatenate([w * np.arange(1, 9) / 8 for w in windows]))
+    path = strain_path(network, critical, gamma, law=law).value
+    for values, start, C in (
+        (path.bulk_modulus, exact.bulk_0, exact.C_B),
+        (path.shear_modulus, exact.shear_0, exact.C_G),
+        (path.shear_modulus_stress_corrected, exact.shear_0, exact.C_G_stress_corrected),
+    ):
+        assert np.polyfit(gamma, values, 3)[-1] == pytest.approx(start, abs=1e-6 * exact.bulk_0)
+        for degree, rate in ((1, 1), (2, 2)):
+            errors = np.abs([fit_stiffening(gamma, values, w, degree).slope - C for w in windows])
+            # Down to rounding of the moduli, about 1e-12/w, the bias halves, or quarters, with the window.
+            above = errors > 1e-6 * max(abs(C), 0.1)
+            np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:])[above[1:]], rate, atol=0.3)
+            assert errors[-1] < (0.02 if degree == 1 else 1e-4) * max(abs(C), 0.1)
+
+
+@pytest.mark.parametrize("k", [1.0, 2.5])
+def test_stiffening_of_the_honeycomb_in_closed_form(k):
+    # All edges stretch alike, E(γ) = N_b E(ℓ√(1 + γ)), so that C_B = ½ B_0 (ℓE'''/k − 1); no shear stretches any.
+    network = honeycomb_network(3, 3, edge_length=0.8).with_stiffness(k)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    shears = []
+    for law, steepness in ((Hookean(), 0), (PowerLaw(3), 1), (PowerLaw(5.5), 3.5), (WormLike(0.2), 5)):
+        found = stiffening(network, critical, law=law).value
+        assert found.bulk_0 == pytest.approx(k * HONEYCOMB_BULK_MODULUS, rel=1e-12)
+        assert found.C_B == pytest.approx(0.5 * found.bulk_0 * (steepness - 1), rel=1e-11, abs=1e-12)
+        shears.append(found.C_G)
+    np.testing.assert_allclose(shears, shears[0], rtol=1e-12)
+
+
+def test_stiffening_of_the_largest_bulk_modulus_in_closed_form():
+    # With σ = k the response to dilation is affine, so the same holds for power laws: C_B = ½(n − 3) B_0.
+    network = with_random_stiffness(voronoi_network(100, seed=1), 2)
+    critical = CriticalManifold(network).configuration(network.stiffness)
+    for n in (2, 3, 4, 7.5):
+        found = stiffening(network, critical, law=PowerLaw(n)).value
+        assert found.C_B == pytest.approx(0.5 * (n - 3) * found.bulk_0, rel=1e-9, abs=1e-11)
+
+
+MANIFOLD = sys.modules["critflow.critical.manifold"]
+
+
+def exact_stiffening(network, sigma):
+    return reference.stiffening(network, reference.configuration(network, sigma))
+
+
+@pytest.mark.parametrize("decades", [0, 2, 4])
+def test_stiffening_coefficients(decades):
+    found = []
+    for network in (*(make() for make in SMALL_NETWORKS.values()), voronoi_network(12, seed=8)):
+        stress = 10 ** (decades * (np.random.default_rng(5).random(network.n_edges) - 0.5))
+        critical = CriticalManifold(network).configuration(stress)
+        solution = stiffening(network, critical)
+        assert solution.status is Status.ok
+        bounds = astuple(solution.stats.error_bound)
+        assert max(bounds) < 1e-10
+        found += bounds_over_errors(astuple(solution.value), bounds, exact_stiffening(network, critical.sigma))
+    assert np.median(found) < 100
+
+
+@pytest.mark.parametrize("system", ["whole", "condensed"])
+@pytest.mark.parametrize("decades", [4, 8, 10, 12])
+def test_stiffening_with_a_nearly_collapsed_edge(monkeypatch, decades, system):
+    # Two neighbours with weak other edges: the edge between them has a length of 10^−decades.
+    network = voronoi_network(16, seed=1)
+    stress = 0.5 + np.random.default_rng(3).random(network.n_edges)
+    weak = np.isin(network.edges, network.edges[7]).sum(axis=1) == 1
+    stress[weak] *= 10.0**-decades
+    if system == "condensed":
+        # The library does not choose it for stresses far below the mean, but the system is valid.
+        monkeypatch.setattr(MANIFOLD, "CONDENSED_EDGES", 1)
+        monkeypatch.setattr(MANIFOLD, "positive", lambda sigma: True)
+        monkeypatch.setattr(CondensedSaddle, "stable", lambda *arguments: True)
+    manifold = CriticalManifold(network)
+    critical = manifold.configuration(stress)
+    assert critical.lengths.min() < 10.0 ** (1 - decades)
+    solution = stiffening(manifold, critical)
+    bounds_over_errors(
+        astuple(solution.value), astuple(solution.stats.error_bound), exact_stiffening(network, critical.sigma)
+    )
+
+
+def test_large_positive_stresses_use_the_condensed_system(monkeypatch):
+    network = voronoi_network(40, seed=1)
+    manifold = CriticalManifold(network)
+    positive = np.ones(network.n_edges)
+    signed = np.where(np.arange(network.n_edges) == 7, -0.01, positive)
+    assert type(manifold.system(positive)) is Saddle
+    whole = stiffening(manifold, manifold.configuration(positive)).value
+    monkeypatch.setattr(MANIFOLD, "CONDENSED_EDGES", 60)
+    assert manifold.system(positive) is manifold.condensed
+    assert manifold.system(signed) is manifold.saddle
+    condensed = stiffening(manifold, manifold.configuration(positive)).value
+    assert astuple(condensed) != astuple(whole)
+    np.testing.assert_allclose(astuple(condensed), astuple(whole), rtol=0, atol=1e-13)
+    # Stiffnesses are those of the given network.
+    soft = network.with_stiffness(0.5 * network.stiffness)
+    assert stiffening(soft, manifold.configuration(positive)).value.bulk_0 == pytest.approx(whole.bulk_0 / 2, rel=1e-12)
+
+
+def test_stiffening_corrects_inaccurate_coordinates():
+    # The stress determines the solution; coordinates are the start of the iteration.
+    network = SMALL_NETWORKS["voronoi"]()
+    critical = CriticalManifold(network).configuration(random_stress(18, 1))
+    x = critical.coordinates + 1e-9 * np.random.default_rng(2).standard_normal((12, 2))
+    x[0] = 0.0
+    moved = type(critical)(network, critical.sigma, x, network.bond_vectors(x))
+    solution = stiffening(network, moved)
+    bounds_over_errors(
+        astuple(solution.value), astuple(solution.stats.error_bound), exact_stiffening(network, critical.sigma)
+    )
+
+
+def test_bounds_with_equal_rounding_on_all_edges():
+    # Lattices repeat one rounding on every edge, so that errors accumulate instead of averaging out.
+    for columns, rows in ((2, 2), (3, 2)):
+        network = honeycomb_network(columns, rows)
+        critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+        for gamma in (1e-3, 1e-8):
+            state = strain_path(network, critical, [gamma]).value.states[0]
+            solution = linear_response(state)
+            bounds_over_errors(astuple(solution.value), astuple(solution.stats.error_bound), exact_moduli(state))
