@@ -65,7 +65,9 @@ def main(words: Sequence[str] | None = None) -> int:
         code = app(sys.argv[1:] if words is None else list(words), prog_name="critflow", standalone_mode=False) or 0
         return _fail("interrupted: run the same command again", code) if code == INTERRUPTED else code
     except typer.TyperException as error:
-        return _fail(f"{error.format_message().rstrip('.')}: see critflow --help", 2)
+        message = error.format_message().rstrip(".")
+        forgotten = "extra argument" in message and "=" in message
+        return _fail(f"{message}: {'write --set before KEY=VALUE' if forgotten else 'see critflow --help'}", 2)
     except CritflowError as error:
         return _fail(str(error), next((code for kind, code in EXIT_CODES if isinstance(error, kind)), 1))
     except (OSError, MemoryError) as error:

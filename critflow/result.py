@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 Value = TypeVar("Value")
 
@@ -83,6 +83,15 @@ class Solution(Generic[Value]):
     status: Status
     stats: Stats
     note: str = ""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Advice where a solution is used in place of its value."""
+            kind = type(self).__name__
+            if not name.startswith("_") and hasattr(self.__dict__.get("value"), name):
+                raise AttributeError(f"{kind} has no attribute {name!r}, but its value has: use the solution's .value")
+            raise AttributeError(f"{kind} has no attribute {name!r}")
 
     @property
     def ok(self) -> bool:

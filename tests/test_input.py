@@ -105,6 +105,8 @@ CASES = {
     "cell NaN": (lambda: Network(EDGES, OFFSETS, [[1, 0], [0, np.nan]]), "finite"),
     "cell not square": (lambda: Network(EDGES, OFFSETS, [[1, 0, 0], [0, 1, 0]]), "square|dimension"),
     "cell one number": (lambda: Network(EDGES, OFFSETS, 3.0), "square|dimension"),
+    "pins as a list": (lambda: Network([[0, 1], [1, 2]], pins=[0, 2]), "mapping"),
+    "pins as a mask": (lambda: Network([[0, 1], [1, 2]], pins=np.array([True, False, True])), "mapping"),
     "pin no vertex": (lambda: Network([[0, 1], [1, 2]], pins={0: [0, 0], 7: [1, 0]}), "pin 7"),
     "pin NaN": (lambda: Network([[0, 1], [1, 2]], pins={0: [0, 0], 2: [np.nan, 0]}), "pin 2"),
     "pins of two dimensions": (lambda: Network([[0, 1], [1, 2]], pins={0: [0, 0], 2: [1, 0, 0]}), "dimension"),
@@ -164,3 +166,9 @@ def test_bad_input_raises_one_sentence(name):
     message = str(caught.value)
     assert "\n" not in message
     assert 10 < len(message) < 250
+
+
+@pytest.mark.parametrize("call", [transition_moduli, lambda solution: strain_path(NETWORK, solution, [0.1])])
+def test_a_solution_in_place_of_its_value_is_explained(call):
+    with pytest.raises(AttributeError, match=r"\.value"):
+        call(MANIFOLD.solve(np.ones(6)))

@@ -54,7 +54,7 @@ class Network:
         if edges.ndim != 2 or edges.shape[1] != 2 or len(edges) == 0:
             raise NetworkError(f"edges must have shape (N_b, 2) with N_b >= 1, not {edges.shape}: give tail and head")
         n_vertices = self.n_vertices or int(edges.max()) + 1
-        pins = {int(i): np.array(p, dtype=float) for i, p in (self.pins or {}).items()}
+        pins = _pins(self.pins)
         cell = None if self.cell is None else np.array(self.cell, dtype=float)
         dimension = _dimension(cell, pins)
         offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else _integers(self.offsets, "offsets")
@@ -228,6 +228,14 @@ def _integers(values: ArrayLike, name: str) -> IntArray:
         if array.dtype.kind != "f" or not np.array_equal(array, np.round(array)):
             raise NetworkError(f"{name} must be whole numbers, not {array.dtype}: they count vertices and cell images")
     return array.astype(np.int64)
+
+
+def _pins(pins: Mapping[int, ArrayLike] | None) -> dict[int, Array]:
+    if pins is not None and not isinstance(pins, Mapping):
+        raise NetworkError(
+            f"pins must be a mapping from vertices to positions, such as {{0: [0.0, 0.0]}}, not a {type(pins).__name__}"
+        )
+    return {int(i): np.array(p, dtype=float) for i, p in (pins or {}).items()}
 
 
 def _dimension(cell: Array | None, pins: Mapping[int, Array]) -> int:

@@ -52,7 +52,7 @@ print(f"B_0 = {transition_moduli(start).bulk:.12f} k, upper bound over all stres
 # ## One mode for each face
 #
 # Mode f moves the sides of face f outwards, each in proportion to 1/τ, and its corners in the direction of the
-# third edge at each corner. Equal amplitudes on all faces change nothing, since every side then moves both ways.
+# third edge at each corner. Equal amplitudes on all faces change nothing, since the two shifts of every side cancel.
 # Lengths are *linear* in the amplitudes at any distance, and the family ends where the first edge has zero length.
 
 # %%
