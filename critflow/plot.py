@@ -1,7 +1,7 @@
-"""Networks and distributions as matplotlib figures.  A figure reads arrays and computes no physics.
+"""Networks and distributions as matplotlib figures, from arrays; no physics is computed here.
 
 Periodic networks are drawn whole: every edge is repeated in all images that touch the cell and cut at its border.
-Tension is shown by both colour (a map that survives colour blindness and grey print) and width.
+Tension is shown by colour (a map for all kinds of colour vision and for grey print) and by width.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array
 
-# Okabe and Ito's colours, told apart by all common kinds of colour vision.
+# Okabe and Ito's colours, distinct for all common kinds of colour vision.
 COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F")
 COMPRESSED = "#D55E00"
 SHADE = "#FBE3B5"
@@ -51,6 +51,8 @@ def draw_network(
     border: bool = True,
 ) -> LineCollection:
     """Draw a periodic network once and whole, edges coloured by tension; compressed edges are orange and dashed.
+
+    The arrays of a network are separate arguments, since figures read them from files.
 
     limits  tensions of the light and dark ends of the colour map; by default 0 and the 99th percentile
     """
@@ -87,7 +89,7 @@ def periodic_segments(
     """All images of the edges that touch the cell: end points (n, 2, 2), and the edge of each (n,)."""
     edges, offsets, cell = np.asarray(edges), np.asarray(offsets), np.asarray(cell, dtype=float)
     fraction = np.asarray(coordinates) @ np.linalg.inv(cell)
-    # An edge starts where its tail lies in the cell and ends wherever that takes it.
+    # An edge starts at the image of its tail in the cell; its head may lie outside.
     tail = fraction[edges[:, 0]]
     start = tail - np.floor(tail)
     end = start + fraction[edges[:, 1]] - tail + offsets
@@ -136,7 +138,7 @@ def network_figure(
     lengths: Array,
     title: str = "",
 ) -> Figure:
-    """One network in a figure of its own, with a colour bar of the tensions at unit pressure; in 3D in projection."""
+    """A figure of one network with a colour bar of the tensions at unit pressure; 3D networks in projection."""
     tensions = unit_pressure_tensions(sigma, lengths, float(abs(np.linalg.det(np.asarray(cell)))))
     figure = Figure(figsize=(6.2, 5.4), layout="constrained")
     axes = figure.add_subplot()
@@ -162,8 +164,8 @@ def draw_in_depth(
 ) -> ScalarMappable:
     """Draw a periodic network of three dimensions in parallel projection, near edges over far ones, which fade.
 
-    Colour and width show the tension as in two dimensions.  Every edge is drawn once, from where its tail lies in the
-    cell to wherever that takes it.  Returns what a colour bar needs.
+    Colour and width show the tension as in two dimensions.  Every edge is drawn once, from the image of its tail in the
+    cell to its head, inside or outside.  Returns the mappable for a colour bar.
     """
     (tail, head), x, cell = np.asarray(edges).T, np.asarray(coordinates), np.asarray(cell, dtype=float)
     fraction = x[tail] @ np.linalg.inv(cell)
@@ -187,8 +189,8 @@ def draw_in_depth(
     frame = corners @ cell @ view
     axes.add_collection(LineCollection(list(frame[np.array(sides)]), colors="0.55", linewidths=0.7, zorder=0))
     for name, place in zip("xyz", ((0.5, 0, 0), (0, 0.5, 0), (0, 1, 0.5)), strict=True):
-        beside = frame.mean(axis=0) + 1.16 * (np.array(place) @ cell @ view - frame.mean(axis=0))
-        axes.text(beside[0], beside[1], f"${name}$", fontsize=11, ha="center", va="center", color="0.35")
+        label = frame.mean(axis=0) + 1.16 * (np.array(place) @ cell @ view - frame.mean(axis=0))
+        axes.text(label[0], label[1], f"${name}$", fontsize=11, ha="center", va="center", color="0.35")
     axes.autoscale_view()
     axes.set_aspect("equal")
     axes.set_axis_off()
@@ -198,15 +200,15 @@ def draw_in_depth(
 def violins(
     axes: Axes, groups: Sequence[Array], labels: Sequence[str], *, colours: Sequence[str] = COLOURS, log: bool = False
 ) -> None:
-    """Distributions side by side, each a violin with its median and, where they are few, its single values.
+    """Distributions side by side, each a violin with its median; few values are drawn as points.
 
-    A group without spread is drawn as a line; values that are not finite are left out and counted under the label.
+    A group without spread is drawn as a line; values that are not finite are omitted and counted under the label.
     """
     shown_labels = []
     for place, (group, label) in enumerate(zip(groups, labels, strict=True)):
         finite = group[np.isfinite(group)]
-        left_out = len(group) - len(finite)
-        shown_labels.append(f"{label}\n{left_out} undefined" if left_out else label)
+        n_omitted = len(group) - len(finite)
+        shown_labels.append(f"{label}\n{n_omitted} undefined" if n_omitted else label)
         if len(finite) == 0:
             axes.text(place, 0.5, "none", transform=axes.get_xaxis_transform(), ha="center", fontsize=7, color="0.4")
             continue
@@ -224,7 +226,7 @@ def violins(
     axes.set_xlim(-0.6, len(groups) - 0.4)
     if log:
         low, high = axes.get_ylim()
-        # A few decades need marks within them to be read; many do not.
+        # Fewer than three decades need ticks within them to be readable.
         marks = (1, 3) if high - low < 3 else (1,)
         decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
         ticks = [(decade + np.log10(mark), mark, decade) for decade in decades for mark in marks]
@@ -238,7 +240,7 @@ def violins(
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A network to draw small: its arrays, tensions at unit pressure and a caption."""
+    """A small picture of a network: its arrays, tensions at unit pressure and a caption."""
 
     caption: str
     edges: Array
@@ -247,10 +249,18 @@ class Drawing:
     coordinates: Array
     tensions: Array
 
+    def draw(
+        self, axes: Axes, font_size: float, width: float, limits: tuple[float, float] | None = None
+    ) -> LineCollection:
+        """Draw the network with its caption as title; options as of `draw_network`."""
+        axes.set_title(self.caption, fontsize=font_size)
+        arrays = (self.edges, self.offsets, self.cell, self.coordinates, self.tensions)
+        return draw_network(axes, *arrays, limits=limits, width=width)
+
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Distributions of one quantity over groups, with drawings of networks that show what its values mean."""
+    """Distributions of one quantity over groups, with drawings of networks as examples of its values."""
 
     label: str
     groups: Sequence[Array]
@@ -274,10 +284,7 @@ def panel_figure(panels: Sequence[Panel], labels: Sequence[str], title: str, not
         axes.set_title(letter, loc="left", fontweight="bold", fontsize=12)
         for row, drawing in enumerate(panel.drawings):
             small = part.add_subplot(grid[row, 1])
-            draw_network(
-                small, drawing.edges, drawing.offsets, drawing.cell, drawing.coordinates, drawing.tensions, width=0.75
-            )
-            small.set_title(drawing.caption, fontsize=8)
+            drawing.draw(small, 8, width=0.75)
     if note:
         figure.supxlabel(note, fontsize=8.5, color="0.25")
     return figure
@@ -292,17 +299,7 @@ def gallery_figure(drawings: Sequence[Drawing], title: str, columns: int = 4) ->
     high = float(np.percentile(np.concatenate([np.abs(drawing.tensions) for drawing in drawings]), 97))
     places = figure.subplots(rows, columns, squeeze=False).flat
     for axes, drawing in zip(places, drawings, strict=False):
-        lines = draw_network(
-            axes,
-            drawing.edges,
-            drawing.offsets,
-            drawing.cell,
-            drawing.coordinates,
-            drawing.tensions,
-            limits=(0.0, high),
-            width=1.1,
-        )
-        axes.set_title(drawing.caption, fontsize=10)
+        lines = drawing.draw(axes, 10, width=1.1, limits=(0.0, high))
     rest = list(figure.axes)[len(drawings) :]
     for axes in rest:
         axes.set_axis_off()
@@ -322,7 +319,7 @@ def surface_quads(points: Array) -> Array:
 
 
 def clipped_polygons(polygons: Sequence[Array], high: float) -> list[Array]:
-    """The parts of convex polygons (n, 3) in which no coordinate exceeds `high`; those without any are left out."""
+    """The parts of convex polygons (n, 3) in which no coordinate exceeds `high`; empty parts are omitted."""
     kept = []
     for polygon in polygons:
         for axis in range(polygon.shape[1]):
@@ -342,7 +339,7 @@ def clipped_polygons(polygons: Sequence[Array], high: float) -> list[Array]:
 def draw_surfaces(
     axes: Axes3D, surfaces: Sequence[tuple[Sequence[Array], str, float]], light: ArrayLike = (0.3, 0.2, 1.0)
 ) -> Poly3DCollection:
-    """Polygons with the colour and opacity of their surface, shaded, and hidden by what lies in front of them.
+    """Polygons with the colour and opacity of their surface, shaded, and hidden by those in front of them.
 
     All are one collection, since matplotlib sorts by depth within a collection only.
     """
@@ -355,7 +352,7 @@ def draw_surfaces(
             shade = 0.62 + 0.38 * abs(normal @ towards) / size if size > 0 else 1.0
             faces.append(polygon)
             colours.append((*(shade * np.array(to_rgba(colour)[:3])), alpha))
-            # Opaque faces are drawn a little larger, so that no light comes through the joints.
+            # Outlines of opaque faces close the gaps between them.
             edges.append((*colours[-1][:3], float(alpha == 1)))
     collection = Poly3DCollection(faces, facecolors=colours, edgecolors=edges, linewidths=0.4)
     axes.add_collection3d(collection)

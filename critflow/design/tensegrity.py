@@ -23,7 +23,7 @@ from critflow.design.stressed_part import balanced_part
 from critflow.design.tolerances import NO_SIGNED_STRESS, RANK, SELF_STRESS_SHIFT
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import Saddle
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.spectrum import spread_columns
 
@@ -140,11 +140,7 @@ def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stabilit
 
 
 def _checked(network: Network, coordinates: ArrayLike, signs: ArrayLike) -> tuple[Array, Array]:
-    x, s = np.array(coordinates, dtype=float), np.asarray(signs, dtype=float)
-    if x.shape != (network.n_vertices, network.dimension) or not np.isfinite(x).all():
-        raise InputError(
-            f"coordinates must be finite and of shape {(network.n_vertices, network.dimension)}, not {x.shape}"
-        )
+    x, s = validated_coordinates(network, coordinates), np.asarray(signs, dtype=float)
     if s.shape != (network.n_edges,) or not np.isin(s, (-1, 0, 1)).all() or not s.any():
         raise InputError(
             f"signs must be +1 (cable), -1 (strut) or 0 (bar) on each of the {network.n_edges} edges, and not all 0"

@@ -1,1 +1,4 @@
-"""Spring laws, equilibrium, strain paths, moduli, stiffening coefficients, perimeters."""
+"""Mechanics past the transition: spring laws, equilibria, strain paths, moduli, stiffening coefficients, cells.
+
+Constants that decide are in `tolerances`; each error bound is marked as proof or estimate where it is defined.
+"""

@@ -1,8 +1,10 @@
-"""Bounds on the errors of moduli at the transition, from those of the configuration and of the arithmetic.
+"""Error bounds of the moduli at the transition, from those of the configuration and of the arithmetic.
 
-What the modulus gains or loses from errors δL of the bond vectors and from the rounding of σ follows from its partial
-derivatives, to first order, and the second order is bounded as well; what its sums lose is measured in extended
-precision.
+Errors δL of the bond vectors and the rounding of σ change a modulus by its partial derivatives, to first order, and by
+a second order that is bounded in closed form; the rounding of its sums is measured in extended precision.
+
+Error bound (proof): both functions here, given bond vectors whose `bond_errors` are proven bounds; where those are
+estimates (stresses of both signs) the result is an estimate.
 """
 
 from __future__ import annotations
@@ -18,9 +20,9 @@ from critflow.precision.double_double import Extended, add, divide, extended, mu
 
 
 def transition_bounds(critical: CriticalConfiguration) -> Moduli:
-    """Bounds on the errors of `transition_moduli`, against the exact moduli of the stress that was solved for.
+    """Error bounds of `transition_moduli`, against the exact moduli of the stress of the configuration.
 
-    NaN where the configuration has no bounds of its own, and infinite where those are too wide to tell anything.
+    NaN where the configuration has no bounds, and infinite where the bounds exceed the lengths.
     """
     d = critical.network.dimension
     bulk, shear = (
@@ -31,7 +33,7 @@ def transition_bounds(critical: CriticalConfiguration) -> Moduli:
 
 
 def transition_modulus_bound(goal: TransitionModulus, critical: CriticalConfiguration) -> float:
-    """The bound on the error of one modulus μ_A = w²/(Vc), w = Σσḣ, c = Σσ²|L|²/k, at a configuration."""
+    """Error bound of one modulus μ_A = w²/(Vc), w = Σσḣ, c = Σσ²|L|²/k, at a configuration."""
     sigma, L, dL = critical.sigma, critical.bond_vectors, critical.bond_errors
     size, AL = np.abs(sigma), L @ goal.symmetric
     length, stretch = critical.lengths, np.linalg.norm(AL, axis=1)
@@ -40,20 +42,20 @@ def transition_modulus_bound(goal: TransitionModulus, critical: CriticalConfigur
     ratio = float(work / cost)
 
     value, (dO_dsigma, dO_dL) = goal.evaluate(sigma, L)
-    # σ is the rounded copy of the stress that was solved for.
+    # σ is rounded from the stress that was solved for.
     first = np.linalg.norm(dO_dL, axis=1) @ dL + 0.5 * EPS * (np.abs(dO_dsigma) @ size)
     # f = w²/c changes by its first order and, exactly, (δw − f_w δc/2)²/(c + δc) more; w and c are quadratic in L.
-    bent_work = float(np.linalg.norm(goal.symmetric, 2) * (size @ dL**2))
-    bent_cost = float((sigma**2 / goal.stiffness) @ dL**2)
-    dwork = 2 * (size * stretch) @ dL + 0.5 * EPS * (size @ hdot) + bent_work
-    dcost = 2 * (sigma**2 * length / goal.stiffness) @ dL + EPS * cost + bent_cost
+    second_work = float(np.linalg.norm(goal.symmetric, 2) * (size @ dL**2))
+    second_cost = float((sigma**2 / goal.stiffness) @ dL**2)
+    dwork = 2 * (size * stretch) @ dL + 0.5 * EPS * (size @ hdot) + second_work
+    dcost = 2 * (sigma**2 * length / goal.stiffness) @ dL + EPS * cost + second_cost
     if dcost >= cost:
         return np.inf
-    second = 2 * abs(ratio) * bent_work + ratio**2 * bent_cost + (dwork + abs(ratio) * dcost) ** 2 / (cost - dcost)
-    return float(first + second / goal.volume + _lost_in_sums(goal, value, sigma, L) + _given(critical, value))
+    curved = 2 * abs(ratio) * second_work + ratio**2 * second_cost + (dwork + abs(ratio) * dcost) ** 2 / (cost - dcost)
+    return float(first + curved / goal.volume + _sum_rounding(goal, value, sigma, L) + _input_rounding(critical, value))
 
 
-def _lost_in_sums(goal: TransitionModulus, value: float, sigma: Array, L: Array) -> float:
+def _sum_rounding(goal: TransitionModulus, value: float, sigma: Array, L: Array) -> float:
     """|μ − w²/(Vc)| with w and c of the same σ and L in extended precision."""
     stress, components = extended(sigma), [np.ascontiguousarray(axis) for axis in L.T]
     A = goal.symmetric
@@ -71,8 +73,8 @@ def _lost_in_sums(goal: TransitionModulus, value: float, sigma: Array, L: Array)
     return float(abs((value - exact.high[0]) - exact.low[0]))
 
 
-def _given(critical: CriticalConfiguration, value: float) -> float:
-    """What the rounding of the volume, a determinant, and of the strain, 1/d, make of a modulus."""
+def _input_rounding(critical: CriticalConfiguration, value: float) -> float:
+    """Error of a modulus by the rounding of the volume, a determinant, and of the strain, 1/d."""
     cell = critical.network.cell
     assert cell is not None, "a network without a cell has no modulus"
     skew = float(np.prod(np.linalg.norm(cell, axis=1))) / critical.network.volume

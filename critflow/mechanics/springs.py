@@ -70,7 +70,7 @@ class ElasticState(ABC):
 
     @abstractmethod
     def exact_stress(self, bond_vectors: Extended) -> Array:
-        """σ (N_b,) of other bond vectors (N_b, d), accurate to the rounding of its own digits."""
+        """σ (N_b,) of other bond vectors (N_b, d), accurate to the rounding of σ itself."""
 
     @abstractmethod
     def resistance(self, hdot: Array) -> tuple[Array, float]:

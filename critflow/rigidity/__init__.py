@@ -1,1 +1,1 @@
-"""Rigidity: counts, first and second order, uniqueness, self-stress spaces, structure."""
+"""Rigidity: counts, first and second order, uniqueness, self-stress spaces, structure.  Constants in `tolerances`."""

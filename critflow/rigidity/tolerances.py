@@ -2,33 +2,33 @@
 
 Singular values s of R, whose rows have norm √2
 
-ZERO_MODE        s below this counts as zero unless the caller gives a tolerance: the softest modes of networks of 10⁵
-                 vertices are above 1e-4, and rounding of the coordinates leaves less than 1e-10.
+ZERO_MODE        s below this counts as zero unless the caller gives a tolerance: the smallest other s is 0.1 in
+                 standard networks of 1,000 vertices and falls as 1/√N_v; rounding leaves 1e-12.
 CLEAR_GAP        A count is trusted if no s lies within this factor of the tolerance.
 ROUNDING_MARGIN  s is zero to rounding below this number times the effect of the rounding of the coordinates on R; the
                  bound adds the errors of all edges in quadrature, of which a few may coincide.
 ITERATION_ERROR  s that inverse iteration leaves for an exact zero.
 SQUARED_ROUNDING s below this is lost in the rounding of RᵀR, whose eigenvalues are s² with an error of 1e-15.
-DENSE_EDGES      Up to this number of edges all s are computed by a dense decomposition (0.1 s).
+DENSE_EDGES      Up to this number of edges all s are computed by a dense decomposition.
 LARGEST_DENSE    Largest number of entries of a dense array made in this layer: 160 MB.
 
 Stresses
 
 BALANCED         Unbalanced forces below this, relative to the mean tension, are those of a self-stress: configurations
-                 from σ leave 1e-13, coordinates of eight digits 1e-8.
+                 from σ leave 1e-15, coordinates of eight digits 1e-8.
 UNKNOWN_ERROR    Relative error assumed for bond vectors without error bounds.
 DIRECTION_MARGIN, DIRECTION_ROUNDING
                  Two directions differ if they do by this number times their errors, plus the rounding of products.
 
 Second order, in units of the largest |q_I(z)|
 
-POSITIVE         An eigenvalue above this is positive: the semidefinite programs are accurate to 1e-9.
+POSITIVE         An eigenvalue above this is positive: below, the solutions of semidefinite programs are not accurate.
 ZERO             An eigenvalue or form below this is zero to rounding.
 RESISTED         A mode with more stiffness than this, under a stress that is nowhere negative, cannot escape.
-PROGRAM_MODES    Zero modes in a first semidefinite program, which takes a second for 40.
+PROGRAM_MODES    Zero modes in a first semidefinite program; larger ones start from a subspace of half this number.
 FOURTH_ORDER_MODES
                  Zero modes in the relaxation of fourth order, whose size is their fourth power.
-LINEAR_PROGRAM   Entries of the self-stresses up to which a linear program is tried (some seconds).
+LINEAR_PROGRAM   Entries of the self-stresses up to which a linear program is tried, a limit of time.
 """
 
 from __future__ import annotations
