@@ -1,0 +1,69 @@
+"""The displacement to an exact equilibrium, against the high-precision reference, and where it is refused."""
+
+import numpy as np
+import pytest
+from problems import NETWORKS, random_stress
+
+from critflow import CriticalManifold, voronoi_network
+from critflow.linalg.matrices import laplacian
+from critflow.precision.residual import exact_displacement, inverse_norm
+from workflows.benchmarks import reference
+
+ROUNDING = np.finfo(float).eps
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-12, 1e-6, 1e-2])
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "pinned grid"])
+def test_displacement_to_the_balance_of_a_constant_stress(name, size):
+    # With σ fixed the equilibrium is linear, P (x* − x) = f, and any start leads to it.
+    network = NETWORKS[name]()
+    sigma = random_stress(network.n_edges, 1)
+    manifold = CriticalManifold(network)
+    x = manifold.configuration(sigma).coordinates
+    x[network.free] += size * np.random.default_rng(2).standard_normal((len(network.free), network.dimension))
+    found = exact_displacement(network, x, lambda _: sigma, manifold.prestress.factorize(sigma).solve)
+    exact = reference.configuration(network, sigma).coordinates[network.free]
+    error = (reference.numbers(x[network.free], found.displacement) - exact).astype(float)
+    # The displacement is a double, and its forces are rounded by 2⁻⁷⁷ of the largest.
+    rounding = ROUNDING * np.abs(found.displacement).max() + 1e-22
+    assert np.abs(error).max() <= found.remainder + rounding
+    assert found.remainder <= ROUNDING * np.abs(x).max()
+    L = reference.numbers(network.free_incidence.toarray()) @ exact + reference.numbers(network.boundary_vectors)
+    assert reference.largest_error(found.bond_vectors, L) <= 4 * ROUNDING * np.abs(found.bond_vectors).max()
+
+
+def test_corrections_that_do_not_shrink_have_no_bound():
+    network = voronoi_network(40, seed=1)
+    sigma = random_stress(network.n_edges, 1)
+    manifold = CriticalManifold(network)
+    x = manifold.configuration(sigma).coordinates
+    x[network.free] += 1e-3
+    solve = manifold.prestress.factorize(sigma).solve
+    for gain in (0.1, 2.0, -1.0):
+        found = exact_displacement(network, x, lambda _: sigma, lambda f, gain=gain: gain * solve(f))
+        assert found.remainder == np.inf, gain
+
+
+def test_small_corrections_of_a_regularised_matrix_prove_nothing():
+    # The displacement is ten roundings; corrections by P + shift are below one because of the shift alone.
+    network = voronoi_network(40, seed=1)
+    sigma = random_stress(network.n_edges, 1)
+    manifold = CriticalManifold(network)
+    x = manifold.configuration(sigma).coordinates
+    x[network.free] += 1e-14 * np.random.default_rng(2).standard_normal((len(network.free), 2))
+    solve = manifold.prestress.factorize(sigma, 100.0).solve
+    assert np.isfinite(exact_displacement(network, x, lambda _: sigma, solve).remainder)
+    assert exact_displacement(network, x, lambda _: sigma, solve, regularised=True).remainder == np.inf
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_norm_of_an_inverse(seed):
+    network = voronoi_network(60, seed=seed)
+    sigma = random_stress(network.n_edges, seed)
+    factor = laplacian(network).factorize(sigma)
+    P = factor.multiply(np.eye(len(network.free)))
+    exact = 1 / np.linalg.eigvalsh(P)[0]
+    rng = np.random.default_rng(seed)
+    once = factor.solve(rng.standard_normal(len(P)))
+    assert exact / 3 < inverse_norm(factor, once) <= exact * (1 + 1e-12)
+    assert 0 < inverse_norm(factor, np.zeros_like(once)) <= exact * (1 + 1e-12)
