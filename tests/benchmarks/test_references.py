@@ -1,5 +1,6 @@
 """References of the benchmarks: mpmath against numpy, definitions and the library; double-double against mpmath."""
 
+import mpmath
 import numpy as np
 import pytest
 from problems import TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS, random_stress
@@ -90,7 +91,7 @@ def test_errors_of_doubles_are_exact():
 
 
 def test_the_precision_of_other_users_of_mpmath_does_not_change():
-    assert reference.mpmath.mp.dps == 15
+    assert mpmath.mp.dps == 15
     assert MP.dps == reference.DIGITS
 
 

@@ -1,13 +1,9 @@
 """High-precision reference for small networks: dense linear algebra in mpmath, no code shared with critflow.
 
 Of a `Network` only data are read: edges, free vertices, boundary vectors, stiffness, cell and pins.  Floating-point
-input is exact input; an answer has at least `WANTED` correct digits.  A linear system is solved by Gaussian elimination
-and checked by its residual in twice the digits; where too few digits are correct, the computation is repeated with
-three times the digits, and above `MOST` digits `Unknown` is raised.  mpmath's `lu_solve` takes one right side and does
-not skip zeros, hence the elimination here.
-
-Pure Python: 60 unknowns with 60 digits take 0.3 s, and the time grows with the cube of their number.  References of
-large networks are in double-double arithmetic (`speed_accuracy/`), which tests compare with this module on small ones.
+input is exact input; an answer has at least `WANTED` correct digits, or `Unknown` is raised (`high_precision.py`).
+References of large networks are in double-double arithmetic (`speed_accuracy/references.py`), which tests compare with
+this module on small ones.
 
 Symbols: g incidence (N_b, n_free), b boundary vectors, L = g x + b, σ stress, k stiffness, ℓ rest lengths, R = ∂h/∂x
 with h = |L|²/2, P = gᵀ diag(σ) g, A the strain (½1 for dilation, offdiagonal ½ for pure shear), V the volume.
@@ -16,27 +12,13 @@ with h = |L|²/2, P = gᵀ diag(σ) g, A the strain (½1 for dilation, offdiagon
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import wraps
 
 import numpy as np
 
-from critflow import StudyError
+from .high_precision import DIGITS, MP, WANTED, Unknown, dot, largest, numbers, precise, roots, solve, zeros
+from .high_precision import largest_error as largest_error
 
-try:
-    import mpmath
-except ImportError as error:
-    raise StudyError("the high-precision reference needs mpmath: pip install mpmath") from error
-
-# Digits of the first attempt, correct digits required of an answer, and digits of the last attempt.
-DIGITS, WANTED, MOST = 60, 30, 2000
-# A context of this module: the precision of other users of mpmath does not change.
-MP = mpmath.mp.clone()
-MP.dps = DIGITS
 _NEWTON_STEPS = 60
-
-
-class Unknown(Exception):
-    """The reference has no answer."""
 
 
 @dataclass(frozen=True)
@@ -46,103 +28,6 @@ class Configuration:
     coordinates: np.ndarray
     bond_vectors: np.ndarray
     sigma: np.ndarray
-
-
-# Numbers
-
-
-def numbers(*parts):
-    """The exact sum of floating-point arrays (the parts of a double-double number) as an array of mpmath numbers."""
-    arrays = [np.asarray(part) for part in parts]
-    convert = np.vectorize(MP.mpf, otypes=[object])
-    return sum(a if a.dtype == object else convert(a.astype(float)) for a in arrays)
-
-
-def largest(values):
-    """Largest magnitude, as a float."""
-    return float(max(abs(v) for v in np.ravel(values)))
-
-
-def largest_error(values, truth, moved=False):
-    """Largest difference between floating-point numbers and the reference; infinite where a value is not finite.
-
-    moved  whether the first row of the values (n, d) is the origin of the reference
-    """
-    if not np.isfinite(np.asarray(values, dtype=float)).all():
-        return np.inf
-    values = numbers(values)
-    return largest(values - values[0] - truth if moved else values - truth)
-
-
-roots = np.frompyfunc(MP.sqrt, 1, 1)
-
-
-def _zeros(*shape):
-    return numbers(np.zeros(shape))
-
-
-def _dot(a, b):
-    return (a * b).sum(axis=1)
-
-
-# Linear systems
-
-
-def precise(answer):
-    """Decorator: repeat with more digits until there is an answer; `digits` are those of the first attempt."""
-
-    @wraps(answer)
-    def run(*arguments, digits=DIGITS, **options):
-        while True:
-            try:
-                with MP.workdps(digits):
-                    return answer(*arguments, **options)
-            except (Unknown, ZeroDivisionError) as error:
-                digits *= 3
-                if digits > MOST:
-                    raise Unknown(str(error)) from None
-
-    return run
-
-
-def solve(matrix, right):
-    """The solution (n, m) of a dense system with right sides (n, m), to `WANTED` digits of its largest entry.
-
-    Raises `Unknown` for a matrix that is singular in the current precision, and where too few digits are correct.
-    """
-    digits = MP.dps
-    rows, order = _factorized(matrix)
-    x = _substituted(rows, order, right)
-    with MP.workdps(2 * digits):
-        residual = right - matrix @ x
-    correction = _substituted(rows, order, residual)
-    if largest(correction) > 10.0**-WANTED * largest(x):
-        raise Unknown(f"{digits} digits are too few for this system")
-    return x + correction
-
-
-def _factorized(matrix):
-    """L and U in one array, and the order of the rows: partial pivoting, zeros skipped."""
-    rows, order = matrix.copy(), np.arange(len(matrix))
-    for k in range(len(rows)):
-        pivot = k + int(np.argmax(abs(rows[k:, k])))
-        if not rows[pivot, k]:
-            raise Unknown("the matrix is singular")
-        rows[[k, pivot]], order[[k, pivot]] = rows[[pivot, k]], order[[pivot, k]]
-        below = k + 1 + np.flatnonzero(rows[k + 1 :, k])
-        right = k + 1 + np.flatnonzero(rows[k, k + 1 :])
-        rows[below, k] /= rows[k, k]
-        rows[np.ix_(below, right)] -= np.multiply.outer(rows[below, k], rows[k, right])
-    return rows, order
-
-
-def _substituted(rows, order, right):
-    x = right[order].copy()
-    for k in range(1, len(x)):
-        x[k] -= rows[k, :k] @ x[:k]
-    for k in range(len(x) - 1, -1, -1):
-        x[k] = (x[k] - rows[k, k + 1 :] @ x[k + 1 :]) / rows[k, k]
-    return x
 
 
 # Networks
@@ -162,7 +47,7 @@ def assembled(network, blocks):
     n, m = len(network.free), blocks.shape[1]
     index = np.full(network.n_vertices, -1)
     index[network.free] = np.arange(n)
-    matrix = _zeros(n, m, n, m)
+    matrix = zeros(n, m, n, m)
     for (tail, head), block in zip(index[network.edges], blocks, strict=True):
         for i, j, sign in ((tail, tail, 1), (head, head, 1), (tail, head, -1), (head, tail, -1)):
             if tail != head and min(i, j) >= 0:
@@ -223,8 +108,8 @@ def configuration(network, sigma):
 def transition_moduli(network, critical):
     """B_0 and G_0 of a configuration with one self-stress: (Σσḣ)²/(V Σσ²|L|²/k) with ḣ = L·A L."""
     L, sigma, k = critical.bond_vectors, critical.sigma, numbers(network.stiffness)
-    cost = volume(network) * (sigma**2 * _dot(L, L) / k).sum()
-    return np.array([(sigma * _dot(L, AL)).sum() ** 2 / cost for AL in _strained(L)], dtype=object)
+    cost = volume(network) * (sigma**2 * dot(L, L) / k).sum()
+    return np.array([(sigma * dot(L, AL)).sum() ** 2 / cost for AL in _strained(L)], dtype=object)
 
 
 @precise
@@ -234,18 +119,18 @@ def bulk_modulus_gradient(network, critical):
     With q = Σσ|L|²/Σ(σ²|L|²/k): 4V ∂B_0/∂σ = 2q(1 − qσ/k)|L|² and 4V ∂B_0/∂L = 2q(2 − qσ/k) σ L.
     """
     L, sigma, k, g = critical.bond_vectors, critical.sigma, numbers(network.stiffness), incidence(network)
-    square = _dot(L, L)
+    square = dot(L, L)
     q = (sigma * square).sum() / (sigma**2 * square / k).sum()
     factor, share = q / (2 * volume(network)), q * sigma / k
     y = solve(laplacian(network, sigma), g.T @ ((factor * (2 - share) * sigma)[:, None] * L))
-    return factor * (1 - share) * square - _dot(L, g @ y)
+    return factor * (1 - share) * square - dot(L, g @ y)
 
 
 @precise
 def largest_bulk_modulus(network):
     """The largest B_0 over all stresses: Σk|L|²/4V at σ = k."""
     L, k = configuration(network, network.stiffness).bond_vectors, numbers(network.stiffness)
-    return (k * _dot(L, L)).sum() / (4 * volume(network))
+    return (k * dot(L, L)).sum() / (4 * volume(network))
 
 
 @precise
@@ -253,26 +138,26 @@ def stiffening(network, critical):
     """B_0, G_0, C_B, C_G and C_G − B_0/2 of Hookean springs in two dimensions, from one bordered dense system."""
     L, k, V = critical.bond_vectors, numbers(network.stiffness), volume(network)
     sigma = critical.sigma / MP.sqrt((critical.sigma**2).sum())
-    square, affine, g, R = _dot(L, L), _strained(L), incidence(network), _rates(network, L)
+    square, affine, g, R = dot(L, L), _strained(L), incidence(network), _rates(network, L)
     soft = square / k
     D = (sigma**2 * soft).sum()
     n = R.shape[1]
     matrix = _bordered(laplacian(network, sigma, 2), R, sigma, sigma)
-    amplitudes = [(sigma * _dot(L, AL)).sum() / D for AL in affine]
+    amplitudes = [(sigma * dot(L, AL)).sum() / D for AL in affine]
     changes = [c * sigma * soft for c in amplitudes]
     right = [
-        np.concatenate([-(g.T @ (sigma[:, None] * AL)).ravel(), change - _dot(L, AL), _zeros(1)])
+        np.concatenate([-(g.T @ (sigma[:, None] * AL)).ravel(), change - dot(L, AL), zeros(1)])
         for change, AL in zip(changes, affine, strict=True)
     ]
     u = solve(matrix, np.stack(right, axis=1))[:n]
     responses = [AL + g @ u[:, a].reshape(-1, 2) for a, AL in enumerate(affine)]
     # L·b̈ of the boundary for γγ, γε and εε: b̈ maps L to −¼L, ½AL and 0.
-    boundary = {(0, 0): -square / 4, (0, 1): _dot(L, affine[1]) / 2, (1, 1): 0 * square}
+    boundary = {(0, 0): -square / 4, (0, 1): dot(L, affine[1]) / 2, (1, 1): 0 * square}
 
     def third_derivative(a, b, c):
         total = -3 * (k / square**2 * changes[a] * changes[b] * changes[c]).sum()
         for one, (i, j) in ((a, (b, c)), (b, (a, c)), (c, (a, b))):
-            curvature = _dot(responses[i], responses[j]) + boundary[min(i, j), max(i, j)]
+            curvature = dot(responses[i], responses[j]) + boundary[min(i, j), max(i, j)]
             total += amplitudes[one] * (sigma * curvature).sum()
         return total
 
@@ -284,7 +169,7 @@ def stiffening(network, critical):
 def _bordered(P, R, column, row):
     """[[P, Rᵀ, 0], [R, 0, column], [0, row, 0]]."""
     n, n_edges = P.shape[0], R.shape[0]
-    matrix = _zeros(n + n_edges + 1, n + n_edges + 1)
+    matrix = zeros(n + n_edges + 1, n + n_edges + 1)
     matrix[:n, :n], matrix[:n, n:-1], matrix[n:-1, :n] = P, R.T, R
     matrix[n:-1, -1], matrix[-1, n:-1] = column, row
     return matrix
@@ -301,11 +186,11 @@ def critical_from_lengths(network, lengths, sigma, coordinates):
     sigma = sigma * len(sigma) / sigma.sum()
     g, b, (n_free, d) = incidence(network), numbers(network.boundary_vectors), free.shape
     L = g @ free + b
-    t = _dot(L, L).sum() / square.sum()
+    t = dot(L, L).sum() / square.sum()
     for _ in range(_NEWTON_STEPS):
         L, n = g @ free + b, n_free * d
         matrix = _bordered(laplacian(network, sigma, d), _rates(network, L), -square / 2, MP.one)
-        force, short = (g.T @ (sigma[:, None] * L)).ravel(), (t * square - _dot(L, L)) / 2
+        force, short = (g.T @ (sigma[:, None] * L)).ravel(), (t * square - dot(L, L)) / 2
         step = solve(matrix, np.concatenate([-force, short, [len(sigma) - sigma.sum()]])[:, None])[:, 0]
         free = free + step[:n].reshape(n_free, d)
         sigma, t = sigma + step[n:-1], t + step[-1]
@@ -327,7 +212,7 @@ def _free(network, coordinates):
 
 def lengths(L):
     """|L| (N_b,)."""
-    return roots(_dot(L, L))
+    return roots(dot(L, L))
 
 
 def _stress(network, L, rest_lengths):
@@ -376,25 +261,25 @@ def linear_response(network, L, rest_lengths):
     L = numbers(L)
     sigma, K = _stress(network, L, numbers(rest_lengths))
     bulk, shear = _response(network, L, K, sigma)
-    return np.array([bulk, shear, shear - (sigma * _dot(L, L)).sum() / (4 * volume(network))], dtype=object)
+    return np.array([bulk, shear, shear - (sigma * dot(L, L)).sum() / (4 * volume(network))], dtype=object)
 
 
 @precise
 def moduli_at_rest(network, coordinates):
     """B and G of unstressed springs whose edges constrain every motion; any number of self-stresses."""
     L = numbers(network.bond_vectors(np.asarray(coordinates, dtype=float)))
-    return _response(network, L, numbers(network.stiffness) / _dot(L, L), numbers(0 * network.stiffness))
+    return _response(network, L, numbers(network.stiffness) / dot(L, L), numbers(0 * network.stiffness))
 
 
 def _response(network, L, K, sigma):
     """(B, G) = (ΣKḣ² + σ(|AL|² + L·b̈) − ΞᵀH⁻¹Ξ)/V in two dimensions."""
     g, H, R = incidence(network), _hessian(network, L, K, sigma), _rates(network, L)
     affine = _strained(L)
-    hdot = [_dot(L, AL) for AL in affine]
+    hdot = [dot(L, AL) for AL in affine]
     force = [R.T @ (K * rate) + (g.T @ (sigma[:, None] * AL)).ravel() for rate, AL in zip(hdot, affine, strict=True)]
     relaxed = solve(H, np.stack(force, axis=1))
-    boundary = -(sigma * _dot(L, L)).sum() / 4, 0
-    direct = [(K * rate**2).sum() + (sigma * _dot(AL, AL)).sum() for rate, AL in zip(hdot, affine, strict=True)]
+    boundary = -(sigma * dot(L, L)).sum() / 4, 0
+    direct = [(K * rate**2).sum() + (sigma * dot(AL, AL)).sum() for rate, AL in zip(hdot, affine, strict=True)]
     found = [(direct[a] + boundary[a] - force[a] @ relaxed[:, a]) / volume(network) for a in range(2)]
     return np.array(found, dtype=object)
 
