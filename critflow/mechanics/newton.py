@@ -86,6 +86,7 @@ def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern
             damping.reject(here)
     factor = damping.hessian_factor
     if status is Status.ok and (damping.indefinite or here.compressed):
+        # The path passed other branches, so the correction needs a factor at the last state.
         factor = None
         if here.state.factorize(pattern, SADDLE_SHIFT * here.stiffness).n_negative:
             status = Status.unstable
