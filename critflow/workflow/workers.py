@@ -29,7 +29,8 @@ from typing import Any
 from uuid import uuid4
 
 import dask.config
-from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
+from distributed import Client, Future, LocalCluster, as_completed
+from distributed.scheduler import KilledWorker, NoWorkerError
 from distributed.security import Security
 
 from critflow.result import CritflowError, EnvironmentFailure, InputError
@@ -50,7 +51,6 @@ _WORKERS_START = 60.0  # seconds: local workers that died are back earlier
 _UNEXPLAINED = 20  # deaths in a row without a running case: the workers cannot start
 _POLL = 0.05  # seconds
 _NO_DASHBOARD: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
-_RESUME = "run the same command again to resume"
 
 
 class Interrupted(CritflowError):
@@ -144,7 +144,7 @@ def compute(job: Job, tasks: Sequence[Task], workers: Workers, stopped: threadin
 
 
 def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threading.Event) -> Iterator[list[Outcome]]:
-    completed = as_completed([], loop=client.loop, with_results=True, raise_errors=False)
+    completed = as_completed([], loop=client.loop)  # without results: it would wait for ever for a lost one
     running: dict[Future, Task] = {}
     deaths = _Deaths(job)
 
@@ -164,13 +164,14 @@ def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threa
         ended = completed.next_batch(block=False)
         if not ended:
             time.sleep(_POLL)
-        for future, result in ended:
-            if (task := running.pop(future, ())) and future.status == "finished":
-                deaths.unexplained = 0
-                yield result
-            elif task and not stopped.is_set():
-                failed, again = deaths.explain(task, result)
-                yield failed
+        for future in ended:
+            if task := running.pop(future, ()):
+                try:
+                    outcomes, again = future.result(), list[Task]()
+                    deaths.unexplained = 0
+                except (KilledWorker, NoWorkerError, CancelledError) as error:
+                    outcomes, again = ([], []) if stopped.is_set() else deaths.explain(task, error)
+                yield outcomes
                 for part in again:
                     submit(part)
 
@@ -192,15 +193,11 @@ class _Deaths:
         self.of_case: Counter[str] = Counter()
         self.unexplained = 0  # in a row
 
-    def explain(self, task: Task, result: Any) -> tuple[list[Outcome], list[Task]]:
+    def explain(self, task: Task, error: Exception) -> tuple[list[Outcome], list[Task]]:
         """Failed cases of a task without a result, and the tasks to submit again; raises errors of the run."""
-        error = result[1] if isinstance(result, tuple) else result
-        if isinstance(error, CancelledError):
-            raise EnvironmentFailure(f"the connection to the scheduler ended: {_RESUME}") from error
-        if type(error).__name__ == "NoWorkerError":
-            raise EnvironmentFailure(f"all workers ended: {_RESUME}") from error
         if not isinstance(error, KilledWorker):
-            raise error
+            lost = "all workers" if isinstance(error, NoWorkerError) else "the scheduler"
+            raise EnvironmentFailure(f"{lost} ended: run the same command again to resume") from error
         failed, again, explained = list[Outcome](), list[Task](), False
         for values in task:
             case = self.job.case(self.study, values)
