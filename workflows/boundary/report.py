@@ -81,7 +81,7 @@ def _draw_copies(axes, one, cell, positions):
 
 
 def _draw_collapsed(axes, one, cell, b):
-    """Where edges lead when every vertex sits in the middle of its cell; numbers count the edges of each b."""
+    """The edges with every vertex in the middle of its cell, and the number of edges of each b."""
     middle = cell.sum(axis=0) / 2
     points = np.array([middle + np.array(image) @ cell for image in product((-2, -1, 0, 1, 2), repeat=2)])
     images, counts = np.unique(one.offsets.values, axis=0, return_counts=True)
@@ -209,7 +209,7 @@ def _shear(ds):
 
 
 def summary(ds):
-    """Counts of edges by what they cross, and how exact the sheared configurations are."""
+    """Numbers of edges, of crossing edges and of edges with a wrong nearest image."""
     crossing = ds.offsets.values.any(axis=2)
     return {
         "parameters": parameters(ds),

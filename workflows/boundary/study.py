@@ -1,7 +1,6 @@
 """How the boundary of a periodic network enters: L = g x + b, with b fixed by the cell images that edges join.
 
-The paper's `BoundaryTerm`, and what its affine deformation b → F b does, to shears where no rule of nearest images
-could follow.
+The paper's `BoundaryTerm`, and its affine deformation b → F b up to shears at which nearest images are wrong.
 """
 
 from __future__ import annotations

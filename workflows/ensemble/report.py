@@ -1,4 +1,4 @@
-"""Figures, claims and summary of the ensemble, read off its dataset alone."""
+"""Figures and claims of the ensemble, from its dataset alone."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ def response_figure(ds):
 
 
 def gallery(ds):
-    """`Networks`, in short: the first network in every population, on one colour scale."""
+    """`Networks`: the first network in every population, on one colour scale."""
     drawings = []
     for population in ds.population.values:
         one = ds.isel(seed=0).sel(population=population)
         if np.isfinite(one.sigma.values).all():
             drawings.append(_drawing(one, f"{{name}}: $B_0$ = {float(one.bulk_modulus_0):.3f}"))
-    title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition, seven ways"
+    title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition in seven populations"
     return gallery_figure(drawings, title.replace("seven", _NUMBERS.get(len(drawings), str(len(drawings)))))
 
 
@@ -106,7 +106,7 @@ def _panel(ds, name, label, log=False, zero_line=False):
 
 
 def _drawing(one, caption):
-    """One configuration; the {name} of its population goes into the caption."""
+    """One configuration with its caption, which may contain the {name} of its population."""
     sigma, lengths, cell = one.sigma.values, one.length.values, one.cell.values
     tensions = unit_pressure_tensions(sigma, lengths, float(abs(np.linalg.det(cell))))
     name = _label(one, str(one.population.values)).replace("\n", ", ")
@@ -119,7 +119,7 @@ def _drawing(one, caption):
 
 
 def claims(ds):
-    """What the paper says beside what this ensemble says; claims whose populations were not run are left out."""
+    """The statements of the paper on the populations; claims on populations without a run are left out."""
     have = {p for p in ds.population.values if len(of(ds, "C_B_exact", p)) or p == "random_lengths_wide"}
     return [claim for needs, make in _CLAIMS if have.issuperset(needs) for claim in make(ds)]
 

@@ -12,11 +12,11 @@ from critflow.mechanics.strain_path import check_strains
 from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from ..shared.checks import check_network, check_positive
-from ..shared.measurements import planar_member, table, verify
+from ..shared.measurements import DRAWN, planar_member, table, verify
 from ..shared.population_reports import summary
 from ..shared.populations import POPULATIONS
 from ..shared.reports import PAPER
-from .report import claims, gallery, response_figure, structure_figure
+from .report import RESPONSE, STRUCTURE, claims, gallery, response_figure, structure_figure
 
 
 def case(parameters, *, seed, population, wanted):
@@ -57,6 +57,13 @@ study = Study(
     check=check,
     variables=tuple(table(planar=True)),
     figures={"gallery": gallery, "structure": structure_figure, "response": response_figure},
+    needs={
+        "gallery": (*DRAWN, "bulk_modulus_0"),
+        "structure": (*DRAWN, *STRUCTURE, "stressed_fraction"),
+        "response": (*DRAWN, *RESPONSE, "stressed_fraction"),
+        "claims": (*STRUCTURE, *RESPONSE, "C_G_exact", "C_B", "stressed_fraction"),
+        "summary": ("max_force",),
+    },
     claims=claims,
     summary=summary,
     verify=verify,

@@ -14,7 +14,7 @@ from critflow.workflow import Claim
 from ..shared.reports import parameters
 from ..shared.verification import bond_vectors
 
-# Name and the number that matters of every panel, in the order of the letters.
+# Name and characteristic number of every panel, in the order of the letters.
 CAPTIONS = {
     "length_variance": ("least $V_L$", "$V_L$ {V_L}"),
     "tension_variance": ("least $V_\\tau$", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
@@ -47,8 +47,7 @@ ROWS = (
     (
         PANELS[3:6],
         "Largest bulk modulus",
-        "D is stressed as its springs are stiff.  E and F keep the directions and tensions of D, and with them $B_0$, "
-        "however far they go.",
+        "D is stressed as its springs are stiff.  E and F keep the directions and tensions of D, and with them $B_0$.",
     ),
     (
         PANELS[6:9],
@@ -68,8 +67,8 @@ def gallery(ds):
     tension = np.abs(one.tension.sel(panel=shown).values)
     limits = (0.0, float(np.nanpercentile(tension, 98)))
     figure = Figure(figsize=(7.2, 9.0), dpi=200)
-    ways = "thirteen" if len(shown) == len(PANELS) else len(shown)
-    title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition, {ways} ways"
+    number = "thirteen" if len(shown) == len(PANELS) else len(shown)
+    title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition, {number} configurations"
     figure.text(0.5, 0.985, title, ha="center", va="top", fontsize=11)
     grid = figure.add_gridspec(4, 4, left=0.012, right=0.988, bottom=0.072, top=0.925, wspace=0.06, hspace=0.22)
     lines = None
@@ -144,7 +143,7 @@ def _wrapped(text, width=28):
 
 
 def claims(ds):
-    """What the paper says of its figure beside what this one shows; claims whose panels were not run are left out."""
+    """The statements of the paper on its figure; claims on panels without a run are left out."""
     have = {panel for panel in ds.panel.values if np.isfinite(ds.bulk_modulus_0.sel(panel=panel)).all()}
     return [claim for needs, make in _CLAIMS if have.issuperset(needs) for claim in make(ds)]
 
@@ -184,7 +183,7 @@ def _equal_tension_variance(ds):
         "Networks-BC", "configurations of least V_τ are degenerate along isogonal modes", "same V_τ",
         f"V_τ = {V_tau[0, 0]:.6f} of both, within {_bound(apart)}; V_L = {V_L[0, 0]:.3f} and {V_L[1, 0]:.3f}",
         apart < 1e-12, "the tensions changed",
-        f"in {lost} of {len(status)} networks edges shrink to zero length on the way to the least V_τ" if lost else "",
+        f"in {lost} of {len(status)} networks edges shrink to zero length towards the least V_τ" if lost else "",
     )  # fmt: skip
 
 
@@ -232,7 +231,7 @@ def _equal_bulk_modulus(ds):
         f"eigenvalues below {_bound(zero)} and above {curved:.1g} of the largest",
         (flat == half).all(), "another number of eigenvalues vanishes",
         f"the paper writes N_v/2 − 1 = N_f, but the network has N_f = N_v/2 = {half} faces: the modes of all faces "
-        "add up to nothing, so one of them is no direction of its own",
+        "add up to zero, so that one of them is not independent",
     )  # fmt: skip
 
 
@@ -273,7 +272,7 @@ _CLAIMS = (
 
 
 def _bound(value, least=1e-16):
-    """A power of ten that a small number does not exceed; by default not below the rounding of numbers of order one."""
+    """A power of ten that a small number does not exceed, at least the rounding error of numbers of order one."""
     return f"1e{int(np.ceil(np.log10(max(float(value), least))))}"
 
 

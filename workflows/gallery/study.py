@@ -1,10 +1,10 @@
-"""One network in thirteen critical configurations: what the paper draws in `Networks`.
+"""One network in thirteen critical configurations: the figure `Networks` of the paper.
 
 A least V_L.  B, C least V_τ, C after an isogonal change.  D largest B_0 at σ = k.  E, F two isogonal changes of D.
 G, H, I largest G_0 at three thresholds r.  J, K random rest lengths: of a spread that leaves every edge stressed, and
 of the printed one, which does not.  L, M random stresses.
 
-The least V_τ need not be attained: in about one network of six some edge shrinks to zero length on the way
+The least V_τ need not be attained: in about one network of six some edge shrinks to zero length
 (`edge_collapse`).  The network drawn, seed 0, attains it.
 """
 

@@ -1,4 +1,4 @@
-"""The unconstrained ascent of the shear modulus, recorded on its way."""
+"""The unconstrained ascent of the shear modulus, recorded at chosen steps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MEASURES = ("shear_modulus", "longest_edge", "least_tension", "compressed_edges"
 
 
 def measures(network, value, sigma, L):
-    """The modulus, the longest edge and least tension in their units, and how much is compressed."""
+    """Modulus, longest edge over the side, least over largest tension, number and length of compressed edges."""
     length = np.linalg.norm(L, axis=1)
     tension = sigma * length
     compressed = sigma < 0
@@ -28,16 +28,18 @@ def measures(network, value, sigma, L):
 
 @dataclass(frozen=True)
 class Ascent:
-    """An ascent from σ = 1: how it ended, the bound, and the measures (5,) where they were wanted.
+    """An ascent from σ = 1: its solution, the bound, and the five measures of `MEASURES`.
 
-    along     (5, n_steps) at the recorded steps, NaN beyond the end; `sigmas` (n_steps, N_b) are the stresses there
-    reached   (5, n_fractions) at the first step that has each part of the bound, which is `first`; −1: none
+    recorded  (5, n_steps) at the recorded steps, NaN beyond the end
+    sigmas    (n_steps, N_b), stresses at the recorded steps up to the end
+    reached   (5, n_fractions) at the first step beyond each part of the bound
+    first     (n_fractions,), that step; −1 if it is not reached
     end       (5,) at the last step
     """
 
     solution: Solution
     bound: float
-    along: np.ndarray
+    recorded: np.ndarray
     sigmas: np.ndarray
     reached: np.ndarray
     first: np.ndarray
@@ -49,7 +51,7 @@ def ascend(manifold, method, steps, fractions, stop_at_last=False):
     network = manifold.network
     bound = modulus_bound(manifold, pure_shear(2))
     place = {step: n for n, step in enumerate(steps)}
-    along, reached = np.full((5, len(steps)), np.nan), np.full((5, len(fractions)), np.nan)
+    recorded, reached = np.full((5, len(steps)), np.nan), np.full((5, len(fractions)), np.nan)
     first, end, sigmas = np.full(len(fractions), -1), np.full(5, np.nan), []
 
     def observe(step, value, sigma, L):
@@ -58,14 +60,14 @@ def ascend(manifold, method, steps, fractions, stop_at_last=False):
         reached[:, newly] = end[:, None]
         first[newly] = step
         if step in place:
-            along[:, place[step]] = end
+            recorded[:, place[step]] = end
             sigmas.append(sigma.copy())
         return step >= steps[-1] or (stop_at_last and (first >= 0).all())
 
     solution = optimize(
         manifold, "shear_modulus", method, signs="any", max_steps=max(steps) + 1, observe=observe, throw=False
     )
-    return Ascent(solution, bound, along, np.array(sigmas), reached, first, end)
+    return Ascent(solution, bound, recorded, np.array(sigmas), reached, first, end)
 
 
 def check_ascent(parameters):

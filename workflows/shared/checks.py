@@ -1,4 +1,4 @@
-"""What several studies refuse before anything runs."""
+"""Checks of parameters before a run, for several studies."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from critflow import InputError, StudyError
 
 
 def check_positive(parameters, *names):
-    """Refuse parameters that are not positive."""
+    """Raise `StudyError` for parameters that are not positive."""
     for name in names:
         if not parameters[name] > 0:
             raise StudyError(f"{name}={parameters[name]} must be positive")
 
 
 def check_network(make, *arguments):
-    """Refuse sizes and hard cores of which no network can be made."""
+    """Raise `StudyError` for sizes and hard cores without a network."""
     try:
         make(*arguments)
     except InputError as error:

@@ -15,6 +15,8 @@ from .verification import bond_vectors, contradictions, forces, variances
 
 # Relative force balance of stored coordinates with edges as short as a thousandth of the mean.
 _BALANCED = 1e-11
+# Variables of a drawing of one configuration.
+DRAWN = ("edges", "offsets", "cell", "sigma", "length", "coordinates")
 # Variables that require linear systems at the transition, or the strain path and the lines fitted to it.
 _EXACT = ("C_B_exact", "C_G_exact", "C_G_stress_corrected_exact")
 _ALONG = (
@@ -107,14 +109,14 @@ def fitted(strains, moduli, window):
 def table(planar):
     """Names, dimensions, types, units and meanings of the stored variables; shapes of faces in the plane only."""
     network, member, each = ("seed",), ("population", "seed"), ("population", "seed", "strain")
-    # CF knows no stiffness as a unit: what is measured in k is dimensionless, and its name says so.
+    # CF has no unit of stiffness: quantities in units of k are dimensionless, and their long names contain the unit.
     in_k = ", in units of k"
     of_modulus = in_k if planar else ", in units of k per length"
 
     def scalar(name, long_name, dtype="f8", **more):
         return Variable(name, member, dtype, long_name=long_name, **more)
 
-    def along(name, long_name, dtype="f8", **more):
+    def past(name, long_name, dtype="f8", **more):
         return Variable(name, each, dtype, long_name=long_name, **more)
 
     yield Variable("edges", (*network, "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
@@ -129,21 +131,21 @@ def table(planar):
     yield Variable("coordinates", (*member, "vertex", "axis"), "f8", long_name="vertex coordinates at the transition")
     yield scalar("bulk_modulus_0", "bulk modulus at the transition" + of_modulus)
     yield scalar("shear_modulus_0", "shear modulus at the transition" + of_modulus)
-    yield along("bulk_modulus", "bulk modulus V d2E/dV2" + of_modulus)
-    yield along("shear_modulus", "shear modulus (1/V) d2E/dε2, energy convention" + of_modulus)
-    yield along("shear_modulus_stress_corrected", "shear modulus less half of dE/dV" + of_modulus)
-    yield along("energy", "elastic energy" + in_k)
-    yield along("max_force", "largest unbalanced force component" + in_k)
-    yield along("newton_steps", "Newton steps of the relaxation", dtype="i2")
-    yield along("path_status", "outcome of the strain step", dtype="i1", flags=Status)
-    for name, what in (
+    yield past("bulk_modulus", "bulk modulus V d2E/dV2" + of_modulus)
+    yield past("shear_modulus", "shear modulus (1/V) d2E/dε2, energy convention" + of_modulus)
+    yield past("shear_modulus_stress_corrected", "shear modulus less half of dE/dV" + of_modulus)
+    yield past("energy", "elastic energy" + in_k)
+    yield past("max_force", "largest unbalanced force component" + in_k)
+    yield past("newton_steps", "Newton steps of the relaxation", dtype="i2")
+    yield past("path_status", "outcome of the strain step", dtype="i1", flags=Status)
+    for name, modulus in (
         ("C_B", "bulk modulus"),
         ("C_G", "shear modulus (energy convention)"),
         ("C_G_stress_corrected", "stress-corrected shear modulus"),
     ):
-        yield scalar(name, f"growth of the {what} with strain, straight line fitted to the path" + of_modulus)
-        yield scalar(f"{name}_error", f"standard error of the fitted growth of the {what}" + of_modulus)
-        yield scalar(f"{name}_exact", f"growth of the {what} with strain, from the transition alone" + of_modulus)
+        yield scalar(name, f"growth of the {modulus} with strain, straight line fitted to the path" + of_modulus)
+        yield scalar(f"{name}_error", f"standard error of the fitted growth of the {modulus}" + of_modulus)
+        yield scalar(f"{name}_exact", f"growth of the {modulus} with strain, from the transition alone" + of_modulus)
     yield scalar("length_variance", "variance of the lengths over their squared mean, V_L")
     yield scalar("tension_variance", "variance of the tensions over their squared mean, V_τ")
     if planar:

@@ -23,7 +23,7 @@ def exponent(sizes, values, middle=np.nanmean):
 
 
 def _slopes(sizes, means):
-    """Least-squares slopes of log mean against log size, along the first dimension; NaN where one is not positive."""
+    """Least-squares slopes of log mean against log size over the first dimension; NaN unless all means are positive."""
     lever = np.log(sizes) - np.log(sizes).mean()
     return np.tensordot(lever, np.log(np.where(means > 0, means, np.nan)), 1) / np.sum(lever**2)
 

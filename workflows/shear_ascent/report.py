@@ -91,7 +91,7 @@ def _on_log_axis(steps):
 
 
 def animation(ds):
-    """One network on its way up, with its modulus."""
+    """One network during the ascent, with its modulus."""
     one = ds.isel(seed=0)
     steps, moduli = _on_log_axis(one.step), one.shear_modulus.values
     for place in range(len(steps)):
@@ -120,7 +120,7 @@ def _draw(axes, one, width):
 
 
 def _places(one):
-    """Where on the way the drawn parts of the bound were first reached."""
+    """The first recorded steps beyond the drawn parts of the bound."""
     parts = one.shear_modulus.values / float(one.bound)
     return [int(np.argmax(parts >= part)) if parts.max() >= part else len(parts) - 1 for part in SHOWN]
 
@@ -203,10 +203,10 @@ def _compression(good, last):
 def _singular(ds, good, last):
     runaway = int((ds.status == Status.singular).sum())
     return Claim(
-        "singular-prestress", "the way crosses stresses whose prestress matrix is singular, and may end at one",
+        "singular-prestress", "the ascent crosses stresses with a singular prestress matrix, and may end at one",
         "not stated", f"{spread(good.crossings, 3)} steps cross; {spread(good.negative_pivots, 3)} negative "
-        f"eigenvalues at the end; {runaway} of {ds.sizes['seed']} ascents end at a singular matrix, where lengths grow "
-        f"without end and the modulus has a limit ({_limit(good)}); the others balance to "
+        f"eigenvalues at the end; {runaway} of {ds.sizes['seed']} ascents end at a singular matrix, where lengths "
+        f"diverge and the modulus has a limit ({_limit(good)}); the others balance to "
         f"{float(last.residual.max()):.0e} at the last step", "measured",
     )  # fmt: skip
 

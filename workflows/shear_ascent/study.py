@@ -1,7 +1,7 @@
 """Maximising the shear modulus without any constraint on the signs of the stress (`ShearModulusSteepestDescent`).
 
 From σ = 1 every network climbs towards the closed-form bound.  Edges along the shear grow to the size of the box,
-others come under compression, and the prestress matrix turns indefinite on the way.
+others come under compression, and the prestress matrix becomes indefinite.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ STEPS = tuple(int(step) for step in np.unique(np.round(np.concatenate([[0, 1], 1
 
 
 def case(parameters, *, seed):
-    """One ascent: measures at the recorded steps, the configurations there, and the bound with what attains it."""
+    """One ascent: measures and configurations at the recorded steps, and the bound with its closed form."""
     network = voronoi_network(parameters["n_vertices"], seed, parameters["hard_core"])
     manifold = CriticalManifold(network)
     steps = parameters["steps"]
     ascent = ascend(manifold, parameters["method"], steps, (0.9,))
-    found, along = ascent.solution, ascent.along
+    found = ascent.solution
     shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
     exact = largest_modulus(manifold, pure_shear(2))
     # Coordinates whose bond vectors are those of the record, to single precision, which is enough to draw.
@@ -41,7 +41,7 @@ def case(parameters, *, seed):
     coordinates[:stored] = [network.all_coordinates(manifold.balance(s).coordinates) for s in ascent.sigmas]
     return {
         **shared,
-        **dict(zip(MEASURES, along, strict=True)),
+        **dict(zip(MEASURES, ascent.recorded, strict=True)),
         "sigma": sigma,
         "coordinates": coordinates,
         "bound": ascent.bound,
@@ -67,17 +67,17 @@ def check(parameters, axes):
 
 def table():
     """Names, dimensions, types and meanings of the stored variables."""
-    network, along = ("seed",), ("seed", "step")
+    network, recorded = ("seed",), ("seed", "step")
     yield Variable("edges", (*network, "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
     yield Variable("offsets", (*network, "edge", "axis"), "i2", long_name="cell image in which each head lies")
     yield Variable("cell", (*network, "axis", "axis_"), "f8", long_name="cell vectors as rows")
-    yield Variable("shear_modulus", along, "f8", long_name="shear modulus at the transition, in units of k")
-    yield Variable("longest_edge", along, "f8", long_name="length of the longest edge over the side of the box")
-    yield Variable("least_tension", along, "f8", long_name="least tension over the largest magnitude of a tension")
-    yield Variable("compressed_edges", along, "f8", long_name="number of edges under compression")
-    yield Variable("compressed_length", along, "f8", long_name="total length of the edges under compression")
-    yield Variable("sigma", (*along, "edge"), "f4", long_name="geometric stress, sum of squares N_b")
-    yield Variable("coordinates", (*along, "vertex", "axis"), "f4", long_name="vertex coordinates")
+    yield Variable("shear_modulus", recorded, "f8", long_name="shear modulus at the transition, in units of k")
+    yield Variable("longest_edge", recorded, "f8", long_name="length of the longest edge over the side of the box")
+    yield Variable("least_tension", recorded, "f8", long_name="least tension over the largest magnitude of a tension")
+    yield Variable("compressed_edges", recorded, "f8", long_name="number of edges under compression")
+    yield Variable("compressed_length", recorded, "f8", long_name="total length of the edges under compression")
+    yield Variable("sigma", (*recorded, "edge"), "f4", long_name="geometric stress, sum of squares N_b")
+    yield Variable("coordinates", (*recorded, "vertex", "axis"), "f4", long_name="vertex coordinates")
     yield Variable("bound", network, "f8", long_name="largest shear modulus of any stress, in closed form")
     yield Variable("last_step", network, "i4", long_name="step that ended the ascent", fill=-1)
     yield Variable("shear_modulus_end", network, "f8", long_name="shear modulus there, or its limit, in units of k")
@@ -88,7 +88,7 @@ def table():
     )
     yield Variable("crossings", network, "i4", long_name="steps across a singular prestress matrix", fill=-1)
     yield Variable("negative_pivots", network, "i4", long_name="negative eigenvalues of the last prestress matrix")
-    yield Variable("nearest_singular", network, "f8", long_name="smallest over largest pivot met on the way")
+    yield Variable("nearest_singular", network, "f8", long_name="smallest over largest pivot during the ascent")
     yield Variable("residual", network, "f8", long_name="largest unbalanced force over the mean tension at the end")
     yield Variable("status", network, "i1", long_name="outcome of the ascent", flags=Status)
 

@@ -12,7 +12,7 @@ from ..shared.reports import parameters, series, status_counts
 
 
 def _curves(ds, name):
-    """What is fitted: label and values (n_sizes, n_networks) for the end of FIRE and each part of the bound."""
+    """Label and values (n_sizes, n_networks) at the end of FIRE and at each part of the bound."""
     for algorithm in map(str, ds.algorithm.values):
         one = ds.sel(algorithm=algorithm)
         if algorithm == "fire":
@@ -54,7 +54,7 @@ def _draw_scaling(axes, ds, name, expected):
     lowest = np.inf
     for n, (words, values) in enumerate(_curves(ds, name)):
         style = series(n)
-        # Medians: lengths of an ascent that runs away are beyond all others.
+        # Medians, because the lengths of an ascent near a singular matrix diverge.
         fit = exponent(sizes, values, np.nanmedian)
         low, middle, high = np.nanquantile(values, (1 / 6, 0.5, 5 / 6), axis=1)
         axes.errorbar(
@@ -121,7 +121,7 @@ def _bounds(ds):
 
 _REASON = (
     "the exponent depends on the method and on how far it climbs: FIRE, the paper's method, has the first row; L-BFGS "
-    "climbs farther and compresses more and shorter edges, of a total length that grows as said"
+    "climbs farther and compresses more and shorter edges, whose total length grows as N_v"
 )
 
 

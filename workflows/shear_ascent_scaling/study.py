@@ -1,7 +1,7 @@
 """Compressed edges of the unconstrained ascent against the size of the network (`ShearModulusSteepestDescent` F, G).
 
-Networks of all sizes are compared at the end of the paper's method, FIRE, after the same number of steps, and by L-BFGS
-where they reach the same part of the closed-form bound, because the same number of steps leads small networks farther.
+Networks of all sizes are compared at the end of the paper's method, FIRE, after the same number of steps, and with
+L-BFGS at the same part of the closed-form bound: the same number of steps reaches a larger part in small networks.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def case(parameters, *, n_vertices, algorithm, seed):
     steps, fractions = (0, parameters["n_steps"]), parameters["fractions"]
     ascent = ascend(manifold, algorithm, steps, fractions, stop_at_last=algorithm != "fire")
     return {
-        # To be stopped at the largest part of the bound is what was asked for.
+        # A stop at the largest part of the bound is the requested end.
         "status": Status.ok if (ascent.first >= 0).all() else ascent.solution.status,
         "bound": ascent.bound,
         "step": ascent.first,

@@ -96,7 +96,7 @@ def _isotropic(ds):
 
 
 def _shown_sizes(sizes):
-    """The paper's three sizes, or what comes first of those that were run."""
+    """The three sizes of the paper, or the first three sizes of the run."""
     return [size for size in (100, 500, 1000) if size in sizes] or list(sizes[:3])
 
 
@@ -120,7 +120,7 @@ def _largest_of(n, picked):
 
 
 def claims(ds):
-    """What the paper says about the constrained shear modulus beside what is measured."""
+    """The statements of the paper on the constrained shear modulus."""
     sizes = ds.n_vertices.values
     if len(sizes) > 1:
         yield from _size_claims(ds, sizes)

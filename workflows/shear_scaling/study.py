@@ -1,7 +1,7 @@
 """The shear modulus at the transition against size, threshold and number of starts (`ShearModulusScaling`).
 
-Populations that are not optimised for it lose their shear modulus as 1/N_v; the one that is keeps it, at the price of
-aligned edges that a lower threshold r lets align further.  The constrained objective has many local optima.
+The shear modulus of populations that are not optimised for it falls as 1/N_v; that of max G_0 is independent of size,
+with aligned edges that align further at a lower threshold r.  The constrained objective has many local optima.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .report import claims, scaling_figure, summary
 
 
 def case(parameters, *, n_vertices, seed):
-    """Every population's G_0; of the first networks also max G_0 at each threshold, and what further starts find."""
+    """G_0 of every population; for the first networks also max G_0 at each threshold and from several starts."""
     manifold = prepared(voronoi_network, n_vertices, seed, parameters["hard_core"])
     populations = np.full(len(parameters["populations"]), np.nan)
     statuses = np.full(len(populations), int(Status.failed))

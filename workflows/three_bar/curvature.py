@@ -39,7 +39,7 @@ def closed_forms(ds):
     s = ds.s.values
     scale = 1 / (1 + np.sum(s**2, axis=-1) / 4)
     V = scale[..., None, None] * (basis - (pole + normal)[..., :, None] * s[..., None, :] / 2)
-    # r = Dρ/Σρ with ρ = 1/σ moves by −r_α dσ_α/σ_α plus what restores the sum.
+    # r = Dρ/Σρ with ρ = 1/σ changes by −r_α dσ_α/σ_α, plus a multiple of r that restores the sum.
     turned = -r[..., :, None] / normal[..., :, None] * V
     moved = turned - r[..., :, None] / span * turned.sum(axis=-2, keepdims=True)
     tangents = r[..., :, None] * moved

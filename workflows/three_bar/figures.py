@@ -16,7 +16,7 @@ from ..shared.reports import parameters
 
 ORANGE, PURPLE, GREY, CURVE = "#E69F00", "#8E5BB5", "#A9A9A9", "#C00000"
 FAMILIES = {"stretched": ORANGE, "folded": PURPLE, "branch": GREY}
-# Squared lengths up to so many squared spans are drawn; the sheets go on without end.
+# Largest squared length that is drawn, in squared spans; the sheets are unbounded.
 BOX = 2.6
 
 
@@ -42,10 +42,10 @@ def manifold_figure(ds):
     _draw_manifold(whole.add_subplot(projection="3d"), ds, ("stretched", "folded", "branch"))
     axes = rigid.add_subplot(projection="3d")
     _draw_manifold(axes, ds, ("stretched", "folded"))
-    title(middle, "D", "all stresses, whatever their size")
+    title(middle, "D", "all stresses, of any magnitude")
     title(right, "E", "the same in the chart about equal stresses")
     title(whole, "F", "critical manifold: all its sheets")
-    title(rigid, "G", "its rigid sheets bound what can be built")
+    title(rigid, "G", "its rigid sheets bound the compatible lengths")
     return figure
 
 
@@ -69,7 +69,7 @@ def _draw_examples(part, ds):
             axes.plot(*frame.T, color="0.8", linewidth=1.0, marker="o", markersize=2.5, zorder=1)
         sigma = one.example_sigma.values
         line = np.isfinite(sigma).all()
-        # Edges that lie on others are drawn beside them.
+        # Edges on top of each other are drawn next to each other.
         shifts = 0.05 * np.array([-1, 0, 1]) if line and name != "stretched" else np.zeros(3)
         for edge, shift in enumerate(shifts):
             compressed = line and sigma[edge] * sigma.sum() < 0
@@ -130,7 +130,7 @@ def to_chart(ds, sigma):
 
 
 def singular_circle(ds, n=361):
-    """Unit stresses (n, 3) where the prestress matrix is singular: at 1/√3 along the pole, all around."""
+    """Unit stresses (n, 3) where the prestress matrix is singular: at 1/√3 of the pole."""
     pole, basis = frame(ds)
     turn = np.linspace(0, 2 * np.pi, n)[:, None]
     return pole / np.sqrt(3) + np.sqrt(2 / 3) * (np.cos(turn) * basis[:, 0] + np.sin(turn) * basis[:, 1])
@@ -310,7 +310,7 @@ def geometry_figure(ds):
     chart.plot([], [], color=COLOURS[0], label="$s_1$ = const")
     chart.plot([], [], color=COLOURS[3], label="$s_2$ = const")
     chart.plot([], [], "o", color=COMPRESSED, markersize=4, label="where the stress is drawn")
-    chart.plot([], [], color=CURVE, linewidth=2.2, label="P singular: lengths grow without end")
+    chart.plot([], [], color=CURVE, linewidth=2.2, label="P singular: lengths diverge")
     chart.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8.5, frameon=False)
     title(left, "A", "chart of stresses, lines 0.1 apart")
     title(right, "B", "their image, and the stress σ (arrows), normal to it")

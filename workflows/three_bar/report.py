@@ -14,7 +14,7 @@ from .figures import FAMILIES, family, span_of
 
 
 def claims(ds):
-    """What the paper says of this linkage beside what the stored grids say."""
+    """The statements of the paper on this linkage, tested on the stored grids."""
     return [claim for make in (_configurations, _rigid, _singular, _lengths, _forms) for claim in make(ds)]
 
 
@@ -24,14 +24,14 @@ def _worst(values, digits=2):
 
 def _configurations(ds):
     span, ok = span_of(ds), ds.outcome.values == Status.ok
-    aside = np.abs(ds.coordinates.values[..., 1])[ok].max() / span
+    off = np.abs(ds.coordinates.values[..., 1])[ok].max() / span
     yield Claim.tested(
         "3-barlinkage", "critical configurations have all vertices on one line", "A to C",
-        f"at most {aside:.1g} D off it at {ok.sum()} stresses", aside < 1e-12, "some are off the line",
+        f"at most {off:.1g} D off it at {ok.sum()} stresses", off < 1e-12, "some are off the line",
     )  # fmt: skip
     stresses, modes = ds.example_n_self_stresses.values, ds.example_n_zero_modes.values
     yield Claim.tested(
-        "Maxwell-Calladine", "on a line a self-stress appears; in a generic configuration there is none",
+        "Maxwell-Calladine", "on a line a self-stress appears; a generic configuration has none",
         "N_0 − N_s = 4 − 3", f"(N_s, N_0) = ({stresses[0]}, {modes[0]}) on lines, ({stresses[3]}, {modes[3]}) off them",
         (stresses[:3] == 1).all() and (modes[:3] == 2).all() and stresses[3] == 0 and modes[3] == 1, "other counts",
     )  # fmt: skip
@@ -52,13 +52,13 @@ def _rigid(ds):
     checked = ds.n_negative.values[_checked(ds)]
     known = ds["rank"].values > 0
     definite = np.isin(checked, (0, 2))
-    ways = ds.ways_out.values
-    agree = known & (definite == (ways == 0)) & (definite == (ds.prestress_stable.values == 1))
+    motions = ds.ways_out.values
+    agree = known & (definite == (motions == 0)) & (definite == (ds.prestress_stable.values == 1))
     yield Claim.tested(
         "3-barlinkage-rigid", "orange and purple stresses (P definite) are rigid, grey ones (P indefinite) are branch "
         "points", "by region",
-        f"at {agree.sum()} of {known.sum()} stresses: no way to move if definite, else "
-        f"{'/'.join(str(n) for n in np.unique(ways[known & ~definite]))} ways", (agree == known).all(),
+        f"at {agree.sum()} of {known.sum()} stresses: no motion if definite, else "
+        f"{'/'.join(str(n) for n in np.unique(motions[known & ~definite]))} motions", (agree == known).all(),
         "inertia and motion disagree",
     )  # fmt: skip
     families = [family(grid) for grid in ds.grid.values]
@@ -124,8 +124,8 @@ def _lengths(ds):
     )  # fmt: skip
     yield Claim.tested(
         "3-barlinkage-G-floppy", "compatible rest lengths give a floppy configuration like A", "like A",
-        f"A has {ds.example_n_self_stresses.values[0]} self-stress and no way to move", False,
-        "A is rigid, as the caption of the figure says; floppy configurations lie off the manifold",
+        f"A has {ds.example_n_self_stresses.values[0]} self-stress and no motion", False,
+        "A is rigid, as in the caption of the figure; floppy configurations lie off the manifold",
     )  # fmt: skip
 
 
@@ -145,14 +145,14 @@ def _forms(ds):
         "TangentSpace", "B spans the tangent space, with one column too many", "N_b − 1 = 2",
         f"rank {'/'.join(str(r) for r in np.unique(rank[rank > 0]))}", (rank[rank > 0] == 2).all(), "other ranks",
     )  # fmt: skip
-    for key, what, stored, known, numeric, limit in (
+    for key, statement, stored, known, numeric, limit in (
         ("Metric", "the metric is VᵀB²V", ds.metric.values, metric, ds.numeric_metric.values, 1e-7),
         ("2FF-size", "the second fundamental form is VᵀBV/|σ| up to its sign", ds.second_form.values, form,
          ds.numeric_second_form.values, 1e-3),
     ):  # fmt: skip
         closed, apart = matrix_error(stored, known)[ok], matrix_error(stored[_checked(ds)], numeric)
         yield Claim.tested(
-            key, what, "formula", f"closed form {np.median(closed):.1g} (median), {closed.max():.1g} (worst of "
+            key, statement, "formula", f"closed form {np.median(closed):.1g} (median), {closed.max():.1g} (worst of "
             f"{ok.sum()}); finite differences {np.nanmedian(apart):.1g}, {_worst(apart)}",
             closed.max() < 1e-8 and np.nanmax(apart) < limit, "they differ",
         )  # fmt: skip
@@ -171,7 +171,7 @@ def _forms(ds):
         "2FF-curvature", "all curvature is contained in B", "—",
         f"K and H from the eigenvalues of B: {np.median(gauss):.1g} and {np.median(mean):.1g} off the closed form "
         f"(median), worst {gauss.max():.1g} and {mean.max():.1g}", max(gauss.max(), mean.max()) < 1e-6, "they differ",
-        note="the worst stand beside stresses of zero, where two edges vanish and κ diverges",
+        note="the largest errors are next to stresses of zero, where two edges vanish and κ diverges",
     )  # fmt: skip
     kappa = ds.principal_curvature.values
     rigid, both = (ds.n_negative.values != 1)[ok], (kappa.prod(axis=-1) > 0)[ok]

@@ -27,11 +27,11 @@ from .figures import geometry_figure, manifold_figure
 from .report import claims, summary
 from .verify import verify
 
-# Grids of the whole chart and, twice as fine, of its middle, which holds the rigid sheets.
+# Grids of the whole chart and, twice as fine, of its middle, which contains the rigid sheets.
 CHARTS = {"chart": 1.0, "middle": 0.5}
 SHEETS = ("stretched", *(f"{kind}_{edge}" for kind in ("folded", "branch") for edge in (1, 2, 3)))
 EXAMPLES = ("stretched", "folded", "branch", "floppy")
-# Every so many rows and columns, derivatives are also taken by finite differences, and the linkage is moved.
+# Rows and columns between the stresses with finite differences and motions of the linkage.
 STRIDE = 6
 
 
@@ -59,7 +59,7 @@ def stresses(grid, nodes, reach):
 
 
 def at_point(manifold, chart, sigma):
-    """What the manifold is at one stress: configuration, inertia, and where it has a tangent plane, its geometry."""
+    """The manifold at one stress: configuration, inertia and, where a tangent plane exists, its geometry."""
     found = manifold.solve(sigma)
     critical, normal = found.value, sigma / np.linalg.norm(sigma)
     g = manifold.network.free_incidence.toarray()
@@ -95,7 +95,7 @@ def at_point(manifold, chart, sigma):
 
 
 def check_at(manifold, chart, s, point):
-    """The same by other means: finite differences of h alone, all curvatures by the library, scale, a real motion."""
+    """Checks at one stress: finite differences of h, curvatures by the library, rescaled stress, finite motions."""
     sigma, span = chart.sigma(s), manifold.network.pins[3][0]
 
     def h(a, b):
@@ -120,32 +120,32 @@ def check_at(manifold, chart, s, point):
         "rank": np.linalg.matrix_rank(point["tangents"], 1e-10 * np.abs(point["tangents"]).max()),
         "n_self_stresses": counts.n_self_stresses,
         "prestress_stable": bool(counts.prestress_stable),
-        "ways_out": len(ways_out(np.diff(x), span, 1e-3)),
+        "ways_out": len(finite_motions(np.diff(x), span, 1e-3)),
     }
 
 
-def ways_out(r, span, angle):
+def finite_motions(r, span, angle):
     """Positions of the two free vertices, with all lengths kept, after the first edge of a line turns by ±angle.
 
-    No other edge of a rigid line can turn alone, so that none is left then.
+    A rigid line has no such positions.
     """
-    ways = []
+    motions = []
     for turn in (angle, -angle):
         first = r[0] * np.array([np.cos(turn), np.sin(turn)])
-        ways += [(first, second) for second in meeting_points(first, np.array([span, 0.0]), abs(r[1]), abs(r[2]))]
-    return ways
+        motions += [(first, second) for second in meeting_points(first, np.array([span, 0.0]), abs(r[1]), abs(r[2]))]
+    return motions
 
 
 def meeting_points(a, b, to_a, to_b):
     """Points at given distances from two points in the plane: two, or none."""
     apart = np.linalg.norm(b - a)
-    along = (apart**2 + to_a**2 - to_b**2) / (2 * apart)
-    height = to_a**2 - along**2
+    distance = (apart**2 + to_a**2 - to_b**2) / (2 * apart)
+    height = to_a**2 - distance**2
     if not height > 0:
         return []
     unit = (b - a) / apart
     across = np.array([-unit[1], unit[0]]) * np.sqrt(height)
-    return [a + along * unit + across, a + along * unit - across]
+    return [a + distance * unit + across, a + distance * unit - across]
 
 
 def examples(manifold):
@@ -159,23 +159,23 @@ def examples(manifold):
             r = span * np.array(lines[name])
             critical = manifold.configuration(1 / r)
             x, sigma = critical.coordinates, critical.sigma
-            ways = [way for turn in (0.12, 0.24) for way in ways_out(r, span, turn)]
+            frames = [frame for turn in (0.12, 0.24) for frame in finite_motions(r, span, turn)]
         else:
             angles = [0.45, 0.65, 0.55, 0.3, 0.15, 0.0, -0.15, -0.3, -0.45]
             first = 0.4 * span * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-            ways = [(a, meeting_points(a, pins[1], 0.38 * span, 0.36 * span)[1]) for a in first]
-            x, sigma = np.array([pins[0], *ways.pop(0), pins[1]]), np.full(3, np.nan)
+            frames = [(a, meeting_points(a, pins[1], 0.38 * span, 0.36 * span)[1]) for a in first]
+            x, sigma = np.array([pins[0], *frames.pop(0), pins[1]]), np.full(3, np.nan)
         counts = rigidity(manifold.network, x).value
         motion = np.full((8, 4, 2), np.nan)
-        for frame, way in zip(motion, ways, strict=False):
-            frame[:] = pins[0], *way, pins[1]
+        for stored, frame in zip(motion, frames, strict=False):
+            stored[:] = pins[0], *frame, pins[1]
         for key, value in zip(out, (sigma, x, counts.n_self_stresses, counts.n_zero_modes, motion), strict=True):
             out[key].append(value)
     return {f"example_{key}": np.array(value) for key, value in out.items()}
 
 
 def compatible(span, squares):
-    """Whether edges of such squared lengths can join the pins, on a lattice (n, n, n): two reach what one leaves."""
+    """Whether edges of these squared lengths can join the pins, on a lattice (n, n, n)."""
     L = np.sqrt(squares)
     one, two, three = np.meshgrid(L, L, L, indexing="ij")
     # The first edge ends between |D − L₁| and D + L₁ from the far pin, the other two bridge |L₂ − L₃| to L₂ + L₃.
@@ -265,7 +265,7 @@ def table():
     yield checked("rank", (), "rank of the tangents", "i1")
     yield checked("n_self_stresses", (), "self-stresses, counted by the rigidity matrix", "i1")
     yield checked("prestress_stable", (), "whether the self-stress, up to its sign, stabilises all zero modes", "i1")
-    yield checked("ways_out", (), "ways to turn the first edge by 0.001 with all lengths kept", "i1")
+    yield checked("ways_out", (), "number of motions that turn the first edge by 0.001 at fixed lengths", "i1")
     yield Variable("example_sigma", ("example", "edge"), "f8", long_name="stress of each example, none if floppy")
     yield Variable(
         "example_coordinates", ("example", "vertex", "axis"), "f8", long_name="vertices of each example: "

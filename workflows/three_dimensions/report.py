@@ -1,4 +1,4 @@
-"""Figure and claims of the networks in three dimensions, read off their dataset alone."""
+"""Figure and claims of the networks in three dimensions, from their dataset alone."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def response_figure(ds):
         values = ds[name].transpose("population", "seed").values
         if name.startswith("C_"):
             axes.axhline(0.0, color="#C00000", linewidth=1.0, zorder=0)
-            values = _with_outliers_told(axes, values)
+            values = _without_outliers(axes, values)
         # A shear modulus that vanishes to rounding has no place on a logarithmic axis.
         values = np.maximum(values, LEAST_SHOWN) if name == "shear_modulus_0" else values
         violins(axes, list(values), [LABELS[name] for name in names], log=name == "shear_modulus_0")
@@ -65,8 +65,8 @@ def response_figure(ds):
     return figure
 
 
-def _with_outliers_told(axes, values):
-    """Set an axis for all values but extreme ones, which are told by an arrow and left out, (populations, networks)."""
+def _without_outliers(axes, values):
+    """Set the axis to all but extreme values (populations, networks), which are left out and marked by an arrow."""
     finite = values[np.isfinite(values)]
     low, high = np.quantile(finite, (0.02, 0.98)) if len(finite) else (0.0, 1.0)
     high, low = high + 0.25 * (high - low), low - 0.25 * (high - low)
@@ -79,7 +79,7 @@ def _with_outliers_told(axes, values):
                 transform=axes.get_xaxis_transform(), ha="center", va="top", fontsize=8, color="0.25",
             )  # fmt: skip
     axes.set_ylim(low, high)
-    # What is not finite is counted below the label; what is left out here is not.
+    # Values that are not finite are counted below the label; outliers are marked above.
     return [group[keep] for group, keep in zip(values, inside, strict=True)]
 
 
@@ -92,7 +92,7 @@ def _draw(axes, one):
 
 
 def claims(ds):
-    """What the paper says of the plane beside what these networks say; only with all populations there."""
+    """The statements of the paper on planar networks, tested in three dimensions if all populations were run."""
     if not set(PAPER_POPULATIONS) <= {str(name) for name in ds.population.values}:
         return []
     return [*_variances(ds), *_bulk(ds), *_growth(ds), *_shear(ds), *_percolation(ds)]

@@ -1,11 +1,10 @@
 """Six populations of critical configurations of networks in three dimensions, strained past the transition.
 
-The paper is about the plane; its theory is not.  Which of its findings on populations (`ResponseMetrics`) carry over to
-periodic Voronoi networks in three dimensions, where four edges meet at every vertex?  Equal lengths often leave edges
-slack there, so that the least length variance is not attained; the population then holds the cone program's
-configuration, with equal lengths on all stressed edges.  The least tension variance is not attained either, edges
-shrinking to zero length: what is stored for it belongs to a configuration on the way, with edges of a hundredth of the
-mean length.
+The study tests which findings of the paper on planar populations (`ResponseMetrics`) are valid for periodic Voronoi
+networks in three dimensions, where four edges meet at every vertex.  Equal lengths often leave edges slack, so that the
+least length variance is not attained; the population then contains the configuration of the cone program, with equal
+lengths on all stressed edges.  The least tension variance is not attained either, because edges shrink to zero length:
+the stored configuration is a near one, with edges of a hundredth of the mean length.
 """
 
 from __future__ import annotations
@@ -18,11 +17,11 @@ from critflow.networks.random_networks import FOAM_HARD_CORE
 from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from ..shared.checks import check_network, check_positive
-from ..shared.measurements import identified, measured, table, verify
+from ..shared.measurements import DRAWN, identified, measured, table, verify
 from ..shared.population_reports import summary
 from ..shared.populations import PAPER_POPULATIONS, configuration, prepared
 from ..shared.reports import PAPER
-from .report import claims, response_figure
+from .report import PANELS, claims, response_figure
 
 
 def case(parameters, *, seed, population, wanted):
@@ -65,6 +64,11 @@ study = Study(
     check=check,
     variables=tuple(table(planar=False)),
     figures={"response": response_figure},
+    needs={
+        "response": (*DRAWN, *PANELS),
+        "claims": (*PANELS, "C_G_exact", "C_B", "length_variance", "tension_variance", "stressed_fraction"),
+        "summary": ("max_force",),
+    },
     claims=claims,
     summary=summary,
     verify=verify,

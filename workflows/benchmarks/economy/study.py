@@ -1,7 +1,7 @@
-"""What it spares to ask for no more than is needed: the same numbers by the short way and by the long one, in turn.
+"""Cost saved by computing only the requested variables: the same numbers by a short and by a long route.
 
-The short way is what critflow takes when it is asked for these numbers alone; the long one is how they are got where
-everything is computed, or where the theory of the critical manifold is not used.
+The short route computes the requested numbers alone; the long route computes all variables, or does not use the theory
+of the critical manifold.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ...shared.checks import check_network, check_positive
 from ...shared.measurements import planar_member, table
 from ...shared.populations import prepared
 from ..timing import Accuracy, Method, benchmark
-from .report import ratio_figure, read_claims, summary
+from .report import claims, ratio_figure, summary
 
 QUESTIONS = ("growth", "member", "moduli", "configuration", "optimum")
 VARIABLES = {variable.name: variable for variable in table(planar=True)}
@@ -37,8 +37,8 @@ ALL = tuple(VARIABLES)
 FEW = ("status", "C_B_exact", "bulk_modulus_0")
 
 
-class Ways(NamedTuple):
-    """A number, or numbers, by the short way and by the long one."""
+class Routes(NamedTuple):
+    """Functions that compute the same numbers by a short and by a long route."""
 
     short: object
     long: object
@@ -51,8 +51,8 @@ def member(parameters, seed, names=ALL):
     return {name: VARIABLES[name].cast(arrays[name]) for name in names}
 
 
-def ways(manifold, parameters, seed):
-    """Both ways to the answer of every question, for a random stress on one network."""
+def routes(manifold, parameters, seed):
+    """Both routes to the answer of every question, for a random stress on one network."""
     network = manifold.network
     sigma = np.abs(stable_rng(seed, "economy").standard_normal(network.n_edges))
     critical = manifold.configuration(sigma)
@@ -72,14 +72,14 @@ def ways(manifold, parameters, seed):
         return manifold.hessian.factorize(values).solve(force.ravel()).reshape(force.shape)
 
     return {
-        "growth": Ways(lambda: stiffening(manifold, critical).value.C_B, fitted),
-        "member": Ways(
+        "growth": Routes(lambda: stiffening(manifold, critical).value.C_B, fitted),
+        "member": Routes(
             lambda: member(parameters, seed, FEW)["C_B_exact"],
             lambda: member(parameters, seed)["C_B_exact"],
         ),
-        "moduli": Ways(lambda: transition_moduli(critical).bulk, just_past),
-        "configuration": Ways(lambda: manifold.balance(sigma).coordinates, by_hessian),
-        "optimum": Ways(
+        "moduli": Routes(lambda: transition_moduli(critical).bulk, just_past),
+        "configuration": Routes(lambda: manifold.balance(sigma).coordinates, by_hessian),
+        "optimum": Routes(
             lambda: optimize(manifold, "bulk_modulus").objective,
             lambda: optimize(manifold, "bulk_modulus", "lbfgs", start=sigma, throw=False).objective,
         ),
@@ -87,9 +87,9 @@ def ways(manifold, parameters, seed):
 
 
 def case(parameters, *, seed):
-    """Seconds of both ways in turn, how far their answers are apart, and the bytes of one member of the ensemble."""
+    """Seconds of both routes, the difference of their answers, and the bytes of one member of the ensemble."""
     manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"])
-    questions, arrays = ways(manifold, parameters, seed), member(parameters, seed).values()
+    questions, arrays = routes(manifold, parameters, seed), member(parameters, seed).values()
     seconds = np.full((2, len(parameters["questions"])), np.nan)
     difference = np.full(len(parameters["questions"]), np.nan)
     for n, name in enumerate(parameters["questions"]):
@@ -98,11 +98,11 @@ def case(parameters, *, seed):
         def accuracy(answer, reference=reference):
             return Accuracy(float(np.abs(answer - reference).max() / np.abs(reference).mean()))
 
-        both = [Method(way, lambda _, run=run: run(), accuracy) for way, run in questions[name]._asdict().items()]
+        both = [Method(route, lambda _, run=run: run(), accuracy) for route, run in questions[name]._asdict().items()]
         timings = benchmark(both, parameters["repeats"])
         for timing in timings:
             if timing.accuracy.status is Status.failed:
-                raise RuntimeError(f"{name} by the {timing.method.name} way: {timing.note}")
+                raise RuntimeError(f"{name} by the {timing.method.name} route: {timing.note}")
         seconds[:, n] = [timing.median for timing in timings]
         difference[n] = timings[1].accuracy.error
     return {
@@ -129,7 +129,7 @@ EACH = ("seed", "question")
 
 study = Study(
     name="economy",
-    title="What it spares to compute no more than is asked for",
+    title="Cost saved by computing only the requested variables",
     axes=(Axis("seed", range(5), "seed of the network", noun="networks"),),
     parameters={
         "n_vertices": 1000,
@@ -139,19 +139,19 @@ study = Study(
         "past": 1e-6,
         "repeats": 7,
     },
-    coordinates=(Coordinate("question", "questions", "what is asked for"),),
+    coordinates=(Coordinate("question", "questions", "requested quantity"),),
     case=case,
     check=check,
     workers=1,
     variables=(
-        Variable("seconds_short", EACH, "f8", long_name="median time of the short way", units="s", volatile=True),
-        Variable("seconds_long", EACH, "f8", long_name="median time of the long way", units="s", volatile=True),
+        Variable("seconds_short", EACH, "f8", long_name="median time of the short route", units="s", volatile=True),
+        Variable("seconds_long", EACH, "f8", long_name="median time of the long route", units="s", volatile=True),
         Variable("difference", EACH, "f8", long_name="largest difference of the answers over their mean size"),
         Variable("bytes_of_all", ("seed",), "i8", long_name="bytes of all arrays of one member of the ensemble"),
         Variable("bytes_of_scalars", ("seed",), "i8", long_name="bytes of its numbers without inner dimensions"),
         Variable("status", ("seed",), "i1", long_name="whether the case was computed", flags=Status),
     ),
     figures={"economy": ratio_figure},
-    claims=read_claims,
+    claims=claims,
     summary=summary,
 )

@@ -1,4 +1,4 @@
-"""A configuration without subtraction, for positive stresses as far apart as one likes: is it worth its time?
+"""A configuration without subtraction, for positive stresses of any range.
 
 Eliminating a vertex leaves edges between its neighbours, of stress σ_ik σ_kj/Σσ_k and bond offset b_ik + b_kj; edges in
 parallel merge into one, with the sum of the stresses and the mean of the offsets.  So stresses are only added,
@@ -18,7 +18,7 @@ from critflow.networks.network import Array
 
 from .. import reference
 
-# Difficulties of positive stresses, and the ways to solve for their configurations.
+# Difficulties of positive stresses, and the methods for their configurations.
 DIFFICULT = ("stress_spread", "faint_edge", "faint_cut", "short_edge")
 ASSEMBLIES = ("plain factor", "refined factor", "without subtraction")
 _REPEATS = 5
@@ -52,7 +52,7 @@ def _plain(manifold, sigma):
 
 
 def _refined(manifold, sigma):
-    """What the library does; NaN where its status says why not."""
+    """The solution of the library; NaN where its status is not ok."""
     return manifold.solve(sigma).value.coordinates
 
 

@@ -1,4 +1,4 @@
-"""How many rest lengths may be drawn apart before edges fall slack: the percolation of stress, against size."""
+"""Percolation of stress: slack edges against the spread of the rest lengths and the size."""
 
 from __future__ import annotations
 

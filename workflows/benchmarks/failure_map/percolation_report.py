@@ -1,4 +1,4 @@
-"""The percolation curve: figure, half points and claims; at what spread of rest lengths edges fall slack."""
+"""The percolation curve: figure, half points and claims on the spread of rest lengths at which edges fall slack."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PRINTED_SPREAD = 0.3
 
 
 def percolation_figure(ds):
-    """Part of the networks with every edge stressed, part of slack edges, and what makes the sizes one curve."""
+    """Part of the networks with every edge stressed, part of slack edges, and the curves of all sizes rescaled."""
     figure = Figure(figsize=(13.5, 4.4), dpi=110, layout="constrained")
     curve = percolation_curve(ds)
     if curve is None:

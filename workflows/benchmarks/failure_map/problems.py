@@ -1,6 +1,6 @@
-"""Difficulties: each a list of strengths, and for each strength a network with what is asked about it.
+"""Difficulties: each a list of strengths, and for each strength a network with its stresses and rest lengths.
 
-Whatever happens at construction belongs to the answer, so everything here is made when it is first asked for.
+Errors at construction belong to the answer, so everything is made at first use.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from critflow.workflow import stable_rng
 from .. import reference
 from .outcomes import Unavailable
 
-# Every map has so many steps; shorter lists of strengths leave the last ones empty.
+# Number of steps of every map; shorter lists of strengths leave the last steps empty.
 STEPS = 16
 
 
 @dataclass(eq=False)
 class Problem:
-    """A network and what is asked about it.
+    """A network with its stresses, strain and rest lengths.
 
     make       the network
     stress     σ of the network (N_b,), as it is handed to the library
@@ -37,7 +37,7 @@ class Problem:
     lengths    rest lengths of the network (N_b,)
     threshold  r of the constrained shear modulus; None: no penalty
     n_stresses, at_rest  self-stresses of the configuration, and of generic coordinates
-    moduli     B_0 and G_0 where one self-stress does not tell them
+    moduli     B_0 and G_0 where one self-stress does not determine them
     """
 
     make: Callable[[], Network]
@@ -78,7 +78,7 @@ class Problem:
 
     @cached_property
     def generic(self):
-        """Coordinates without any stress of their own, which those of a Voronoi tessellation have."""
+        """Coordinates without a self-stress; those of a Voronoi tessellation have one."""
         rng = stable_rng(self.network.n_vertices, "failures", "generic coordinates")
         return self.network.positions + 0.1 * rng.standard_normal(self.network.positions.shape)
 
@@ -105,10 +105,10 @@ class Problem:
 
 @dataclass(frozen=True)
 class Difficulty:
-    """What makes it hard, how hard, and which questions are asked."""
+    """A difficulty: its strengths, its problems, and the quantities that are computed."""
 
     name: str
-    label: str  # what the strength is
+    label: str  # meaning of the strength
     strengths: tuple[float, ...]
     problem: Callable[[float, int, int], Problem]  # strength, seed, n_vertices
     quantities: tuple[str, ...]
@@ -150,7 +150,7 @@ def _one_edge(power):
 
 
 def _faint_cut(strength, seed, n_vertices):
-    """Two neighbours held to the rest of the network by faint edges only."""
+    """Two neighbours joined to the rest of the network by faint edges only."""
 
     def stress(network):
         sigma = 0.5 + _draw(seed, "cut").random(network.n_edges)
@@ -222,7 +222,7 @@ def _contrast(strength, seed, n_vertices):
 
 
 def _extra_edges(strength, seed, n_vertices):
-    """So many edges beyond those that hold all motions: one more self-stress for each."""
+    """More edges than motions: one self-stress for each additional edge."""
 
     def make():
         network = voronoi_network(n_vertices, seed)
@@ -240,7 +240,7 @@ def _extra_edges(strength, seed, n_vertices):
 
 
 def _straight_lines(strength, seed, n_vertices):
-    """A square lattice with a vertex in the middle of each edge: every line carries a stress of its own.
+    """A square lattice with a vertex in the middle of each edge: every line carries one self-stress.
 
     Counting edges does not show it.  Each of 2n lines of length n has 2n springs: B = 2n (n/2)²/(2n)/n² = ¼, G = 0.
     """
@@ -287,7 +287,7 @@ DIFFICULTIES = {
             _one_edge(-1), (*CONFIGURATION, "equilibrium_newton", "linear_response"),
         ),
         Difficulty(
-            "faint_cut", "two vertices held at σ = 10^−x",
+            "faint_cut", "two vertices joined at σ = 10^−x",
             (2, 4, 6, 8, 10, 12, 13, 14, 15, 16, 18, 20, 50, 100, 200, 300),
             _faint_cut, (*CONFIGURATION, "equilibrium_newton", "linear_response"),
         ),
@@ -322,7 +322,7 @@ DIFFICULTIES = {
             "extra_edges", "edges beyond 2(N_v − 1)", (-6, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 6, 8, 10), _extra_edges,
             (*CONFIGURATION, "elastic_moduli", "length_variance_auto", "bulk_modulus_auto", "shear_modulus_auto"),
         ),
-        Difficulty("straight_lines", "straight lines either way", (1, 2, 3, 4), _straight_lines, CONFIGURATION),
+        Difficulty("straight_lines", "straight lines per direction", (1, 2, 3, 4), _straight_lines, CONFIGURATION),
         Difficulty(
             "single_precision", "± decades of float32 σ", (0, 1, 2, 4, 6, 8, 10, 12, 14, 16),
             _single_precision, (*CONFIGURATION, *(q for q in SPRINGS if q != "strain_path"), "lengths_conic"),

@@ -88,7 +88,7 @@ def _stiffening(problem):
 
 def _stiffening_error(problem, answer):
     if problem.moduli:
-        raise Unknown("the reference holds for one self-stress")
+        raise Unknown("the reference requires one self-stress")
     return _each(answer, reference.stiffening(problem.network, problem.exact, digits=problem.digits))
 
 
@@ -142,7 +142,7 @@ def _equilibrium_near(problem, state, coordinates):
     """The equilibrium of a strained state: without compression the only one; else that at the end of small steps."""
     exact = reference.equilibrium(state.network, state.rest_lengths, coordinates)
     if min(exact.sigma) > 0:
-        # The energy without what compression costs is convex, and least here.
+        # The energy without compression is convex, and least here.
         return exact
     x, n = problem.critical.coordinates, int(np.ceil(problem.strain / 5e-3))
     sizes = np.sqrt(1 + problem.strain * np.arange(n + 1) / n)
@@ -221,7 +221,7 @@ def _goal(problem, name):
 
 def _optimum_error(name):
     def compare(problem, answer):
-        """Against the best value there is, where that is known, and what lies uphill of the σ found where it is not."""
+        """Against the best value where it is known, else against the gain left by Newton's method."""
         sigma = problem.found.value.sigma
         exact = reference.configuration(problem.network, sigma, digits=reference.digits_for(sigma))
         there = reference.objective(problem.network, name, exact, problem.threshold)
@@ -233,7 +233,7 @@ def _optimum_error(name):
             best = reference.numbers(0.0)
         if best is not None and np.isfinite(answer.bounds):
             return reference.largest_error(answer.values, best), scale
-        short = _uphill(problem, name) if best is None else reference.largest_error(float(there), best)
+        short = _remaining_gain(problem, name) if best is None else reference.largest_error(float(there), best)
         return max(reference.largest_error(answer.values, there), short), scale
 
     return compare
@@ -247,13 +247,13 @@ def _equal_lengths(problem):
     return problem.equal
 
 
-def _uphill(problem, name):
-    """What is left to gain by Newton's method at the σ that was found; infinite at a saddle."""
+def _remaining_gain(problem, name):
+    """The gain in the objective left by Newton's method at the σ that was found; infinite at a saddle."""
     value = problem.found.value
     goal = _goal(problem, name)
     sigma = problem.manifold.solve(value.sigma).value.sigma
     slope = evaluate(problem.manifold, goal, sigma).gradient
-    # Along σ nothing changes, but the Hessian has −dO/dσ there.
+    # The objective does not depend on the scale of σ, but the product of the Hessian with σ is −dO/dσ.
     across = np.eye(len(sigma)) - np.outer(sigma, sigma) / (sigma @ sigma)
     hessian = across @ (stress_hessian(value, goal) @ across)
     curvatures, modes = np.linalg.eigh(hessian + hessian.T)

@@ -1,4 +1,4 @@
-"""Figures, claims and summary of where methods fail, read off the dataset alone."""
+"""Figures, claims and summary of the failure map, from the dataset alone."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .outcomes import Outcome, Violation
 from .percolation_report import half_point, percolation_claims, percolation_curve
 from .problems import DIFFICULTIES, METHODS, OBJECTIVES
 
-# One cell of the map: colour, sign, and what the legend says.
+# One cell of the map: colour, sign and text of the legend.
 CELLS = {
     Outcome.absent: ("#ffffff", "", ""),
-    Outcome.exact: ("#0B3C6F", "", "right to rounding"),
-    Outcome.bounded: ("#4F93C4", "", "right within its claimed bound"),
-    Outcome.tolerated: ("#B8D9EF", "", "right within tolerance, no bound claimed"),
-    Outcome.reported: ("#E3E3E3", "s", "status says why not"),
-    Outcome.refused: ("#E3E3E3", "r", "refused with a sentence"),
+    Outcome.exact: ("#0B3C6F", "", "correct to rounding"),
+    Outcome.bounded: ("#4F93C4", "", "correct within its claimed bound"),
+    Outcome.tolerated: ("#B8D9EF", "", "correct within tolerance, no bound claimed"),
+    Outcome.reported: ("#E3E3E3", "s", "status with the reason"),
+    Outcome.refused: ("#E3E3E3", "r", "refused with the reason"),
     Outcome.unknown: ("#FFFFFF", "?", "reference fails"),
     Outcome.violation: ("#D55E00", "✗", "SILENT WRONG ANSWER"),
 }
@@ -34,7 +34,7 @@ ORDER = (
     Outcome.unknown, Outcome.violation,
 )  # fmt: skip
 RIGHT = (Outcome.exact, Outcome.bounded, Outcome.tolerated)
-# What error and bound are drawn for.
+# Difficulties and quantities whose error and bound are drawn.
 SHOWN = (
     ("stress_spread", "configuration"),
     ("near_singular", "configuration"),
@@ -45,18 +45,18 @@ SHOWN = (
     ("short_edge", "stiffening"),
     ("faint_cut", "equilibrium_newton"),
 )
-# Difficulties for which ways to solve for a configuration are compared.
+# Difficulties for which assemblies of a configuration are compared.
 _ASSEMBLED = ("stress_spread", "faint_cut")
-# Where a map has fewer lines than this, they are no higher for it.
+# The height of a line is that of a map of at least this number of lines.
 _FEWEST_LINES = 40
-# The refined factor is what the library has; errors above are wrong.
+# The refined factor, which the library uses, and its alternative; larger relative errors count as wrong.
 _RIVALS, _LOST = ("refined factor", "without subtraction"), 1e-6
 ULP = 2.0**-53
 WIDEST = 100.0
 
 
 def map_figure(ds):
-    """Every question at every strength of every difficulty, coloured by what became of it."""
+    """Every quantity at every strength of every difficulty, coloured by its outcome."""
     names = [name for name in map(str, ds.difficulty.values) if name in DIFFICULTIES]
     tables = {name: table for name in names if len((table := _rows(ds, name))[0])}
     figure = Figure(figsize=(15, 11.5), dpi=110)
@@ -75,8 +75,8 @@ def map_figure(ds):
             line += len(rows) + 2.0
             _draw_table(axes, ds, name, rows, cells, colours)
     wrong, points = int((ds.outcome == Outcome.violation).sum()), int((ds.outcome != Outcome.absent).sum())
-    said = "no silent wrong answer" if not wrong else f"{wrong} SILENT WRONG ANSWERS"
-    figure.text(0.01, 0.975, f"Where methods fail: {said} in {points:,} points", fontsize=15, fontweight="bold")
+    found = "no silent wrong answer" if not wrong else f"{wrong} SILENT WRONG ANSWERS"
+    figure.text(0.01, 0.975, f"Where methods fail: {found} in {points:,} points", fontsize=15, fontweight="bold")
     worst = f"a cell is the worst of {ds.sizes['seed']} networks and of all methods in its row"
     figure.text(0.99, 0.975, worst, fontsize=10, ha="right")
     kinds = [
@@ -160,7 +160,7 @@ def _number(value):
 
 
 def bound_figure(ds):
-    """True error and claimed bound against strength, to where the status takes over."""
+    """True error and claimed bound against strength, up to the strength with a status."""
     present = [(d, q) for d, q in SHOWN if d in ds.difficulty.values and q in ds.quantity.values]
     figure = Figure(figsize=(14, 6.6), dpi=110, layout="constrained")
     if not present:
@@ -172,9 +172,9 @@ def bound_figure(ds):
         axes.set_visible(False)
     grid[0, 0].legend(fontsize=8, frameon=False, loc="upper left")
     wrong = (ds.violation == Violation.above_bound).any()
-    kept = "is not always" if wrong else "stays"
+    relation = "is not always" if wrong else "is always"
     figure.suptitle(
-        f"The claimed bound {kept} above the true error; where there is none, a status says why", fontsize=12
+        f"The claimed bound {relation} above the true error; where it ends, a status has the reason", fontsize=12
     )
     return figure
 
@@ -201,8 +201,8 @@ def _draw_bounds(axes, ds, difficulty, quantity):
     for step in np.flatnonzero(silent):
         axes.axvspan(step - 0.5, step + 0.5, color="0.9", linewidth=0)
     if silent.any():
-        said = np.unique([Status(int(c)).name.replace("_", " ") for c in codes[:, silent].ravel()])
-        text = " / ".join(word for word in said if word != "missing") or "refused"
+        names = np.unique([Status(int(c)).name.replace("_", " ") for c in codes[:, silent].ravel()])
+        text = " / ".join(word for word in names if word != "missing") or "refused"
         middle = np.flatnonzero(silent).mean()
         axes.text(
             middle, 0.5, text, rotation=90, ha="center", va="center", fontsize=9, transform=axes.get_xaxis_transform()
@@ -216,7 +216,7 @@ def _draw_bounds(axes, ds, difficulty, quantity):
 
 
 def assembly_figure(ds):
-    """Errors of configurations by three ways to solve for them, over the strength of what makes it hard."""
+    """Errors of configurations by three assemblies, against the strength of the difficulty."""
     names = [name for name in _ASSEMBLED if name in ds.difficulty.values]
     figure = Figure(figsize=(5.6 * max(len(names), 1), 4.0), dpi=110, layout="constrained")
     for axes, name in zip(figure.subplots(1, len(names), squeeze=False).flat if names else (), names, strict=True):
@@ -235,13 +235,14 @@ def assembly_figure(ds):
     if names:
         figure.axes[0].legend(frameon=False, loc="upper left", fontsize=9)
     figure.suptitle(
-        "A plain factor is silently wrong; a refined one stops and says so; one without subtraction goes on"
+        "Without refinement accuracy is lost without warning; a refined factor returns a status; an assembly without "
+        "subtraction stays accurate"
     )
     return figure
 
 
 def claims(ds):
-    """No silent wrong answer; bounds above errors and not far above; how far stress percolates."""
+    """Silent wrong answers, bounds against errors, assemblies, and percolation of stress."""
     wrong = _violations(ds)
     places = ", ".join(f"{count} {where}" for where, count in wrong.items())
     points = int((ds.outcome != Outcome.absent).sum())
@@ -254,7 +255,7 @@ def claims(ds):
     share = 100 * float(np.isin(ds.outcome.values, RIGHT).sum() / max(points, 1))
     unknown = int((ds.outcome == Outcome.unknown).sum())
     yield Claim(
-        "answered", "part of all points that are answered, and rightly", "not stated",
+        "answered", "part of all points with a correct answer", "not stated",
         f"{share:.0f} %; the reference fails in {unknown}", "measured",
     )  # fmt: skip
     yield from _assembly_claims(ds)
@@ -294,12 +295,12 @@ def _bound_claims(ds):
         yield Claim(
             f"bounds-{quantity}", f"the bound of {quantity} is within {WIDEST:g} times of the error (median)",
             "not stated", f"{ratio:.3g} times", "holds" if ratio <= WIDEST else "differs",
-            "" if ratio <= WIDEST else "the bound is cautious; errors and bounds below a rounding count as one",
+            "" if ratio <= WIDEST else "the bound is large; errors and bounds below a rounding count as one",
         )  # fmt: skip
 
 
 def _assembly_claims(ds):
-    """How far three ways to solve for a configuration go, and what they take."""
+    """Accuracy and time of three assemblies of a configuration."""
     if "stress_spread" not in ds.difficulty.values or not {"plain factor", *_RIVALS} <= set(ds.assembly.values):
         return
     one = ds.sel(difficulty="stress_spread")
@@ -309,11 +310,12 @@ def _assembly_claims(ds):
     took = [float(one.assembly_seconds.sel(assembly=name).median()) for name in _RIVALS]
     size = json.loads(ds.attrs["parameters"])["timed_vertices"]
     yield Claim(
-        "assembly", "an assembly without subtraction is worth its time", "not stated",
-        f"σ over 10^±p: right to p = {reach[1]:g}, a refined factor to p = {reach[0]:g} and then says so, a plain one "
-        + (f"is silently wrong from p = {wrong.min():g}" if len(wrong) else "is never wrong")
+        "assembly", "accuracy and time of an assembly without subtraction", "not stated",
+        f"σ over 10^±p: accurate up to p = {reach[1]:g}, a refined factor up to p = {reach[0]:g} with a status beyond; "
+        + (f"without refinement, accuracy is lost from p = {wrong.min():g} without warning" if len(wrong) else
+           "accurate without refinement")
         + f"; it takes {took[1] / took[0]:.0f} times the time of a refined factor at N_v = {size}",
-        "measured", "its time grows as N_v³, so it stays out of the library",
+        "measured", "its time grows as N_v³, so the library does not use it",
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
-"""Where methods fail: error, claimed bound and status of every answer, to the point where it breaks and past it.
+"""Where methods fail: error, claimed bound and status of every answer against the strength of a difficulty.
 
-The rule is that no answer is silently wrong.  Every point is right to the bound that it claims, or carries a status or
-raises a sentence that says why not; whatever else happens is a violation, and is counted.
+No answer may be silently wrong.  Every point is correct within its claimed bound, returns a status, or raises an error
+with the reason; every other outcome is a violation.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PERCOLATION = "percolation"
 
 
 def case(parameters, *, difficulty, seed):
-    """All questions of one difficulty at all its strengths, for one network; or the percolation curve."""
+    """All quantities at all strengths of one difficulty, for one network; or the percolation curve."""
     quantities, n_steps = parameters["quantities"], parameters["n_steps"]
     sizes, spreads = parameters["sizes"], parameters["spreads"]
     shape = len(quantities), n_steps
@@ -70,7 +70,7 @@ def case(parameters, *, difficulty, seed):
 
 
 def chosen(strengths, n_steps):
-    """All strengths, or so many of them spread evenly."""
+    """At most `n_steps` of the strengths, evenly spread."""
     if len(strengths) <= n_steps:
         return strengths
     return tuple(strengths[n] for n in np.round(np.linspace(0, len(strengths) - 1, n_steps)).astype(int))
@@ -97,7 +97,7 @@ study = Study(
     name="failure_map",
     title="Where methods fail: error, claimed bound and status over the strength of every difficulty",
     axes=(
-        Axis("difficulty", (PERCOLATION, *DIFFICULTIES), "what makes it hard", key="difficulties"),
+        Axis("difficulty", (PERCOLATION, *DIFFICULTIES), "difficulty", key="difficulties"),
         Axis("seed", range(2), "seed of the network", noun="networks"),
     ),
     parameters={
@@ -111,19 +111,19 @@ study = Study(
         "spreads": (0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.14, 0.16, 0.18, 0.2, 0.25, 0.3, 0.4, 0.5),
     },
     coordinates=(
-        Coordinate("quantity", "quantities", "what is asked, and of which method"),
-        Coordinate("assembly", "assemblies", "way to solve for a configuration of positive stress"),
+        Coordinate("quantity", "quantities", "computed quantity, and the method"),
+        Coordinate("assembly", "assemblies", "method for a configuration of positive stress"),
         Coordinate("size", "sizes", "number of vertices of the percolation curve"),
         Coordinate("spread", "spreads", "spread s of the rest lengths of the percolation curve"),
     ),
     case=case,
     check=check,
     variables=(
-        Variable("strength", ("difficulty", "step"), "f8", long_name="how hard, in the terms of the difficulty"),
+        Variable("strength", ("difficulty", "step"), "f8", long_name="strength of the difficulty"),
         Variable("error", POINT, "f8", long_name="true error, relative to the largest number of the answer"),
         Variable("bound", POINT, "f8", long_name="claimed bound on the error, relative to the same"),
-        Variable("outcome", POINT, "i1", long_name="what became of the point", flags=Outcome),
-        Variable("violation", POINT, "i1", long_name="what is wrong about a silent wrong answer", flags=Violation),
+        Variable("outcome", POINT, "i1", long_name="outcome of the point", flags=Outcome),
+        Variable("violation", POINT, "i1", long_name="kind of a silent wrong answer", flags=Violation),
         Variable("answer_status", POINT, "i1", long_name="status of the answer", flags=Status),
         Variable(
             "assembly_error",

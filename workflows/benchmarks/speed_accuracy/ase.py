@@ -1,7 +1,7 @@
 """ASE and matscipy with the springs of a state: atoms in a periodic layer, a calculator of fixed bonds.
 
 ASE's calculators of bonds find neighbours by distance; ours knows the bonds, as its interface allows.  matscipy's
-`MatscipyCalculator` asks for the Hessian and derives the elastic constants by itself.
+`MatscipyCalculator` derives the elastic constants from the Hessian.
 """
 
 from __future__ import annotations
@@ -64,10 +64,10 @@ def matscipy_springs(state: SpringState) -> Any:
         def calculate(self, atoms, properties, system_changes):
             super().calculate(atoms, properties, system_changes)
             L, length, tension = _springs(self.atoms)
-            along = L * (tension / length)[:, None]
-            stress = self._virial(L, along) / self.atoms.get_volume()
+            pull = L * (tension / length)[:, None]
+            stress = self._virial(L, pull) / self.atoms.get_volume()
             forces = np.zeros((len(self.atoms), 3))
-            forces[:] = -(g.T @ along)
+            forces[:] = -(g.T @ pull)
             extension = length - state.rest_lengths
             self.results |= {"energy": 0.5 * float(tension @ extension), "forces": forces, "stress": stress}
 
@@ -98,5 +98,5 @@ def matscipy_springs(state: SpringState) -> Any:
 
 
 def _images(state: SpringState) -> Array:
-    """What the images add to the bond vectors, (N_b, 2), for coordinates that need not be grounded."""
+    """Contribution of the images to the bond vectors, (N_b, 2), for coordinates without a grounded vertex."""
     return state.network.offsets @ state.network.cell

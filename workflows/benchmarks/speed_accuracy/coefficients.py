@@ -1,4 +1,4 @@
-"""Task: C_B and C_G, the slopes of the moduli at the transition: exactly, by Richardson extrapolation, and by fits.
+"""Task: C_B and C_G, exactly, by Richardson extrapolation, and by fits.
 
 Fits and extrapolation need the moduli at several strains, each a relaxation and a linear response; levels are the
 largest strain.  A fit of degree n has a bias of that strain to the nth power, and the rounding of the moduli over it.
@@ -56,7 +56,7 @@ class Answer:
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class Problem:
     """A critical configuration with its exact C_B and C_G."""
 
     manifold: CriticalManifold
@@ -65,12 +65,12 @@ class Slopes:
     C_G: Extended
 
     @classmethod
-    def of(cls, n_vertices: int, seed: int) -> Slopes:
+    def of(cls, n_vertices: int, seed: int) -> Problem:
         manifold, critical = random_critical(n_vertices, seed)
         return cls(manifold, critical, *references.stiffening(manifold, critical.sigma))
 
     def path(self, strains: Array) -> tuple[StrainPath, Status]:
-        """Moduli along a path that starts from the configuration without anything that was computed from it."""
+        """Moduli on a path that starts from a copy of the configuration without cached results."""
         start = replace(self.critical)
         solution = strain_path(self.manifold.network, start, strains, pattern=self.manifold.hessian, throw=False)
         return solution.value, solution.status
@@ -81,9 +81,9 @@ class Slopes:
         return Accuracy(error, answer.status, answer.iterations, answer.bound)
 
 
-def _exactly(slopes: Slopes, level: float) -> Answer:
-    critical = replace(slopes.critical)
-    solution = stiffening(slopes.manifold, critical, throw=False)
+def _exactly(problem: Problem, level: float) -> Answer:
+    critical = replace(problem.critical)
+    solution = stiffening(problem.manifold, critical, throw=False)
     value, claim = solution.value, solution.stats.error_bound
     bound = np.nan
     if isinstance(claim, type(value)):
@@ -91,17 +91,17 @@ def _exactly(slopes: Slopes, level: float) -> Answer:
     return Answer(value.C_B, value.C_G, solution.status, solution.stats.steps, bound)
 
 
-def _fitted(slopes: Slopes, degree: int, n_strains: int, window: float) -> Answer:
-    path, status = slopes.path(window * np.arange(1, n_strains + 1) / n_strains)
+def _fitted(problem: Problem, degree: int, n_strains: int, window: float) -> Answer:
+    path, status = problem.path(window * np.arange(1, n_strains + 1) / n_strains)
     fits = [fit_stiffening(path.strains, values, degree=degree) for values in (path.bulk_modulus, path.shear_modulus)]
     return Answer(fits[0].slope, fits[1].slope, status, int(path.steps.sum()))
 
 
-def _extrapolated(slopes: Slopes, reach: float) -> Answer:
+def _extrapolated(problem: Problem, reach: float) -> Answer:
     """Difference quotients with the moduli at the transition, of errors γ, γ², …, eliminated in turn."""
     gamma = reach * 2.0 ** np.arange(-HALVINGS, 1)
-    path, status = slopes.path(gamma)
-    start = transition_moduli(replace(slopes.critical))
+    path, status = problem.path(gamma)
+    start = transition_moduli(replace(problem.critical))
     found = []
     for values, value_0 in ((path.bulk_modulus, start.bulk), (path.shear_modulus, start.shear)):
         table = (values - value_0) / gamma
@@ -112,13 +112,13 @@ def _extrapolated(slopes: Slopes, reach: float) -> Answer:
 
 
 def _methods(n_vertices: int, seed: int) -> list[Method]:
-    slopes = Slopes.of(n_vertices, seed)
+    problem = Problem.of(n_vertices, seed)
     windows = WINDOWS if n_vertices < LARGE else WINDOWS[-1:]
     return [
-        Method("exact", partial(_exactly, slopes), slopes.accuracy, backend="qdldl"),
-        Method("Richardson", partial(_extrapolated, slopes), slopes.accuracy, windows, backend="qdldl"),
+        Method("exact", partial(_exactly, problem), problem.accuracy, backend="qdldl"),
+        Method("Richardson", partial(_extrapolated, problem), problem.accuracy, windows, backend="qdldl"),
         *(
-            Method(name, partial(_fitted, slopes, *fit), slopes.accuracy, windows, backend="qdldl")
+            Method(name, partial(_fitted, problem, *fit), problem.accuracy, windows, backend="qdldl")
             for name, fit in _FITS.items()
         ),
     ]

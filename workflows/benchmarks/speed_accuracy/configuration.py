@@ -1,7 +1,7 @@
 """Tasks σ → configuration, and with the gradient of B_0: one factorisation and two, or four, right sides.
 
-The hot path of every optimisation: the graph is known, so what a method can learn from it alone (ordering, symbolic
-factorisation) is not timed; the stress is new in every run, so assembly and numbers are.  Multigrid cannot keep its
+The hot path of every optimisation: the graph is known, so that ordering and symbolic factorisation are not timed; the
+stress is new in every run, so that assembly and numerical factorisation are timed.  Multigrid cannot keep its
 hierarchy, and SuperLU its ordering, from one matrix to the next: they are timed whole.
 """
 
@@ -30,7 +30,7 @@ SIZES = (100, 1_000, 10_000, 100_000)
 HUGE, _AT_HUGE = 1_000_000, ("superlu", "metis", "pardiso")
 # Dense matrices beyond are out of the question.
 DENSE = 2_000
-# Backends that need a package beside critflow.
+# Backends that require another package.
 FAST = {"metis": "pymetis", "pardiso": "pypardiso"}
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 # Where every run of an iterative method takes seconds it has one level, at which its answer is worth something.
@@ -41,7 +41,7 @@ Solve = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class _LinearSolver:
-    """A way to solve P y = r: (σ, level) -> a function of right sides (n, d)."""
+    """A solver of P y = r: (σ, level) -> a function of right sides (n, d)."""
 
     name: str
     package: str
@@ -156,7 +156,7 @@ class _Problem:
     manifold: CriticalManifold
     sigma: np.ndarray
     L: Extended
-    slope: Extended
+    gradient: Extended
 
     @classmethod
     def of(cls, n_vertices: int, seed: int) -> _Problem:
@@ -167,12 +167,12 @@ class _Problem:
 
     def accuracy(self, answer) -> Accuracy:
         """Largest relative error of a bond vector; with a gradient, that over its largest component if it is larger."""
-        L, slope, bound = answer
+        L, gradient, bound = answer
         length = np.linalg.norm(self.L.high, axis=1)
         error = float((np.linalg.norm((L - self.L.high) - self.L.low, axis=1) / length).max())
-        if slope is not None:
-            wrong = np.abs((slope - self.slope.high) - self.slope.low)
-            error = float(wrong.max() / np.abs(self.slope.high).max())
+        if gradient is not None:
+            wrong = np.abs((gradient - self.gradient.high) - self.gradient.low)
+            error = float(wrong.max() / np.abs(self.gradient.high).max())
         return Accuracy(error, bound=bound)
 
 

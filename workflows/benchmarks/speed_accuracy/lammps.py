@@ -23,10 +23,10 @@ def representable(state: SpringState) -> bool:
 
 
 class Lammps:
-    """Springs in LAMMPS, silent, with no pair forces; ghosts reach as far as the longest bond may grow."""
+    """Springs in LAMMPS, silent, with no pair forces; ghosts reach beyond the longest bond."""
 
     def __init__(self, state: SpringState):
-        # The wheel links to the MPI of the package `mpich`, which lies beside the interpreter.
+        # The wheel links to the MPI of the package `mpich`, next to the interpreter.
         for library in Path(sys.prefix, "lib").glob("libmpi.so.12"):
             ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
         self._run = peer("lammps").lammps(cmdargs=["-log", "none", "-screen", "none"])
@@ -64,7 +64,7 @@ class Lammps:
 
 
 def _data(state: SpringState, side: float) -> str:
-    """The data file: one type of bond for each edge, since each has its own rest length."""
+    """The data file: one type of bond for each edge, because rest lengths differ."""
     network, x = state.network, np.mod(state.coordinates, side)
     springs = enumerate(zip(network.stiffness.tolist(), state.rest_lengths.tolist(), strict=True))
     lines = ["springs", "", f"{len(x)} atoms", f"{network.n_edges} bonds", "1 atom types"]

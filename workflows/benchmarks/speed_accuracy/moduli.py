@@ -55,14 +55,14 @@ LARGE = 10_000
 # `rigidity` finds self-stresses by dense algebra beyond what is worth waiting for.
 AT_REST = 1_000
 MOST_STEPS = 100_000
-# What matscipy hands to SciPy's `spilu`; dropping more leaves the translations, which nothing holds, undefined.
+# Options of SciPy's `spilu`; with more dropped entries the free translations are undefined.
 _NEARLY_EXACT = {"drop_tol": 1e-10, "fill_factor": 50.0}
 # It is then there at once; residuals that rounding does not allow would keep it going for hours.
 _FIRST = RESIDUALS[:4]
 
 
 def random_critical(n_vertices: int, seed: int) -> tuple[CriticalManifold, CriticalConfiguration]:
-    """A network and its configuration under a random stress, which has no property of its own."""
+    """A network and its configuration under a random stress."""
     manifold = CriticalManifold(voronoi_network(n_vertices, seed))
     rng = stable_rng(seed, "contest", "stress")
     return manifold, manifold.configuration(np.abs(rng.standard_normal(manifold.network.n_edges)))
@@ -195,7 +195,7 @@ def _at_transition(n_vertices: int, seed: int) -> list[Method]:
         value = transition_moduli(replace(critical))
         return Measured(value.bulk, value.shear)
 
-    def along(strain: float, moduli: bool) -> Measured:
+    def past(strain: float, moduli: bool) -> Measured:
         solution = strain_path(
             manifold.network, replace(critical), [strain], moduli=moduli, pattern=manifold.hessian, throw=False
         )
@@ -208,8 +208,8 @@ def _at_transition(n_vertices: int, seed: int) -> list[Method]:
 
     methods = [
         Method("closed form", closed, accuracy),
-        Method("linear response at γ → 0", partial(along, moduli=True), accuracy, strains, backend="qdldl"),
-        Method("energy at γ → 0", partial(along, moduli=False), accuracy, strains, backend="qdldl"),
+        Method("linear response at γ → 0", partial(past, moduli=True), accuracy, strains, backend="qdldl"),
+        Method("energy at γ → 0", partial(past, moduli=False), accuracy, strains, backend="qdldl"),
     ]
     if n_vertices <= AT_REST:
         methods.append(Method("self-stress at rest", at_rest, accuracy))

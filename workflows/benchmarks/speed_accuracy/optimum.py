@@ -5,17 +5,17 @@ The error of each is measured without a subtraction of nearly equal numbers, so 
 the value would be rounding:
     V_L         the value itself, whose least is zero
     B_0         1 − B_0/max B_0, the sin² of the angle between the forces σL and those of the closed form
-    V_τ, G_0    the largest d log O/d log σ of an edge.  G_0, with its penalty, has several local optima, to which
-                methods may go as they like.  The network of 10,000 vertices does not attain its infimum of V_τ, where
-                an edge would have no length, and so has no such error: that size is left out
-Ours look for a way down from where they end, to tell a minimum from a saddle, at tolerances of 1e-8 and less; peers do
-not, which is part of the times.
+    V_τ, G_0    the largest d log O/d log σ of an edge.  G_0 with its penalty has several local optima, in
+                which methods may end.  The network of 10,000 vertices does not attain its infimum of V_τ, where an
+                edge has no length, and so has no such error: that size is left out
+Methods of critflow test whether the end is a saddle, at tolerances of 1e-8 and less; other packages do not, which is
+part of the times.
 
 jax_fdm knows no periodic cells: it is compared on the part of the network that does not cross the cell, hung on the
 vertices that lost an edge, where these are when all edges are equally long, so that V_L = 0 is attained.  Few such
 networks attain the infimum of V_τ, all of them small: the first that does is taken.  The model of jax_fdm gives value
-and gradient of the same function, compiled before any time is taken, to SciPy's L-BFGS-B, which is what its own
-optimisers call.
+and gradient of the same function, compiled before any time is taken, to SciPy's L-BFGS-B, as in the
+optimisers of jax_fdm.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from ..timing import Accuracy, Method, Task, installed, peer
 
 SIZES = (100, 1_000, 10_000)
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
-# Where runs are short, and for gradients alone, so many tolerances that what lies between two of them does not matter.
+# Closely spaced tolerances, where runs are short and for methods with gradients alone.
 FINE = (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, *(10.0**-n for n in range(7, 15)))
 SHORT = 1_000
 CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 STEPS = (30.0, 100.0, 300.0, 1_000.0, 3_000.0, 10_000.0)
-# SciPy's methods stop by their own measures too, at the latest after so many steps.
+# Step limits of SciPy's methods, which also stop by other measures.
 SCIPY_STEPS = {"L-BFGS-B": 3_000, "trust-krylov": 100}
 WORDS = ("length_variance", "tension_variance", "bulk_modulus", "shear_modulus")
 
@@ -130,7 +130,7 @@ def _by_cone(manifold: CriticalManifold):
 
 
 def _accuracy(manifold: CriticalManifold, word: str):
-    """The error of a stress, as said above."""
+    """The error of a stress, as defined above."""
     goal = named_objective(manifold.network, word)
     best = np.empty(0)
     if word == "bulk_modulus":
@@ -203,7 +203,7 @@ def hung(network: Network) -> Network:
     inside = (network.offsets == 0).all(axis=1)
     cut = np.zeros(network.n_vertices, bool)
     cut[network.edges[~inside]] = True
-    # An edge between two pins carries what it likes.
+    # The stress of an edge between two pins is not determined.
     inside &= ~cut[network.edges].all(axis=1)
     vertices, edges = np.unique(network.edges[inside], return_inverse=True)
     pins = {place: x[vertex] for place, vertex in enumerate(vertices) if cut[vertex]}

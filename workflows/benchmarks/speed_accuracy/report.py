@@ -1,7 +1,7 @@
-"""Charts, claims and summary of speed against accuracy, read off the dataset; titles come from the tasks.
+"""Charts, claims and summary of speed against accuracy, from the dataset; titles are those of the tasks.
 
-A method is as accurate as another whose error is not larger.  At the last digit errors are luck: those within a factor
-`DIGIT` of the least that a method reaches are its last digit, as good as whatever is no better by more than a digit.
+A method is as accurate as another if its error is not larger.  Errors within a factor `DIGIT` of the least error of a
+method depend on rounding; they count as equal to errors that are smaller by at most this factor.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _DEFAULT_COLOUR, _OWN_COLOUR, _PEER_COLOURS = COLOURS[0], COLOURS[1], (*COLOURS[
 class Curve(NamedTuple):
     """One method: seconds with quartiles, and errors, of the levels that were timed, from rough to fine.
 
-    `cut` where finer levels were left out, because the last one took too long.
+    `cut` if finer levels were left out because of the time of the previous one.
     """
 
     name: str
@@ -66,7 +66,7 @@ def pareto_front(seconds, errors):
 
 
 def reaches(curve, error):
-    """Which points of a method are as accurate as this, its last digit forgiven."""
+    """The points of a method with at most this error, up to the factor `DIGIT` near its least error."""
     last = (curve.errors <= DIGIT * curve.errors.min()) & (curve.errors <= DIGIT * error)
     return (curve.errors <= error) | last
 
@@ -78,10 +78,10 @@ def time_to(curve_list, error):
 
 
 def behind(some, others, useful):
-    """How many times longer some methods take than others for what is on the front of these: (ratios, its places).
+    """Ratio of the times of some methods to those of others on the front of the others: (ratios, points).
 
-    The places are (method, point).  Errors above `useful` do not count, nor those that nobody may have asked of these
-    methods, because some were cut.
+    The points are (method, point).  Errors above `useful` are left out, and errors that the methods may reach at levels
+    that were cut.
     """
     points = [(c, n) for c in others for n in range(len(c.errors)) if c.errors[n] < useful]
     if not points:
@@ -89,18 +89,18 @@ def behind(some, others, useful):
     seconds, errors = (np.array([getattr(c, part)[n] for c, n in points]) for part in ("seconds", "errors"))
     front = pareto_front(seconds, errors)
     ratios = np.array([time_to(some, errors[n]) / seconds[n] for n in front])
-    asked = np.isfinite(ratios) | (not any(curve.cut for curve in some))
-    return ratios[asked], [points[n] for n in front[asked]]
+    known = np.isfinite(ratios) | (not any(curve.cut for curve in some))
+    return ratios[known], [points[n] for n in front[known]]
 
 
 def gain(default, rival):
-    """How many times longer a rival takes for its best accuracy than the default for the same or a better one."""
+    """Time of another method for its best accuracy over the time of the default for at least this accuracy."""
     best = int(np.argmin(rival.errors))
     return float(rival.seconds[best] / time_to([default], rival.errors[best]))
 
 
 def detour(default, everyone, useful):
-    """Largest of how many times longer the default takes than the fastest of all, for any accuracy that it reaches."""
+    """Largest ratio of the time of the default to that of the fastest method, over all accuracies of the default."""
     ratios, _ = behind([default], everyone, useful)
     return float(ratios[np.isfinite(ratios)].max(initial=1.0))
 
@@ -135,7 +135,7 @@ def main_figure(ds):
         _chart(axes, all_curves, default, labels=True)
         axes.set_ylabel(TASKS[word].error, fontsize=9)
         axes.set_title(
-            f"{TASKS[word].title}, $N_v$ = {size:,}\n{_boast(default, all_curves)}", loc="left", fontsize=9.5
+            f"{TASKS[word].title}, $N_v$ = {size:,}\n{_comparison(default, all_curves)}", loc="left", fontsize=9.5
         )
     for axes in list(places):
         axes.set_axis_off()
@@ -213,7 +213,7 @@ def _chart(axes, all_curves, default, labels):
 
 
 def _name(axes, ends):
-    """Names beside the most accurate points, moved up where they would lie on each other."""
+    """Names next to the most accurate points, shifted where they would overlap."""
     low, high = np.log10(axes.get_ylim())
     left, right = np.log10(axes.get_xlim())
     taken = []
@@ -240,8 +240,8 @@ def _name(axes, ends):
         )  # fmt: skip
 
 
-def _boast(default, all_curves):
-    """The default against the others at their own best accuracy: how far the slowest and the fastest are behind."""
+def _comparison(default, all_curves):
+    """The default against the slowest and the fastest other method at their best accuracy."""
     if default is None:
         return ""
     ratios = {curve.name: gain(default, curve) for curve in all_curves if curve is not default}
@@ -265,7 +265,7 @@ def _times(ratio):
 
 
 def claims(ds):
-    """Whether critflow beats every peer, and its own choice is on the front, with the numbers."""
+    """Claims on every task against other packages, and on the default against the front."""
     everything = list(cases(ds))
     for word in map(str, ds.task.values):
         of_task = [(size, all_curves, default) for w, size, all_curves, default in everything if w == word]

@@ -1,13 +1,13 @@
 """Task: one strain step of springs from their critical configuration, by minimisers of the energy.
 
 All start from the same affinely strained state with the same springs, and stop at the same largest force component, in
-units of k times the mean length.  What is timed is the solve: the symbolic analysis of critflow, the bonds and lists of
+units of k times the mean length.  Only the solve is timed: the symbolic analysis of critflow, the bonds and lists of
 LAMMPS and the atoms of ASE are made before, and every run puts the vertices back where they start.
 
 LAMMPS runs without pair forces, with the largest component as its norm and an energy tolerance of zero; it stops
 where its line search finds no lower energy, and `forcezero` looks at forces instead.  ASE's defaults are made for eV
-and Å; its quasi-Newton methods are told the stiffness of a vertex, 3k, instead of 70.  Iterative methods
-may take so many steps that none works for more than some seconds; `Status.step_limit` says that it would have gone on.
+and Å; its quasi-Newton methods start from the stiffness of a vertex, 3k, instead of 70.  Step limits keep
+iterative methods below some seconds; a method that reaches its limit has `Status.step_limit`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .ase import ase_springs, atoms_of
 from .lammps import Lammps, representable
 
 STRAIN = 1e-3
-# A hundredth of what the start is off, or less.
+# At most a hundredth of the error of the start.
 USEFUL = 1e-5
 SIZES = (100, 1_000, 10_000)
 LEVELS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)

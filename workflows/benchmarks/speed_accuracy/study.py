@@ -104,7 +104,7 @@ study = Study(
     title="Speed against accuracy of every method",
     references="methods and problems of Hain, Santangelo and Manning, arXiv:2407.13939",
     axes=(
-        Axis("task", tuple(TASKS), "what is computed"),
+        Axis("task", tuple(TASKS), "computed quantity"),
         Axis("n_vertices", (100, 1_000, 10_000, 100_000, 1_000_000), "number of vertices", key="n_vertices"),
     ),
     parameters={
