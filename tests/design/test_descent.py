@@ -34,13 +34,13 @@ def contracted(network: Network, collapsed: np.ndarray, centre: int) -> tuple[Ne
 COLLAPSING = voronoi_network(40, seed=47, hard_core=0.65)
 
 
-def test_an_infimum_that_collapses_edges_names_them_and_has_its_value():
+def test_an_infimum_with_collapsed_edges_has_their_names_and_its_value():
     solution = optimize(COLLAPSING, "tension_variance", throw=False)
     assert solution.status is Status.edge_collapse
     collapsed = solution.collapsed_edges
     np.testing.assert_array_equal(collapsed, [33, 38])
     assert "edges 33, 38 shrink to zero length" in solution.note
-    # The limit itself: three vertices become one, and an edge without length carries what its leaf's others pull.
+    # The limit: three vertices become one, and an edge without length carries the sum of the other forces on its leaf.
     centre = int(np.intersect1d(*COLLAPSING.edges[collapsed])[0])
     point, outward = contracted(COLLAPSING, collapsed, centre)
 
@@ -56,7 +56,7 @@ def test_an_infimum_that_collapses_edges_names_them_and_has_its_value():
     # Descent by finite differences, and a collapse stopped at 1e-4 of the mean length, agree to 1e-7.
     assert limit == pytest.approx(found.fun, abs=1e-7)
     assert abs(limit - found.fun) < solution.uncertainty < 1e-4
-    # The configuration returned is a sound one on the way, a little above the infimum.
+    # The configuration returned is the last accurate one, slightly above the infimum.
     assert solution.value.residual < 1e-12
     tension = solution.value.tensions
     assert limit < np.mean(tension**2) / np.mean(tension) ** 2 - 1 < limit + 1e-3
@@ -76,12 +76,12 @@ def test_a_collapse_has_one_value_by_every_method_and_start(method):
 def test_a_collapse_names_the_same_edges_from_every_start(method):
     solution = optimize(COLLAPSING, "tension_variance", method, start=random_start(1, 60) + 0.1, throw=False)
     assert solution.status is Status.edge_collapse
-    # An edge that was still on its way to an ordinary length may be named beside them.
+    # An edge that still grows to an ordinary length may be named in addition.
     assert {33, 38} <= set(solution.collapsed_edges.tolist())
 
 
 def test_the_uncertainty_of_a_limit_covers_its_error():
-    # This network has two infima, each with edges of its own that vanish; a start leads to the one or the other.
+    # This network has two infima with different vanishing edges; the start selects one.
     network = voronoi_network(50, seed=2, hard_core=0.5)
     found: dict[tuple[int, ...], list[tuple[float, float]]] = {}
     for method in ("lbfgs", "newton"):
@@ -96,8 +96,8 @@ def test_the_uncertainty_of_a_limit_covers_its_error():
 
 
 @pytest.mark.parametrize("seed", [1, 3, 4])
-def test_fire_stays_off_the_wall_of_the_barrier(seed):
-    # It has no line search; without a limit on its moves the first one goes over the wall.
+def test_fire_does_not_cross_the_barrier(seed):
+    # It has no line search; without a limit on its moves the first one crosses the barrier.
     start = random_start(seed) + 0.05
     by_fire = optimize(NETWORK, "shear_modulus", "fire", start=start, throw=False)
     assert by_fire.status is Status.ok
@@ -114,29 +114,31 @@ def test_least_length_variance_of_slack_networks_has_a_value():
     solution = optimize(network, "length_variance", throw=False)
     assert solution.status is Status.slack_edges
     assert solution.value.residual < 1e-12
-    # Descent in the logarithms of the stresses alone gets there in thousands of steps.
+    # SciPy's descent in log σ needs thousands of steps.
     variance = LengthVariance()
     manifold = CriticalManifold(network)
 
-    def along(x):
+    def function(x):
         sigma = np.exp(x)
         return variance.evaluate(sigma, manifold.balance(sigma).bond_vectors)[0]
 
-    slow = minimize(along, np.zeros(network.n_edges), method="L-BFGS-B", options={"maxfun": 60_000, "maxiter": 2_000})
+    slow = minimize(
+        function, np.zeros(network.n_edges), method="L-BFGS-B", options={"maxfun": 60_000, "maxiter": 2_000}
+    )
     assert solution.objective - solution.uncertainty < slow.fun
     assert solution.objective < slow.fun + 1e-5
 
 
-def steepest_way_up(manifold, goal, x):
-    """Largest curvature of the objective along log-stresses, against the largest of all, by differences of slopes."""
+def largest_curvature(manifold, goal, x):
+    """Largest curvature of the objective in log σ, relative to the largest magnitude, by differences of gradients."""
     sign = 1.0 if goal.maximise else -1.0
 
-    def slope(theta):
+    def gradient(theta):
         sigma = np.exp(theta - theta.mean())
         return sigma * evaluate(manifold, goal, sigma).gradient
 
     steps = 1e-5 * np.eye(len(x))
-    hessian = np.array([slope(x + step) - slope(x - step) for step in steps]) / 2e-5
+    hessian = np.array([gradient(x + step) - gradient(x - step) for step in steps]) / 2e-5
     curvatures = np.linalg.eigvalsh(sign * (hessian + hessian.T) / 2)
     return curvatures[-1] / np.abs(curvatures).max()
 
@@ -144,17 +146,17 @@ def steepest_way_up(manifold, goal, x):
 @pytest.mark.parametrize(
     "n_vertices, seed, threshold, method", [(20, 5, 0.03, "auto"), (20, 5, 0.03, "newton"), (16, 0, 0.03, "lbfgs")]
 )
-def test_a_saddle_on_the_way_is_left(n_vertices, seed, threshold, method):
+def test_a_descent_leaves_saddles(n_vertices, seed, threshold, method):
     manifold = CriticalManifold(voronoi_network(n_vertices, seed))
     goal = named_objective(manifold.network, "shear_modulus", 0.03)
-    # Where the slope alone leads from σ = 1 the modulus is stationary and curves up along some direction.
+    # The descent from σ = 1 ends where the modulus is stationary and has a direction of positive curvature.
     alone = minimise(StressObjective(manifold, goal), LBFGS(), np.zeros(manifold.network.n_edges), 1e-12, 3_000).point
     assert alone.residual < 1e-12
-    assert steepest_way_up(manifold, goal, alone.x) > 1e-3
+    assert largest_curvature(manifold, goal, alone.x) > 1e-3
     solution = optimize(manifold, goal, method)
     assert solution.saddles == 1
     assert solution.objective > -alone.value * (1 + 1e-3)
-    assert steepest_way_up(manifold, goal, np.log(solution.value.sigma)) < 1e-6
+    assert largest_curvature(manifold, goal, np.log(solution.value.sigma)) < 1e-6
 
 
 def test_step_limits_are_a_status():
@@ -168,41 +170,41 @@ def test_step_limits_are_a_status():
 
 
 @pytest.mark.parametrize("method", ["lbfgs", "newton", "fire"])
-def test_an_ascent_over_both_signs_rises_and_tells_its_way(method):
+def test_an_ascent_over_both_signs_reports_its_path(method):
     network = voronoi_network(100, seed=1)
-    way = []
+    path = []
     solution = optimize(
         network,
         "shear_modulus",
         method,
         signs="any",
         max_steps=300,
-        observe=lambda step, value, sigma, L: way.append((step, value, sigma.copy(), L.copy())),
+        observe=lambda step, value, sigma, L: path.append((step, value, sigma.copy(), L.copy())),
         throw=False,
     )
     assert solution.status is Status.step_limit
-    steps, values = np.array([point[0] for point in way]), np.array([point[1] for point in way])
-    np.testing.assert_array_equal(steps, np.arange(len(way)))
+    steps, values = np.array([point[0] for point in path]), np.array([point[1] for point in path])
+    np.testing.assert_array_equal(steps, np.arange(len(path)))
     if method != "fire":  # which is a dynamics with inertia
         assert (np.diff(values) >= -1e-12).all()
     assert values[-1] > 50 * values[0]
-    # What is told is so: values, stresses, bond vectors and inertia belong together.
+    # The reported values, stresses, bond vectors and inertias are consistent.
     negative = []
-    for _, value, sigma, L in way[::20]:
+    for _, value, sigma, L in path[::20]:
         assert np.sum(sigma**2) == pytest.approx(network.n_edges, rel=1e-12)
         np.testing.assert_allclose(dense_bond_vectors(network, sigma), L, rtol=0, atol=1e-9)
         assert modulus_by_formula(network, sigma, L, pure_shear(2)) == pytest.approx(value, rel=1e-9)
-    for _, _, sigma, _ in way:
+    for _, _, sigma, _ in path:
         g = network.free_incidence.toarray()
         negative.append(np.count_nonzero(np.linalg.eigvalsh(g.T @ (sigma[:, None] * g)) < 0))
     assert solution.crossings == tuple(np.flatnonzero(np.diff(negative)) + 1)
     assert solution.negative_pivots == negative[-1]
     assert 0 < solution.nearest_singular < 1
     # Values grow by long edges and compressed ones.
-    assert (way[-1][2] < 0).any()
+    assert (path[-1][2] < 0).any()
 
 
-def test_who_observes_may_end_the_ascent():
+def test_an_observer_may_end_the_ascent():
     network = voronoi_network(40, seed=1)
     seen = []
 
@@ -224,9 +226,6 @@ class Extent(Objective):
     def evaluate(self, sigma, L):
         size = 1 + np.sum(L**2)
         return 1 - size**-0.05, (np.zeros_like(sigma), 0.1 * L * size**-1.05)
-
-    def differential(self, sigma, L, dsigma, dL):
-        raise NotImplementedError("no method of second order is asked")
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -251,12 +250,12 @@ def test_an_ascent_to_a_singular_matrix_has_a_limit(seed):
     assert after > 10 * before > 100 * np.sqrt(network.volume)
     assert solution.objective == late < 1
     assert "without end" in solution.note
-    # The configuration is one on the way, good to its digits, with less than that value.
+    # The configuration is accurate and has a smaller value.
     assert solution.value.residual < 1e-6
     assert 0 < Extent().evaluate(solution.value.sigma, solution.value.bond_vectors)[0] < late
 
 
-def test_an_ascent_from_a_singular_start_says_so():
+def test_a_singular_start_is_a_status():
     network = square_octagon()
     # Sides and links that pull against each other, t_x = −s: the matrix has no inverse.
     sigma = np.array([1.0, 1.0, 1.0, 1.0, -1.0, 0.5])

@@ -37,13 +37,13 @@ def test_lengths_are_proportional_and_forces_balance(spread, seed):
     ratio = solution.value.lengths / target
     np.testing.assert_allclose(ratio, ratio.mean(), rtol=1e-12)
     assert ratio.mean() == pytest.approx(solution.ratio, rel=1e-8)
-    # The stresses alone give it back: what differs is rounding times the condition of P, below 1e3.
+    # The stresses alone determine it, to rounding times the condition of P, below 1e3.
     np.testing.assert_allclose(
         solution.value.bond_vectors, dense_bond_vectors(NETWORK, solution.value.sigma), rtol=0, atol=1e-12
     )
 
 
-def test_every_configuration_is_found_again_from_its_own_lengths():
+def test_every_configuration_is_recovered_from_its_lengths():
     # Uniqueness: an all-tension configuration is the only one with its length ratios.
     sigma = np.exp(0.5 * np.random.default_rng(3).standard_normal(150))
     configuration = CriticalManifold(NETWORK).configuration(sigma)
@@ -90,7 +90,7 @@ def test_linkage_lengths():
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_slack_edges_are_named(seed):
+def test_slack_edges_are_reported(seed):
     target = lengths(0.3, seed)
     solution = critical_from_lengths(NETWORK, target, throw=False)
     assert solution.status is Status.slack_edges
@@ -102,7 +102,7 @@ def test_slack_edges_are_named(seed):
     assert stressed_fraction(solution.value.sigma) == pytest.approx(1 - len(slack) / 150, rel=1e-14)
     ratio = solution.value.lengths / target
     np.testing.assert_allclose(ratio[stressed], ratio[stressed].mean(), rtol=1e-12)
-    # A slack edge has room to spare.
+    # A slack edge is shorter than its target.
     assert (ratio[slack] < ratio[stressed].mean()).all()
     g, _ = dense_free(NETWORK)
     force = g.T @ (solution.value.sigma[:, None] * solution.value.bond_vectors)
@@ -132,18 +132,18 @@ def test_slack_edges_with_pins_and_in_three_dimensions(name):
     "n_vertices, spread, seed, tolerances",
     [(100, 0.05, 0, [1e-6]), (100, 0.1, 14, [1e-6, 1e-12]), (100, 0.3, 0, [1e-12]), (30, 0.0, 4, [1e-6, 1e-12])],
 )
-def test_the_cone_program_is_solved_as_well_as_it_must(monkeypatch, n_vertices, spread, seed, tolerances):
-    asked = []
+def test_the_cone_program_has_the_least_sufficient_tolerance(monkeypatch, n_vertices, spread, seed, tolerances):
+    requested = []
 
     def fit(incidence, offsets, target, tolerance):
-        asked.append(tolerance)
+        requested.append(tolerance)
         return fit_lengths(incidence, offsets, target, tolerance)
 
     monkeypatch.setattr("critflow.design.from_lengths.fit_lengths", fit)
     network = voronoi_network(n_vertices, seed=seed)
     target = np.exp(spread * np.random.default_rng(seed).standard_normal(network.n_edges))
     solution = critical_from_lengths(network, target, throw=False)
-    assert asked == tolerances
+    assert requested == tolerances
     assert solution.status is (Status.ok if tolerances == [1e-6] else Status.slack_edges)
 
 
@@ -199,8 +199,8 @@ def test_straining_through_slack_edges():
 
 @pytest.mark.parametrize("shortest", [1e-9, 1e-12, 1e-20, 1e-100])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_lengths_that_coordinates_cannot_hold(shortest, seed):
-    """No warning escapes, and the cone program is not asked."""
+def test_lengths_below_the_rounding_of_coordinates(shortest, seed):
+    """No warning, and no cone program."""
     network = voronoi_network(16, seed=seed)
     for edge in (0, 7):
         lengths = np.minimum(1, 1 / (0.5 + np.random.default_rng(seed).random(24)))

@@ -99,12 +99,12 @@ def test_each_mode_moves_the_sides_of_its_face_outwards(name):
         u = dense(modes.displacements)[face].reshape(-1, 2)
         change = g @ u
         size = np.abs(u).max()
-        # Directions stay, and what is stored is the elongation.
+        # Directions stay, and the stored numbers are the elongations.
         across = unit[:, 0] * change[:, 1] - unit[:, 1] * change[:, 0]
         np.testing.assert_allclose(across, 0.0, rtol=0, atol=1e-13 * size)
         along = np.einsum("ad,ad->a", unit, change)
         np.testing.assert_allclose(along, dense(modes.elongations)[face], rtol=0, atol=1e-13 * size)
-        # Only corners move, and with them every side, to the right of its walk; a face may be its own neighbour.
+        # Only corners move, and with them every side, to the right of its walk; a face may be a neighbour of itself.
         corners = np.unique(network.edges[sides])
         assert not np.delete(u, corners, axis=0).any()
         outside = np.stack([unit[:, 1], -unit[:, 0]], axis=1)
@@ -256,7 +256,7 @@ def test_a_walk_to_zero_length_is_refused_with_the_largest_scale(find):
         modes.walk(1.001 * largest * step)
 
 
-def test_wrong_amplitudes_and_ways_are_refused():
+def test_wrong_amplitudes_and_directions_are_refused():
     modes = face_modes(with_stiffness(60))
     with pytest.raises(InputError, match="30 finite amplitudes"):
         modes.walk(np.ones(3))

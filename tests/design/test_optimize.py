@@ -53,7 +53,7 @@ def test_every_method_ends_where_the_gradient_vanishes(objective, method):
     assert np.sum(solution.value.sigma**2) == pytest.approx(150, rel=1e-13)
     assert (solution.value.sigma > 0).all()
     assert solution.stats.residual < 1e-12
-    # Evaluated anew, from the stored stresses; they carry rounding of their own.
+    # Evaluated again from the stored stresses, which are rounded.
     assert projected_gradient(NETWORK, objective, solution.value.sigma) < 1.1e-12
     L = dense_bond_vectors(NETWORK, solution.value.sigma)
     value = named_objective(NETWORK, objective).evaluate(solution.value.sigma, L)[0]
@@ -150,7 +150,7 @@ def test_equal_lengths_are_reached_by_the_cone_program(seed):
     network = voronoi_network(100, seed=seed)
     solution = optimize(network, "length_variance", "conic")
     assert solution.status is Status.ok
-    # The squared rounding of a length, 1e-32 times 100, leaves much room below the 1e-18 asked for.
+    # The squared rounding of a length, 1e-32 times 100, is far below the requested 1e-18.
     assert solution.objective < 1e-26
     L = dense_bond_vectors(network, solution.value.sigma)
     np.testing.assert_allclose(np.linalg.norm(L, axis=1), solution.value.lengths.mean(), rtol=1e-12)
@@ -177,7 +177,7 @@ def test_least_tension_variance_is_the_same_from_every_start():
 # Shear modulus
 
 
-def test_the_barrier_holds_stresses_up():
+def test_the_barrier_limits_stresses_from_below():
     for threshold in (0.05, 0.1, 0.2):
         solution = optimize(NETWORK, "shear_modulus", threshold=threshold)
         assert solution.status is Status.ok
@@ -200,7 +200,7 @@ def test_many_starts_return_the_best():
     assert least.objective == np.min(least.starts)
 
 
-def test_an_objective_of_ones_own():
+def test_objectives_of_a_user():
     solution = optimize(NETWORK, LengthVariance(), "lbfgs")
     assert solution.status is Status.ok
     named = optimize(NETWORK, "length_variance", "lbfgs")
@@ -212,14 +212,14 @@ def test_an_objective_of_ones_own():
     assert upper.objective > goal.evaluate(np.ones(150), dense_bond_vectors(NETWORK, np.ones(150)))[0]
 
 
-def test_bad_arguments_say_what_to_do():
+def test_bad_arguments_are_refused():
     with pytest.raises(InputError, match="random generator"):
         optimize(NETWORK, "shear_modulus", starts=3)
     with pytest.raises(InputError, match="stiffness of the network"):
         optimize(NETWORK, transition_modulus(NETWORK.with_stiffness(2), dilation(2)), "closed_form")
 
 
-def test_equal_lengths_take_a_descent_where_a_rough_answer_will_do():
+def test_a_rough_tolerance_selects_a_descent_to_equal_lengths():
     network = voronoi_network(1_000, seed=1)
     rough = optimize(network, "length_variance", tolerance=1e-4)
     assert rough.stats.method == "auto" and 1e-12 < rough.objective < 1e-2

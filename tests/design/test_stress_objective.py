@@ -46,7 +46,7 @@ def test_derivatives_in_log_stress_by_taylor_remainders(name, goal_name):
 
 
 def test_the_known_diagonal_is_the_steep_part_of_the_barrier():
-    # One small stress: its own second derivative in log σ is all barrier, 100 (s/r)^(−10)/N_b to a few percent.
+    # One small stress: its second derivative in log σ is that of the barrier, 100 (s/r)^(−10)/N_b to a few percent.
     network = PERIODIC_KINDS["random stiffness"]()
     goal = named_objective(network, "shear_modulus")
     sigma = np.ones(network.n_edges)

@@ -80,20 +80,20 @@ def test_snelson_x(pins):
     assert found.status is Status.ok
     np.testing.assert_allclose(found.value.critical.sigma, signs, atol=1e-12)
     assert found.value.least == pytest.approx(1, rel=1e-12)
-    held = stability(found.value.critical)
-    assert held.super_stable and held.prestress_stable
+    result = stability(found.value.critical)
+    assert result.super_stable and result.prestress_stable
     # Two pins leave the affine maps that fix their line.
-    assert (held.n_negative, held.n_null, held.n_affine) == (0, 3 - len(pins), 3 - len(pins))
+    assert (result.n_negative, result.n_null, result.n_affine) == (0, 3 - len(pins), 3 - len(pins))
 
 
 def test_the_x_with_cables_and_struts_exchanged_is_rigid_but_not_super_stable():
     network, signs = snelson_x()
     found = signed_stress(network, network.positions, -signs)
     np.testing.assert_allclose(found.value.critical.sigma, -signs, atol=1e-12)
-    held = stability(found.value.critical)
-    assert held.n_negative == 1 and not held.super_stable
+    result = stability(found.value.critical)
+    assert result.n_negative == 1 and not result.super_stable
     # Without any flex there is nothing for the stress to stabilise.
-    assert held.prestress_stable
+    assert result.prestress_stable
     assert rigidity(network, network.positions).value.n_zero_modes == 0
 
 
@@ -117,8 +117,8 @@ def test_prisms_have_a_stress_at_one_twist_only(n):
     sigma = found.value.critical.sigma
     np.testing.assert_allclose(sigma / sigma[0], expected, atol=1e-10)
     assert found.value.critical.residual < 1e-13
-    held = stability(found.value.critical)
-    assert held.super_stable and held.prestress_stable and held.n_affine == 1
+    result = stability(found.value.critical)
+    assert result.super_stable and result.prestress_stable and result.n_affine == 1
     for wrong in (right - 0.02, right + 0.02, right - 1.0):
         network, signs = prism(wrong, n)
         refused = signed_stress(network, network.positions, signs, throw=False)
@@ -154,14 +154,14 @@ def test_the_reason_is_a_motion_that_loosens(twist):
 
 @pytest.mark.parametrize("side", [-1, 1])
 def test_bars_do_either(side):
-    # Turned a little too far one way a brace must pull, the other way it must push; a bar does what is needed.
+    # Turned a little too far in one sense a brace must pull, in the other it must push; a bar does either.
     network, signs = prism(5 * np.pi / 6 + 0.05 * side)
     braced = Network(np.concatenate([network.edges, [[0, 4]]]), pins=network.pins, positions=network.positions)
     found = {sign: signed_stress(braced, network.positions, np.append(signs, sign), throw=False) for sign in (-1, 0, 1)}
     needed = int(np.sign(found[0].value.critical.sigma[-1]))
     assert found[0].status is found[needed].status is Status.ok
     assert found[-needed].status is Status.floppy
-    # The brace runs from foot 0 to the vertex ahead, so it pulls back what has turned too far.
+    # The brace runs from foot 0 to the vertex ahead, so it resists the excess rotation.
     assert needed == side
 
 
@@ -177,7 +177,7 @@ def test_pentagon():
     symmetric = np.where(signs > 0, 1.0, -(GOLDEN**-2))
     assert balance_error(network, network.positions, symmetric) < 1e-14
     assert stability(critical_configuration(network, symmetric, network.positions)).super_stable
-    # Cables across and struts around have the opposite stress, which holds nothing.
+    # Cables across and struts around have the opposite stress, which is unstable.
     turned = signed_stress(network, network.positions, -signs).value.critical
     assert not stability(turned).super_stable
 
@@ -196,10 +196,10 @@ def test_a_lattice_with_struts_loses_its_stability_where_its_softest_wave_does(n
         waves = 4 - 2 * np.cos(kx) - 2 * np.cos(ky) - 2 * q * diagonal
         assert solution.status is Status.ok
         assert solution.negative_pivots == np.count_nonzero(waves < 0)
-        held = stability(solution.value)
-        assert held.n_negative == np.count_nonzero(waves < 0) and held.n_null == held.n_affine == 0
-        assert held.super_stable == (q < critical)
-        # The squares stay squares: the stress of every line is its own.
+        result = stability(solution.value)
+        assert result.n_negative == np.count_nonzero(waves < 0) and result.n_null == result.n_affine == 0
+        assert result.super_stable == (q < critical)
+        # The squares stay squares: every line has an independent stress.
         np.testing.assert_allclose(solution.value.lengths[signs > 0], 1.0, rtol=1e-8)
     assert signed_stress(network, network.positions, signs).value.least == pytest.approx(1, rel=1e-9)
 
@@ -218,28 +218,28 @@ def test_a_given_configuration_gives_its_stress_back():
 
 def test_all_tension_is_super_stable():
     network = voronoi_network(40, seed=2)
-    held = stability(CriticalManifold(network).configuration(random_stress(network.n_edges, 4)))
-    assert held.super_stable and held.prestress_stable and held.n_negative == held.n_null == 0
+    result = stability(CriticalManifold(network).configuration(random_stress(network.n_edges, 4)))
+    assert result.super_stable and result.prestress_stable and result.n_negative == result.n_null == 0
 
 
 def test_an_affine_flex_is_no_super_stability():
-    # A cross of two straight lines, each stressed on its own, turns like scissors: an affine map that keeps all lengths
+    # A cross of two straight lines, stressed independently, rotates like scissors: an affine map that keeps all lengths
     # although P has no zero eigenvalue but that of the affine maps.
     x = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     network = Network([[0, 2], [2, 1], [2, 3], [2, 4], [3, 4]], pins={0: x[0], 1: x[1]}, positions=x)
     critical = signed_stress(network, x, [1, 1, 1, 1, -1]).value.critical
     np.testing.assert_allclose(critical.sigma / critical.sigma[2], [1, 1, 1, 1, -0.5], atol=1e-12)
-    held = stability(critical)
-    assert (held.n_negative, held.n_null, held.n_affine) == (0, 1, 1)
-    assert not held.super_stable and not held.prestress_stable
+    result = stability(critical)
+    assert (result.n_negative, result.n_null, result.n_affine) == (0, 1, 1)
+    assert not result.super_stable and not result.prestress_stable
 
 
 def test_a_frame_that_turns_about_one_pin_is_still_super_stable():
     # Rigid motions about the pins keep lengths as they must, and are no flex.
     network, signs = snelson_x((0,))
-    held = stability(signed_stress(network, network.positions, signs).value.critical)
-    assert (held.n_negative, held.n_null, held.n_affine) == (0, 2, 2)
-    assert held.super_stable and not held.prestress_stable
+    result = stability(signed_stress(network, network.positions, signs).value.critical)
+    assert (result.n_negative, result.n_null, result.n_affine) == (0, 2, 2)
+    assert result.super_stable and not result.prestress_stable
 
 
 @pytest.mark.parametrize(
