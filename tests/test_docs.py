@@ -21,6 +21,7 @@ from typing import NamedTuple
 import pytest
 
 import critflow
+from critflow.cli import main
 from workflows.pages.paper import EQUATIONS
 
 ROOT = Path(__file__).parents[1]
@@ -63,33 +64,29 @@ def executed(page: Path) -> list[Block]:
     return [block for block in blocks(page) if block.kind in ("python", "console")]
 
 
-def run(words: list[str], folder: Path) -> subprocess.CompletedProcess:
-    """Run Python with warnings as errors in a folder."""
-    return subprocess.run([sys.executable, "-W", "error", *words], capture_output=True, text=True, cwd=folder)
-
-
-def run_command(line: str, folder: Path) -> None:
+def run_command(line: str) -> None:
     """Run one `$ critflow ...` line and compare its exit code with the one in its comment, 0 by default."""
     command, _, comment = line.removeprefix("$ ").partition("#")
     expected = int(comment.split()[1]) if comment.split()[:1] == ["exit"] else 0
-    words = shlex.split(command)
-    assert words[0] == "critflow", f"only critflow is executed in a console block, not {words[0]}: use a text block"
-    done = run(["-m", *words], folder)
-    assert done.returncode == expected, f"{command}: exit {done.returncode}\n{done.stdout}{done.stderr}"
+    name, *words = shlex.split(command)
+    assert name == "critflow", f"only critflow is executed in a console block, not {name}: use a text block"
+    assert main(words) == expected, command
 
 
 def run_python(page: Path, group: list[Block], folder: Path) -> list[str]:
     """The output of each of these blocks, run as one program."""
     program = folder / "page.py"
     program.write_text(f"print({_MARK!r})\n".join(block.text for block in group), encoding="utf-8")
-    done = run([program.name], folder)
+    words = [sys.executable, "-W", "error", program.name]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=folder)
     program.unlink()
     assert done.returncode == 0, f"{name_of(page)}, blocks from line {group[0].line}:\n{done.stderr}"
     return done.stdout.split(f"{_MARK}\n")
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if executed(page)], ids=name_of)
-def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path):
+def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     found = blocks(page)
     for block in found:
         if block.kind == "python" and block.file:
@@ -98,7 +95,7 @@ def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path):
         if block.kind == "console":
             for line in block.text.splitlines():
                 if line.startswith("$ "):
-                    run_command(line, tmp_path)
+                    run_command(line)
     group = [block for block in found if block.kind == "python" and not block.file]
     printed = dict(zip(group, run_python(page, group, tmp_path), strict=True)) if group else {}
     for block, following in pairwise(found):
@@ -151,7 +148,10 @@ def test_a_page_on_extending_is_short_and_runs(page):
 
 
 def test_the_theory_page_names_the_functions_of_the_paper():
-    functions = {equation.label: equation.function for equation in EQUATIONS}
+    functions = {}
+    for equation in EQUATIONS:
+        layer, _, name = equation.function.split(".", 2)
+        functions[equation.label] = f"{layer}: {name}"
     text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([^`]+)` \|.*\| `([^`]+)` \|$", text, flags=re.M)
     assert len(rows) > 20
