@@ -11,7 +11,7 @@ import numpy as np
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.design.optimum import Optimum
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
-from critflow.design.tolerances import COLLAPSING, FADED, NEARLY_SINGULAR, SOUND, STATIONARY, TRAPPED
+from critflow.design.tolerances import COLLAPSING, FADED, GAINING, NEARLY_SINGULAR, SOUND, STATIONARY, TENSE, TRAPPED
 from critflow.networks.network import Array
 from critflow.result import Stats, Status
 from critflow.solvers.minimize import METHODS, Fire, Method, Minimum, Point, minimise
@@ -120,7 +120,7 @@ class DescentMonitor:
             self.last_sound = point.x
         if sigma.min() < FADED:
             return Status.slack_edges
-        vanishing = (length < COLLAPSING * length.mean()) & (tension > 0.01 * tension.mean())
+        vanishing = (length < COLLAPSING * length.mean()) & (tension > TENSE * tension.mean())
         return Status.edge_collapse if vanishing.any() else None
 
     def diverges(self, end: Minimum) -> bool:
@@ -168,7 +168,7 @@ def _infimum(optimum: Optimum, end: Minimum, objective: StressObjective, monitor
     if collapse:
         # Short edges with a gain: an isogonal mode may shorten others without one.
         gain = np.where(value.lengths < 0.5 * SOUND * value.lengths.mean(), -gradient / value.lengths, 0.0)
-        edges, change = np.flatnonzero(gain > 0.1 * gain.max()), "shrink to zero length"
+        edges, change = np.flatnonzero(gain > GAINING * gain.max()), "shrink to zero length"
     else:
         edges, change = np.flatnonzero((value.sigma < 1e3 * FADED) & (gradient > 0)), "lose their tension"
     left = float(np.abs(gradient[edges]).sum())

@@ -6,13 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from critflow.design.tolerances import SOLVED
 from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.precision.geometry import ExtendedGeometry
-
-# Relative residual of a Newton step that determines an error.
-_SOLVED = 1e-6
 
 
 class Polished(NamedTuple):
@@ -75,4 +73,4 @@ def newton_error(saddle: Saddle, network: Network, lengths: Array, coordinates: 
     if size == 0.0:
         return 0.0
     u, _, residual = saddle.factorize(sigma, L.high).solve(-force / size, left / size)
-    return size * float(np.abs(u).max()) if residual < _SOLVED else np.nan
+    return size * float(np.abs(u).max()) if residual < SOLVED else np.nan

@@ -9,9 +9,12 @@ FADED             σ that tends to zero, where Σσ² = N_b: far below the stres
 
 Lengths
 COLLAPSING        Length of an edge under tension that tends to zero, in units of the mean.
+TENSE             Tension of an edge that does not fall slack, in units of the mean.
+GAINING           Gain of an edge that collapses, relative to the largest gain: isogonal modes shorten others without.
 SOUND             Shortest length, in units of the mean, and square root of the least stress of a configuration returned
                   for an optimum that is not attained: shorter edges lose digits in the rounding of the coordinates.
 NO_LENGTH         Length, in units of the mean, of an edge that vanishes in the configuration of the largest modulus.
+SOLVED            Relative residual of a Newton step that determines the error of its start.
 FITTED            Relative error of the lengths of a solution of Newton's method; short edges limit it by rounding.
 EVEN              Spread of the logarithms of rest lengths below which few networks have slack edges.
 
@@ -42,8 +45,11 @@ WEAK_STRESS = 1e-5
 NO_SIGNED_STRESS = 1e-7
 FADED = 1e-12
 COLLAPSING = 1e-4
+TENSE = 0.01
+GAINING = 0.1
 SOUND = 1e-2
 NO_LENGTH = 1e-10
+SOLVED = 1e-6
 FITTED = 1e-9
 EVEN = 0.12
 BALANCED = 1e-8
