@@ -15,7 +15,9 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
+from PIL import Image, ImageSequence
 
 from critflow.workflow.load import load_study
 
@@ -25,6 +27,8 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "results" / "README.md"
 REFERENCE = ROOT / "results" / "reference"
 KEPT = ("figures", "claims.json", "claims.md", "summary.json")
+# Visible difference of a colour component, and the part of a picture that may have it.
+_VISIBLE, _VISIBLE_PART = 6, 0.03
 HEAD = """# Results
 
 `critflow run NAME` writes to `results/NAME/`, which git ignores. `results/reference/NAME/` contains the results of the
@@ -137,8 +141,27 @@ def keep(made: Path, kept: Path) -> None:
         if (made / name).is_dir():
             shutil.rmtree(kept / name, ignore_errors=True)
             shutil.copytree(made / name, kept / name)
+            for picture in sorted({*(kept / name).glob("*.png"), *(kept / name).glob("*.gif")}):
+                reduce(picture)
         elif (made / name).exists():
             shutil.copy(made / name, kept / name)
+
+
+def reduce(picture: Path) -> None:
+    """Store a PNG file with 256 colours where the difference is invisible, and a GIF file with 48 colours."""
+    with Image.open(picture) as image:
+        frames = [frame.convert("RGB") for frame in ImageSequence.Iterator(image)]
+        durations = [frame.info.get("duration", 0) for frame in ImageSequence.Iterator(image)]
+        resolution = image.info.get("dpi")
+    if picture.suffix == ".gif":
+        palette = frames[len(frames) // 2].quantize(48, dither=Image.Dither.NONE)
+        few, *others = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+        few.save(picture, save_all=True, append_images=others, duration=durations, loop=0, optimize=False)
+        return
+    few = frames[0].quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    error = np.abs(np.asarray(frames[0]).astype(int) - np.asarray(few.convert("RGB"))).max(axis=2)
+    if np.mean(error > _VISIBLE) < _VISIBLE_PART:
+        few.save(picture, optimize=True, dpi=resolution)
 
 
 if __name__ == "__main__":
