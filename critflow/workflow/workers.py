@@ -177,8 +177,9 @@ def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threa
 
 
 def _cancel_waiting(client: Client, running: dict[Future, Task]) -> None:
-    """Cancel the tasks that no worker has begun."""
+    """Cancel the tasks that no worker has begun; those that ended meanwhile are still to be counted."""
     begun = {key for keys in client.processing().values() for key in keys}
+    begun |= {key for key, workers in client.who_has().items() if workers}
     waiting = [future for future in running if future.key not in begun]
     client.cancel(waiting)
     for future in waiting:

@@ -1,0 +1,156 @@
+"""Clusters: a scheduler with and without certificates, jobs of dask-jobqueue, and who can reach a local run."""
+
+import os
+import signal
+import time
+from contextlib import suppress
+from http.client import HTTPException
+from urllib.error import HTTPError
+from urllib.request import urlopen
+
+import dask.config
+import psutil
+import pytest
+import xarray as xr
+from distributed import Client, LocalCluster
+from distributed.security import Security
+
+NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+
+pytestmark = pytest.mark.timeout(300)
+
+
+def bits(folder):
+    with xr.open_dataset(folder / "algebra.nc") as ds:
+        return {name: ds[name].values.tobytes() for name in ("product", "solution", "eigenvalues", "status")}
+
+
+def listening(processes):
+    """Addresses at which the processes listen."""
+    found = set()
+    for process in processes:
+        with suppress(psutil.Error):  # it has ended
+            ends = process.net_connections("inet")
+            found |= {(end.laddr.ip, end.laddr.port) for end in ends if end.status == psutil.CONN_LISTEN}
+    return found
+
+
+def test_a_scheduler_with_certificates_gives_the_same_bits(tmp_path, run):
+    """Its worker has several threads, which must take turns with the libraries; one is killed during the run."""
+    security = Security.temporary()
+    texts = {"ca-file": security.tls_ca_file, "cert": security.tls_client_cert, "key": security.tls_client_key}
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    keys = {"ca-file": "ca-file", "cert": "client.cert", "key": "client.key"}
+    tls = {f"distributed.comm.tls.{key}": str(tmp_path / name) for name, key in keys.items()}
+    options = {"protocol": "tls://", "security": security, "scheduler_kwargs": NO_DASHBOARD}
+    with LocalCluster(n_workers=1, threads_per_worker=3, **options) as cluster:
+        more = ("--scheduler", cluster.scheduler_address)
+        assert run(tmp_path / "refused", workers=None, more=more, study="algebra") in (2, 6)  # without certificates
+        with dask.config.set(tls):
+            assert run(tmp_path / "out", workers=None, more=more, study="algebra") == 0
+    assert run(tmp_path / "serial", study="algebra") == 0
+    assert bits(tmp_path / "out") == bits(tmp_path / "serial")
+    history = xr.load_dataset(tmp_path / "out" / "algebra.nc").attrs["history"]
+    assert cluster.scheduler_address.split("://")[1] not in history
+
+
+OTHER_LIBRARY = """
+import importlib.metadata
+def version(name, found=importlib.metadata.version):
+    return "0.1" if name == "scipy" else found(name)
+importlib.metadata.version = version
+"""
+
+
+def test_a_plain_scheduler_needs_a_flag_and_equal_libraries(tmp_path, run, capsys):
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, scheduler_kwargs=NO_DASHBOARD, preload=OTHER_LIBRARY
+    ) as cluster:
+        address = cluster.scheduler_address
+        for word in (address, address.removeprefix("tcp://")):
+            assert run(tmp_path / "out", workers=None, more=("--scheduler", word), study="algebra") == 2
+            assert "--insecure" in capsys.readouterr().err
+        assert not (tmp_path / "out").exists()
+        more = ("--scheduler", address, "--insecure")
+        assert run(tmp_path / "out", workers=None, more=more, study="algebra") == 6
+        assert "scipy 0.1" in capsys.readouterr().err
+    assert not list((tmp_path / "out" / "shards").glob("*.nc"))
+
+
+def test_a_scheduler_without_workers_is_reported(tmp_path, run, capsys, monkeypatch):
+    monkeypatch.setattr("critflow.workflow.workers._WORKERS_START", 1.0)
+    with LocalCluster(n_workers=0, scheduler_kwargs=NO_DASHBOARD) as cluster:
+        more = ("--scheduler", cluster.scheduler_address, "--insecure")
+        assert run(tmp_path / "out", workers=None, more=more, study="algebra") == 6
+    assert "no worker" in capsys.readouterr().err
+
+
+JOBS = {"DASK_JOBQUEUE__LOCAL__CORES": "1", "DASK_JOBQUEUE__LOCAL__MEMORY": "2GB"}
+
+
+def test_jobs_give_the_same_bits_listen_on_loopback_only_and_end_with_the_run(tmp_path, run, start):
+    """Jobs of dask-jobqueue that are processes of this machine; its options come from dask's configuration."""
+    process = start(
+        tmp_path / "out", workers=None, more=("--cluster=local", "--jobs=2"), study="algebra", environment=JOBS
+    )
+    found, family, end = set(), [], time.monotonic() + 200
+    while process.poll() is None and time.monotonic() < end:
+        with suppress(psutil.Error):
+            family = [p for p in psutil.process_iter() if os.getsid(p.pid) == process.pid] or family
+        found |= listening(family)
+        time.sleep(0.2)
+    assert process.returncode == 0, process.communicate()
+    assert {ip for ip, _ in found} == {"127.0.0.1"}
+    assert psutil.wait_procs(family, timeout=60)[1] == []
+    assert run(tmp_path / "serial", study="algebra") == 0
+    assert bits(tmp_path / "out") == bits(tmp_path / "serial")
+    assert not [p for p in (tmp_path / "out").rglob(".*") if p.name != ".lock"]  # no credentials remain
+
+
+@pytest.mark.parametrize(
+    ("more", "word"),
+    [
+        (("--cluster=slrum",), "'slurm'"),
+        (("--cluster=slurm", "--jobs=0"), "jobs"),
+        (("--cluster=slurm", "--scheduler=tls://a:1"), "exclude"),
+        (("--cluster=slurm", "--memory-limit=5"), "memory-limit"),
+    ],
+)
+def test_contradicting_options_of_a_cluster_are_refused(tmp_path, run, capsys, more, word):
+    assert run(tmp_path / "out", workers=None, more=more, study="algebra") == 2
+    assert word in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def answer(page):
+    try:
+        with urlopen(page, timeout=2) as response:
+            return str(response.status)
+    except HTTPError as error:
+        return str(error.code)
+    except (OSError, HTTPException):
+        return "none"
+
+
+def test_a_local_run_listens_on_loopback_and_answers_nobody_without_its_key(tmp_path, start):
+    """Another user of the machine reaches the ports, and gets neither a connection nor a page."""
+    process = start(tmp_path, "seeds=0:8", workers=2, study="plain", environment={"CRITFLOW_TEST_PAUSE": "6"})
+    while not list((tmp_path / "shards").glob("*.nc")):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    command = psutil.Process(process.pid)
+    found = listening([command, *command.children(recursive=True)])
+    assert len(found) >= 3  # the scheduler and two workers at least
+    assert {ip for ip, _ in found} == {"127.0.0.1"}
+    pages = [f"http://127.0.0.1:{port}/{page}" for _, port in found for page in ("status", "health", "metrics")]
+    assert {answer(page) for page in pages} <= {"404", "none"}
+    for _, port in found:
+        for address, key in ((f"tcp://127.0.0.1:{port}", None), (f"tls://127.0.0.1:{port}", Security.temporary())):
+            with pytest.raises(OSError):
+                Client(address, timeout=0.5, security=key, set_as_default=False)
+    for _ in range(2):
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.5)
+    process.communicate()
+    assert process.returncode == 130

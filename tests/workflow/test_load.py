@@ -1,0 +1,149 @@
+"""Study files: found by name or path, loaded once, and refused in one sentence."""
+
+import pytest
+
+from critflow.result import StudyError
+from critflow.workflow.load import load_file, load_study, named_studies
+from critflow.workflow.provenance import code_version
+
+STUDY = """
+import numpy as np
+
+from critflow import Status
+from critflow.workflow import Axis, Coordinate, Study, Variable
+
+def case(parameters, *, seed, population):
+    return {"status": Status.ok, "modulus": 1.0}
+
+study = Study(
+    name="plain",
+    title="A small study",
+    axes=(Axis("seed", range(4), "seed"), Axis("population", ("random", "floppy"), "population", choices=("wide",))),
+    parameters={"count": 6, "spread": 0.1, "strains": (0.1, 0.2)},
+    coordinates=(Coordinate("strain", "strains", "strain"),),
+    case=case,
+    variables=(
+        Variable("modulus", ("seed", "population"), "f8", long_name="modulus"),
+        Variable("status", ("seed", "population"), "i1", long_name="outcome", flags=Status),
+    ),
+)
+"""
+
+
+def changed(old, new):
+    assert STUDY.count(old) == 1
+    return STUDY.replace(old, new)
+
+
+FILES = {  # contents, and a word of the message
+    "empty": ("", "study"),
+    "wrong object": ("study = {'name': 'plain'}", "top level"),
+    "a class": ("from critflow.workflow import Study as study", "top level"),
+    "not UTF-8": (b"study = 'caf\xe9'", "SyntaxError"),
+    "UTF-16": (STUDY.encode("utf-16"), "loaded"),
+    "zeros": (bytes(1000), "loaded"),
+    "syntax error": ("def case(:", "SyntaxError"),
+    "raises": ("x = 1\n1 / 0", "line 2"),
+    "exits": ("import sys\nsys.exit(0)", "SystemExit"),
+    "recursion": ("def f():\n    f()\nf()", "RecursionError"),
+    "missing module": ("import no_such_module_at_all", "ModuleNotFoundError"),
+    "import from outside": ("from ..elsewhere import x", "ImportError"),
+    "circular import": ("from ._first import x", "circular"),
+    "unknown key": (changed("title=", "titel="), "titel"),
+    "missing key": (changed("    case=case,\n", ""), "case"),
+    "wrong name": (changed('name="plain"', 'name="../plain"'), "letters"),
+    "no values": (changed("range(4)", "range(0)"), "values"),
+    "equal values": (changed("range(4)", "(1, 1)"), "values"),
+    "negative values": (changed("range(4)", "range(-2, 2)"), "zero"),
+    "NaN": (changed("range(4)", "(0.0, float('nan'))"), "whole"),
+    "too many seeds": (changed("range(4)", "range(10**12)"), "at most"),
+    "NaN by default": (changed('"spread": 0.1', '"spread": float("nan")'), "finite"),
+    "infinite by default": (changed("(0.1, 0.2)", "(0.1, np.inf)"), "finite"),
+    "object by default": (changed('"spread": 0.1', '"spread": object()'), "default"),
+    "equal names": (changed('"count"', '"seeds"'), "seeds"),
+    "case that is no function": (changed("case=case,", "case=3,"), "function"),
+    "case without an axis": (changed("*, seed, population", "*, seed"), "population"),
+    "case with one more argument": (changed("*, seed, population", "*, seed, population, size"), "size"),
+    "version that is a word": (changed("    case=case,\n", "    case=case, version='2',\n"), "version"),
+    "wrong dtype": (changed('"f8"', '"complex"'), "one of"),
+    "figure outside": (changed("    case=case,\n", "    case=case, figures={'../../up': case},\n"), "figure"),
+    "needs of no figure": (changed("    case=case,\n", "    case=case, needs={'figur': ()},\n"), "figur"),
+}
+
+
+@pytest.mark.parametrize("mistake", FILES)
+def test_a_malformed_study_file_is_refused(tmp_path, mistake):
+    source, word = FILES[mistake]
+    path = tmp_path / "bad.py"
+    path.write_bytes(source.encode() if isinstance(source, str) else source)
+    (tmp_path / "_first.py").write_text("from ._second import x\n")
+    (tmp_path / "_second.py").write_text("from ._first import x\n")
+    with pytest.raises(StudyError, match=word) as caught:
+        load_study(str(path))
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize("word", ["nowhere.py", "folder", "/dev/zero", "", "../plain", "\udcff.py", "large.py"])
+def test_a_path_that_is_no_study_file_is_refused(tmp_path, monkeypatch, word):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    with open(tmp_path / "large.py", "wb") as file:
+        file.truncate(10**9)
+    with pytest.raises(StudyError):
+        load_study(word)
+
+
+def test_studies_are_found_by_name_in_the_working_directory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "workflows").mkdir()
+    (tmp_path / "workflows" / "plain.py").write_text(STUDY)
+    (tmp_path / "workflows" / "_part.py").write_text("")
+    (tmp_path / "workflows" / "other.py").write_text(STUDY)
+    assert "plain" in named_studies() and "_part" not in named_studies()
+    assert load_study("plain").study.title == "A small study"
+    with pytest.raises(StudyError, match="'plain'"):
+        load_study("plian")
+    with pytest.raises(StudyError, match="'other'"):
+        load_study("other")  # the name in the file is another
+
+
+def test_a_benchmark_that_a_wheel_does_not_contain_is_named_with_its_place(tmp_path, monkeypatch):
+    """Outside a checkout of the source."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("_study_folders", "study_folders", "STUDY_FOLDERS"):
+        monkeypatch.setattr(f"critflow.workflow.load.{name}", lambda: [], raising=False)
+    monkeypatch.setattr("critflow.workflow.load.named_studies", lambda: {})
+    with pytest.raises(StudyError, match="speed_accuracy") as caught:
+        load_study("speed_accuracy")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_is_executed_once_for_each_content(tmp_path):
+    path = tmp_path / "plain.py"
+    path.write_text(STUDY)
+    first = load_file(path)
+    assert load_file(path).study is first.study  # caches in a study persist from task to task
+    path.write_text(changed("A small study", "Another"))
+    assert load_file(path).study.title == "Another"
+    path.write_bytes(b"\xef\xbb\xbf" + STUDY.encode())  # a byte-order mark
+    assert load_file(path).study.name == "plain"
+
+
+def test_the_code_of_a_study_is_what_its_numbers_depend_on(tmp_path):
+    """Modules that its cases use count; modules that only draw do not, nor does the folder."""
+    source = changed("def case(", "from ._numbers import one\nfrom ._drawing import drawn\n\ndef case(")
+    source = source.replace("    case=case,\n", '    case=case,\n    figures={"modulus": drawn},\n')
+
+    def version(folder="a", numbers="one = 1", drawing="def drawn(ds): ..."):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / folder / "_numbers.py").write_text(numbers)
+        (tmp_path / folder / "_drawing.py").write_text(drawing)
+        (tmp_path / folder / "plain.py").write_text(source)
+        return code_version(load_file(tmp_path / folder / "plain.py").study)
+
+    first = version()
+    assert version("b") == first
+    assert version(drawing="def drawn(ds): return None") == first
+    assert version(numbers="one = 2") != first
+    assert version() == first
