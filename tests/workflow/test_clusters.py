@@ -135,7 +135,7 @@ def answer(page):
 
 def test_a_local_run_listens_on_loopback_and_answers_nobody_without_its_key(tmp_path, start):
     """Another user of the machine reaches the ports, and gets neither a connection nor a page."""
-    process = start(tmp_path, "seeds=0:8", workers=2, study="plain", environment={"CRITFLOW_TEST_PAUSE": "6"})
+    process = start(tmp_path, "seeds=0:60", workers=2, study="plain", environment={"CRITFLOW_TEST_PAUSE": "6"})
     while not list((tmp_path / "shards").glob("*.nc")):
         assert process.poll() is None, process.communicate()
         time.sleep(0.05)
