@@ -52,7 +52,7 @@ def draw_network(
 ) -> LineCollection:
     """Draw a periodic network once and whole, edges coloured by tension; compressed edges are orange and dashed.
 
-    The arrays of a network are separate arguments, since figures read them from files.
+    Many parameters: figures read the arrays of a network from files, so each is an argument.
 
     limits  tensions of the light and dark ends of the colour map; by default 0 and the 99th percentile
     """

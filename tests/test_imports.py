@@ -35,14 +35,6 @@ SOLVERS = {
 LONGEST, MOST_PARAMETERS = 60, 8
 # A docstring with these words and a reason justifies more parameters.
 REASON = "many parameters"
-# Exceptions for now.
-TOO_LONG = {
-    "workflows/benchmarks/scale/report.py:scale_figure",
-}
-TOO_MANY_PARAMETERS = {
-    "critflow/mechanics/strain_path.py:strain_path",
-    "critflow/plot.py:draw_network",
-}
 
 
 def imported(tree: ast.AST) -> set[str]:
@@ -167,10 +159,10 @@ def n_parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
 
 def test_no_function_is_long():
     long = {name: node.end_lineno - node.lineno + 1 for name, node in FUNCTIONS.items()}
-    assert {name: lines for name, lines in long.items() if lines > LONGEST and name not in TOO_LONG} == {}
+    assert {name: lines for name, lines in long.items() if lines > LONGEST} == {}
 
 
 def test_many_parameters_have_a_reason():
     many = {name for name, node in FUNCTIONS.items() if n_parameters(node) > MOST_PARAMETERS}
     unexplained = {name for name in many if REASON not in (ast.get_docstring(FUNCTIONS[name]) or "").lower()}
-    assert unexplained - TOO_MANY_PARAMETERS == set(), f"take fewer, or say {REASON!r} and why in the docstring"
+    assert unexplained == set(), f"take fewer, or say {REASON!r} and why in the docstring"

@@ -87,8 +87,9 @@ def strain_path(
 
     method, tolerance  those of `equilibrium`
     moduli             False: equilibria only
-    pattern            of the Hessian, `network`'s own by default; given for many paths of one network (all arguments
-                       beyond eight are optional settings of these parts)
+    pattern            of the Hessian, made here by default; given for many paths of one network
+
+    Many parameters: those after the strains are options of the relaxation, most by keyword only.
 
     Raises `InputError` for strains that do not increase or a configuration of another network, `SolveError` where the
     path stops and `throw` is set.
