@@ -4,25 +4,12 @@ import json
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from critflow import Status
 from critflow.cli import main
 from critflow.workflow.load import load_study
 
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("boundary") / "out"
-    words = ["--set", "seeds=0:3", "--set", "n_vertices=40"]
-    assert main(["run", "boundary", "--workers", "0", "--out", str(folder), *words]) == 0
-    return folder
-
-
-@pytest.fixture(scope="module")
-def dataset(folder):
-    with xr.open_dataset(folder / "boundary.nc") as dataset:
-        yield dataset.load()
+STUDY = "boundary"
 
 
 def test_three_edges_meet_at_every_vertex_with_forces_in_balance(dataset):

@@ -6,7 +6,6 @@ import shutil
 import matplotlib
 import numpy as np
 import pytest
-import xarray as xr
 from matplotlib.collections import LineCollection, PolyCollection
 
 from critflow import CriticalManifold, Network, Status, isogonal_modes, transition_moduli, voronoi_network
@@ -16,20 +15,8 @@ from critflow.workflow.load import load_study
 matplotlib.use("Agg")
 
 PANELS = load_study("gallery").study.axes[1].values
-SETTINGS = ["--set", "n_vertices=60", "--set", "seeds=1:3", "--set", "starts=2"]
 
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("gallery") / "out"
-    assert main(["run", "gallery", "--workers", "0", "--out", str(folder), *SETTINGS]) == 0
-    return folder
-
-
-@pytest.fixture(scope="module")
-def dataset(folder):
-    with xr.open_dataset(folder / "gallery.nc") as dataset:
-        yield dataset.load()
+STUDY = "gallery"
 
 
 def bond_vectors(one):

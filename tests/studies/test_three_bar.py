@@ -4,27 +4,14 @@ import json
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from critflow import Status
 from critflow.cli import main
 from critflow.workflow.load import load_study
 
 SPAN = 2.0
-SETTINGS = ["--set", "s=-2.1:2.1:0.3", "--set", f"span={SPAN}"]
 
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("three_bar") / "out"
-    assert main(["run", "three_bar", "--workers", "0", "--out", str(folder), *SETTINGS]) == 0
-    return folder
-
-
-@pytest.fixture(scope="module")
-def dataset(folder):
-    with xr.open_dataset(folder / "three_bar.nc") as dataset:
-        yield dataset.load()
+STUDY = "three_bar"
 
 
 def points(dataset, grid):

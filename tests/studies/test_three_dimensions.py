@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from critflow import (
     CriticalManifold,
@@ -28,7 +27,8 @@ from critflow.mechanics.moduli import fit_stiffening
 
 FOAM = foam_network(100, seed=1)
 MANIFOLD = CriticalManifold(FOAM)
-SETTINGS = ["--set", "n_vertices=60", "--set", "seeds=0:2"]
+
+STUDY = "three_dimensions"
 
 
 def populations():
@@ -169,19 +169,6 @@ def test_springs_past_the_transition_hold():
 # The study
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("three") / "out"
-    assert main(["run", "three_dimensions", "--workers", "0", "--out", str(folder), *SETTINGS]) == 0
-    return folder
-
-
-@pytest.fixture(scope="module")
-def dataset(folder):
-    with xr.open_dataset(folder / "three_dimensions.nc") as dataset:
-        yield dataset.load()
-
-
 def test_the_dataset_is_labelled_as_the_ensemble_is(dataset):
     assert {"seed": 2, "population": 6, "strain": 10, "edge": 120, "vertex": 60, "axis": 3}.items() <= dict(
         dataset.sizes
@@ -233,13 +220,11 @@ def test_one_configuration_is_shown(folder, tmp_path, capsys):
     assert picture.stat().st_size > 10_000
 
 
-def test_some_populations_alone(tmp_path, dataset):
-    words = ["--set", "n_vertices=60", "--set", "seeds=1", "--set", "populations=random_lengths,shear_modulus"]
-    assert main(["run", "three_dimensions", "--workers", "0", "--out", str(tmp_path), *words]) == 0
-    with xr.open_dataset(tmp_path / "three_dimensions.nc") as alone:
-        for population in alone.population.values:
-            one, other = (ds.sel(seed=1, population=population) for ds in (alone, dataset))
-            np.testing.assert_array_equal(one.sigma, other.sigma)
+def test_some_populations_alone(dataset, run_study, tmp_path):
+    alone = run_study(STUDY, tmp_path, "seeds=1", "populations=random_lengths,shear_modulus")
+    for population in alone.population.values:
+        one, other = (ds.sel(seed=1, population=population) for ds in (alone, dataset))
+        np.testing.assert_array_equal(one.sigma, other.sigma)
     assert json.loads((tmp_path / "claims.json").read_text()) == []
 
 

@@ -80,7 +80,7 @@ def _draw_starts(axes, ds):
     sizes = ds.n_vertices.values
     for place, size in enumerate(sizes):
         objectives = ds.sel(n_vertices=size).objective_of_start.values
-        deficit = 100 * (1 - _best_of_first(objectives[np.isfinite(objectives).all(axis=1)]))
+        deficit = 100 * (1 - expected_best(objectives[np.isfinite(objectives).all(axis=1)]))
         starts = np.arange(1, deficit.shape[1])
         axes.plot(
             starts, deficit.mean(0)[:-1], **series(place), markersize=4,
@@ -100,7 +100,7 @@ def _shown_sizes(sizes):
     return [size for size in (100, 500, 1000) if size in sizes] or list(sizes[:3])
 
 
-def _best_of_first(objectives):
+def expected_best(objectives):
     """Expected best of n random starts over the best of all, (networks, n): the mean over all orders of the starts."""
     order = np.sort(objectives, axis=1)
     n = order.shape[1]

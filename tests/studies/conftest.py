@@ -1,0 +1,62 @@
+"""Small runs of the studies, one for each process of the tests, and the study of a test module: its `STUDY`."""
+
+import pytest
+import xarray as xr
+
+from critflow.cli import main
+
+SETTINGS = {
+    "boundary": ("seeds=0:3", "n_vertices=40"),
+    "ensemble": ("seeds=0:3", "n_vertices=60"),
+    "gallery": ("seeds=1:3", "n_vertices=60", "starts=2"),
+    "shear_ascent": ("seeds=0:2", "n_vertices=60", "steps=0,1,3,10,40,200"),
+    "shear_ascent_scaling": ("seeds=0:3", "n_vertices=40,80", "n_steps=400", "fractions=0.3,0.6"),
+    "shear_scaling": ("seeds=0:3", "n_vertices=40,80", "detailed_seeds=2", "n_starts=3", "thresholds=0.1,0.3"),
+    "three_bar": ("s=-2.1:2.1:0.3", "span=2.0"),
+    "three_dimensions": ("seeds=0:2", "n_vertices=60"),
+}
+
+
+def words(study, *settings):
+    """The settings of the small run of a study as words of the command; later settings replace earlier ones."""
+    chosen = dict(setting.split("=", 1) for setting in (*SETTINGS[study], *settings))
+    return [f"--set={key}={value}" for key, value in chosen.items()]
+
+
+@pytest.fixture(scope="session")
+def run_study():
+    """A function that runs the study of this name into a folder and returns its dataset."""
+
+    def run(study, folder, *settings):
+        command = ["run", study, "--workers", "0", "--out", str(folder), *words(study, *settings)]
+        assert main(command) == 0
+        with xr.open_dataset(folder / f"{study}.nc") as dataset:
+            return dataset.load()
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def runs(run_study, tmp_path_factory):
+    """Folder and dataset of the small run of each study, made at first use."""
+    made = {}
+
+    def of(study):
+        if study not in made:
+            folder = tmp_path_factory.mktemp(study) / "out"
+            made[study] = folder, run_study(study, folder)
+        return made[study]
+
+    return of
+
+
+@pytest.fixture
+def folder(request, runs):
+    """The folder of the small run of the study of this module; tests do not change it."""
+    return runs(request.module.STUDY)[0]
+
+
+@pytest.fixture
+def dataset(request, runs):
+    """The dataset of the small run of the study of this module; tests do not change it."""
+    return runs(request.module.STUDY)[1]

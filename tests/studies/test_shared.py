@@ -1,0 +1,58 @@
+"""The parts that several studies share."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from critflow import Status
+from critflow.workflow.load import load_study
+from workflows.shared.populations import LABELS, PAPER_POPULATIONS, POPULATIONS
+from workflows.shared.reports import finite, series, spread, status_counts
+from workflows.shared.verification import contradictions
+
+WORKFLOWS = Path(__file__).parents[2] / "workflows"
+
+
+def test_populations_are_listed_by_name():
+    """No study takes its populations from the list of objectives of the library, which may grow."""
+    for path in WORKFLOWS.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("critflow"):
+                assert "OBJECTIVES" not in {alias.name for alias in node.names}, path
+    assert set(LABELS) == set(POPULATIONS) and len(set(LABELS.values())) == len(POPULATIONS)
+    assert load_study("ensemble").study.axes[1].values == POPULATIONS
+    assert load_study("three_dimensions").study.axes[1].values == PAPER_POPULATIONS
+
+
+def test_a_study_imports_no_other_study():
+    folders = {path.parent.name for path in WORKFLOWS.rglob("study.py")}
+    for path in WORKFLOWS.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.level > 1:
+                assert (node.module or "").split(".")[0] not in folders, path
+
+
+def test_any_number_of_series_has_colours_and_markers():
+    styles = [tuple(sorted(series(n).items())) for n in range(7)]
+    assert len(set(styles)) == 7
+    assert series(20) == series(6) and series(7) == series(0)
+
+
+def test_numbers_that_are_not_finite_are_left_out():
+    values = np.array([1.0, np.nan, 3.0, np.inf])
+    assert finite(values).tolist() == [1.0, 3.0]
+    assert spread(values) == "2 ± 1"
+    assert spread(np.full(3, np.nan)) == "undefined"
+    assert status_counts([0, 6, 0]) == {"ok": 2, "slack_edges": 1}
+
+
+@pytest.mark.parametrize(
+    "status, lines", [(Status.ok, 1), (Status.slack_edges, 1), (Status.failed, 0), (Status.missing, 0)]
+)
+def test_a_contradiction_names_the_case_and_the_checks(status, lines):
+    ds = xr.Dataset({"status": ("seed", [int(Status.ok), int(status)])}, {"seed": [3, 4]})
+    problems = contradictions(ds, ("seed",), lambda one: [("length", int(one.seed) == 3), ("sigma", True)])
+    assert problems == ["seed 4: length does not follow from the arrays"] * lines

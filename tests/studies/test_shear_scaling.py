@@ -1,0 +1,58 @@
+"""The shear scaling study end to end, small: moduli against size, threshold and starts."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from critflow import modulus_bound, voronoi_network
+from critflow.cli import main
+from critflow.critical.objectives import pure_shear
+from critflow.result import Status
+from workflows.shared.power_laws import exponent
+from workflows.shear_scaling.report import expected_best
+
+STUDY = "shear_scaling"
+
+
+def test_the_shear_modulus_is_kept_only_where_it_was_wanted(dataset, folder):
+    optimised = dataset.shear_modulus_0.sel(population="shear_modulus")
+    assert (optimised > dataset.shear_modulus_0.drop_sel(population="shear_modulus")).all()
+    assert (optimised < dataset.bound).all()
+    detailed = dataset.isel(seed=slice(0, 2))
+    assert (detailed.shear_modulus_of_threshold.sel(threshold=0.1) == optimised.isel(seed=slice(0, 2))).all()
+    assert (detailed.shear_modulus_of_threshold.diff("threshold") < 0).all()
+    assert np.isnan(dataset.objective_of_start.isel(seed=2)).all()
+    assert (dataset.threshold_status.isel(seed=2) == Status.missing).all()
+    for n_vertices in dataset.n_vertices.values:
+        expected = modulus_bound(voronoi_network(int(n_vertices), 1), pure_shear(2))
+        assert float(dataset.bound.sel(seed=1, n_vertices=n_vertices)) == pytest.approx(expected, rel=1e-13)
+    assert (folder / "figures" / "shear_scaling.png").exists()
+
+
+@pytest.mark.parametrize(
+    "setting, word", [("populations=shear", "population"), ("thresholds=0,0.1", "positive"), ("n_starts=0", "least")]
+)
+def test_bad_settings_are_refused_before_anything_runs(setting, word, tmp_path, capsys):
+    assert main(["run", STUDY, "--out", str(tmp_path / "out"), "--set", setting]) == 2
+    assert word in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_exponent_is_recovered_with_its_interval():
+    sizes, rng = np.array([100, 200, 500, 1000]), np.random.default_rng(4)
+    inside = 0
+    for _ in range(40):
+        values = (sizes**-0.8)[:, None] * rng.standard_normal((4, 60)) ** 2
+        fit = exponent(sizes, values)
+        assert fit[1] < fit[0] < fit[2]
+        inside += fit[1] <= -0.8 <= fit[2]
+    # 95 % intervals: 38 of 40 are expected, 33 or fewer once in a thousand times.
+    assert inside >= 34
+
+
+def test_the_expected_best_of_some_starts_by_enumeration():
+    values = np.array([[0.3, 0.9, 0.5, 0.7], [1.0, 0.2, 0.4, 0.8]])
+    for picked in (1, 2, 3, 4):
+        expected = [np.mean([max(some) for some in combinations(row, picked)]) / row.max() for row in values]
+        np.testing.assert_allclose(expected_best(values)[:, picked - 1], expected, rtol=1e-13)
