@@ -17,7 +17,7 @@ import typer
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.dataset import opened_dataset
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
-from critflow.workflow.load import StudyFile, each_named_study, load_study
+from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
 from critflow.workflow.provenance import code_version, timestamp
 from critflow.workflow.report import Report, write_report
@@ -184,12 +184,13 @@ def _print_result(requested: Selection, folder: Folder, result: RunResult) -> in
 @app.command("list")
 def list_studies() -> None:
     """Name the studies that can be run."""
-    for name, loaded in each_named_study():
-        if isinstance(loaded, CritflowError):
-            _warn(str(loaded))
-        else:
-            sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in loaded.study.axes)
-            print(f"{name}: {loaded.study.title} ({sizes})")
+    for name in named_studies():
+        try:
+            study = load_study(name).study
+        except CritflowError as error:
+            _warn(str(error))
+            continue
+        print(f"{name}: {study.title} ({' × '.join(f'{len(axis.values)} {axis.key}' for axis in study.axes)})")
 
 
 @app.command()

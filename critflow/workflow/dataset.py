@@ -48,10 +48,10 @@ def labelled_dataset(selection: Selection, shards: Iterable[tuple[Case, Shard]],
         for variable in study.variables
     }
     attributes = _global_attributes(selection) | _origin_attributes(selection, origins)
-    dataset = xr.Dataset(data, _coordinates(selection), attributes)
+    stated = {name: value for name, value in attributes.items() if value != ""}
+    dataset = xr.Dataset(data, _coordinates(selection), stated)
     for name, labelled in dataset.variables.items():
-        # xarray would add a fill value to coordinates, which have none.
-        filled = labelled.dtype.kind == "f" and name in data
+        filled = labelled.dtype.kind == "f" and name in data  # xarray would add a fill value to coordinates
         labelled.encoding["_FillValue"] = np.nan if filled else None
         if labelled.dtype.kind == "U":
             # Fixed characters: the library crashes on strings of variable length in a file that is opened twice.
@@ -120,10 +120,8 @@ class _Table:
             variable = self.variables[name]
             for dim, size in zip(self.inner_dims[name], array.shape, strict=True):
                 if self.sizes.setdefault(dim, size) != size:
-                    raise IntegrityError(
-                        f"case {case.id} has length {size} in {dim!r} of {name!r}, the cases before it have "
-                        f"{self.sizes[dim]}: run different sizes as separate studies"
-                    )
+                    lengths = f"length {size} in {dim!r} of {name!r}, cases before it {self.sizes[dim]}"
+                    raise IntegrityError(f"case {case.id} has {lengths}: run different sizes as separate studies")
             place = tuple(
                 self.rows[dim][case.values[dim]] if dim in self.rows else slice(None) for dim in variable.dims
             )
@@ -131,10 +129,8 @@ class _Table:
             if not self.rows.keys() <= set(variable.dims):
                 where = (name, tuple(row for row in place if isinstance(row, int)))
                 if where in self.shared and merged[place].tobytes() != array.tobytes():
-                    raise IntegrityError(
-                        f"case {case.id} gives another {name!r} than the cases that share it: correct the case "
-                        f"function and raise the study's version"
-                    )
+                    advice = "correct the case function and raise the study's version"
+                    raise IntegrityError(f"case {case.id} gives another {name!r} than cases that share it: {advice}")
                 self.shared.add(where)
             merged[place] = array
 
@@ -160,7 +156,7 @@ def _origin_attributes(selection: Selection, origins: Sequence[tuple[str, str, s
         "shards_sha256_each": each if len(origins) <= _MOST_CHECKSUMS else "",
     }
     volatile = ["shards_sha256", "shards_sha256_each"] if any(v.volatile for v in selection.study.variables) else []
-    return _nonempty(found | {"volatile_attributes": " ".join(["history", *volatile])})
+    return found | {"volatile_attributes": " ".join(["history", *volatile])}
 
 
 def _counted(texts: Iterable[str]) -> str:
@@ -181,7 +177,7 @@ def _coordinates(selection: Selection) -> dict[str, xr.Variable]:
 
 def _global_attributes(selection: Selection) -> dict[str, Any]:
     study, versions = selection.study, dataset_versions()
-    attributes = {
+    return {
         "Conventions": "CF-1.11, ACDD-1.3",
         "title": study.title,
         "summary": f"{study.description or study.title} Here: {selection.sizes}.",
@@ -202,11 +198,6 @@ def _global_attributes(selection: Selection) -> dict[str, Any]:
         "axes": " ".join(study.axis_names),
         "parameters": json.dumps(dict(selection.parameters), sort_keys=True),
     }
-    return _nonempty(attributes)
-
-
-def _nonempty(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in attributes.items() if value != ""}
 
 
 def _meaning(long_name: str, units: str, content: str = "coordinate") -> dict[str, Any]:

@@ -84,7 +84,7 @@ class Folder:
     def locked(self, loaded: StudyFile) -> Iterator[None]:
         """Exclude other runs, and delete temporary files of runs that were killed.
 
-        The lock is released by the end of the process.  Raises `LockedError` if another run holds it.
+        The lock is released by the end of the process.  Raises `LockedError` if another run is active.
         """
         self.check_owner(loaded)
         lock = FileLock(self.path / ".lock", timeout=0, mode=0o660)  # every reader could lock it
@@ -93,15 +93,12 @@ class Folder:
             for folder in (self.shards, self.failed, self.figures):
                 folder.mkdir(parents=True, exist_ok=True)
             lock.acquire()
-            since = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-            holder.write_text(f"process {os.getpid()} on {platform.node()} since {since}\n")
+            holder.write_text(f"process {os.getpid()} on {platform.node()} since {time.ctime()}\n")
             self._delete_temporary()
         except Timeout:
             name = holder.read_text(errors="replace")[:200].strip()
-            raise LockedError(
-                f"another run is active in {self.path}{f', {name}' if name else ''}: "
-                "wait for its end, or choose another folder with --out"
-            ) from None
+            advice = "wait for its end, or choose another folder with --out"
+            raise LockedError(f"another run is active in {self.path} ({name or 'unknown process'}): {advice}") from None
         except (OSError, NotImplementedError) as error:
             reason = f"{getattr(error, 'strerror', None) or error}: choose another folder with --out"
             raise EnvironmentFailure(f"cannot write in {self.path}: {reason}") from error
@@ -126,9 +123,8 @@ class Folder:
         except IntegrityError:  # `run` reports it
             return
         if owner != loaded.study.name:
-            raise StudyError(
-                f"{self.path} contains study {owner!r}, not {loaded.study.name!r}: choose another folder with --out"
-            )
+            contents = f"{self.path} contains study {owner!r}, not {loaded.study.name!r}"
+            raise StudyError(f"{contents}: choose another folder with --out")
 
     def write_note(self, loaded: StudyFile, selection: Selection) -> None:
         note = {

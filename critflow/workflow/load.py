@@ -8,7 +8,6 @@ import os
 import sys
 import threading
 import traceback
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -31,24 +30,8 @@ class StudyFile:
     digest: str
     by_name: bool = False
 
-    @property
-    def word(self) -> str:
-        """The argument of `critflow run` that loads it."""
-        return self.study.name if self.by_name else str(self.path)
 
-
-@dataclass(frozen=True)
-class _Loaded:
-    """An executed study file, and the digests of all files that it consists of."""
-
-    module: ModuleType
-    files: Mapping[Path, str]
-
-    def is_current(self) -> bool:
-        return all(file.is_file() and _digest(file.read_bytes()) == digest for file, digest in self.files.items())
-
-
-_loaded: dict[Path, _Loaded] = {}
+_loaded: dict[Path, tuple[ModuleType, dict[Path, str]]] = {}  # executed files, digests of all files they consist of
 _numbers = itertools.count()  # every execution has a unique module name, so that caches of two versions never mix
 
 
@@ -64,15 +47,6 @@ def named_studies() -> dict[str, Path]:
     return found
 
 
-def each_named_study() -> Iterator[tuple[str, StudyFile | StudyError]]:
-    """Every named study in turn, or the reason why it does not load."""
-    for name in named_studies():
-        try:
-            yield name, load_study(name)
-        except StudyError as error:
-            yield name, error
-
-
 def load_study(word: str) -> StudyFile:
     """The study NAME, or the study of a file or folder if the word is a path."""
     if not word.strip() or not word.isprintable():
@@ -84,10 +58,8 @@ def load_study(word: str) -> StudyFile:
         return load_file(Path(word) / "study.py")
     if word not in named:
         if word in _BENCHMARKS:
-            raise StudyError(
-                f"the benchmark {word!r} is not part of the installed package: run it in a source checkout of "
-                f"critflow, where it is workflows/benchmarks/{word}"
-            )
+            place = f"run it in a source checkout of critflow, where it is workflows/benchmarks/{word}"
+            raise StudyError(f"the benchmark {word!r} is not part of the installed package: {place}")
         hint = nearest(word, list(named), "studies") if named else "there is none in ./workflows"
         raise StudyError(f"there is no study {word!r}: {hint}")
     loaded = load_file(named[word])
@@ -104,18 +76,18 @@ def load_file(path: Path) -> StudyFile:
     path = path.absolute()
     source = _source(path)
     with _loading:
-        loaded = _loaded.get(path)
-        if loaded is None or not loaded.is_current():
+        module, files = _loaded.get(path, (None, {}))
+        if module is None or any(not f.is_file() or _digest(f.read_bytes()) != files[f] for f in files):
             root = f"{STUDY_MODULE}{path.stem}_{_digest(source)[:16]}_{next(_numbers)}"
             module = _execute(root, path, source)
-            files = {Path(file) for part in _parts(root) if (file := getattr(part, "__file__", None))}
-            digests = {file: _digest(file.read_bytes()) for file in files - {path}}
-            loaded = _loaded[path] = _Loaded(module, {path: _digest(source), **digests})
-    study = getattr(loaded.module, "study", None)
+            imported = {Path(file) for part in _parts(root) if (file := getattr(part, "__file__", None))}
+            files = {path: _digest(source)} | {file: _digest(file.read_bytes()) for file in imported - {path}}
+            _loaded[path] = module, files
+    study = getattr(module, "study", None)
     if not isinstance(study, Study):
-        found = f"is {study!r:.60}" if hasattr(loaded.module, "study") else "is missing"
+        found = f"is {study!r:.60}" if hasattr(module, "study") else "is missing"
         raise StudyError(f"{path} is not a study file: `study` {found}: write study = Study(...) at its top level")
-    lines = "".join(f"{file.name} {digest}\n" for file, digest in sorted(loaded.files.items()))
+    lines = "".join(f"{file.name} {digest}\n" for file, digest in sorted(files.items()))
     return StudyFile(study, path, _digest(lines.encode()))
 
 

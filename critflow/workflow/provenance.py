@@ -51,16 +51,8 @@ def environment() -> str:
 
 def dataset_versions() -> dict[str, str]:
     """The environment, and the libraries that write the dataset."""
-    storing = {name: version(name) for name in ("xarray", "netCDF4")}
-    storing |= {"netcdf-c": netCDF4.__netcdf4libversion__, "hdf5": netCDF4.__hdf5libversion__}
-    return {"critflow": version("critflow")} | _environment() | storing
-
-
-def host_facts() -> str:
-    """Time, versions and platform, for the log of a run."""
-    stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-    packages = ", ".join(f"{name} {version(name)}" for name in ("critflow", "numpy", "scipy"))
-    return f"{stamp} {packages}, Python {platform.python_version()}, {platform.platform()}, {os.cpu_count()} CPUs"
+    storing = {"netcdf-c": netCDF4.__netcdf4libversion__, "hdf5": netCDF4.__hdf5libversion__}
+    return _environment() | {name: version(name) for name in ("critflow", "xarray", "netCDF4")} | storing
 
 
 @cache

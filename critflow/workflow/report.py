@@ -97,12 +97,9 @@ def text_parts(study: Study, folder: Folder) -> list[Part]:
 
 
 def _picture_parts(study: Study, folder: Folder, format: str) -> list[Part]:
-    parts = [
-        Part(name, [folder.figures / f"{name}.{format}"], partial(_figure, draw, format))
-        for name, draw in study.figures.items()
-    ]
-    animations = study.animations.items()
-    return parts + [Part(n, [folder.figures / f"{n}.gif"], partial(_animation, frames)) for n, frames in animations]
+    path, figures, animations = folder.figures, study.figures.items(), study.animations.items()
+    parts = [Part(name, [path / f"{name}.{format}"], partial(_figure, draw, format)) for name, draw in figures]
+    return parts + [Part(name, [path / f"{name}.gif"], partial(_animation, frames)) for name, frames in animations]
 
 
 def _figure(draw: Callable[[xr.Dataset], Figure], format: str, dataset: xr.Dataset) -> list[bytes]:
@@ -132,14 +129,12 @@ def _animation(frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dat
 def _claims_files(study: Study, claims: Sequence[Claim]) -> list[bytes]:
     """The claims as JSON, and as a Markdown table followed by the reasons."""
     lines = [f"# {study.title}", "", "| claim | the paper says | paper | here | verdict |", "|---|---|---|---|---|"]
-    lines += [f"| {_cells(c.key, c.statement, c.paper, c.value, c.verdict)} |" for c in claims]
+    for c in claims:
+        cells = [text.replace("|", "\\|") for text in (c.key, c.statement, c.paper, c.value, c.verdict)]
+        lines.append(f"| {' | '.join(cells)} |".replace("\n", " "))
     reasons = [f"- **{c.key}** {c.verdict}: {c.because}" for c in claims if c.because]
     table = "\n".join([*lines, *(["", *reasons] if reasons else [])]) + "\n"
     return [_json([asdict(claim) for claim in claims]), table.encode()]
-
-
-def _cells(*cells: str) -> str:
-    return " | ".join(text.replace("|", "\\|").replace("\n", " ") for text in cells)
 
 
 def _json(value: Any) -> bytes:

@@ -21,7 +21,7 @@ from critflow.workflow.dataset import labelled_dataset, write_dataset
 from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, MISSING, CaseState, Folder, reason_lines
 from critflow.workflow.load import StudyFile
 from critflow.workflow.plan import LONGEST, Case, Selection, spelled
-from critflow.workflow.provenance import code_version, host_facts
+from critflow.workflow.provenance import code_version, environment, timestamp
 from critflow.workflow.report import Report, ReportError, write_report
 from critflow.workflow.store import delete_failure, read_shard
 from critflow.workflow.tasks import Job
@@ -66,7 +66,6 @@ def run_study(
     requested: Selection,
     folder: Folder,
     workers: Workers,
-    *,
     retry_failed: bool = False,
     command: str = "",
 ) -> RunResult:
@@ -101,11 +100,9 @@ def _joined_selection(folder: Folder, requested: Selection) -> tuple[Selection, 
         restore = "its cases stay stored, and a run with these settings restores it"
         return requested, [f"replaces the dataset of {'; '.join(settings)}: {restore}"]
     stored = folder.states(replace(requested, axes=note.axes))
-    present = [case.values for case, state, _ in stored if state in (DONE, FAILED)]
-    axes = {
-        axis.name: axis.ordered({*requested.axes[axis.name], *(values[axis.name] for values in present)})
-        for axis in requested.study.axes
-    }
+    present = [case for case, state, _ in stored if state in (DONE, FAILED)]
+    values = {name: {*chosen, *(case.values[name] for case in present)} for name, chosen in requested.axes.items()}
+    axes = {axis.name: axis.ordered(values[axis.name]) for axis in requested.study.axes}
     joined = replace(requested, axes=axes)
     if joined.count > LONGEST:
         raise StudyError(f"the dataset would have {joined.count:,} cases: choose another folder with --out")
@@ -121,26 +118,23 @@ def _among(requested: Selection, case: Case) -> bool:
 def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers) -> None:
     """Compute the planned cases; `Interrupted` if some were not begun or finished."""
     study, first = plan.selection.study, plan.selection.study.axis_names[0]
-    command = (loaded.word, f"--out={folder.path}-alone", "--retry-failed", *workers.options)
+    word = study.name if loaded.by_name else str(loaded.path)
+    command = (word, f"--out={folder.path}-alone", "--retry-failed", *workers.options)
     seconds = workers.case_seconds if workers.processes or workers.remote else None
     parameters, where = dict(plan.selection.parameters), str(folder.path.absolute())
     job = Job(str(loaded.path), loaded.digest, where, parameters, study.selected, command, seconds)
-    tasks: list[Task] = [
-        [case.values for case in group] for _, group in groupby(plan.todo, lambda case: case.values[first])
-    ]
+    groups = groupby(plan.todo, lambda case: case.values[first])
+    tasks: list[Task] = [[case.values for case in group] for _, group in groups]
     left = Counter(case.values[first] for case in plan.todo)
     stored = 0
     progress = _RunProgress(study.name, study.axes[0].noun, len(left))
-    with (
-        progress.bar,
-        open(folder.log, "a", encoding="utf-8") as log,
-        interruption(folder.stop) as stopped,
-    ):
-        log.write(f"# {host_facts()}; {len(plan.todo)} cases in {workers.place}\n")
+    cases = f"{len(plan.todo)} cases in {workers.place}"
+    with progress.bar, open(folder.log, "a", encoding="utf-8") as log, interruption(folder.stop) as stopped:
+        log.write(f"# {timestamp()} {code_version(study)}; {environment()}; {cases}\n")
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
             progress.say(f"critflow: {line}")
         if tasks:
-            progress.say(f"{study.name}: {len(left)} {progress.noun}, {len(plan.todo)} cases in {workers.place}")
+            progress.say(f"{study.name}: {len(left)} {progress.noun}, {cases}")
         try:
             for outcomes in compute(job, tasks, workers, stopped) if tasks else ():
                 stored += len(outcomes)
@@ -160,11 +154,7 @@ def _finish(plan: RunPlan, folder: Folder, command: str) -> RunResult:
     """Write the dataset of all stored cases, and its report."""
     study, states = plan.selection.study, folder.states(plan.selection)
     path = folder.dataset(study.name)
-    shards = (
-        (case, shard)
-        for case, state, _ in states
-        if state == DONE and (shard := read_shard(folder.shards, study, case)) is not None
-    )
+    shards = ((c, s) for c, state, _ in states if state == DONE and (s := read_shard(folder.shards, study, c)))
     failed = [(case, reason) for case, state, reason in states if state == FAILED]
     dataset = labelled_dataset(plan.selection, shards, [case for case, _ in failed])
     write_dataset(dataset, path, command)

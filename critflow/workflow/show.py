@@ -14,9 +14,9 @@ from critflow.design.modulus_bounds import bulk_modulus_bound
 from critflow.mechanics.moduli import transition_moduli
 from critflow.networks.network import Network
 from critflow.plot import network_figure
-from critflow.result import InputError, Status, StudyError
+from critflow.result import InputError, Status
 from critflow.rigidity.counts import certify
-from critflow.workflow.study import nearest
+from critflow.workflow.study import nearest, require
 
 _NEEDED = ("edges", "offsets", "cell", "sigma", "coordinates")
 
@@ -27,19 +27,15 @@ def choose_case(dataset: xr.Dataset, words: Sequence[str]) -> xr.Dataset:
     chosen: dict[str, int] = {}
     for word in words:
         name, equals, text = word.partition("=")
-        if not equals:
-            raise StudyError(f"--set {word} has no value: write --set {word}=VALUE")
-        if name not in axes:
-            raise StudyError(f"the dataset has no axis {name!r}: {nearest(name, axes, 'axes')}")
-        if name in chosen:
-            raise StudyError(f"{name} is set twice: a case has one value of it")
+        require(bool(equals), f"--set {word} has no value: write --set {word}=VALUE")
+        require(name in axes, f"the dataset has no axis {name!r}: {nearest(name, axes, 'axes')}")
+        require(name not in chosen, f"{name} is set twice: a case has one value of it")
         labels = [str(label) for label in dataset[name].values]
-        if text not in labels:
-            raise StudyError(f"{name} has no {text!r} here: {nearest(text, labels, f'values of {name}')}")
+        require(text in labels, f"{name} has no {text!r} here: {nearest(text, labels, f'values of {name}')}")
         chosen[name] = labels.index(text)
     for name in axes:
-        if name not in chosen and dataset.sizes[name] > 1:
-            raise StudyError(f"which {name}? add --set {name}={dataset[name].values[0]}, or another of its values")
+        clear, example = name in chosen or dataset.sizes[name] == 1, f"{name}={dataset[name].values[:1]}"
+        require(clear, f"which {name}? add --set {example}, or another of its values")
     return dataset.isel({name: chosen.get(name, 0) for name in axes})
 
 

@@ -34,7 +34,6 @@ _MARK = b"\nsealed sha256 "
 _SEAL_LENGTH = len(_MARK) + 64
 # Errors of the machine, which say nothing about the file; -61 is NC_ENOMEM of the netCDF library.
 _MACHINE = {errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EACCES, errno.EIO, errno.ESTALE, -61}
-_LONGEST_REASON = 300  # characters
 _netcdf = threading.Lock()  # the netCDF library is not thread-safe
 
 
@@ -126,7 +125,8 @@ def write_shard(folder: Path, study: Study, case: Case, status: Status, arrays: 
                 name: file.createVariable(name, array.dtype, [f"n{size}" for size in array.shape], fill_value=False)
                 for name, array in arrays.items()
             }
-            file.setncatts(_identity(study, case) | _origin(study, case) | {"status": int(status)})
+            origin = {"code": code_version(study), "environment": environment(), "seed_entropy": SEED_ENTROPY}
+            file.setncatts(_identity(study, case) | origin | {"identity": case.identity, "status": int(status)})
             for name, variable in variables.items():
                 variable[...] = arrays[name]
         checksum = append_seal(partial)
@@ -164,11 +164,6 @@ def _identity(study: Study, case: Case) -> dict[str, Any]:
     return {"schema_version": SCHEMA_VERSION, "study": study.name, "case_id": case.id, "table": study.table_digest}
 
 
-def _origin(study: Study, case: Case) -> dict[str, str]:
-    origin = {"code": code_version(study), "environment": environment()}
-    return origin | {"identity": case.identity, "seed_entropy": SEED_ENTROPY}
-
-
 def failure_path(folder: Path, case: Case) -> Path:
     return folder / f"{case.id}.txt"
 
@@ -182,7 +177,7 @@ def delete_failure(folder: Path, case: Case) -> None:
 
 def last_line(text: str) -> str:
     """Reason at the end of a traceback."""
-    return (text.strip().splitlines() or ["unknown reason"])[-1][:_LONGEST_REASON]
+    return (text.strip().splitlines() or ["unknown reason"])[-1][:300]
 
 
 def failure_reason(folder: Path, case: Case) -> str:

@@ -268,9 +268,8 @@ class Study:
         for part, names in self.needs.items():
             require(part in parts, f"needs of study {self.name!r} names {part!r}: {nearest(part, parts, 'parts')}")
             require(not isinstance(names, str), f"needs of {part!r} must be a tuple of names: write ({names!r},)")
-            for name in names:
-                hint = nearest(name, variables, "variables")
-                require(name in variables, f"{part!r} needs {name!r}, which no variable declares: {hint}")
+            for name in set(names).difference(variables):
+                raise StudyError(f"{part!r} needs {name!r}, not declared: {nearest(name, variables, 'variables')}")
 
     def worker_count(self, requested: int | None, available: int) -> int:
         """Number of worker processes: the requested number, otherwise one per CPU within the limit of the study."""
@@ -333,10 +332,9 @@ class Study:
         status = Status(int(returned["status"]))
         names = [variable.name for variable in self.variables]
         declared = [*names, *(variable.name for variable in self.left_out)]
-        for name in returned:
-            if name not in declared:
-                hint = nearest(name, declared, "variables")
-                raise StudyError(f"the case function returned {name!r}, which no variable declares: {hint}")
+        for name in set(returned).difference(declared):
+            hint = nearest(name, declared, "variables")
+            raise StudyError(f"the case function returned {name!r}, which no variable declares: {hint}")
         missing = [name for name in names if name not in returned]
         complete = not missing or status is not Status.ok
         require(complete, f"the case function returned status ok without {', '.join(missing)}")

@@ -134,7 +134,7 @@ def _attempted(job: Job, folder: Folder, study: Study, case: Case) -> Outcome:
         try:
             arrays = study.computed(case.parameters, case.values)
             status = Status(int(arrays.pop("status")))
-        except BaseException as error:  # one case must not end the others, whatever it raises
+        except BaseException as error:  # one case must not end the others, with any exception
             if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
                 raise  # from the keyboard
             return record_failure(job, study, case, traceback.format_exc(), time.perf_counter() - start)

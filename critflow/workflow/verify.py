@@ -39,11 +39,8 @@ def verify_folder(folder: Folder) -> Verification:
     study, path = selection.study, folder.dataset(selection.study.name)
     states = folder.states(selection, read=True)
     stored = sum(state == DONE for _, state, _ in states)
-    problems = [
-        f"{shard_path(folder.shards, case)} is {state}: {reason}"
-        for case, state, reason in states
-        if state in (DAMAGED, CHANGED)
-    ]
+    bad = [state for state in states if state.state in (DAMAGED, CHANGED)]
+    problems = [f"{shard_path(folder.shards, case)} is {state}: {reason}" for case, state, reason in bad]
     try:
         with opened_dataset(path) as opened:
             dataset = opened.load()

@@ -46,10 +46,8 @@ HOUR = 3600.0
 CLUSTERS = ("slurm", "pbs", "sge", "lsf", "oar", "moab", "htcondor", "local")
 
 _GRACE = 60.0  # seconds beyond the time limit before the scheduler restarts a silent worker
-_SCHEDULER_ANSWERS = 10.0  # seconds
 _WORKERS_START = 60.0  # seconds: local workers that died are back earlier
 _UNEXPLAINED = 20  # deaths in a row without a running case: the workers cannot start
-_POLL = 0.05  # seconds
 _NO_DASHBOARD: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 
 
@@ -121,8 +119,7 @@ class Workers:
         """Where the cases are computed, without addresses."""
         if self.remote:
             return f"{self.jobs} jobs of {self.cluster}" if self.cluster else "a dask scheduler"
-        words = {0: "one process", 1: "1 worker process"}
-        return words.get(self.processes, f"{self.processes} worker processes")
+        return f"{self.processes} worker process{'es' * (self.processes > 1)}" if self.processes else "one process"
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -144,7 +141,9 @@ def compute(job: Job, tasks: Sequence[Task], workers: Workers, stopped: threadin
 
 
 def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threading.Event) -> Iterator[list[Outcome]]:
-    completed = as_completed([], loop=client.loop)  # without results: it would wait for ever for a lost one
+    completed = as_completed(
+        [], loop=client.loop
+    )  # with results it never returns a task whose result disappeared with its worker
     running: dict[Future, Task] = {}
     deaths = _Deaths(job)
 
@@ -163,7 +162,7 @@ def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threa
             _cancel_waiting(client, running)
         ended = completed.next_batch(block=False)
         if not ended:
-            time.sleep(_POLL)
+            time.sleep(0.05)
         for future in ended:
             if task := running.pop(future, ()):
                 try:
@@ -197,8 +196,8 @@ class _Deaths:
     def explain(self, task: Task, error: Exception) -> tuple[list[Outcome], list[Task]]:
         """Failed cases of a task without a result, and the tasks to submit again; raises errors of the run."""
         if not isinstance(error, KilledWorker):
-            lost = "all workers" if isinstance(error, NoWorkerError) else "the scheduler"
-            raise EnvironmentFailure(f"{lost} ended: run the same command again to resume") from error
+            ended = "all workers" if isinstance(error, NoWorkerError) else "the scheduler"
+            raise EnvironmentFailure(f"{ended} ended: run the same command again to resume") from error
         failed, again, explained = list[Outcome](), list[Task](), False
         for values in task:
             case = self.job.case(self.study, values)
@@ -255,9 +254,7 @@ def _dask_settings(workers: Workers) -> dict[str, object]:
         # A worker that does not answer, for example a stopped process, is restarted.
         "distributed.scheduler.worker-ttl": f"{workers.case_seconds + _GRACE:.3f}s",
         # Arrays do not stay in workers: nothing to spill, and a paused worker would never continue.
-        "distributed.worker.memory.target": False,
-        "distributed.worker.memory.spill": False,
-        "distributed.worker.memory.pause": False,
+        **dict.fromkeys((f"distributed.worker.memory.{name}" for name in ("target", "spill", "pause")), False),
         # Cases allocate the same arrays again and again: returning the memory each time costs 10 % of the time.
         "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": str(2**28),
         "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": str(2**28),
@@ -298,7 +295,7 @@ def _kill_workers(cluster: LocalCluster) -> None:
 def _scheduler_client(workers: Workers) -> Client:
     address, security = workers.scheduler, Security(require_encryption=not workers.insecure)
     try:
-        return Client(address, timeout=_SCHEDULER_ANSWERS, security=security, set_as_default=False)
+        return Client(address, timeout=10, security=security, set_as_default=False)
     except TypeError as error:  # without certificates
         raise InputError(f"{address} needs certificates: set distributed.comm.tls in dask's configuration") from error
     except (OSError, ValueError) as error:
