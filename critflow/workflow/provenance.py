@@ -81,7 +81,7 @@ def timestamp() -> str:
 
 
 def _versions() -> dict[str, str]:
-    return {name: found.version for name in _ENVIRONMENT for found in distributions(name=name)}
+    return {name: version(name) for name in _ENVIRONMENT if any(distributions(name=name))}
 
 
 def _environment() -> dict[str, str]:

@@ -141,9 +141,7 @@ def compute(job: Job, tasks: Sequence[Task], workers: Workers, stopped: threadin
 
 
 def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threading.Event) -> Iterator[list[Outcome]]:
-    completed = as_completed(
-        [], loop=client.loop
-    )  # with results it never returns a task whose result disappeared with its worker
+    completed = as_completed([], loop=client.loop)  # `with_results` never returns a result that a death deleted
     running: dict[Future, Task] = {}
     deaths = _Deaths(job)
 
@@ -304,8 +302,7 @@ def _scheduler_client(workers: Workers) -> Client:
 
 def _jobs_cluster(workers: Workers, folder: Path) -> Any:
     """Jobs of a batch system, kept at their number, over TLS with temporary credentials of this run."""
-    name = workers.cluster
-    where = f"jobqueue.{name} in dask's configuration"
+    name, where = workers.cluster, f"jobqueue.{workers.cluster} in dask's configuration"
     try:
         interrupt = signal.getsignal(signal.SIGINT)
         classes = vars(importlib.import_module(f"dask_jobqueue.{name}"))
@@ -314,14 +311,14 @@ def _jobs_cluster(workers: Workers, folder: Path) -> Any:
         options = dask.config.get(f"jobqueue.{name}")
         inherited = dask.config.serialize(_dask_settings(workers))
         here = {"host": "127.0.0.1"} if name == "local" else {}
-        dashboard = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
+        words = ["--no-dashboard", "--dashboard-address=127.0.0.1:0", *(f"--host={host}" for host in here.values())]
         prologue = [f"export DASK_INTERNAL_INHERIT_CONFIG={inherited}", *(options.get("job-script-prologue") or [])]
         cluster = kind(
             processes=options.get("cores"),
             protocol="tls://",
             security=Security.temporary(),
             shared_temp_directory=str(folder),
-            worker_extra_args=[*(options.get("worker-extra-args") or []), *dashboard],
+            worker_extra_args=[*(options.get("worker-extra-args") or []), *words],
             scheduler_options={**(options.get("scheduler-options") or {}), **_NO_DASHBOARD, **here},
             silence_logs=logging.CRITICAL,
             **({} if name == "local" else {"job_script_prologue": prologue}),
