@@ -191,8 +191,8 @@ def test_assemblies_are_compared_where_stresses_are_far_apart(small):
     assert dataset.assembly_error.sel(difficulty="small_strain").isnull().all()
     (claim,) = (claim for claim in report.claims(dataset) if claim.key == "assembly")
     strengths = dataset.strength.sel(difficulty="stress_spread").values
-    assert f"right to p = {strengths[3]:g}, a refined factor to p = {strengths[2]:g}" in claim.value
-    assert f"silently wrong from p = {strengths[2]:g};" in claim.value
+    assert f"accurate up to p = {strengths[3]:g}, a refined factor up to p = {strengths[2]:g}" in claim.value
+    assert f"accuracy is lost from p = {strengths[2]:g} without warning;" in claim.value
 
 
 def test_a_fabricated_violation_is_counted(small):

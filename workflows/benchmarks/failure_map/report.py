@@ -235,8 +235,9 @@ def assembly_figure(ds):
     if names:
         figure.axes[0].legend(frameon=False, loc="upper left", fontsize=9)
     figure.suptitle(
-        "Without refinement accuracy is lost without warning; a refined factor returns a status; an assembly without "
-        "subtraction stays accurate"
+        "Without refinement, accuracy is lost without warning;\na refined factor returns a status, and an assembly "
+        "without subtraction stays accurate",
+        fontsize=10,
     )
     return figure
 
