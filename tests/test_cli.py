@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from critflow.cli import main
-from critflow.workflow import clusters
+from critflow.workflow import workers
 
 TINY = str(Path(__file__).parent / "workflow" / "tiny_study.py")
 
@@ -130,7 +130,7 @@ MISTAKES = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_gets_its_exit_code_and_one_sentence(here, results, capsys, monkeypatch, mistake):
     words, code, sentence = MISTAKES[mistake]
-    monkeypatch.setattr(clusters, "_WAIT_FOR_SCHEDULER", 0.3)
+    monkeypatch.setattr(workers, "_SCHEDULER_ANSWERS", 0.3)
     (here / "broken.py").write_text("1 / 0")
     (here / "other.py").write_text(Path(TINY).read_text().replace('name="tiny"', 'name="other"'))
     (here / "alone.py").write_text(Path(TINY).read_text().replace("check=check,", "check=check, workers=1,"))

@@ -58,16 +58,18 @@ def test_a_scheduler_with_certificates_gives_the_same_bits(tmp_path, run):
 
 
 OTHER_LIBRARY = """
-import importlib.metadata
-def version(name, found=importlib.metadata.version):
-    return "0.1" if name == "scipy" else found(name)
-importlib.metadata.version = version
+from critflow.workflow import provenance
+provenance._versions = lambda: {"scipy": "0.1"}
+provenance.libraries.cache_clear()
 """
 
 
 def test_a_plain_scheduler_needs_a_flag_and_equal_libraries(tmp_path, run, capsys):
     with LocalCluster(
-        n_workers=1, threads_per_worker=1, scheduler_kwargs=NO_DASHBOARD, preload=OTHER_LIBRARY
+        n_workers=1,
+        threads_per_worker=1,
+        scheduler_kwargs=NO_DASHBOARD,
+        preload=OTHER_LIBRARY,
     ) as cluster:
         address = cluster.scheduler_address
         for word in (address, address.removeprefix("tcp://")):
