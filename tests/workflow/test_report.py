@@ -1,0 +1,87 @@
+"""Figures, claims and the summary of a dataset, and the physics that `verify` recomputes."""
+
+import io
+
+import numpy as np
+from PIL import Image, ImageSequence
+
+from critflow.cli import main
+
+FILES = ("claims.md", "claims.json", "summary.json", "figures/modulus.png", "figures/growth.gif")
+
+
+def test_equal_datasets_give_equal_files(tmp_path, run):
+    for name in ("one", "two"):
+        assert run(tmp_path / name) == 0
+    for name in FILES:
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), name
+
+
+def test_an_animation_has_all_its_frames_in_order(tmp_path, run, source):
+    """Frame n is a bar whose height is the n-th of the numbers."""
+    heights = (0.2, 0.9, 0.4, 0.6)
+    bars = f"""
+def bars(ds):
+    for height in {heights}:
+        figure = Figure(figsize=(1, 1), dpi=50)
+        axes = figure.add_axes((0, 0, 1, 1))
+        axes.set_axis_off()
+        axes.set(xlim=(0, 1), ylim=(0, 1))
+        axes.fill_between([0, 1], [height, height], color="black", linewidth=0)
+        yield figure
+
+study ="""
+    path = source("\nstudy =", bars, "animations={", 'animations={"bars": bars, ')
+    assert run(tmp_path / "out", "seeds=0", study=path) == 0
+    image = Image.open(io.BytesIO((tmp_path / "out" / "figures" / "bars.gif").read_bytes()))
+    dark = [1 - np.asarray(frame.convert("L")).mean() / 255 for frame in ImageSequence.Iterator(image)]
+    np.testing.assert_allclose(dark, heights, rtol=0, atol=0.02)  # one row of pixels
+    assert image.info["loop"] == 0
+
+
+NEEDS = (
+    "claims=claims,",
+    'claims=claims, needs={"modulus": ("modulus",), "growth": ("modulus",), '
+    '"claims": ("residual",), "summary": ("residual",)},',
+)
+
+
+def test_parts_that_need_missing_variables_are_left_out_and_their_old_files_deleted(tmp_path, run, source, capsys):
+    path, out = source(*NEEDS), tmp_path / "out"
+    assert run(out, study=path) == 0
+    assert all((out / name).is_file() for name in FILES)
+    capsys.readouterr()
+    assert run(out, "variables=sigma", study=path) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "modulus" in line]
+    assert all(part in line for part in ("growth", "claims", "summary"))
+    assert not any((out / name).exists() for name in FILES)
+    assert main(["verify", str(out)]) == 0
+    assert run(out, "variables=residual", study=path) == 0
+    assert [name for name in FILES if (out / name).exists()] == ["claims.md", "claims.json", "summary.json"]
+
+
+def test_figures_in_another_format_are_kept(tmp_path, run):
+    assert run(tmp_path) == 0
+    assert main(["figures", str(tmp_path), "--format", "svg"]) == 0
+    assert (tmp_path / "figures" / "modulus.svg").read_text().count("<svg") == 1
+    assert (tmp_path / "figures" / "modulus.png").exists()
+
+
+def test_deleted_figures_are_no_damage_and_are_drawn_again(tmp_path, run):
+    assert run(tmp_path) == 0
+    before = (tmp_path / "figures" / "modulus.png").read_bytes()
+    for path in (tmp_path / "figures").iterdir():
+        path.unlink()
+    assert main(["verify", str(tmp_path)]) == 0
+    assert run(tmp_path) == 0
+    assert (tmp_path / "figures" / "modulus.png").read_bytes() == before
+
+
+def test_verify_recomputes_the_physics_of_the_study(tmp_path, run, source, capsys):
+    good = source("claims=claims,", "claims=claims, verify=lambda ds: [],")
+    assert run(tmp_path / "out", "seeds=0", study=good) == 0
+    assert main(["verify", str(tmp_path / "out")]) == 0
+    source("claims=claims,", "claims=claims, verify=lambda ds: ['the moduli are wrong'],")
+    capsys.readouterr()
+    assert main(["verify", str(tmp_path / "out")]) == 4
+    assert "the moduli are wrong" in capsys.readouterr().err
