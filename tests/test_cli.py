@@ -10,8 +10,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from distributed import Client
 
 from critflow.cli import main
+from critflow.workflow import workers
 
 TINY = str(Path(__file__).parent / "workflow" / "tiny_study.py")
 
@@ -139,6 +141,7 @@ def digest(folder):
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_gives_its_exit_code_and_one_sentence_and_writes_nothing(here, results, capsys, monkeypatch, mistake):
     words, code, word = MISTAKES[mistake]
+    monkeypatch.setattr(workers, "Client", lambda *where, **options: Client(*where, **(options | {"timeout": 0.3})))
     before = digest(here)
     assert main([text.replace("RESULTS", str(results)) for text in words]) == code
     out, err = capsys.readouterr()

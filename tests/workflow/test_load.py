@@ -89,7 +89,7 @@ def test_a_path_that_is_no_study_file_is_refused(tmp_path, monkeypatch, word):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     with open(tmp_path / "large.py", "wb") as file:
-        file.truncate(10**9)
+        file.truncate(10**8)
     with pytest.raises(StudyError):
         load_study(word)
 
