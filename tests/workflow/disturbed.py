@@ -2,7 +2,8 @@
 
 A step is anything that a run does to the files of its folder: opening one to write, writing with the netCDF library,
 synchronising, renaming, deleting. They are counted by Python's audit events and by wrappers of library functions, so
-the engine contains no code for its tests. A process killed while it synchronises leaves half of that file.
+the engine contains no code for its tests. A process killed while it opens a file leaves it empty; killed while it
+synchronises, it leaves half of that file.
 """
 
 import errno
@@ -58,8 +59,8 @@ def stored_whole(folder, settings=()):
     return {f"{case.id}.nc" for case in cases if read_shard(folder / "shards", STUDY, case) is not None}
 
 
-def words_of(folder, settings=(), workers=0):
-    return ["run", str(PLAIN), "--out", str(folder), f"--workers={workers}", *(f"--set={word}" for word in settings)]
+def words_of(folder, settings=(), workers=0, study=PLAIN):
+    return ["run", str(study), "--out", str(folder), f"--workers={workers}", *(f"--set={word}" for word in settings)]
 
 
 def server():
@@ -74,7 +75,9 @@ def server():
     return SERVER
 
 
-def begun(folder, settings=(), *, workers=0, step=0, action="kill", environment=None, prepare=None, log=None):
+def begun(
+    folder, settings=(), *, workers=0, step=0, action="kill", environment=None, prepare=None, log=None, study=PLAIN
+):
     """The process of a run that has begun.
 
     Its messages go to FOLDER.err or to `log`, the number of its steps to FOLDER.steps.
@@ -83,7 +86,7 @@ def begun(folder, settings=(), *, workers=0, step=0, action="kill", environment=
     """
     process = server().Process(
         target=_run,
-        args=(words_of(folder, settings, workers), str(folder), step, action, environment or {}, prepare, log),
+        args=(words_of(folder, settings, workers, study), str(folder), step, action, environment or {}, prepare, log),
     )
     process.start()
     return process
@@ -113,9 +116,9 @@ class _Steps:
     def audit(self, event, args):
         writes = event == "open" and args[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
         if writes or event in ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate"):
-            self.take(args[0], deletes=event in ("os.remove", "os.rmdir"))
+            self.take(args[0], flags=args[2] if writes else None, deletes=event in ("os.remove", "os.rmdir"))
 
-    def take(self, path, descriptor=None, deletes=False):
+    def take(self, path, descriptor=None, flags=None, deletes=False):
         if isinstance(path, int) or not os.fspath(path).startswith(self.folder):
             return
         self.count += not (deletes and self.action == "full")  # a full disk refuses no deletion
@@ -127,6 +130,8 @@ class _Steps:
         if self.action == "kill" and descriptor is not None:
             with suppress(OSError):  # a folder
                 os.ftruncate(descriptor, os.fstat(descriptor).st_size // 2)
+        if self.action == "kill" and flags is not None:  # dies after opening it, before it writes
+            os.close(os.open(path, flags, 0o666))
         os.kill(os.getpid(), SIGNALS[self.action])
 
     def install(self):
@@ -137,7 +142,7 @@ class _Steps:
         class Dataset(dataset):
             def __init__(self, path, mode="r", *more, **options):
                 if mode != "r":
-                    steps.take(path)
+                    steps.take(path, flags=os.O_WRONLY | os.O_CREAT)
                     written[id(self)] = path
                 super().__init__(path, mode, *more, **options)
 

@@ -108,7 +108,7 @@ KINDS = {
         "edited parameters": edited(lambda file: file.setncattr("parameters", "{}")),
         "one variable more": edited(lambda file: file.createVariable("more", "i4", ("seed",))),
     },
-    "study.json": ANY,
+    "study.json": ANY | {"edited setting": lambda path: path.write_text(path.read_text().replace("1.0", "2.0"))},
     "claims.json": ANY,
     "claims.md": ANY,
     "summary.json": ANY,

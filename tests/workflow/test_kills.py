@@ -63,6 +63,7 @@ def test_a_run_disturbed_at_any_step_is_resumed(tmp_path, assert_resumed, action
             break  # the run completed before this step
         assert code in allowed, f"step {step}: {code}\n{said}"
         assert "Traceback" not in said, f"step {step}:\n{said}"
+        assert action != "full" or not list(folder.rglob("*.partial")), f"step {step}"
         seen.append(code)
         assert_resumed(folder, FEW, f"step {step}")
     assert len(seen) > 40 // stride

@@ -206,6 +206,16 @@ def test_an_interrupted_run_stores_the_running_case(tmp_path, number, tally):
     assert_interrupted(folder, settings, messages(folder), tally)
 
 
+def test_an_interrupted_task_begins_no_further_case(tmp_path):
+    """The cases of one seed are one task."""
+    folder, study = tmp_path / "out", Path(__file__).with_name("algebra_study.py")
+    process = begun(folder, ["seeds=0", "parts=left,right,middle"], study=study, environment=SLOW)
+    wait_for_a_case(folder, process.is_alive)
+    os.kill(process.pid, signal.SIGINT)
+    assert ended(process) == 130, messages(folder)
+    assert len(list((folder / "shards").glob("*.nc"))) < 3
+
+
 @pytest.mark.timeout(300)
 def test_an_interrupted_run_with_workers_stores_the_running_cases(tmp_path, start, tally):
     """The Ctrl-C of a terminal reaches the workers too."""
