@@ -111,10 +111,8 @@ def test_studies_are_found_by_name_in_the_working_directory(tmp_path, monkeypatc
 def test_a_benchmark_that_a_wheel_does_not_contain_is_named_with_its_place(tmp_path, monkeypatch):
     """Outside a checkout of the source."""
     monkeypatch.chdir(tmp_path)
-    for name in ("_study_folders", "study_folders", "STUDY_FOLDERS"):
-        monkeypatch.setattr(f"critflow.workflow.load.{name}", lambda: [], raising=False)
     monkeypatch.setattr("critflow.workflow.load.named_studies", lambda: {})
-    with pytest.raises(StudyError, match="speed_accuracy") as caught:
+    with pytest.raises(StudyError, match="checkout") as caught:
         load_study("speed_accuracy")
     assert "\n" not in str(caught.value)
 
