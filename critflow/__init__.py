@@ -21,6 +21,7 @@ from critflow.mechanics.perimeters import cells_of, critical_from_perimeters, pe
 from critflow.mechanics.springs import spring_state
 from critflow.mechanics.stiffening import stiffening
 from critflow.mechanics.strain_path import strain_path
+from critflow.networks.deformation import DEFORMATIONS, Deformation, deformation_of
 from critflow.networks.lattices import (
     cubic_network,
     diamond_network,
@@ -56,9 +57,11 @@ from critflow.rigidity.stress_space import StressSpace, stresses_of
 __version__ = version("critflow")
 
 __all__ = [
+    "DEFORMATIONS",
     "CritflowError",
     "CriticalConfiguration",
     "CriticalManifold",
+    "Deformation",
     "EnvironmentFailure",
     "Hookean",
     "InputError",
@@ -87,6 +90,7 @@ __all__ = [
     "critical_from_lengths",
     "critical_from_perimeters",
     "cubic_network",
+    "deformation_of",
     "diamond_network",
     "elastic_moduli",
     "equilibrium",

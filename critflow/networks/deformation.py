@@ -1,0 +1,302 @@
+"""Deformations: affine paths F(γ) of the boundary, with F(0) = 1.
+
+A deformation maps b → F(γ) b: the cell vectors and the pinned positions.  γ = 0 is the network as given, and γ may have
+either sign.  The conventions, with unit vectors e_i:
+
+    dilation        F = (1 + γ)^{1/d} 1               V(γ) = V(0)(1 + γ)
+    simple_shear    F = 1 + γ e_i e_jᵀ                x_i → x_i + γ x_j; the volume is constant
+    pure_shear      F = diag(1 + γ, 1/(1 + γ))        in the plane (i, j); the volume is constant
+    uniaxial        F = 1 + γ e_i e_iᵀ                sides fixed, or free of stress
+    linear          F = 1 + γ A                       any A (d, d)
+    exponential     F = exp(γ A)                      constant velocity gradient A
+
+The linear strain is the symmetric part of F'(0).  It is ½(e_i e_jᵀ + e_j e_iᵀ) for simple shear (γ is the engineering
+strain) and diag(1, −1) for pure shear: an isotropic network has four times the modulus of simple shear there.
+
+Free components of the cell are unknowns q of the equilibrium, b → (1 + Σ_m q_m E_m) F(γ) b with symmetric E_m; the
+generalised force ∂E/∂q_m of each is zero, as in a tensile test with free sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from critflow.result import InputError
+
+Array = NDArray[np.float64]
+Function = Callable[[float], Array]
+
+AXES = "xyz"
+# Step of the difference quotients for paths without given derivatives; errors of F' are 1e-12, of F'' 1e-9.
+_STEP = 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Deformation:
+    """A path of affine deformations F(γ) (d, d) of the boundary, F(0) = 1, with its first two derivatives.
+
+    name       for labels and files
+    dimension  d
+    gradient_function, rate_function, second_rate_function  γ → F, F', F''
+    linear_in_strain  whether F'' = 0: the onset of rigidity is then one convex program
+    free       names of free components of the cell, such as ("yy", "xy")
+
+    Construct one by a class method, such as `Deformation.simple_shear(2)`, or from a name, a matrix or a function by
+    `deformation_of`.  Methods raise `InputError` where F(γ) does not preserve orientation: det F ≤ 0.
+    """
+
+    name: str
+    dimension: int
+    gradient_function: Function = field(repr=False)
+    rate_function: Function = field(repr=False)
+    second_rate_function: Function = field(repr=False)
+    linear_in_strain: bool = False
+    free: tuple[str, ...] = ()
+
+    # Values
+
+    def gradient(self, strain: float) -> Array:
+        """F(γ), (d, d)."""
+        F = self._matrix(self.gradient_function, strain, "gradient")
+        if not np.linalg.det(F) > 0:
+            raise InputError(
+                f"at strain {strain:g} the deformation {self.name} inverts or flattens the cell, det F = "
+                f"{np.linalg.det(F):.3g}: choose strains with det F > 0"
+            )
+        return F
+
+    def rate(self, strain: float) -> Array:
+        """F'(γ), (d, d)."""
+        return self._matrix(self.rate_function, strain, "rate")
+
+    def second_rate(self, strain: float) -> Array:
+        """F''(γ), (d, d)."""
+        return self._matrix(self.second_rate_function, strain, "second rate")
+
+    def velocity(self, strain: float) -> Array:
+        """Velocity gradient F' F⁻¹ relative to the current cell, (d, d)."""
+        return np.asarray(self.rate(strain) @ np.linalg.inv(self.gradient(strain)))
+
+    def acceleration(self, strain: float) -> Array:
+        """F'' F⁻¹ relative to the current cell, (d, d)."""
+        return np.asarray(self.second_rate(strain) @ np.linalg.inv(self.gradient(strain)))
+
+    @property
+    def linear_strain(self) -> Array:
+        """Symmetric part of F'(0), (d, d): the strain of linear response."""
+        rate = self.rate(0.0)
+        return 0.5 * (rate + rate.T)
+
+    @property
+    def free_strains(self) -> Array:
+        """Symmetric strains E_m of the free components, (m, d, d): e_i e_iᵀ, or ½(e_i e_jᵀ + e_j e_iᵀ)."""
+        strains = np.zeros((len(self.free), self.dimension, self.dimension))
+        for strain, name in zip(strains, self.free, strict=True):
+            i, j = (AXES.index(axis) for axis in name)
+            strain[i, j] += 0.5
+            strain[j, i] += 0.5
+        return strains
+
+    def freeing(self, *components: str) -> Deformation:
+        """The same path with free components of the cell, such as "yy" or "xy": zero conjugate stress."""
+        axes = AXES[: self.dimension]
+        for name in components:
+            if not (isinstance(name, str) and len(name) == 2 and set(name) <= set(axes)):
+                raise InputError(f"a free component is a pair of the axes {axes}, such as 'yy' or 'xy', not {name!r}")
+        names = tuple(dict.fromkeys("".join(sorted(name)) for name in components))
+        return replace(self, free=names)
+
+    def _matrix(self, function: Function, strain: float, what: str) -> Array:
+        F = np.asarray(function(float(strain)), dtype=float)
+        if F.shape != (self.dimension,) * 2 or not np.isfinite(F).all():
+            raise InputError(
+                f"at strain {strain:g} the {what} of the deformation {self.name} must be a finite "
+                f"{self.dimension} × {self.dimension} matrix: choose other strains or correct the path"
+            )
+        return F
+
+    # Standard paths
+
+    @classmethod
+    def dilation(cls, dimension: int) -> Deformation:
+        """F = (1 + γ)^{1/d} 1: volumetric strain γ."""
+        d, unit = dimension, np.eye(dimension)
+
+        def power(order: int) -> Function:
+            def function(strain: float) -> Array:
+                # A negative volume has no real root; NaN is refused with a sentence.
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    factor = np.prod([1 / d - n for n in range(order)])
+                    return float(factor * np.power(np.float64(1 + strain), 1 / d - order)) * unit
+
+            return function
+
+        return cls("dilation", d, power(0), power(1), power(2))
+
+    @classmethod
+    def simple_shear(cls, dimension: int, plane: str = "xy") -> Deformation:
+        """F = 1 + γ e_i e_jᵀ in the plane (i, j): x_i → x_i + γ x_j."""
+        i, j = _plane(dimension, plane)
+        A = np.zeros((dimension, dimension))
+        A[i, j] = 1.0
+        return replace(cls.linear(A), name=_in_plane("simple_shear", plane))
+
+    @classmethod
+    def pure_shear(cls, dimension: int, plane: str = "xy") -> Deformation:
+        """Stretch 1 + γ along axis i and 1/(1 + γ) along axis j of the plane (i, j)."""
+        i, j = _plane(dimension, plane)
+
+        def derivative(order: int) -> Function:
+            def function(strain: float) -> Array:
+                F = np.eye(dimension) if order == 0 else np.zeros((dimension, dimension))
+                stretch = 1 + strain if strain != -1 else np.nan
+                F[i, i] = (stretch, 1.0, 0.0)[order]
+                F[j, j] = (1 / stretch, -1 / stretch**2, 2 / stretch**3)[order]
+                return F
+
+            return function
+
+        return cls(_in_plane("pure_shear", plane), dimension, derivative(0), derivative(1), derivative(2))
+
+    @classmethod
+    def uniaxial(cls, dimension: int, axis: str = "x", sides: str = "fixed") -> Deformation:
+        """F = 1 + γ e_i e_iᵀ; sides "fixed", or "free": the other normal components of the cell are free of stress."""
+        i = _axis(dimension, axis)
+        if sides not in ("fixed", "free"):
+            raise InputError(f"the sides of a uniaxial deformation are 'fixed' or 'free', not {sides!r}")
+        A = np.zeros((dimension, dimension))
+        A[i, i] = 1.0
+        name = "uniaxial" if sides == "fixed" else "uniaxial_free"
+        deformation = replace(cls.linear(A), name=name if axis == "x" else f"{name}_{axis}")
+        others = [a + a for a in AXES[:dimension] if a != axis]
+        return deformation.freeing(*others) if sides == "free" else deformation
+
+    @classmethod
+    def linear(cls, strain: ArrayLike) -> Deformation:
+        """F = 1 + γ A for any A (d, d)."""
+        A = _square(strain)
+        unit = np.eye(len(A))
+        name, d = "linear", len(A)
+        return cls(name, d, lambda strain: unit + strain * A, lambda _: A, lambda _: 0 * A, linear_in_strain=True)
+
+    @classmethod
+    def exponential(cls, strain: ArrayLike) -> Deformation:
+        """F = exp(γ A) for any A (d, d)."""
+        A = _square(strain)
+
+        def derivative(power: Array) -> Function:
+            return lambda strain: power @ scipy.linalg.expm(strain * A)
+
+        unit = np.eye(len(A))
+        return cls("exponential", len(A), derivative(unit), derivative(A), derivative(A @ A))
+
+    @classmethod
+    def path(
+        cls,
+        gradient: Function,
+        dimension: int,
+        rate: Function | None = None,
+        second_rate: Function | None = None,
+        name: str = "path",
+    ) -> Deformation:
+        """Any path γ → F(γ) with F(0) = 1; derivatives that are not given are difference quotients of fourth order."""
+        start = np.asarray(gradient(0.0), dtype=float)
+        if start.shape != (dimension,) * 2 or not np.allclose(start, np.eye(dimension), rtol=0, atol=1e-14):
+            raise InputError(f"a deformation must begin with F(0) = 1, a {dimension} × {dimension} matrix")
+        rate = rate or (lambda strain: _difference(gradient, strain))
+        second_rate = second_rate or (lambda strain: _second_difference(gradient, strain))
+        return cls(name, dimension, gradient, rate, second_rate)
+
+
+_NAMED: dict[str, Callable[[int], Deformation]] = {
+    "dilation": Deformation.dilation,
+    "simple_shear": Deformation.simple_shear,
+    "pure_shear": Deformation.pure_shear,
+    "uniaxial": Deformation.uniaxial,
+    "uniaxial_free": lambda dimension: Deformation.uniaxial(dimension, sides="free"),
+}
+DEFORMATIONS: tuple[str, ...] = tuple(_NAMED)
+"""Names of deformations that `deformation_of` knows."""
+
+
+def deformation_of(value: Deformation | str | ArrayLike | Function, dimension: int) -> Deformation:
+    """A deformation from itself, its name, a matrix A for F = 1 + γA, or a function γ → F(γ).
+
+    Raises `InputError` for unknown names and for other dimensions.
+    """
+    if isinstance(value, str):
+        if value not in _NAMED:
+            raise InputError(f"no deformation is called {value!r}: choose one of {', '.join(_NAMED)}")
+        return _NAMED[value](dimension)
+    if callable(value):
+        return Deformation.path(value, dimension)
+    deformation = value if isinstance(value, Deformation) else Deformation.linear(value)
+    if deformation.dimension != dimension:
+        raise InputError(
+            f"the deformation {deformation.name} is for {deformation.dimension} dimensions and the network has "
+            f"{dimension}: construct it for {dimension}"
+        )
+    return deformation
+
+
+def strain_basis(dimension: int) -> tuple[tuple[str, ...], Array]:
+    """Names and symmetric strains (m, d, d) of all m = d(d + 1)/2 components: normal ones first, in Voigt's order.
+
+    Normal strains are e_i e_iᵀ, shear strains ½(e_i e_jᵀ + e_j e_iᵀ): engineering shears.
+    """
+    pairs = [(i, i) for i in range(dimension)]
+    # Voigt's order yz, xz, xy.
+    pairs += [(i, j) for i, j in ((1, 2), (0, 2), (0, 1)) if j < dimension]
+    names = tuple(AXES[i] + AXES[j] for i, j in pairs)
+    strains = np.zeros((len(pairs), dimension, dimension))
+    for strain, (i, j) in zip(strains, pairs, strict=True):
+        strain[i, j] += 0.5
+        strain[j, i] += 0.5
+    return names, strains
+
+
+def _difference(function: Callable[[float], ArrayLike], strain: float) -> Array:
+    values = [np.asarray(function(strain + n * _STEP), dtype=float) for n in (-2, -1, 1, 2)]
+    return (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * _STEP)
+
+
+def _second_difference(function: Callable[[float], ArrayLike], strain: float) -> Array:
+    values = [np.asarray(function(strain + n * _STEP), dtype=float) for n in (-2, -1, 0, 1, 2)]
+    return (-values[0] + 16 * values[1] - 30 * values[2] + 16 * values[3] - values[4]) / (12 * _STEP**2)
+
+
+def _square(strain: ArrayLike) -> Array:
+    try:
+        A = np.array(strain, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"an affine strain must be a square matrix of numbers, not {strain!r:.60}") from None
+    if A.ndim != 2 or A.shape[0] != A.shape[1] or not 1 <= len(A) <= 3 or not np.isfinite(A).all():
+        raise InputError(f"an affine strain must be a finite square matrix of 1, 2 or 3 rows, not of shape {A.shape}")
+    return A
+
+
+def _axis(dimension: int, axis: str) -> int:
+    if not (isinstance(axis, str) and len(axis) == 1 and axis in AXES[:dimension]):
+        raise InputError(f"an axis is one of {', '.join(AXES[:dimension])}, not {axis!r}")
+    return AXES.index(axis)
+
+
+def _plane(dimension: int, plane: str) -> tuple[int, int]:
+    if dimension < 2:
+        raise InputError("a shear needs at least two dimensions")
+    if not (isinstance(plane, str) and len(plane) == 2 and plane[0] != plane[1]):
+        raise InputError(f"the plane of a shear is a pair of two axes, such as 'xy', not {plane!r}")
+    return _axis(dimension, plane[0]), _axis(dimension, plane[1])
+
+
+def _in_plane(name: str, plane: str) -> str:
+    return name if plane == "xy" else f"{name}_{plane}"
+
+
+Deformable = Deformation | str | ArrayLike | Function
+"""What `deformation_of` accepts."""

@@ -1,0 +1,89 @@
+"""Deformations: gradients, derivatives, volumes, free components and refused input."""
+
+import numpy as np
+import pytest
+
+from critflow import DEFORMATIONS, Deformation, InputError, deformation_of
+from critflow.networks.deformation import strain_basis
+
+A = np.array([[0.3, -0.8], [0.1, 0.5]])
+
+
+def turned(strain):
+    c, s = np.cos(strain), np.sin(strain)
+    return np.array([[c, -s], [s, c]]) @ np.diag([1 + strain, 1 + strain**2])
+
+
+PATHS = {
+    **{f"{name} {d}": deformation_of(name, d) for name in DEFORMATIONS for d in (2, 3)},
+    "shear zx": Deformation.simple_shear(3, "zx"),
+    "pure shear yz": Deformation.pure_shear(3, "yz"),
+    "matrix": deformation_of(A, 2),
+    "exponential": Deformation.exponential(A),
+    "function": deformation_of(turned, 2),
+}
+
+
+@pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
+@pytest.mark.parametrize("strain", [-0.2, 0.0, 0.3])
+def test_derivatives_are_those_of_the_gradient(path, strain):
+    step = 1e-4
+    ahead, here, behind = (path.gradient(strain + n * step) for n in (1, 0, -1))
+    np.testing.assert_allclose(path.rate(strain), (ahead - behind) / (2 * step), rtol=0, atol=1e-7)
+    np.testing.assert_allclose(path.second_rate(strain), (ahead - 2 * here + behind) / step**2, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(path.velocity(strain) @ here, path.rate(strain), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(path.acceleration(strain) @ here, path.second_rate(strain), rtol=0, atol=1e-13)
+    assert path.linear_in_strain <= (np.abs(path.second_rate(strain)).max() == 0)
+    np.testing.assert_array_equal(path.gradient(0.0), np.eye(path.dimension))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_volumes(d):
+    volume = {name: np.linalg.det(deformation_of(name, d).gradient(0.3)) for name in DEFORMATIONS}
+    expected = {"dilation": 1.3, "simple_shear": 1.0, "pure_shear": 1.0, "uniaxial": 1.3, "uniaxial_free": 1.3}
+    assert volume == pytest.approx(expected, rel=1e-14)
+
+
+def test_linear_strains_follow_the_conventions():
+    shear = Deformation.simple_shear(2)
+    np.testing.assert_array_equal(shear.linear_strain, [[0, 0.5], [0.5, 0]])
+    np.testing.assert_array_equal(shear.gradient(0.1) @ [0, 1], [0.1, 1])
+    np.testing.assert_array_equal(Deformation.pure_shear(2).linear_strain, np.diag([1, -1]))
+    np.testing.assert_allclose(Deformation.dilation(3).linear_strain, np.eye(3) / 3)
+
+
+def test_free_components():
+    assert Deformation.uniaxial(2, sides="free").free == ("yy",)
+    path = Deformation.uniaxial(3, "y", sides="free")
+    assert (path.name, path.free) == ("uniaxial_free_y", ("xx", "zz"))
+    free = Deformation.simple_shear(3).freeing("zz", "yx", "xy")
+    assert free.free == ("zz", "xy")
+    np.testing.assert_array_equal(free.free_strains[1], Deformation.simple_shear(3).linear_strain)
+    names, strains = strain_basis(3)
+    assert names == ("xx", "yy", "zz", "yz", "xz", "xy")
+    assert np.linalg.matrix_rank(strains.reshape(6, 9)) == 6
+    assert strain_basis(2)[0] == ("xx", "yy", "xy") and strain_basis(1)[0] == ("xx",)
+
+
+@pytest.mark.parametrize(
+    ("make", "word"),
+    [
+        (lambda: deformation_of("twist", 2), "simple_shear"),
+        (lambda: deformation_of(A, 3), "dimensions"),
+        (lambda: deformation_of(np.ones((2, 3)), 2), "square"),
+        (lambda: deformation_of([[0, np.nan], [0, 0]], 2), "finite"),
+        (lambda: deformation_of(None, 2), "matrix"),
+        (lambda: deformation_of(lambda g: 2 * np.eye(2), 2), "begin"),
+        (lambda: Deformation.simple_shear(2, "xz"), "axis"),
+        (lambda: Deformation.simple_shear(1), "two dimensions"),
+        (lambda: Deformation.pure_shear(2, "xx"), "plane"),
+        (lambda: Deformation.uniaxial(2, sides="loose"), "sides"),
+        (lambda: Deformation.uniaxial(2).freeing("z"), "component"),
+        (lambda: Deformation.dilation(2).gradient(-1.5), "strain"),
+        (lambda: Deformation.uniaxial(2).gradient(-1.0), "flattens"),
+        (lambda: Deformation.pure_shear(2).gradient(-1.0), "strain"),
+    ],
+)
+def test_bad_input_is_one_sentence(make, word):
+    with pytest.raises(InputError, match=word):
+        make()
