@@ -2,6 +2,7 @@
 
 from importlib.metadata import version
 
+from critflow.critical.backbone import Backbone, TautComponent, backbone
 from critflow.critical.curvature import StereographicChart, gaussian_curvature, principal_curvatures, surface_geometry
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import Objective
@@ -58,6 +59,7 @@ __version__ = version("critflow")
 
 __all__ = [
     "DEFORMATIONS",
+    "Backbone",
     "CritflowError",
     "CriticalConfiguration",
     "CriticalManifold",
@@ -81,8 +83,10 @@ __all__ = [
     "StereographicChart",
     "StressSpace",
     "StudyError",
+    "TautComponent",
     "WormLike",
     "__version__",
+    "backbone",
     "bond_operator",
     "bulk_modulus_bound",
     "cells_of",

@@ -1,0 +1,171 @@
+"""The taut backbone of a critical configuration: its stressed edges, as networks without the slack ones.
+
+Where edges are slack, σ = 0, they carry nothing: rigidity, moduli and coefficients are those of the taut part, and the
+slack part is floppy.  The taut part may fall into components, each with its own self-stress.
+
+A free vertex of two taut edges lies on a straight line between them, so a chain of such edges is one cable: a spring of
+stiffness 1/Σ k⁻¹.  Chains need no special treatment, since their vertices follow from balance: motions along the chain
+share out its elongation, and tension resists the transverse ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from critflow.critical.manifold import CriticalConfiguration, critical_configuration
+from critflow.networks.network import IntArray, Network
+from critflow.result import InputError
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class TautComponent:
+    """A connected part of the stressed edges, with its configuration.
+
+    configuration  of the network of these edges, whose bond vectors and error bounds are those of the whole
+    edges          (n,) indices of its edges in the whole network
+    vertices       indices of its vertices in the whole network
+    cables         (n,) cable of each edge, 0 … n_cables − 1
+    """
+
+    configuration: CriticalConfiguration
+    edges: IntArray
+    vertices: IntArray
+    cables: IntArray
+
+    @property
+    def n_cables(self) -> int:
+        """Number of cables: chains of edges through free vertices of two edges."""
+        return int(self.cables.max()) + 1
+
+
+@dataclass(frozen=True, eq=False)
+class Backbone:
+    """The stressed part of a critical configuration.
+
+    taut        (N_b,) whether σ ≠ 0
+    components  its connected parts, all pins counted as joined
+    """
+
+    critical: CriticalConfiguration
+    taut: Mask
+    components: tuple[TautComponent, ...]
+
+    @property
+    def n_slack(self) -> int:
+        """Number of slack edges."""
+        return int(np.count_nonzero(~self.taut))
+
+    @property
+    def stressed_fraction(self) -> float:
+        """Fraction of the edges that are stressed."""
+        return float(self.taut.mean())
+
+    @property
+    def n_cables(self) -> int:
+        """Number of cables of all components."""
+        return sum(component.n_cables for component in self.components)
+
+    @cached_property
+    def floppy_vertices(self) -> IntArray:
+        """Vertices that no stressed edge meets: nothing determines their coordinates."""
+        everywhere = np.arange(self.critical.network.n_vertices)
+        return np.setdiff1d(everywhere, self.critical.network.edges[self.taut])
+
+    @property
+    def component(self) -> TautComponent:
+        """The component where there is one, else an `InputError`."""
+        if len(self.components) > 1:
+            raise InputError(
+                f"the taut part falls into {len(self.components)} components, each with its own self-stress: "
+                "use `components`"
+            )
+        return self.components[0]
+
+    @property
+    def configuration(self) -> CriticalConfiguration:
+        """The configuration of the only component; `InputError` for several."""
+        return self.component.configuration
+
+    @property
+    def network(self) -> Network:
+        """The network of the only component; `InputError` for several."""
+        return self.configuration.network
+
+
+def backbone(critical: CriticalConfiguration) -> Backbone:
+    """The stressed edges, σ ≠ 0, of a critical configuration, as networks of their own.
+
+    Each component has the bond vectors, coordinates and error bounds of the whole and σ scaled to Σσ² = n; without pins
+    its first vertex is at the origin.
+
+    Raises `InputError` for stresses that are not finite or nowhere nonzero, and where stressed edges cannot balance or
+    join a single vertex to its images.
+    """
+    network, sigma = critical.network, critical.sigma
+    if not np.isfinite(sigma).all() or not sigma.any():
+        raise InputError("a backbone needs a stress that is finite and not zero everywhere: solve for one first")
+    taut = sigma != 0
+    if taut.all():
+        everything = np.arange(network.n_edges)
+        whole = TautComponent(critical, everything, np.arange(network.n_vertices), chains(network))
+        return Backbone(critical, taut, (whole,))
+    return Backbone(critical, taut, tuple(_component(critical, edges) for edges in connected_parts(network, taut)))
+
+
+def taut_configurations(critical: CriticalConfiguration) -> tuple[CriticalConfiguration, ...]:
+    """The configurations of the components of the backbone; the configuration itself where no edge is slack."""
+    if critical.sigma.all():
+        return (critical,)
+    return tuple(component.configuration for component in backbone(critical).components)
+
+
+def connected_parts(network: Network, kept: Mask) -> list[Mask]:
+    """Edges (N_b,) of each connected part of the kept edges, all pins counted as joined."""
+    pins = np.fromiter(network.pins, int, len(network.pins))
+    tail, head = (np.concatenate(ends) for ends in zip(network.edges[kept].T, (pins[:-1], pins[1:]), strict=True))
+    graph = sp.coo_array((np.ones(len(tail)), (tail, head)), shape=(network.n_vertices,) * 2)
+    part = connected_components(graph, directed=False)[1][network.edges[:, 0]]
+    return [kept & (part == number) for number in np.unique(part[kept])]
+
+
+def chains(network: Network) -> IntArray:
+    """Cable (N_b,) of each edge: edges are one cable if a free vertex joins these two and no other."""
+    ends = network.edges.ravel()
+    inner = np.bincount(ends, minlength=network.n_vertices) == 2
+    inner[list(network.pins)] = False
+    order = np.argsort(ends, kind="stable")
+    first, second = (order[inner[ends[order]]] // 2).reshape(-1, 2).T
+    graph = sp.coo_array((np.ones(len(first)), (first, second)), shape=(network.n_edges,) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def _component(critical: CriticalConfiguration, edges: Mask) -> TautComponent:
+    network = critical.network
+    degree = np.bincount(network.edges[edges].ravel(), minlength=network.n_vertices)
+    degree[list(network.pins)] = 0
+    if (degree == 1).any():
+        vertex = int(np.flatnonzero(degree == 1)[0])
+        raise InputError(f"the stress does not balance at vertex {vertex}, which has one stressed edge: correct it")
+    if np.count_nonzero(degree) == 0 or np.ptp(network.edges[edges]) == 0:
+        raise InputError(
+            f"edge {int(np.flatnonzero(edges)[0])} is taut between fixed points or images of one vertex, so that no "
+            "vertex of it can move: divide it by a vertex"
+        )
+    part, vertices = network.part(edges)
+    x = critical.coordinates[vertices]
+    value = critical_configuration(part, critical.sigma[edges], x if part.pins else x - x[0])
+    configuration = replace(
+        value,
+        bond_vectors=critical.bond_vectors[edges],
+        error_bound=critical.error_bound,
+        bond_errors=critical.bond_errors[edges],
+    )
+    return TautComponent(configuration, np.flatnonzero(edges), vertices, chains(part))

@@ -1,0 +1,114 @@
+"""The taut backbone of configurations with slack edges: known graphs, carried numbers and cables."""
+
+import numpy as np
+import pytest
+
+from critflow import (
+    CriticalConfiguration,
+    InputError,
+    Network,
+    backbone,
+    critical_from_lengths,
+    square_network,
+    voronoi_network,
+)
+from critflow.critical.backbone import chains
+from critflow.critical.manifold import critical_configuration
+
+# A cable of two edges between the pins 0 and 1, and two slack edges from its middle to a third pin.
+HUNG = Network([[0, 3], [3, 1], [3, 4], [4, 2]], pins={0: [1, 1], 1: [3, 1], 2: [2, 0]})
+HUNG_COORDINATES = np.array([[1, 1], [3, 1], [2, 0], [2.5, 1], [2.2, 0.5]])
+
+
+def hung():
+    return critical_configuration(HUNG, np.array([1.0, 3.0, 0, 0]), HUNG_COORDINATES)
+
+
+def rows():
+    """The square lattice 3 × 3 with its horizontal edges taut: three cables, of which each closes on its image."""
+    network = square_network(3, 3)
+    horizontal = np.abs(network.bond_vectors(network.positions)[:, 0]) > 0.5
+    return critical_configuration(network, horizontal.astype(float), network.positions)
+
+
+@pytest.fixture(scope="module")
+def slack():
+    """A Voronoi network whose rest lengths vary so much that edges are slack."""
+    network = voronoi_network(n_vertices=60, seed=3)
+    lengths = 1 + 0.3 * np.random.default_rng(0).standard_normal(network.n_edges).clip(-2, 2)
+    return critical_from_lengths(network, lengths, throw=False).value
+
+
+def test_without_slack_edges_the_backbone_is_the_configuration():
+    network = voronoi_network(n_vertices=20, seed=1)
+    critical = critical_configuration(network, np.ones(network.n_edges), network.positions)
+    bone = backbone(critical)
+    assert bone.configuration is critical
+    assert bone.n_slack == 0
+    assert bone.stressed_fraction == 1
+    assert bone.n_cables == network.n_edges
+    assert len(bone.floppy_vertices) == 0
+
+
+def test_the_backbone_keeps_bond_vectors_balance_and_bounds(slack):
+    bone = backbone(slack)
+    part = bone.configuration
+    assert bone.n_slack == np.count_nonzero(slack.sigma == 0) > 0
+    assert np.array_equal(part.bond_vectors, slack.bond_vectors[bone.taut])
+    assert np.array_equal(part.bond_errors, slack.bond_errors[bone.taut])
+    assert np.sum(part.sigma**2) == pytest.approx(bone.network.n_edges, rel=1e-14)
+    np.testing.assert_allclose(bone.network.bond_vectors(part.coordinates), part.bond_vectors, rtol=0, atol=1e-13)
+    assert part.residual < 1e-13
+    # Every vertex is floppy or part of the backbone.
+    assert len(bone.floppy_vertices) + bone.network.n_vertices == slack.network.n_vertices
+
+
+def test_a_chain_between_pins_is_one_cable_and_pins_outside_are_left_out():
+    bone = backbone(hung())
+    assert bone.n_cables == 1
+    assert bone.component.edges.tolist() == [0, 1]
+    assert bone.component.vertices.tolist() == [0, 1, 3]
+    assert sorted(bone.network.pins) == [0, 1]
+    assert np.array_equal(bone.configuration.coordinates, HUNG_COORDINATES[[0, 1, 3]])
+    assert bone.floppy_vertices.tolist() == [2, 4]
+
+
+def test_disconnected_taut_parts_are_components():
+    critical = rows()
+    bone = backbone(critical)
+    assert [component.n_cables for component in bone.components] == [1, 1, 1]
+    assert bone.n_cables == 3
+    for component in bone.components:
+        # A component without pins is grounded at its first vertex.
+        assert not component.configuration.coordinates[0].any()
+        assert component.configuration.residual < 1e-14
+    with pytest.raises(InputError, match="3 components"):
+        bone.configuration  # noqa: B018
+
+
+def test_cables_end_at_junctions_and_pins():
+    # Two chains between the junctions 0 and 3, and an edge that closes over the boundary.
+    edges = [[0, 1], [1, 3], [0, 2], [2, 3], [3, 0]]
+    network = Network(edges, [[0, 0]] * 4 + [[1, 0]], np.eye(2))
+    cables = chains(network)
+    assert cables[0] == cables[1]
+    assert cables[2] == cables[3]
+    assert len(set(cables)) == 3
+    assert len(set(chains(Network(edges[:4], pins={1: [0, 1], 2: [0, 0]})))) == 4 - 2
+
+
+@pytest.mark.parametrize(
+    ("sigma", "word"),
+    [([0.0, 0, 0, 0], "zero"), ([np.nan, 1, 1, 1], "finite"), ([1.0, 1, 1, 0], "vertex 4")],
+    ids=["no stress", "NaN", "end of a single edge"],
+)
+def test_stresses_without_a_backbone_are_refused(sigma, word):
+    L = HUNG.bond_vectors(HUNG_COORDINATES)
+    with pytest.raises(InputError, match=word):
+        backbone(CriticalConfiguration(HUNG, np.array(sigma), HUNG_COORDINATES, L))
+
+
+def test_an_edge_between_images_of_one_vertex_has_no_backbone_of_its_own():
+    network = Network([[0, 0], [0, 1], [1, 0]], [[1, 0], [0, 0], [0, 1]], np.eye(2))
+    with pytest.raises(InputError, match="divide"):
+        backbone(critical_configuration(network, np.array([1.0, 0, 0]), np.array([[0, 0], [0.1, 0.5]])))
