@@ -1,4 +1,8 @@
-"""The `critflow` command: arguments and messages only."""
+"""The `critflow` command: arguments and messages only.
+
+A command imports inside its function the modules that need xarray, dask or matplotlib: they take most of the start-up
+time, and worker processes import this module again.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +14,20 @@ import traceback
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
-from critflow.workflow.dataset import opened_dataset
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
 from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
 from critflow.workflow.provenance import code_version, timestamp
-from critflow.workflow.report import Report, write_report
-from critflow.workflow.run import RunResult, plan_run, run_study
-from critflow.workflow.show import case_title, choose_case, show_configuration
-from critflow.workflow.verify import verify_folder
-from critflow.workflow.workers import HOUR, Interrupted, Workers
+from critflow.workflow.tasks import HOUR, Interrupted
+
+if TYPE_CHECKING:
+    from critflow.workflow.report import Report
+    from critflow.workflow.run import RunPlan, RunResult
 
 FAILED_CASES = 3
 INTEGRITY = 4
@@ -133,6 +136,9 @@ def run(
 
     Its many parameters are the options of the command.
     """
+    from critflow.workflow.run import plan_run, run_study
+    from critflow.workflow.workers import Workers
+
     if out is not None and not (out.strip() and out.isprintable()):
         raise InputError("--out must be a non-empty path")
     timestamp()  # an invalid SOURCE_DATE_EPOCH is refused before the computation
@@ -147,7 +153,7 @@ def run(
     folder = Folder(Path(out) if out else Path("results") / loaded.study.name)
     folder.check_owner(loaded)
     if dry_run:
-        return _print_plan(loaded, requested, folder, retry_failed)
+        return _print_plan(loaded, requested, folder, plan_run(folder, requested, retry_failed))
     # For `history`: no folder and no address of this machine.
     words = ["critflow", "run", Path(study).name, *(f"--set={word}" for word in settings)]
     command = f"{shlex.join(words)} (in {place.place})"
@@ -155,8 +161,7 @@ def run(
     return _print_result(requested, folder, result)
 
 
-def _print_plan(loaded: StudyFile, requested: Selection, folder: Folder, retry_failed: bool) -> int:
-    plan = plan_run(folder, requested, retry_failed)
+def _print_plan(loaded: StudyFile, requested: Selection, folder: Folder, plan: RunPlan) -> int:
     count = f"{len(plan.todo)} of {requested.count} cases to compute"
     print(f"{loaded.study.name}: {requested.sizes}, {count}, into {folder.path}")
     for key, value in {**requested.parameters, "variables": requested.study.selected or "all"}.items():
@@ -238,6 +243,8 @@ def _status_record(selection: Selection, states: list, counts: dict[str, int], m
 @app.command()
 def verify(folder: FolderArgument) -> int:
     """Read every byte of a folder's cases and dataset, and recompute the physics from the stored arrays."""
+    from critflow.workflow.verify import verify_folder
+
     results = Folder(folder)
     found = verify_folder(results)
     for problem in found.problems:
@@ -256,6 +263,8 @@ def figures(
     format: Annotated[str, typer.Option(help="png, pdf or svg.")] = "png",
 ) -> None:
     """Draw the figures and write the claims again from the dataset of a folder."""
+    from critflow.workflow.report import write_report
+
     results = Folder(folder)
     _, selection = results.selection()
     _print_report(results, write_report(selection.study, results, format))
@@ -270,6 +279,9 @@ def show(
     ] = None,
 ) -> None:
     """Draw one configuration of a dataset, chosen by its labels, and print its certificate."""
+    from critflow.workflow.dataset import opened_dataset
+    from critflow.workflow.show import case_title, choose_case, show_configuration
+
     if file.is_dir():
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
     with opened_dataset(file) as dataset:

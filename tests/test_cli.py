@@ -165,7 +165,7 @@ def test_an_unexpected_error_is_one_line_and_its_traceback_on_request(results, c
     def surprise(*_):
         raise ZeroDivisionError("by zero")
 
-    monkeypatch.setattr("critflow.cli.verify_folder", surprise)
+    monkeypatch.setattr("critflow.workflow.verify.verify_folder", surprise)
     assert main(["verify", str(results)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "ZeroDivisionError: by zero" in line

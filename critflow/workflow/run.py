@@ -24,8 +24,8 @@ from critflow.workflow.plan import LONGEST, Case, Selection, spelled
 from critflow.workflow.provenance import code_version, environment, timestamp
 from critflow.workflow.report import Report, ReportError, write_report
 from critflow.workflow.store import delete_failure, read_shard
-from critflow.workflow.tasks import Job
-from critflow.workflow.workers import Interrupted, Task, Workers, compute, interruption
+from critflow.workflow.tasks import Interrupted, Job
+from critflow.workflow.workers import Task, Workers, compute, interruption
 
 _RESUME = "run the same command again to resume"
 

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
 
-from critflow.result import EnvironmentFailure, IntegrityError, Status, StudyError
+from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, Status, StudyError
 from critflow.workflow.folder import Folder
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import Case, spelled, words_of_case
@@ -30,9 +30,14 @@ from critflow.workflow.provenance import code_version, libraries
 from critflow.workflow.store import delete_failure, failure_path, last_line, read_shard, write_shard, write_text
 from critflow.workflow.study import Study
 
+HOUR = 3600.0
 _LONGEST_ERROR = 20_000  # characters
 # BLAS threads, the netCDF library and the timer of the interpreter belong to the whole process.
 _one_at_a_time = threading.Lock()
+
+
+class Interrupted(CritflowError):
+    """The run was stopped; all cases computed before are stored."""
 
 
 class Outcome(NamedTuple):

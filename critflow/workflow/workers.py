@@ -33,15 +33,14 @@ from distributed import Client, Future, LocalCluster, as_completed
 from distributed.scheduler import KilledWorker, NoWorkerError
 from distributed.security import Security
 
-from critflow.result import CritflowError, EnvironmentFailure, InputError
+from critflow.result import EnvironmentFailure, InputError
 from critflow.workflow.folder import Folder
 from critflow.workflow.study import nearest
-from critflow.workflow.tasks import Job, Outcome, record_failure, run_cases, take_trace
+from critflow.workflow.tasks import HOUR, Job, Outcome, record_failure, run_cases, take_trace
 
 Task = Sequence[Mapping[str, int | str]]  # axis values of some cases
 
 ATTEMPTS = 3
-HOUR = 3600.0
 # Modules of dask-jobqueue; the jobs of "local" are processes of this machine, for a trial without a queue.
 CLUSTERS = ("slurm", "pbs", "sge", "lsf", "oar", "moab", "htcondor", "local")
 
@@ -49,10 +48,6 @@ _GRACE = 60.0  # seconds beyond the time limit before the scheduler restarts a s
 _WORKERS_START = 60.0  # seconds: local workers that died are back earlier
 _UNEXPLAINED = 20  # deaths in a row without a running case: the workers cannot start
 _NO_DASHBOARD: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
-
-
-class Interrupted(CritflowError):
-    """The run was stopped; all cases computed before are stored."""
 
 
 @contextmanager
