@@ -23,6 +23,7 @@ from critflow.mechanics.springs import spring_state
 from critflow.mechanics.stiffening import stiffening
 from critflow.mechanics.strain_path import strain_path
 from critflow.networks.deformation import DEFORMATIONS, Deformation, deformation_of
+from critflow.networks.dilution import diluted
 from critflow.networks.lattices import (
     cubic_network,
     diamond_network,
@@ -32,6 +33,7 @@ from critflow.networks.lattices import (
     triangular_network,
 )
 from critflow.networks.network import Network
+from critflow.networks.pruning import Pruned, prune, pruned_network
 from critflow.networks.random_networks import (
     foam_network,
     three_bar_linkage,
@@ -73,6 +75,7 @@ __all__ = [
     "Objective",
     "Optimum",
     "PowerLaw",
+    "Pruned",
     "SignedStress",
     "Solution",
     "SolveError",
@@ -96,6 +99,7 @@ __all__ = [
     "cubic_network",
     "deformation_of",
     "diamond_network",
+    "diluted",
     "elastic_moduli",
     "equilibrium",
     "face_modes",
@@ -114,6 +118,8 @@ __all__ = [
     "perimeter_moduli",
     "perimeter_state",
     "principal_curvatures",
+    "prune",
+    "pruned_network",
     "random_sequential_addition",
     "rigidity",
     "second_order_rigidity",

@@ -35,6 +35,7 @@ class Network:
     pins       vertex -> fixed position (d,); the pins leave the unknowns
     positions  (N_v, d) any embedding, to draw or to start from; not part of the physics
     faces      the polygons of a planar network, if known
+    note       a sentence about its making, such as the edges that were removed
 
     Raises `NetworkError` when no positive stress could give every edge a length.
     """
@@ -48,6 +49,7 @@ class Network:
     n_vertices: int = 0
     positions: Array | None = None
     faces: Faces | None = field(default=None, repr=False)
+    note: str = field(default="", repr=False)
 
     def __post_init__(self) -> None:
         edges = _integers(self.edges, "edges")
@@ -70,7 +72,8 @@ class Network:
         if positions is not None and positions.shape != (n_vertices, dimension):
             raise NetworkError(f"positions must have shape {(n_vertices, dimension)}, not {positions.shape}")
         _check_values(stiffness, len(edges), cell, pins, n_vertices)
-        _check_graph(edges, offsets, pins, n_vertices)
+        _check_edges(edges, offsets, n_vertices)
+        self._check_support(edges, pins, n_vertices)
 
         arrays = (
             ("edges", edges),
@@ -85,6 +88,11 @@ class Network:
             object.__setattr__(self, name, array)
         object.__setattr__(self, "pins", pins)
         object.__setattr__(self, "n_vertices", n_vertices)
+
+    @staticmethod
+    def _check_support(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
+        _check_degrees(edges, pins, n_vertices)
+        _check_connection(edges, pins, n_vertices)
 
     # Sizes
 
@@ -263,7 +271,7 @@ def _check_values(
             raise NetworkError(f"the position of pin {vertex} is not finite: give {len(position)} numbers")
 
 
-def _check_graph(edges: IntArray, offsets: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
+def _check_edges(edges: IntArray, offsets: IntArray, n_vertices: int) -> None:
     missing = (edges < 0) | (edges >= n_vertices)
     if missing.any():
         edge = int(np.flatnonzero(missing.any(axis=1))[0])
@@ -275,13 +283,19 @@ def _check_graph(edges: IntArray, offsets: IntArray, pins: Mapping[int, Array], 
     if loops.any():
         edge = int(np.flatnonzero(loops)[0])
         raise NetworkError(f"edge {edge} joins vertex {edges[edge, 0]} to itself, which has no length: remove it")
+
+
+def _check_degrees(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
     if len(pins) == n_vertices or n_vertices == 1:
         raise NetworkError("no vertex is free to move, so there is nothing to find: add vertices or remove pins")
     degree = np.bincount(edges.ravel(), minlength=n_vertices)
     loose = [int(i) for i in np.flatnonzero(degree <= 1) if i not in pins]
     if loose:
         support = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
-        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it")
+        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned_network")
+
+
+def _check_connection(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
     tail, head = edges.T
     # All pins belong to one support, so they count as joined.
     anchors = np.fromiter(pins, int, len(pins))
@@ -292,5 +306,5 @@ def _check_graph(edges: IntArray, offsets: IntArray, pins: Mapping[int, Array], 
         stray = int(np.flatnonzero(part != part[0])[0])
         raise NetworkError(
             f"the network falls into {n_parts} parts that no edge joins (vertices 0 and {stray} are in two of them): "
-            "keep one part, or make a network of each"
+            "keep one part (pruned_network keeps the largest), or make a network of each"
         )
