@@ -18,7 +18,8 @@ from critflow.precision.residual import Displacement, inverse_norm
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.minimize import Fire, Function, Point, minimise
 
-_NEWTON_STEPS, _FIRE_STEPS = 200, 200_000
+NEWTON_STEPS = 200
+_FIRE_STEPS = 200_000
 
 # Where the error of an answer cannot be bounded, its tolerance is multiplied by this and Newton's method continues.
 _REFINEMENT = 1e-3
@@ -96,12 +97,12 @@ def _by_newton(
     state: State, pattern: FixedPattern, tolerance: float, max_steps: int | None
 ) -> tuple[Equilibrium[State], Factor | None]:
     tolerance = min(tolerance, LOOSEST_TOLERANCE)
-    end = newton(state, tolerance, _NEWTON_STEPS if max_steps is None else max_steps, pattern)
+    end = newton(state, tolerance, NEWTON_STEPS if max_steps is None else max_steps, pattern)
     stats = Stats("newton", end.steps, residual=end.state.max_force)
     solution = Equilibrium(end.state, end.status, stats, indefinite=end.indefinite)
     if not solution.ok:
         return _with_collapse(solution), None
-    bounded, nearby = _bounded(solution, pattern, end.factor, corrected=True)
+    bounded, nearby = with_bounds(solution, pattern, end.factor, corrected=True)
     if bounded.ok or tolerance <= FINEST_TOLERANCE:
         return bounded, nearby
     # Too far from equilibrium for corrections by one factor: continue with factors at new states.
@@ -125,7 +126,7 @@ def _by_fire(state: State, pattern: FixedPattern, tolerance: float, max_steps: i
     solution = Equilibrium(final, end.status, Stats("fire", end.steps, residual=end.point.residual))
     if not solution.ok:
         return _with_collapse(solution)
-    bounded, _ = _bounded(solution, pattern, None, corrected=False)
+    bounded, _ = with_bounds(solution, pattern, None, corrected=False)
     if bounded.ok or tolerance <= FINEST_TOLERANCE:
         return bounded
     finer, _ = _by_newton(final, pattern, max(_REFINEMENT * tolerance, FINEST_TOLERANCE), None)
@@ -154,7 +155,7 @@ def _compared(rough: Equilibrium[State], bounded: Equilibrium[State], exact: Equ
     return replace(rough, stats=replace(bounded.stats, error_bound=bound, condition=condition))
 
 
-def _bounded(
+def with_bounds(
     solution: Equilibrium[State], pattern: FixedPattern, factor: Factor | None, corrected: bool
 ) -> tuple[Equilibrium[State], Factor]:
     """An equilibrium with its distance to the exact one, moved onto it if `corrected`, and the factor used.

@@ -129,9 +129,13 @@ class ElasticState(ABC):
 
     def deformed(self: State, gradient: Array) -> State:
         """The state after the affine deformation F of boundary and vertices, with the same springs."""
+        return self.deformed_to(self.network.deformed(gradient), gradient)
+
+    def deformed_to(self: State, network: Network, gradient: Array) -> State:
+        """As `deformed`, in a network that has the deformed boundary: many steps accumulate rounding in the cell."""
         return replace(  # type: ignore[type-var]
             self,
-            network=self.network.deformed(gradient),
+            network=network,
             coordinates=self.coordinates @ gradient.T,
             bond_vectors=self.bond_vectors @ gradient.T,
         )
@@ -207,10 +211,16 @@ class SpringState(ElasticState):
         return pattern.factorize(edge_blocks(self.modified_stiffness, self.bond_vectors, self.sigma), shift)
 
     def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
-        # E'' n nᵀ + max(σ, 0)(1 − n nᵀ): the softening by compressed edges, σ < 0, is left out.
+        axial, isotropic = self.convex_parts()
+        return pattern.factorize(edge_blocks(axial, self.bond_vectors, isotropic), shift)
+
+    def convex_parts(self) -> tuple[Array, Array]:
+        """(N_b,) each: c and t of the convex part c L Lᵀ + t 1 = E'' n nᵀ + max(σ, 0)(1 − n nᵀ) of every edge.
+
+        The softening by compressed edges, σ < 0, is left out.
+        """
         tension = np.maximum(self.sigma, 0.0)
-        longitudinal = (np.maximum(self.edge_stiffness, 0.0) - tension) / self.lengths**2
-        return pattern.factorize(edge_blocks(longitudinal, self.bond_vectors, tension), shift)
+        return (np.maximum(self.edge_stiffness, 0.0) - tension) / self.lengths**2, tension
 
 
 def spring_state(

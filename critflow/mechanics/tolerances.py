@@ -25,6 +25,10 @@ EXPECTED_STEPS, EXPECTED_DISTANCE
 DOUBTED_DISTANCE, RETURN_DISTANCE
                        Ends further than the first from the prediction are accepted if the step back ends within the
                        second of the start: beyond a fold it ends on another branch, a distance of order one away.
+BALANCED_START         Largest force of a state from which a path starts, in units of stiffness times length: the first
+                       relaxation removes rounding, and a larger force would hide a jump.
+LOOSENING_WORK         Work rate of the stress at the transition, relative to its size, above which the sign of a strain
+                       decides between rigid and floppy; of smaller ones, second order and rounding may decide.
 
 Moduli and coefficients
 
@@ -61,6 +65,7 @@ COLLAPSING_LENGTH = 1e-3
 
 EXPECTED_STEPS, EXPECTED_DISTANCE = 10, 0.05
 DOUBTED_DISTANCE, RETURN_DISTANCE = 1e-3, 1e-6
+BALANCED_START, LOOSENING_WORK = 1e-6, 1e-9
 
 TRUSTED_ERROR = 0.1
 CONSISTENT_RESPONSE = 1e-9

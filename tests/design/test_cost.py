@@ -27,7 +27,7 @@ from critflow.mechanics.moduli import linear_response
 NETWORKS = {"planar": voronoi_network(60, seed=1), "foam": foam_network(60, seed=1)}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]
 # The package calls functions by the names of these modules.
-OPTIMIZE, PATH = sys.modules["critflow.design.optimize"], sys.modules["critflow.mechanics.strain_path"]
+OPTIMIZE, PATH = sys.modules["critflow.design.optimize"], sys.modules["critflow.mechanics.continuation"]
 
 
 @pytest.fixture(params=NETWORKS)

@@ -10,19 +10,27 @@ from problems import (
     random_stress,
     with_random_stiffness,
 )
+from scipy.optimize import minimize, minimize_scalar
 
 from critflow import (
+    DEFORMATIONS,
     CriticalManifold,
+    Deformation,
     InputError,
+    Network,
     PowerLaw,
     SolveError,
     Status,
     WormLike,
+    deformation_of,
     equilibrium,
+    honeycomb_network,
     spring_state,
     strain_path,
+    triangular_network,
 )
 from critflow import voronoi_network as voronoi
+from critflow.mechanics.free_cell import stretched
 from workflows.benchmarks import reference
 
 STRAINS = np.array([1e-6, 1e-5, 1e-4, 0.001, 0.002, 0.003, 0.01, 0.05])
@@ -113,7 +121,9 @@ def test_failed_path_names_the_strain():
         strain_path(critical.network, critical, [0.001, 0.002], tolerance=1e-30)
 
 
-@pytest.mark.parametrize("strains", [[], [0.002, 0.001], [-0.001], [0.0, 0.001], [np.nan], [0.001, 0.001], [np.inf]])
+@pytest.mark.parametrize(
+    "strains", [[], [0.002, 0.001], [-0.001, 0.001], [-0.001, -0.001], [0.0, 0.001], [np.nan], [0.001, 0.001], [np.inf]]
+)
 def test_bad_strains(strains):
     with pytest.raises(InputError, match=r"0\.001"):
         strain_path(voronoi(12, seed=1), critical_of(voronoi(12, seed=1)), strains)
@@ -237,3 +247,130 @@ def test_bounds_of_paths():
         shear = path.shear_modulus_error[n]
         found += bounds_over_errors(values, (path.bulk_modulus_error[n], shear, shear), exact_moduli(state))
     assert np.median(found) < 100
+
+
+def stiff_lattice(seed=1):
+    """A triangular lattice under random stress of both signs, in equilibrium."""
+    network, rng = with_random_stiffness(triangular_network(4, 4), seed), np.random.default_rng(seed)
+    at_rest = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    rest = at_rest * (1 + 0.02 * rng.standard_normal(network.n_edges))
+    return equilibrium(spring_state(network, rest, network.positions)).value
+
+
+def curving(strain):
+    """F(γ) that curves, rotates and changes the volume."""
+    return np.array([[np.exp(strain), strain], [0.3 * strain**2, 1.0]])
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("deformation", [*DEFORMATIONS, np.array([[0.3, 0.2], [-0.5, 0.1]]), curving], ids=str)
+def test_modulus_and_stress_are_derivatives_of_the_relaxed_energy(deformation, sign):
+    state = stiff_lattice()
+    h = 1e-3
+    strains = sign * h * np.arange(7)
+    path = strain_path(state.network, state, strains, deformation=deformation).value
+    F = path.deformation
+    E, volume = path.energy, np.array([one.network.volume for one in path.states])
+    n = 3
+    # Sixth order.
+    first = sign * (E[n + 3] - 9 * E[n + 2] + 45 * E[n + 1] - 45 * E[n - 1] + 9 * E[n - 2] - E[n - 3]) / (60 * h)
+    second = np.array([2, -27, 270, -490, 270, -27, 2]) @ E / (180 * h**2)
+    assert path.modulus[n] == pytest.approx(second / volume[n], rel=1e-7)
+    # The work of the stress: free components do none.
+    S = stretched(path.free_components[n], F.free_strains)
+    rate = S @ F.velocity(strains[n]) @ np.linalg.inv(S)
+    assert volume[n] * np.sum(path.stress[n] * rate) == pytest.approx(first, rel=1e-9, abs=1e-12)
+    for strain, q, one in zip(strains, path.free_components, path.states, strict=True):
+        boundary = state.network.boundary_vectors @ (stretched(q, F.free_strains) @ F.gradient(strain)).T
+        np.testing.assert_allclose(one.network.boundary_vectors, boundary, rtol=0, atol=1e-14)
+    assert not path.inserted.any() and path.steps.max() <= 4
+
+
+def test_free_sides_minimise_the_energy():
+    # Against golden-section search over the lateral strain, each point relaxed at fixed sides.
+    state = stiff_lattice(2)
+    path = strain_path(state.network, state, [0.05], deformation="uniaxial_free").value
+
+    def energy(q):
+        F = np.diag([1.05, 1 + q])
+        return equilibrium(state.deformed(F)).value.energy
+
+    found = minimize_scalar(energy, bracket=(-0.05, 0.0, 0.05), tol=1e-10)
+    # The energy is quadratic in the error of q.
+    assert path.free_components[0, 0] == pytest.approx(found.x, abs=1e-7)
+    assert path.energy[0] == pytest.approx(found.fun, rel=1e-13)
+    assert abs(path.stress[0, 1, 1]) < 1e-14 and path.stress[0, 0, 0] > 0.03
+    assert 0 < path.coordinate_error[0] < 1e-13
+
+
+def test_free_cell_in_space_has_no_stress():
+    offsets = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1], [1, 1, 1]]
+    sites = np.array(list(np.ndindex(2, 2, 2)))
+    heads = sites[:, None] + offsets
+    edges = [
+        [4 * a + 2 * b + c, 4 * (i % 2) + 2 * (j % 2) + k % 2]
+        for (a, b, c), row in zip(sites, heads, strict=True)
+        for i, j, k in row
+    ]
+    network = Network(edges, heads.reshape(-1, 3) // 2, 2 * np.eye(3), positions=sites)
+    network = with_random_stiffness(network, 1)
+    at_rest = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    state = equilibrium(spring_state(network, 0.98 * at_rest, network.positions)).value
+    deformation = Deformation.uniaxial(3, sides="free").freeing("yy", "zz", "xy")
+    path = strain_path(network, state, [0.0, 0.02, 0.05], deformation=deformation).value
+    assert path.free_components.shape == (3, 3)
+    assert (path.stress[1:, 0, 0] > 0.01).all()
+    for stress, q in zip(path.stress, path.free_components, strict=True):
+        # Of the boundary (1 + Σ q E) F b the stress does the work V Σ_ij S_ij A_ij with A = E (1 + Σ q E)⁻¹.
+        rates = deformation.free_strains @ np.linalg.inv(stretched(q, deformation.free_strains))
+        np.testing.assert_allclose(np.einsum("ij,mij->m", stress, rates), 0, atol=1e-14)
+
+
+@pytest.mark.parametrize("deformation", ["simple_shear", "pure_shear", "uniaxial", "uniaxial_free"])
+def test_the_path_back_returns_to_its_start(deformation):
+    state = stiff_lattice(3)
+    F = deformation_of(deformation, 2)
+    there = strain_path(state.network, state, [0.02, 0.04], deformation=F).value
+    total = stretched(there.free_components[-1], F.free_strains) @ F.gradient(0.04)
+
+    last = there.states[-1]
+    back = strain_path(last.network, last, [0.5, 1.0], deformation=np.linalg.inv(total) - np.eye(2)).value
+    np.testing.assert_allclose(back.states[-1].bond_vectors, state.bond_vectors, rtol=0, atol=1e-13)
+    assert back.energy[-1] == pytest.approx(state.energy, rel=1e-11)
+
+
+@pytest.mark.parametrize("gamma", [0.01, 0.1, 0.3])
+def test_honeycomb_from_its_transition(gamma):
+    # Uniform: two vertices a cell; the energy of three edges, minimal over the one relative position.
+    network = honeycomb_network(2, 2)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    for deformation in ("dilation", "simple_shear", "pure_shear", "uniaxial"):
+        path = strain_path(network, critical, [gamma], deformation=deformation).value
+        F = path.deformation.gradient(gamma)
+        directions = np.unique(np.round(critical.bond_vectors, 12), axis=0)
+        assert len(directions) == 3, "all edges point from one sublattice to the other"
+        length = critical.lengths[0]
+
+        def energy(u, edges=directions @ F.T, length=length):
+            return 0.5 * np.sum((np.linalg.norm(edges + u, axis=1) - length) ** 2)
+
+        found = minimize(energy, np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-16})
+        assert path.energy[0] == pytest.approx(network.n_edges / 3 * found.fun, rel=1e-8)
+
+
+def test_a_strain_that_loosens_is_floppy():
+    critical = critical_of(voronoi(12, seed=1))
+    solution = strain_path(critical.network, critical, [-0.01, -0.02], throw=False)
+    assert solution.status is Status.floppy
+    assert solution.value.status.tolist() == [Status.floppy, Status.missing]
+    assert np.isnan(solution.value.energy).all() and solution.stats.steps == 0
+
+
+def test_pins_follow_the_deformation():
+    # Two springs in series on a line of pins: each takes half of the elongation.
+    network = Network([[0, 1], [1, 2], [1, 3], [1, 4]], pins={0: [-1, 0], 2: [1, 0], 3: [0, 1], 4: [0, -1]})
+    state = spring_state(network, np.full(4, 0.5), np.array([[-1, 0], [0, 0], [1, 0], [0, 1], [0, -1.0]]))
+    path = strain_path(network, state, [0.0, 0.1, 0.2], deformation="uniaxial").value
+    np.testing.assert_allclose(path.energy, (0.5 + path.strains) ** 2 + 0.25, rtol=1e-14)
+    np.testing.assert_allclose(path.modulus, 2.0, rtol=1e-13)
+    assert np.isnan(path.bulk_modulus).all()

@@ -1,0 +1,283 @@
+"""Numerical continuation of equilibria in strain: predictor, steps of variable length, and checks of the branch.
+
+States are followed in coordinates y that move with the cell, x = (1 + Σ q E) F(γ) y, together with the free components
+q of the cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from critflow.linalg.factor import Factor, FixedPattern
+from critflow.mechanics.equilibrium import Equilibrium, relaxed
+from critflow.mechanics.free_cell import FreeCellState, relaxed_with_cell, stretched
+from critflow.mechanics.moduli import NO_MODULI, Moduli, linear_response
+from critflow.mechanics.springs import SpringState
+from critflow.mechanics.tangent import Tangent, path_rates, relaxations_to, tangent
+from critflow.mechanics.tolerances import DOUBTED_DISTANCE, EXPECTED_DISTANCE, EXPECTED_STEPS, RETURN_DISTANCE
+from critflow.networks.deformation import Deformation
+from critflow.networks.network import Array, Network
+from critflow.result import Status
+
+# Part of the strain interval below which a step is not divided further.
+_SMALLEST_PART = 2.0**-16
+# A step that covers this part of the remaining interval ends at the requested strain, not a rounding next to it.
+_WHOLE = 0.999
+# Beyond this number of previous steps ahead a polynomial extrapolates worse than a straight line.
+_FARTHEST = 2
+
+_JUMPED = "the equilibrium jumps to another branch: the one followed ends before this strain"
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """End of one step, from which the continuation proceeds if it is accepted.
+
+    curable   a smaller step may succeed where this one failed
+    velocity  d(y, q)/dγ (n_free·d + m,); None where it was not computed
+    stretch   free components q (m,)
+    tangent, moduli, moduli_error, coordinate_error  measured at the end, with error bounds
+    """
+
+    strain: float
+    state: SpringState
+    stretch: Array
+    iterations: int
+    status: Status = Status.ok
+    note: str = ""
+    curable: bool = True
+    velocity: Array | None = None
+    tangent: Tangent | None = None
+    moduli: Moduli = NO_MODULI
+    moduli_error: Moduli = NO_MODULI
+    coordinate_error: float = np.nan
+
+    @property
+    def ok(self) -> bool:
+        return self.status is Status.ok
+
+
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """The last step towards one strain, the iterations of all steps to it, and the accepted ones before the last."""
+
+    end: Step
+    iterations: int
+    inserted: int
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxer:
+    """Options of the relaxation at each strain, which are those of `strain_path`."""
+
+    method: str
+    tolerance: float
+    with_moduli: bool
+    pattern: FixedPattern
+
+
+@dataclass(eq=False)
+class Continuation:
+    """The last accepted state, the predictor and the length of the next step.
+
+    state    at the start of the path, γ = 0 and q = 0
+    regular  whether the start is an isolated equilibrium, to which steps can return; not at a transition
+    """
+
+    state: SpringState
+    deformation: Deformation
+    relaxer: Relaxer
+    regular: bool = False
+    strain: float = 0.0
+    stride: float = np.inf
+    reference: Network = field(init=False)
+    stretch: Array = field(init=False)
+    predictor: _Predictor = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.reference, self.stretch = self.state.network, np.zeros(len(self.deformation.free))
+        self.predictor = _Predictor(self._point(self.state, 0.0, self.stretch))
+
+    def begin(self) -> Arrival:
+        """Relax at γ = 0, where free components of the cell may have stress and velocities are unknown."""
+        step = self._step(0.0)
+        if step.ok:
+            self.state, self.stretch, self.regular = step.state, step.stretch, True
+            self.predictor = _Predictor(self._point(step.state, 0.0, step.stretch), step.velocity)
+        return Arrival(step, step.iterations, 0)
+
+    def refused(self, strain: float, status: Status, note: str) -> Arrival:
+        """The end of the path before a strain, without a step."""
+        return Arrival(Step(strain, self.state, self.stretch, 0, status, note), 0, 0)
+
+    def advance(self, strain: float) -> Arrival:
+        """Proceed to a strain by steps that halve after failures and double after successes."""
+        whole = abs(strain - self.strain)
+        self.stride = max(self.stride, _SMALLEST_PART * whole)
+        iterations = inserted = 0
+        while True:
+            left = abs(strain - self.strain)
+            ahead = min(self.stride, left)
+            target = strain if ahead >= _WHOLE * left else self.strain + np.copysign(ahead, strain - self.strain)
+            step = self._step(target)
+            iterations += step.iterations
+            if step.ok:
+                self._accept(step)
+                if target == strain:
+                    self.stride *= 2 if ahead == self.stride else 1
+                    break
+                inserted += 1
+                self.stride = 2 * ahead
+            elif step.curable and 0.5 * ahead >= _SMALLEST_PART * whole:
+                self.stride = 0.5 * ahead
+            else:
+                break
+        return Arrival(step, iterations, inserted)
+
+    def _step(self, strain: float) -> Step:
+        """One step to a strain, which leaves the continuation unchanged."""
+        start, q = self._predicted(strain)
+        solution, factor, q = self._relaxed(start, strain, q)
+        state, n = solution.value, solution.stats.steps
+        if not solution.ok:
+            # FIRE at its step limit gains nothing from smaller strain steps.
+            curable = self.relaxer.method != "fire" or solution.status is not Status.step_limit
+            return Step(strain, state, q, n, solution.status, solution.reason, curable)
+        unique = _unique(state)
+        if not (unique or self._expected(start, solution)):
+            return Step(strain, state, q, n, Status.unstable, _JUMPED)
+        moduli, errors, along, velocity = NO_MODULI, NO_MODULI, None, None
+        if self.relaxer.with_moduli:
+            if state.network.cell is not None:
+                response = linear_response(state, self.relaxer.pattern, self.relaxer.method == "newton", factor)
+                if not response.ok:
+                    return Step(strain, state, q, n, response.status, response.reason)
+                moduli, errors = response.value, response.stats.error_bound
+            along = self._tangent(state, strain, q, factor)
+            back = np.linalg.inv(self._gradient(strain, q))
+            velocity = np.concatenate([(along.relaxation @ back.T).ravel(), along.stretch_rate])
+        if not (unique or self._returns(start, state, strain, q, velocity)):
+            return Step(strain, state, q, n, Status.unstable, _JUMPED)
+        return Step(
+            strain,
+            state,
+            q,
+            n,
+            velocity=velocity,
+            tangent=along,
+            moduli=moduli,
+            moduli_error=errors,
+            coordinate_error=solution.stats.error_bound,
+        )
+
+    def _relaxed(
+        self, start: SpringState, strain: float, q: Array
+    ) -> tuple[Equilibrium[SpringState], Factor | None, Array]:
+        """The equilibrium at a strain, a factor of the Hessian near it, and the free components."""
+        relaxer = self.relaxer
+        if not len(q):
+            return *relaxed(start, relaxer.pattern, relaxer.method, relaxer.tolerance), q
+        free = FreeCellState.of(start, q, self.deformation.free_strains)
+        gradient = self.deformation.gradient(strain)
+        return relaxed_with_cell(free, self.reference, gradient, relaxer.pattern, relaxer.tolerance)
+
+    def _tangent(self, state: SpringState, strain: float, q: Array, factor: Factor | None) -> Tangent:
+        rates, second_rates = path_rates(self.deformation, strain, q)
+        factor = factor or state.factorize(self.relaxer.pattern)
+        return tangent(state, rates, second_rates, relaxations_to(state, factor, rates))
+
+    def _accept(self, step: Step) -> None:
+        self.strain, self.state, self.stretch = step.strain, step.state, step.stretch
+        self.predictor.add(step.strain, self._point(step.state, step.strain, step.stretch), step.velocity)
+
+    def _gradient(self, strain: float, q: Array) -> Array:
+        """(1 + Σ q E) F(γ), (d, d)."""
+        F = self.deformation.gradient(strain)
+        return stretched(q, self.deformation.free_strains) @ F if len(q) else F
+
+    def _point(self, state: SpringState, strain: float, q: Array) -> Array:
+        """(y, q) of a state, (n_free·d + m,)."""
+        back = np.linalg.inv(self._gradient(strain, q))
+        return np.concatenate([(state.coordinates[state.network.free] @ back.T).ravel(), q])
+
+    def _predicted(self, strain: float) -> tuple[SpringState, Array]:
+        """The last state moved to a strain affinely and by the predictor, and the free components."""
+        return self._moved(self.state, (self.strain, self.stretch), strain, self.predictor.displacement(strain))
+
+    def _moved(
+        self, state: SpringState, at: tuple[float, Array], strain: float, displacement: Array
+    ) -> tuple[SpringState, Array]:
+        """A state at (γ, q) after a change of (y, q) and of the strain."""
+        m, d = len(self.stretch), self.reference.dimension
+        n = len(displacement) - m
+        q = at[1] + displacement[n:]
+        if m and not np.linalg.det(stretched(q, self.deformation.free_strains)) > 0:
+            q = at[1]
+        before, after = self._gradient(*at), self._gradient(strain, q)
+        state = state.moved(displacement[:n].reshape(-1, d) @ before.T)
+        return state.deformed_to(self.reference.deformed(after), after @ np.linalg.inv(before)), q
+
+    def _expected(self, start: SpringState, solution: Equilibrium[SpringState]) -> bool:
+        """Whether the relaxation ended near its prediction, after few steps and no indefinite Hessian."""
+        few = self.relaxer.method != "newton" or solution.stats.steps <= EXPECTED_STEPS
+        return few and not solution.indefinite and _distance(start, solution.value) <= EXPECTED_DISTANCE
+
+    def _returns(self, start: SpringState, state: SpringState, strain: float, q: Array, velocity: Array | None) -> bool:
+        """Whether the step back ends at the last state, which it does not from beyond a fold."""
+        if (self.strain == 0.0 and not self.regular) or _distance(start, state) <= DOUBTED_DISTANCE:
+            return True
+        change = np.zeros(len(self.predictor.last)) if velocity is None else (self.strain - strain) * velocity
+        back, q = self._moved(state, (strain, q), self.strain, change)
+        solution, _, _ = self._relaxed(back, self.strain, q)
+        return solution.ok and _distance(solution.value, self.state) <= RETURN_DISTANCE
+
+
+def _unique(state: SpringState) -> bool:
+    """Whether the state is certainly the global minimum, and so on the branch formed by all taut states.
+
+    Replace each spring by a cable of the same law with zero energy below ℓ: the energy is then convex, also in the free
+    components of the cell, and nowhere above that of the springs.  A taut equilibrium is its minimum, where both
+    energies are equal.
+    """
+    return state.law.convex and bool((state.extension >= 0).all())
+
+
+def _distance(one: SpringState, other: SpringState) -> float:
+    """The largest difference of two states' bond vectors, in units of the mean length."""
+    return float(np.abs(one.bond_vectors - other.bond_vectors).max() / one.lengths.mean())
+
+
+class _Predictor:
+    """Extrapolates the path (y, q)(γ) from its last two points."""
+
+    def __init__(self, start: Array, velocity: Array | None = None):
+        self._points: list[tuple[float, Array, Array | None]] = [(0.0, start, velocity)]
+
+    @property
+    def last(self) -> Array:
+        """The last point (n,)."""
+        return self._points[-1][1]
+
+    def add(self, strain: float, y: Array, velocity: Array | None) -> None:
+        """Add a point of the path (n,) with its velocity dy/dγ; the last two are kept."""
+        self._points = [*self._points[-1:], (strain, y, velocity)]
+
+    def displacement(self, strain: float) -> Array:
+        """Extrapolated change of y from the last point: Hermite polynomial of the last points, up to third order."""
+        last, y, velocity = self._points[-1]
+        if velocity is None:
+            return np.zeros_like(y)
+        ahead = strain - last
+        earlier, y_earlier, velocity_earlier = self._points[0]
+        behind = last - earlier
+        if abs(ahead) > _FARTHEST * abs(behind):
+            return velocity * ahead
+        # y(last − t) = y − velocity t + a t² − b t³ with y and, if known, the velocity of the earlier point.
+        second = (y_earlier - y + velocity * behind) / behind**2
+        if velocity_earlier is None:
+            return velocity * ahead + second * ahead**2
+        change = (velocity - velocity_earlier) / behind
+        third = (change - 2 * second) / behind
+        return velocity * ahead + (second + third * behind) * ahead**2 + third * ahead**3

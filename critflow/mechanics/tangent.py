@@ -1,0 +1,109 @@
+"""The tangent of a strain path: velocities of vertices and free components, and the modulus along the path.
+
+With the cell b → (1 + Σ q E) F(γ) b, vertices x = (1 + Σ q E) F y + u and G = (1 + Σ q E)⁻¹, the strain γ and the
+free components have the rates A = (1 + Σ q E) F'F⁻¹ G and A_m = E_m G, and the second derivatives of the boundary
+b̈ = (1 + Σ q E) F''F⁻¹ G b and E_m F'F⁻¹ G b.  For rates a, b with relaxed bond rates L̇ = A L + g u and ḣ = L·L̇,
+    E_ab = Σ ḣ_a K ḣ_b + σ (L̇_a·L̇_b + L·L̈_ab);
+free components follow with q̇ = −E_mn⁻¹ E_nγ, and the modulus along the path is (E_γγ + E_γm q̇_m)/V.
+Antisymmetric parts of A only rotate, so their relaxation u is zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from critflow.linalg.factor import Factor
+from critflow.linalg.tolerances import EPS
+from critflow.mechanics.free_cell import stretched
+from critflow.mechanics.moduli import accumulated_rounding
+from critflow.mechanics.springs import SpringState
+from critflow.networks.deformation import Deformation
+from critflow.networks.network import Array
+
+# Corrections of a relaxation, and the part of it at which they stop.
+_MOST_CORRECTIONS, _CONVERGED = 4, 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """Derivatives along a path at one state.
+
+    relaxation    dx/dγ − Ȧx, (n_free, d): velocities relative to the affine motion of the cell
+    stretch_rate  dq/dγ, (m,)
+    second        d²E/dγ² of the relaxed energy, and its rounding error
+    """
+
+    relaxation: Array
+    stretch_rate: Array
+    second: float
+    second_error: float
+
+
+def path_rates(deformation: Deformation, strain: float, stretch: Array) -> tuple[Array, Array]:
+    """Rates (1 + m, d, d) of γ and of the free components, and L̈_γb/L for all b, (1 + m, d, d)."""
+    velocity, acceleration = deformation.velocity(strain), deformation.acceleration(strain)
+    E = deformation.free_strains
+    if not len(E):
+        return velocity[None], acceleration[None]
+    S = stretched(stretch, E)
+    G = np.linalg.inv(S)
+    rates = np.concatenate([(S @ velocity @ G)[None], E @ G])
+    return rates, np.concatenate([(S @ acceleration @ G)[None], E @ velocity @ G])
+
+
+def tangent(state: SpringState, rates: Array, second_rates: Array, relaxations: Array) -> Tangent:
+    """The tangent from the rates of the cell and the relaxations u (1 + m, n_free, d) to each of them."""
+    network, L, sigma, m = state.network, state.bond_vectors, state.sigma, len(rates) - 1
+    speeds = [L @ A.T + network.free_incidence @ u for A, u in zip(rates, relaxations, strict=True)]
+    hdots = [np.einsum("ad,ad->a", L, speed) for speed in speeds]
+    E = np.empty((1 + m, 1 + m))
+    for a in range(1 + m):
+        stress, _ = state.resistance(hdots[a])
+        for b in range(1 + m):
+            E[a, b] = stress @ hdots[b] + sigma @ np.einsum("ad,ad->a", speeds[a], speeds[b])
+    curved = [sigma * np.einsum("ad,ad->a", L, L @ A.T) for A in second_rates]
+    E[0] += [float(np.sum(one)) for one in curved]
+    E[1:, 0] = E[0, 1:]
+    rate = -_solved(E[1:, 1:], E[1:, 0]) if m else np.zeros(0)
+    weights = np.concatenate([[1.0], rate])
+    relaxation = np.tensordot(weights, relaxations, 1)
+    speed = np.tensordot(weights, np.array(speeds), 1)
+    second = float(E[0] @ weights)
+    error = accumulated_rounding(_edge_rounding(state, speed, relaxation) + 4 * EPS * np.abs(curved[0]))
+    return Tangent(relaxation, rate, second, error + 4 * EPS * abs(second))
+
+
+def relaxations_to(state: SpringState, factor: Factor, rates: Array) -> Array:
+    """u (n, n_free, d) with H u = −∂²E/∂x∂a for each rate (n, d, d) of the cell, refined to rounding."""
+    found = np.zeros((len(rates), *state.forces.shape))
+    L, sigma, network = state.bond_vectors, state.sigma, state.network
+    for u, A in zip(found, rates, strict=True):
+        # The antisymmetric part rotates all.
+        affine = 0.5 * (L @ (A + A.T))
+        for _ in range(_MOST_CORRECTIONS):
+            speed = affine + network.free_incidence @ u
+            stress, _ = state.resistance(np.einsum("ad,ad->a", L, speed))
+            force = -(network.divergence @ (stress[:, None] * L + sigma[:, None] * speed))
+            correction = factor.solve(force.ravel()).reshape(u.shape)
+            u += correction
+            if not np.abs(correction).max(initial=0.0) > _CONVERGED * np.abs(u).max(initial=0.0):
+                break
+    return found
+
+
+def _solved(matrix: Array, right_side: Array) -> Array:
+    """The least solution: free components that no stress resists do not follow."""
+    return np.asarray(np.linalg.lstsq(matrix, right_side, rcond=None)[0])
+
+
+def _edge_rounding(state: SpringState, speed: Array, u: Array) -> Array:
+    """Rounding error of each edge's part of d²E/dγ², (N_b,), as `linear_response` has it."""
+    network, sigma, length = state.network, state.sigma, state.lengths
+    stress, _ = state.resistance(np.einsum("ad,ad->a", state.bond_vectors, speed))
+    size, vertex_speed = np.linalg.norm(speed, axis=1), np.zeros(network.n_vertices)
+    vertex_speed[network.free] = np.linalg.norm(u, axis=1)
+    rate_rounding = EPS * (size + vertex_speed[network.edges].sum(axis=1) + length)
+    noise = state.stress_rounding * (size**2 + length * size)
+    return noise + 2 * (np.abs(stress) * length + np.abs(sigma) * size) * rate_rounding
