@@ -106,8 +106,7 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
     Each component has the bond vectors, coordinates and error bounds of the whole and σ scaled to Σσ² = n; without pins
     its first vertex is at the origin.
 
-    Raises `InputError` for stresses that are not finite or nowhere nonzero, and where stressed edges cannot balance or
-    join a single vertex to its images.
+    Raises `InputError` for stresses that are not finite or zero everywhere, and as `taut_networks`.
     """
     network, sigma = critical.network, critical.sigma
     if not np.isfinite(sigma).all() or not sigma.any():
@@ -117,7 +116,7 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
         everything = np.arange(network.n_edges)
         whole = TautComponent(critical, everything, np.arange(network.n_vertices), chains(network))
         return Backbone(critical, taut, (whole,))
-    return Backbone(critical, taut, tuple(_component(critical, edges) for edges in connected_parts(network, taut)))
+    return Backbone(critical, taut, tuple(_component(critical, *part) for part in taut_networks(network, taut)))
 
 
 def taut_configurations(critical: CriticalConfiguration) -> tuple[CriticalConfiguration, ...]:
@@ -147,19 +146,32 @@ def chains(network: Network) -> IntArray:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _component(critical: CriticalConfiguration, edges: Mask) -> TautComponent:
-    network = critical.network
-    degree = np.bincount(network.edges[edges].ravel(), minlength=network.n_vertices)
-    degree[list(network.pins)] = 0
-    if (degree == 1).any():
-        vertex = int(np.flatnonzero(degree == 1)[0])
-        raise InputError(f"the stress does not balance at vertex {vertex}, which has one stressed edge: correct it")
-    if np.count_nonzero(degree) == 0 or np.ptp(network.edges[edges]) == 0:
-        raise InputError(
-            f"edge {int(np.flatnonzero(edges)[0])} is taut between fixed points or images of one vertex, so that no "
-            "vertex of it can move: divide it by a vertex"
-        )
-    part, vertices = network.part(edges)
+def taut_networks(network: Network, taut: Mask) -> list[tuple[Network, IntArray, IntArray]]:
+    """The network of each connected part of the taut edges, with the indices of its edges and vertices in the whole.
+
+    Raises `InputError` where no stress could balance, and for parts without a vertex that can move.
+    """
+    parts = []
+    for kept in connected_parts(network, taut):
+        edges = np.flatnonzero(kept)
+        degree = np.bincount(network.edges[edges].ravel(), minlength=network.n_vertices)
+        degree[list(network.pins)] = 0
+        if (degree == 1).any():
+            vertex = int(np.flatnonzero(degree == 1)[0])
+            raise InputError(
+                f"no stress balances at vertex {vertex}, which has one taut edge: count that edge as slack"
+            )
+        if not degree.any() or np.ptp(network.edges[edges]) == 0:
+            raise InputError(
+                f"edge {edges[0]} is taut between fixed points or images of one vertex, so that no vertex of it can "
+                "move: divide it by a vertex"
+            )
+        part, vertices = network.part(kept)
+        parts.append((part, edges, vertices))
+    return parts
+
+
+def _component(critical: CriticalConfiguration, part: Network, edges: IntArray, vertices: IntArray) -> TautComponent:
     x = critical.coordinates[vertices]
     value = critical_configuration(part, critical.sigma[edges], x if part.pins else x - x[0])
     configuration = replace(
@@ -168,4 +180,4 @@ def _component(critical: CriticalConfiguration, edges: Mask) -> TautComponent:
         error_bound=critical.error_bound,
         bond_errors=critical.bond_errors[edges],
     )
-    return TautComponent(configuration, np.flatnonzero(edges), vertices, chains(part))
+    return TautComponent(configuration, edges, vertices, chains(part))

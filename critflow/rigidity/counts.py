@@ -3,6 +3,8 @@
 Maxwell–Calladine: N_0 − N_s = d N − N_b, with N_0 zero modes, N_s self-stresses and N free vertices
 (`Maxwell-Calladine`); a periodic network counts all its vertices, so that N_0 includes the d translations.  Pins are
 fixed to the ground: with pins no zero mode is trivial, not even a rotation about a single pin.
+
+Where edges are slack these are the counts of the taut part, its vertices and edges; the slack part is floppy.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.critical.backbone import Mask, backbone, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.tolerances import COLLAPSED
 from critflow.linalg.saddle import Saddle
@@ -30,6 +33,7 @@ class Rigidity:
     largest_zero, smallest_nonzero  singular values on both sides of the tolerance: the gap behind the count
     n_trivial                       zero modes that any configuration has: the translations of a periodic network
     prestress_stable                whether the single self-stress stabilises all zero modes; None for N_s ≠ 1
+    n_slack, n_floppy               slack edges, and vertices that no taut edge meets; they enter no other count
     """
 
     n_self_stresses: int
@@ -39,6 +43,8 @@ class Rigidity:
     smallest_nonzero: float
     n_trivial: int
     prestress_stable: bool | None
+    n_slack: int = 0
+    n_floppy: int = 0
 
     @property
     def first_order_rigid(self) -> bool:
@@ -67,7 +73,12 @@ class ZeroModes:
 
 
 def rigidity(
-    network: Network, coordinates: ArrayLike, tolerance: float | None = None, vectors: bool = True
+    network: Network,
+    coordinates: ArrayLike,
+    tolerance: float | None = None,
+    vectors: bool = True,
+    *,
+    taut: ArrayLike | None = None,
 ) -> Solution[Rigidity]:
     """Count the self-stresses and zero modes of a configuration (N_v, d).
 
@@ -75,11 +86,16 @@ def rigidity(
                this accuracy only; None: 1e-6, and they must be zero to rounding
     vectors    False: counts only, for networks with very many self-stresses; of large ones the gap is then given by
                limits, no singular value between `tolerance` and ten times that, and those below stay unknown
+    taut       (N_b,) bool, edges that count, such as σ ≠ 0; the others are slack and resist nothing.  None: all
 
     `Status.floppy` where there is no self-stress; `Status.singular` where an edge has no length, or where singular
     values lie so close to the tolerance, or by default so far from zero, that the count cannot be trusted; the note
-    gives the reason.  Raises `InputError` for self-stresses that would not fit in memory.
+    gives the reason.  Where edges are slack the note says how many.
+    Raises `InputError` for self-stresses that would not fit in memory, and taut edges that cannot balance.
     """
+    kept = _taut_edges(network, taut)
+    if not kept.all():
+        return _rigidity_of_taut(network, coordinates, tolerance, vectors, kept)
     x, L, length = _edges(network, coordinates)
     n_trivial = 0 if network.pins else network.dimension
     if length is None:
@@ -100,6 +116,50 @@ def rigidity(
     value = Rigidity(n_stresses, spectrum.n_motions + n_trivial, stresses, *gap, n_trivial, stable)
     status = Status.singular if doubt else Status.floppy if n_stresses == 0 else Status.ok
     return Solution(value, status, Stats("counts", 1, residual=value.largest_zero), doubt)
+
+
+def _taut_edges(network: Network, taut: ArrayLike | None) -> Mask:
+    kept = np.ones(network.n_edges, bool) if taut is None else np.asarray(taut)
+    if kept.dtype != bool or kept.shape != (network.n_edges,) or not kept.any():
+        raise InputError(
+            f"the taut edges are a mask of shape ({network.n_edges},) with True somewhere, such as critical.sigma != 0"
+        )
+    return kept
+
+
+def _rigidity_of_taut(
+    network: Network, coordinates: ArrayLike, tolerance: float | None, vectors: bool, taut: Mask
+) -> Solution[Rigidity]:
+    """The counts of all connected parts of the taut edges."""
+    x = validated_coordinates(network, coordinates)
+    parts = taut_networks(network, taut)
+    found = [rigidity(part, x[vertices], tolerance, vectors) for part, _, vertices in parts]
+    counts = [solution.value for solution in found]
+    stresses, rows = np.zeros((sum(len(count.self_stresses) for count in counts), network.n_edges)), 0
+    for (_, edges, _), count in zip(parts, counts, strict=True):
+        stresses[rows : rows + len(count.self_stresses), edges] = count.self_stresses
+        rows += len(count.self_stresses)
+    stable = [count.prestress_stable for count in counts]
+    value = Rigidity(
+        sum(count.n_self_stresses for count in counts),
+        sum(count.n_zero_modes for count in counts),
+        stresses,
+        max(count.largest_zero for count in counts),
+        min(count.smallest_nonzero for count in counts),
+        sum(count.n_trivial for count in counts),
+        None if None in stable else all(stable),
+        n_slack=int(np.count_nonzero(~taut)),
+        n_floppy=network.n_vertices - len(np.unique(network.edges[taut])),
+    )
+    doubts = [solution.note for solution in found if solution.status is Status.singular]
+    status = Status.singular if doubts else Status.ok if value.n_self_stresses else Status.floppy
+    note = (
+        f"{value.n_slack} of {network.n_edges} edges are slack and {value.n_floppy} of {network.n_vertices} vertices "
+        "floppy: the counts are those of the taut part"
+    )
+    if status is Status.floppy:
+        note += ", which has no self-stress, so every modulus is zero"
+    return Solution(value, status, Stats("counts", 1, residual=value.largest_zero), doubts[0] if doubts else note)
 
 
 def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None = None) -> Solution[ZeroModes]:
@@ -163,11 +223,15 @@ def _stabilises(network: Network, sigma: Array, L: Array) -> tuple[bool, Array]:
 class Certificate:
     """Quantities that show that a configuration is critical, and their accuracy.
 
-    residual         largest unbalanced force relative to the mean tension
-    least_tension    smallest tension relative to the mean
-    n_self_stresses  expected 1
-    gap              the singular values on both sides of the count
-    rigid            whether that stress stabilises the zero modes
+    Where edges are slack, σ = 0, all but the residual describe the taut part.
+
+    residual           largest unbalanced force relative to the mean tension
+    least_tension      smallest tension relative to the mean
+    n_self_stresses    expected 1
+    gap                the singular values on both sides of the count
+    rigid              whether that stress stabilises the zero modes
+    stressed_fraction  fraction of the edges that are stressed
+    n_slack, n_floppy  slack edges, and vertices that only slack edges meet
     """
 
     residual: float
@@ -176,20 +240,42 @@ class Certificate:
     n_zero_modes: int
     gap: tuple[float, float]
     rigid: bool
+    stressed_fraction: float = 1.0
+    n_slack: int = 0
+    n_floppy: int = 0
 
 
 def certify(critical: CriticalConfiguration) -> Certificate:
-    """Check a critical configuration from its coordinates and stresses alone."""
-    counted = rigidity(critical.network, critical.coordinates)
-    counts, tensions = counted.value, critical.tensions
-    # With several self-stresses, σ itself may stabilise all zero modes.
-    by_sigma = counts.n_self_stresses > 1 and critical.residual < BALANCED
-    rigid = counts.rigid or (by_sigma and Saddle(critical.network).stable(critical.sigma, critical.bond_vectors))
+    """Check a critical configuration from its coordinates and stresses alone; of slack ones the taut part.
+
+    Raises `InputError` for stresses that are not finite or zero everywhere.
+    """
+    bone = backbone(critical)
+    tensions = critical.tensions[bone.taut]
+    found = [_certified(component.configuration, critical.residual) for component in bone.components]
+    counts = [count for count, _ in found]
     return Certificate(
         critical.residual,
         float(tensions.min() / np.abs(tensions).mean()),
-        counts.n_self_stresses,
-        counts.n_zero_modes,
-        (counts.largest_zero, counts.smallest_nonzero),
-        rigid and counted.status is not Status.singular,
+        sum(count.n_self_stresses for count in counts),
+        sum(count.n_zero_modes for count in counts),
+        (max(count.largest_zero for count in counts), min(count.smallest_nonzero for count in counts)),
+        all(rigid for _, rigid in found),
+        bone.stressed_fraction,
+        bone.n_slack,
+        len(bone.floppy_vertices),
     )
+
+
+def _certified(critical: CriticalConfiguration, residual: float) -> tuple[Rigidity, bool]:
+    """The counts of a configuration without slack edges, and whether it is rigid."""
+    counted = rigidity(critical.network, critical.coordinates)
+    counts = counted.value
+    sigma, balanced = critical.sigma, residual < BALANCED
+    if balanced and (sigma > 0).all():
+        # P(σ) of a connected network is then positive definite, however small some stresses are.
+        return counts, True
+    # With several self-stresses, σ itself may stabilise all zero modes.
+    by_sigma = counts.n_self_stresses > 1 and balanced
+    rigid = counts.rigid or (by_sigma and Saddle(critical.network).stable(sigma, critical.bond_vectors))
+    return counts, rigid and counted.status is not Status.singular
