@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.tolerances import EPS
@@ -28,8 +28,9 @@ from critflow.rigidity.tolerances import (
 # Inverse iteration: shift in units of the squared tolerance, so that values below it gain a hundredfold in every step;
 # most steps; largest singular value, in units of the tolerance, of a null space that has converged.
 _SHIFT, _MOST_ITERATIONS, _CONVERGED = 0.01, 6, 1e-6
-# Squared singular values near this one are resolved best in the search for the smallest that is not zero.
-_MODERATE = 1e-3
+# Squared singular values near the first of these are resolved best in the search for the smallest that is not zero;
+# the others follow where it does not converge within this number of restarts, as for long chains.
+_MODERATE, _MOST_RESTARTS = (1e-3, 1e-6, 1e-9), 25
 
 
 def rigidity_matrix(network: Network, coordinates: Array) -> sp.csr_array:
@@ -141,17 +142,24 @@ class Spectrum:
 
     def _smallest_nonzero(self, null: Array, of_stresses: bool) -> float:
         """The smallest singular value outside a null space (n, count), by Lanczos iteration."""
-        moderate = self._filter(_MODERATE, of_stresses)
+        for shift in _MODERATE:
+            moderate = self._filter(shift, of_stresses)
 
-        def outside(vector: Array) -> Array:
-            rest = vector - null @ (null.T @ vector)
-            rest = moderate(rest[:, None])[:, 0]
-            return rest - null @ (null.T @ rest)
+            def outside(vector: Array, resolve: Callable[[Array], Array] = moderate) -> Array:
+                rest = vector - null @ (null.T @ vector)
+                rest = resolve(rest[:, None])[:, 0]
+                return rest - null @ (null.T @ rest)
 
-        operator = LinearOperator((len(null), len(null)), matvec=outside, dtype=float)
-        start = np.random.default_rng(1).standard_normal(len(null))
-        weight = float(eigsh(operator, k=1, which="LA", v0=start, tol=1e-9, return_eigenvectors=False)[0])
-        return float(np.sqrt(max(_MODERATE * (1 / weight - 1), 0.0)))
+            operator = LinearOperator((len(null), len(null)), matvec=outside, dtype=float)
+            start = np.random.default_rng(1).standard_normal(len(null))
+            try:
+                weights = eigsh(
+                    operator, k=1, which="LA", v0=start, tol=1e-9, maxiter=_MOST_RESTARTS, return_eigenvectors=False
+                )
+            except ArpackNoConvergence:
+                continue
+            return float(np.sqrt(max(shift * (1 / float(weights[0]) - 1), 0.0)))
+        return self.gap[1]
 
     def _filter(self, shift: float, of_stresses: bool) -> Callable[[Array], Array]:
         """The map shift/(s² + shift) of the singular values s, on tensions or on motions (n, count)."""

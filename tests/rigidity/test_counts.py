@@ -13,10 +13,12 @@ from critflow import (
     critical_from_lengths,
     honeycomb_network,
     rigidity,
+    square_network,
     three_bar_linkage,
     voronoi_network,
     zero_modes,
 )
+from critflow.critical.manifold import critical_configuration
 from critflow.rigidity.spectrum import rigidity_matrix
 
 
@@ -372,3 +374,75 @@ def test_certificate_with_several_self_stresses():
     assert certificate.rigid
     loose = type(critical)(critical.network, -critical.sigma, critical.coordinates, critical.bond_vectors)
     assert not certify(loose).rigid
+
+
+def test_the_smallest_singular_value_of_a_long_chain_is_found():
+    # s of a chain of n edges between pins are 2 sin(πm/2n), dense at zero, where iteration without a shift there stalls.
+    n = 20_000
+    line = np.arange(n)
+    chain = Network(np.stack([line, line + 1], axis=1), pins={0: [0.0, 0.0], n: [float(n), 0.0]})
+    certificate = certify(CriticalManifold(chain).configuration(np.ones(n)))
+    assert certificate.n_self_stresses == 1
+    assert certificate.n_zero_modes == n - 1
+    assert certificate.rigid
+    assert certificate.gap[1] == pytest.approx(2 * np.sin(np.pi / (2 * n)), rel=1e-6)
+
+
+def test_stresses_far_below_the_mean_still_stabilise():
+    network = voronoi_network(n_vertices=40, seed=2)
+    sigma = 1 + np.random.default_rng(0).random(network.n_edges)
+    sigma[[7, 20]] = 1e-9, 1e-12
+    assert certify(CriticalManifold(network).configuration(sigma)).rigid
+
+
+# Edges 0 to 3 are two taut chains between the pins 0 and 1; the rest is slack, and vertex 4 floppy.
+PARALLEL = Network(
+    [[0, 2], [2, 1], [0, 3], [3, 1], [2, 4], [4, 3]],
+    pins={0: [0, 0], 1: [2, 0]},
+)
+PARALLEL_COORDINATES = np.array([[0, 0], [2, 0], [0.5, 0], [1.5, 0], [1, 0.2]])
+PARALLEL_TAUT = np.array([True] * 4 + [False] * 2)
+
+
+def test_counts_are_those_of_the_taut_part():
+    solution = rigidity(PARALLEL, PARALLEL_COORDINATES, taut=PARALLEL_TAUT)
+    counts = solution.value
+    assert solution.ok
+    assert "2 of 6 edges are slack and 1 of 5 vertices floppy" in solution.note
+    assert (counts.n_self_stresses, counts.n_zero_modes) == (2, 2)
+    assert (counts.n_slack, counts.n_floppy) == (2, 1)
+    assert counts.self_stresses.shape == (2, 6)
+    assert not counts.self_stresses[:, 4:].any()
+
+
+def test_a_taut_part_without_self_stress_is_floppy():
+    bent = PARALLEL_COORDINATES.copy()
+    bent[2:4, 1] = 0.3, -0.1
+    solution = rigidity(PARALLEL, bent, taut=PARALLEL_TAUT)
+    assert solution.status is Status.floppy
+    assert "no self-stress" in solution.note
+
+
+def test_the_certificate_describes_the_taut_part():
+    critical = critical_configuration(PARALLEL, np.array([3.0, 1, 1, 3, 0, 0]), PARALLEL_COORDINATES)
+    certificate = certify(critical)
+    assert certificate.rigid
+    assert certificate.stressed_fraction == pytest.approx(2 / 3)
+    assert (certificate.n_slack, certificate.n_floppy) == (2, 1)
+    assert certificate.least_tension == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("taut", [np.ones(5, bool), np.ones(6), np.zeros(6, bool)])
+def test_taut_edges_are_a_mask(taut):
+    with pytest.raises(InputError, match="mask"):
+        rigidity(PARALLEL, PARALLEL_COORDINATES, taut=taut)
+
+
+def test_components_of_the_taut_part_are_counted_together():
+    network = square_network(3, 3)
+    horizontal = np.abs(network.bond_vectors(network.positions)[:, 0]) > 0.5
+    counts = rigidity(network, network.positions, taut=horizontal).value
+    # Each row has one self-stress and, of 3 vertices, 2 transverse motions and 2 translations.
+    assert (counts.n_self_stresses, counts.n_zero_modes, counts.n_trivial) == (3, 12, 6)
+    assert counts.prestress_stable
+    assert counts.rigid
