@@ -13,12 +13,14 @@ from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound
 from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
+from critflow.mechanics.elasticity import Elasticity
 from critflow.mechanics.equilibrium import equilibrium
 from critflow.mechanics.hessian import bond_operator, geometric_split, hookean_split
 from critflow.mechanics.laws import Hookean, PowerLaw, SpringLaw, WormLike
-from critflow.mechanics.moduli import elastic_moduli, fit_stiffening, linear_response, transition_moduli
+from critflow.mechanics.moduli import elastic_moduli, fit_stiffening, transition_moduli
 from critflow.mechanics.moduli_bounds import transition_bounds
 from critflow.mechanics.perimeters import cells_of, critical_from_perimeters, perimeter_moduli, perimeter_state
+from critflow.mechanics.response import linear_response
 from critflow.mechanics.springs import spring_state
 from critflow.mechanics.stiffening import stiffening
 from critflow.mechanics.strain_path import strain_path
@@ -66,6 +68,7 @@ __all__ = [
     "CriticalConfiguration",
     "CriticalManifold",
     "Deformation",
+    "Elasticity",
     "EnvironmentFailure",
     "Hookean",
     "InputError",

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
+from critflow.mechanics.elasticity import NO_MODULI, Moduli
 from critflow.mechanics.equilibrium import Equilibrium, relaxed
 from critflow.mechanics.free_cell import FreeCellState, relaxed_with_cell, stretched
-from critflow.mechanics.moduli import NO_MODULI, Moduli, linear_response
+from critflow.mechanics.response import linear_response
 from critflow.mechanics.springs import SpringState
 from critflow.mechanics.tangent import Tangent, path_rates, relaxations_to, tangent
 from critflow.mechanics.tolerances import DOUBTED_DISTANCE, EXPECTED_DISTANCE, EXPECTED_STEPS, RETURN_DISTANCE

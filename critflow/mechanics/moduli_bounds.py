@@ -14,7 +14,7 @@ import numpy as np
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import TransitionModulus, dilation, pure_shear, transition_modulus
 from critflow.linalg.tolerances import EPS
-from critflow.mechanics.moduli import Moduli
+from critflow.mechanics.elasticity import Moduli
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, add, divide, extended, multiply, total, two_product
 

@@ -21,8 +21,10 @@ from critflow.critical.objectives import dilation, pure_shear
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import pair_laplacian
 from critflow.linalg.tolerances import EPS
+from critflow.mechanics.elasticity import FLOPPY, Moduli
 from critflow.mechanics.equilibrium import equilibrium
-from critflow.mechanics.moduli import FLOPPY, Moduli, SelfStressModuli, linear_response, self_stress_moduli
+from critflow.mechanics.moduli import SelfStressModuli, self_stress_moduli
+from critflow.mechanics.response import linear_response
 from critflow.mechanics.springs import ElasticState, edge_directions
 from critflow.mechanics.tolerances import CELL_STRESS_RANK, COLLAPSED_EDGE, FITTED_PERIMETERS
 from critflow.networks.network import Array, Network
@@ -153,9 +155,8 @@ class PerimeterState(ElasticState):
         values[same] -= (sigma / length**2)[pairs.row[same]]
         return sp.coo_array((values, (pairs.row, pairs.col)), shape=pairs.shape)
 
-    def resistance(self, hdot: Array) -> tuple[Array, float]:
-        stress = self.modified_stiffness @ hdot
-        return stress, float(hdot @ stress)
+    def resistance(self, hdot: Array) -> Array:
+        return np.asarray((self.modified_stiffness @ hdot.T).T)
 
     def pattern(self) -> FixedPattern:
         return pair_laplacian(self.network, (self.cells.overlap.row, self.cells.overlap.col))

@@ -73,8 +73,8 @@ class ElasticState(ABC):
         """σ (N_b,) of other bond vectors (N_b, d), accurate to the rounding of σ itself."""
 
     @abstractmethod
-    def resistance(self, hdot: Array) -> tuple[Array, float]:
-        """K ḣ, (N_b,), and ḣᵀ K ḣ for a change ḣ of h, (N_b,)."""
+    def resistance(self, hdot: Array) -> Array:
+        """K ḣ for changes ḣ of h, both (m, N_b)."""
 
     @abstractmethod
     def pattern(self) -> FixedPattern:
@@ -200,9 +200,8 @@ class SpringState(ElasticState):
         extension = subtract(square, two_product(rest, rest)).high / (length + rest)
         return self.law.tension(extension, rest, self.network.stiffness) / length
 
-    def resistance(self, hdot: Array) -> tuple[Array, float]:
-        K = self.modified_stiffness
-        return K * hdot, float(K @ hdot**2)
+    def resistance(self, hdot: Array) -> Array:
+        return self.modified_stiffness * hdot
 
     def pattern(self) -> FixedPattern:
         return block_laplacian(self.network)

@@ -14,7 +14,7 @@ from critflow.critical.objectives import dilation, pure_shear
 from critflow.linalg.saddle import CondensedFactor, CondensedSaddle, Saddle, SaddleFactor
 from critflow.linalg.tolerances import EPS
 from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
-from critflow.mechanics.moduli import accumulated_rounding
+from critflow.mechanics.response import accumulated_rounding
 from critflow.mechanics.tolerances import CONSISTENT_RESPONSE, TRUSTED_ERROR
 from critflow.networks.network import Array, Network
 from critflow.precision.residual import exact_displacement

@@ -17,7 +17,7 @@ import numpy as np
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
 from critflow.mechanics.free_cell import stretched
-from critflow.mechanics.moduli import accumulated_rounding
+from critflow.mechanics.response import accumulated_rounding
 from critflow.mechanics.springs import SpringState
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
@@ -60,7 +60,7 @@ def tangent(state: SpringState, rates: Array, second_rates: Array, relaxations: 
     hdots = [np.einsum("ad,ad->a", L, speed) for speed in speeds]
     E = np.empty((1 + m, 1 + m))
     for a in range(1 + m):
-        stress, _ = state.resistance(hdots[a])
+        stress = state.resistance(hdots[a])
         for b in range(1 + m):
             E[a, b] = stress @ hdots[b] + sigma @ np.einsum("ad,ad->a", speeds[a], speeds[b])
     curved = [sigma * np.einsum("ad,ad->a", L, L @ A.T) for A in second_rates]
@@ -84,7 +84,7 @@ def relaxations_to(state: SpringState, factor: Factor, rates: Array) -> Array:
         affine = 0.5 * (L @ (A + A.T))
         for _ in range(_MOST_CORRECTIONS):
             speed = affine + network.free_incidence @ u
-            stress, _ = state.resistance(np.einsum("ad,ad->a", L, speed))
+            stress = state.resistance(np.einsum("ad,ad->a", L, speed))
             force = -(network.divergence @ (stress[:, None] * L + sigma[:, None] * speed))
             correction = factor.solve(force.ravel()).reshape(u.shape)
             u += correction
@@ -101,7 +101,7 @@ def _solved(matrix: Array, right_side: Array) -> Array:
 def _edge_rounding(state: SpringState, speed: Array, u: Array) -> Array:
     """Rounding error of each edge's part of d²E/dγ², (N_b,), as `linear_response` has it."""
     network, sigma, length = state.network, state.sigma, state.lengths
-    stress, _ = state.resistance(np.einsum("ad,ad->a", state.bond_vectors, speed))
+    stress = state.resistance(np.einsum("ad,ad->a", state.bond_vectors, speed))
     size, vertex_speed = np.linalg.norm(speed, axis=1), np.zeros(network.n_vertices)
     vertex_speed[network.free] = np.linalg.norm(u, axis=1)
     rate_rounding = EPS * (size + vertex_speed[network.edges].sum(axis=1) + length)

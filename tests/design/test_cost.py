@@ -22,7 +22,7 @@ from critflow import (
 )
 from critflow.critical.objectives import OBJECTIVES, pure_shear
 from critflow.design.modulus_bounds import largest_modulus, modulus_bound
-from critflow.mechanics.moduli import linear_response
+from critflow.mechanics.response import linear_response
 
 NETWORKS = {"planar": voronoi_network(60, seed=1), "foam": foam_network(60, seed=1)}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]

@@ -32,7 +32,7 @@ from critflow import (
 )
 from critflow.critical.objectives import pure_shear
 from critflow.linalg.factor import FixedPattern
-from critflow.mechanics.moduli import Moduli
+from critflow.mechanics.elasticity import Moduli
 from critflow.mechanics.springs import SpringState
 from critflow.networks.network import Array
 from critflow.precision.double_double import extended

@@ -1,0 +1,316 @@
+"""Linear response of springs under stress: relaxations, elasticity tensor and moduli with error bounds.
+
+With the total rates L̇_a = E_a L + g u_a of bond vectors under a strain E_a and ḣ_a = L·L̇_a,
+    V C_ab = ḣ_aᵀ K ḣ_b + Σ σ L̇_a·L̇_b
+is stationary at the relaxations u, so that their errors enter as products (`LinearResponse`).
+
+The strains are those of `_strains`: dilation, shears and the parts of normal strains without change of volume, each
+with its own relaxation, so that the bulk modulus is not a difference of larger numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from critflow.linalg.factor import Factor, FixedPattern
+from critflow.linalg.tolerances import EPS
+from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli
+from critflow.mechanics.springs import ElasticState
+from critflow.mechanics.tolerances import FLOPPY_SHIFT, TRUSTED_ERROR
+from critflow.networks.deformation import strain_basis
+from critflow.networks.network import Array, Network
+from critflow.precision.residual import inverse_norm
+from critflow.result import InputError, Solution, Stats, Status
+
+# Corrections of a relaxation below this part of it have converged; largest number of corrections.
+_CONVERGED, _MOST_CORRECTIONS = 0.05, 4
+# Relaxations below this part of the mean length are compared with it instead: all edges then respond affinely.
+_NO_RELAXATION = 1e-5
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearResponse(Solution[Moduli]):
+    """Moduli of a state under stress, its elasticity tensor and the responses to all strains.
+
+    elasticity   energy and stress-corrected tensors with their bounds; NaN where the moduli are
+    relaxations  dx/dε (n_free, d) under each strain of `strain_basis`, relative to the affine motion, (m, n_free, d)
+    relaxation   the same under dilation, by volumetric strain, (n_free, d); both are zero where they are not known
+    floppy       whether floppy parts were regularised; they contribute nothing to the moduli
+    n_negative   negative eigenvalues of the Hessian, 0 for a stable state
+    """
+
+    elasticity: Elasticity = field(repr=False)
+    relaxations: Array = field(repr=False)
+    relaxation: Array = field(repr=False)
+    floppy: bool = False
+    n_negative: int = 0
+
+
+def linear_response(
+    state: ElasticState,
+    pattern: FixedPattern | None = None,
+    exact: bool = False,
+    factor: Factor | None = None,
+    volume: float | None = None,
+) -> LinearResponse:
+    """Moduli and elasticity tensor of springs under stress in equilibrium, and the relaxations that strains cause.
+
+    exact   the state is the equilibrium to the rounding of its numbers, as Newton's method returns it; otherwise the
+            exact equilibrium is found and the change of the moduli up to it is part of the error bound
+    factor  of the Hessian at or near the state, if there is one
+    volume  V of a pinned network, whose pins move with the strain; None: that of the cell
+
+    Error bound (estimate): `stats.error_bound` and `elasticity.bounds` limit the errors against the exact equilibrium
+    (see `equilibrium`); roundings are summed by `accumulated_rounding`.  `stats.condition` is ‖H‖‖H⁻¹‖.
+    `Status.unstable` and NaN where the Hessian has negative eigenvalues: the springs then buckle under any strain.
+    `Status.ill_conditioned` and NaN where a bound exceeds a tenth of the larger modulus.
+    Floppy parts, such as slack ones, do not resist and contribute nothing.
+    """
+    if state.network.dimension < 2:
+        raise InputError("a shear needs at least two dimensions")
+    V = state.network.volume if volume is None else volume
+    pattern = pattern or state.pattern()
+    # Without negative eigenvalues any factor near the state will do; convergence shows whether it is near enough.
+    found = _responses(state, factor, V) if factor is not None and _taut(state) else None
+    if factor is None or found is None or not found.converged:
+        factor = state.factorize(pattern)
+        found = _responses(state, factor, V) if factor.sound and not factor.n_negative else None
+    floppy = found is None or not found.converged
+    if floppy:
+        factor = state.factorize(pattern, FLOPPY_SHIFT * state.stiffness_scale)
+        if factor.indefinite:
+            return _unstable(state, factor)
+        found = _responses(state, factor, V)
+    assert found is not None
+    bounds = (found.moduli_rounding, found.rounding) if found.converged else None
+    if bounds is not None and not exact:
+        change = _change_to_equilibrium(state, factor, found, floppy, V)
+        bounds = None if change is None else (bounds[0] + change[0], bounds[1] + change[1])
+    condition = state.largest_stiffness * inverse_norm(factor, found.last[0])
+    bound = Moduli(np.inf, np.inf, np.inf) if bounds is None else Moduli(*map(float, bounds[0]))
+    stats = Stats("linear response", 1, residual=found.residual, condition=condition, error_bound=bound)
+    d = state.network.dimension
+    relaxations = np.tensordot(_basis_change(d).T, found.relaxations, axes=1)
+    relaxation = found.relaxations[0]
+    if bounds is None or bounds[0].max() > TRUSTED_ERROR * np.abs(found.moduli[:2]).max():
+        value, status, tensors = NO_MODULI, Status.ill_conditioned, no_elasticity(d, V)
+        note = "the response to strain is lost in rounding: measure it further from the transition"
+    else:
+        value, status, note = Moduli(*map(float, found.moduli)), Status.ok, ""
+        tensors = Elasticity(found.tensor, found.affine, found.stress, V, bounds[1])
+    return LinearResponse(
+        value, status, stats, note, elasticity=tensors, relaxations=relaxations, relaxation=relaxation, floppy=floppy
+    )
+
+
+def no_elasticity(dimension: int, volume: float = np.nan) -> Elasticity:
+    """Tensors of NaN."""
+    m = dimension * (dimension + 1) // 2
+    unknown = np.full((m, m), np.nan)
+    return Elasticity(unknown, unknown, np.full((dimension, dimension), np.nan), volume, unknown)
+
+
+def _unstable(state: ElasticState, factor: Factor) -> LinearResponse:
+    nothing, d = np.zeros_like(state.forces), state.network.dimension
+    return LinearResponse(
+        NO_MODULI,
+        Status.unstable,
+        Stats("linear response", 2),
+        elasticity=no_elasticity(d),
+        relaxations=np.zeros((d * (d + 1) // 2, *nothing.shape)),
+        relaxation=nothing,
+        n_negative=factor.n_negative,
+    )
+
+
+# Strains
+
+
+@cache
+def _strains(dimension: int) -> Array:
+    """Strains (m, d, d): dilation 1/d, deviators e_i e_iᵀ − 1/d of all axes but the last, shears in Voigt's order."""
+    basis, unit = strain_basis(dimension)[1], np.eye(dimension) / dimension
+    return np.concatenate([unit[None], basis[: dimension - 1] - unit, basis[dimension:]])
+
+
+@cache
+def _basis_change(dimension: int) -> Array:
+    """T (m, m): the strain a of `strain_basis` is Σ_n T_na `_strains`_n."""
+    d = dimension
+    T = np.eye(d * (d + 1) // 2)
+    normal = np.zeros((d, d))
+    normal[0] = 1.0
+    normal[1:, :-1] = np.eye(d - 1)
+    normal[1:, -1] = -1.0
+    T[:d, :d] = normal
+    return T
+
+
+@cache
+def _products(dimension: int) -> Array:
+    """Sums of the entries of |E_a||E_b|, (m, m): the effect of an error of the stress on its terms."""
+    basis = np.abs(strain_basis(dimension)[1])
+    return np.einsum("aij,bjk->ab", basis, basis)
+
+
+# Responses
+
+
+@dataclass(frozen=True, eq=False)
+class _Responses:
+    """Responses to all strains, from one factor.
+
+    moduli, moduli_rounding  (3,) in the order of `Moduli`
+    tensor, affine, rounding  C_ab in the strain basis, relaxed and affine, with rounding errors of both, (m, m)
+    stress                   S, (d, d)
+    relaxations, last        u (m, n_free, d) under `_strains` and its last correction
+    """
+
+    moduli: Array
+    moduli_rounding: Array
+    tensor: Array
+    affine: Array
+    rounding: Array
+    stress: Array
+    relaxations: Array
+    last: Array
+    residual: float
+    converged: bool
+
+
+def _change_to_equilibrium(
+    state: ElasticState, factor: Factor, found: _Responses, floppy: bool, volume: float
+) -> tuple[Array, Array] | None:
+    """Twice the change of moduli (3,) and tensor (m, m) up to the exact equilibrium; None where that is not found."""
+    correction = state.exact_displacement(factor, regularised=floppy)
+    if not np.isfinite(correction.remainder):
+        return None
+    apart = np.abs(correction.bond_vectors - state.bond_vectors)
+    if not (apart > EPS * state.lengths[:, None]).any():
+        return np.zeros(3), np.zeros_like(found.tensor)
+    there = _responses(replace(state, bond_vectors=correction.bond_vectors), factor, volume)  # type: ignore[type-var]
+    return (
+        (2 * np.abs(there.moduli - found.moduli), 2 * np.abs(there.tensor - found.tensor)) if there.converged else None
+    )
+
+
+def _responses(state: ElasticState, factor: Factor, volume: float) -> _Responses:
+    """The responses by a factor of the Hessian, refined until corrections are small."""
+    network, sigma, square = state.network, state.sigma, state.lengths**2
+    d, m, n = network.dimension, len(_strains(network.dimension)), network.n_edges
+    # Arrays over edges have the edges last: NumPy is several times slower where the last axis is short.
+    L = np.ascontiguousarray(state.bond_vectors.T)
+    affine = (_strains(d).reshape(m * d, d) @ L).reshape(m, d, n)
+    rate, direct = affine, np.zeros((m, m))
+    u, scale = np.zeros((m, *state.forces.shape)), np.zeros(m)
+    for refinement in range(_MOST_CORRECTIONS + 1):
+        hdot = np.einsum("ie,aie->ae", L, rate)
+        tension = state.resistance(hdot)
+        stressed = sigma * rate
+        force = -_at_vertices(network, tension[:, None] * L + stressed)
+        form = hdot @ tension.T + stressed.reshape(m, -1) @ rate.reshape(m, -1).T
+        direct = direct if refinement else form
+        correction = np.stack([factor.solve(side.ravel()).reshape(side.shape) for side in force])
+        gained = force.reshape(m, -1) @ correction.reshape(m, -1).T
+        moved, size = _largest(correction), _largest(force)
+        u, scale = u + correction, np.maximum(scale, size)
+        small = bool((moved <= _CONVERGED * np.maximum(_largest(u), _NO_RELAXATION * state.length_scale)).all())
+        # The energy gained by the last correction estimates the remaining error, so it must be rounding.
+        unfinished = np.abs(np.diag(gained))
+        if refinement and small and (unfinished <= 4 * EPS * np.einsum("ae,ae->a", hdot, tension)).all():
+            break
+        rate = affine + _at_edges(network, u)
+    form = (form - gained) / volume
+    speed = np.sqrt(np.einsum("aie,aie->ae", rate, rate))
+    noise, first = _rounding(state, speed, u, tension)
+    unfinished = np.sqrt(np.outer(unfinished, unfinished))
+    form_rounding = (noise + unfinished) / volume + 4 * EPS * np.abs(form)
+
+    # Dilation (1 + γ)^{1/d} is curved: b̈ = (1/d)(1/d − 1) b.
+    curvature = (1 / d) * (1 / d - 1)
+    stretched = first + (state.stress_rounding + 4 * EPS * np.abs(sigma)) * abs(curvature) * square
+    bulk = form[0, 0] + curvature * float(sigma @ square) / volume
+    bulk_rounding = (float(accumulated_rounding(stretched)) + unfinished[0, 0]) / volume + 4 * EPS * abs(bulk)
+    pressure = float(sigma @ square) / (d * volume)
+    stress_rounding = float(accumulated_rounding(2 * state.stress_rounding * square)) / volume
+    shear_rounding = form_rounding[-1, -1] + 0.5 * stress_rounding / d + 4 * EPS * abs(pressure)
+
+    T = _basis_change(d)
+    tensor, stress = T.T @ form @ T, (sigma * L) @ L.T / volume
+    rounding = np.abs(T).T @ form_rounding @ np.abs(T) + 4 * EPS * np.abs(tensor)
+    rounding += (stress_rounding + 4 * EPS * float(np.abs(stress).max())) * _products(d)
+    return _Responses(
+        np.array([bulk, form[-1, -1], form[-1, -1] - 0.5 * pressure]),
+        np.array([bulk_rounding, form_rounding[-1, -1], shear_rounding]),
+        _symmetric(tensor),
+        _symmetric(T.T @ direct @ T) / volume,
+        _symmetric(rounding),
+        _symmetric(stress),
+        u,
+        correction,
+        float((size / np.maximum(scale, 1e-300)).max()),
+        small,
+    )
+
+
+def _rounding(state: ElasticState, speed: Array, u: Array, tension: Array) -> tuple[Array, Array]:
+    """Rounding errors of V C_ab, (m, m), and the parts (N_b,) of the first one.
+
+    Sources: σ; rates |L̇| (m, N_b) as differences of vertex velocities u (m, n_free, d), which may exceed them; products
+    with K ḣ (m, N_b).
+    """
+    network, sigma, length = state.network, np.abs(state.sigma), state.lengths
+    vertex_speed = np.zeros((len(u), network.n_vertices))
+    vertex_speed[:, network.free] = np.sqrt(np.einsum("aiv,aiv->ai", u, u))
+    tail, head = network.edges.T
+    rate_rounding = EPS * (speed + vertex_speed[:, tail] + vertex_speed[:, head] + length)
+    pull = np.abs(tension) * length + sigma * speed
+    loose = state.stress_rounding * speed
+    total, first = np.empty((len(u), len(u))), np.zeros(len(length))
+    for a in range(len(u)):
+        noise = loose[a] * speed + pull * rate_rounding[a] + pull[a] * rate_rounding
+        total[a] = accumulated_rounding(noise)
+        if a == 0:
+            first = noise[0]
+    return total, first
+
+
+def _at_edges(network: Network, u: Array) -> Array:
+    """g u of motions u (m, n_free, d), (m, d, N_b)."""
+    m, n, d = u.shape
+    return np.ascontiguousarray((network.free_incidence @ np.moveaxis(u, 0, 1).reshape(n, m * d)).T).reshape(m, d, -1)
+
+
+def _at_vertices(network: Network, flow: Array) -> Array:
+    """gᵀ f of edge vectors f (m, d, N_b), (m, n_free, d)."""
+    m, d, n = flow.shape
+    sums = np.asarray(network.divergence @ flow.reshape(m * d, n).T)
+    return np.ascontiguousarray(np.moveaxis(sums.reshape(-1, m, d), 1, 0))
+
+
+def _largest(vectors: Array) -> Array:
+    """Largest component of each of the vectors (m, n_free, d), (m,)."""
+    return np.abs(vectors).reshape(len(vectors), -1).max(axis=1, initial=0.0)
+
+
+def _symmetric(matrix: Array) -> Array:
+    return 0.5 * (matrix + matrix.T)
+
+
+def _taut(state: ElasticState) -> bool:
+    """Whether no edge is compressed and no stiffness negative: then no eigenvalue of the Hessian is negative."""
+    return bool((state.sigma >= 0).all() and (state.edge_stiffness >= 0).all())
+
+
+def accumulated_rounding(errors: Array) -> Any:
+    """Error bound (estimate) of sums whose terms have roundings of these magnitudes (..., n): 3‖e‖₂ + ¼ Σ e.
+
+    Independent roundings of mean zero add up to ‖e‖₂ or less (one standard deviation), so 3‖e‖₂ is exceeded in less
+    than 1 % of sums.  On lattices symmetric edges round alike and their errors add coherently, of which ¼ Σ e allows
+    for a quarter.  The rigorous bound Σ e exceeds typical errors by √n.
+    """
+    return 3 * np.linalg.norm(errors, axis=-1) + 0.25 * errors.sum(axis=-1)
