@@ -168,7 +168,7 @@ def test_paths_of_convex_laws_are_not_checked_for_other_branches(monkeypatch):
     def forbidden(*arguments):
         raise AssertionError("the branch was checked")
 
-    monkeypatch.setattr(sys.modules["critflow.mechanics.strain_path"]._Continuation, "_returns", forbidden)
+    monkeypatch.setattr(sys.modules["critflow.mechanics.continuation"].Continuation, "_returns", forbidden)
     strain_path(network, critical, [0.01, 0.1], law=ConvexQuartic())
     with pytest.raises(AssertionError, match="checked"):
         strain_path(network, critical, [0.01, 0.1], law=Quartic())
