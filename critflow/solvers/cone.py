@@ -16,6 +16,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+# Length below which tension per length would overflow.
+_NO_LENGTH = 1e-150
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,7 @@ def fit_lengths(incidence: sp.csr_array, offsets: Array, lengths: Array, toleran
     ratio, tension = float(found.y[0]), found.tension
     length = _lengths(incidence, offsets, found.x)
     stressed = _has_tension(tension, length / (ratio * lengths))
-    return ConeSolution(found.x, tension / length, ratio, tension, stressed, found.solved, found.steps)
+    return ConeSolution(found.x, _stress(tension, length), ratio, tension, stressed, found.solved, found.steps)
 
 
 def fit_perimeters(
@@ -80,12 +82,17 @@ def fit_perimeters(
     found = _solve(incidence, offsets, extents, limits, tolerance)
     ratio, length = float(found.y[-1]), _lengths(incidence, offsets, found.x)
     stressed = _has_tension(found.multipliers, sides @ length / (ratio * perimeters))
-    sigma = found.tension / np.maximum(length, np.finfo(float).tiny)
+    sigma = _stress(found.tension, length)
     return ConeSolution(found.x, sigma, ratio, found.multipliers, stressed, found.solved, found.steps)
 
 
 def _lengths(incidence: sp.csr_array, offsets: Array, x: Array) -> Array:
     return np.linalg.norm(np.asarray(incidence @ x) + offsets, axis=1)
+
+
+def _stress(tension: Array, length: Array) -> Array:
+    """Tension per length, (N_b,); zero for edges that collapse, whose direction is not known."""
+    return np.divide(tension, length, out=np.zeros_like(length), where=length > _NO_LENGTH)
 
 
 def _has_tension(multipliers: Array, filled: Array) -> NDArray[np.bool_]:

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from critflow import CriticalManifold, cells_of, critical_from_lengths, critical_from_perimeters, voronoi_network
+from critflow import (
+    CriticalManifold,
+    Network,
+    cells_of,
+    critical_from_lengths,
+    critical_from_perimeters,
+    voronoi_network,
+)
 from critflow.solvers.cone import fit_lengths, fit_perimeters
 
 NETWORK = voronoi_network(100, seed=1)
@@ -67,3 +74,13 @@ def test_a_long_cable_is_slack():
     np.testing.assert_array_equal(found.stressed, [True, True, False])
     assert found.ratio == pytest.approx(0.5, rel=1e-8)
     assert found.sigma[2] < 1e-6 * found.sigma[0]
+
+
+def test_slack_edges_that_collapse_have_no_stress():
+    # A taut chain 0-2-1 between pins; the slack bridge 3-4 between two equal longer chains closes by symmetry.
+    network = Network([[0, 2], [2, 1], [0, 3], [3, 1], [0, 4], [4, 1], [3, 4]], pins={0: [0, 0], 1: [2, 0]})
+    lengths = np.array([1.0, 1, 2, 2, 2, 2, 1])
+    solution = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, 1e-12)
+    assert solution.ratio == pytest.approx(1.0, abs=1e-9)
+    assert solution.stressed.tolist() == [True] * 2 + [False] * 5
+    assert np.isfinite(solution.sigma).all()
