@@ -7,11 +7,25 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.design.optimum import Optimum
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
-from critflow.design.tolerances import COLLAPSING, FADED, GAINING, NEARLY_SINGULAR, SOUND, STATIONARY, TENSE, TRAPPED
+from critflow.design.tolerances import (
+    COLLAPSING,
+    CONVERGED_REST,
+    FADED,
+    GAINING,
+    MODERATE,
+    NEARLY_SINGULAR,
+    SOUND,
+    STATIONARY,
+    TENSE,
+    TRAPPED,
+    UNRESOLVED_LENGTH,
+    UNRESOLVED_STRESS,
+)
 from critflow.networks.network import Array
 from critflow.result import Stats, Status
 from critflow.solvers.minimize import METHODS, Fire, Method, Minimum, Point, minimise
@@ -22,6 +36,9 @@ DESCENTS = {"fire": ("fire",), "lbfgs": ("lbfgs",), "newton": ("newton",), "auto
 
 # Step limits: several times the steps that standard networks of 1,000 vertices need.
 _MAX_STEPS = {"fire": 200_000, "lbfgs": 3_000, "newton": 200}
+# Descents repeated from moderate stresses.
+_REPEATS = 2
+_NOT_ATTAINED = (Status.edge_collapse, Status.slack_edges)
 
 Observer = Callable[[int, float, Array, Array], Any]
 """Called with step, value of the objective, σ (N_b,) and L (N_b, d); a true result ends the descent."""
@@ -37,6 +54,9 @@ def descend(
 ) -> Optimum:
     """The optimum of an objective from a start σ (N_b,), by one of `DESCENTS`.
 
+    A descent that ends at vanishing lengths or stresses, or stalls, is repeated from its end with stresses of moderate
+    ratios: stresses that a bad start or a long step drove apart hardly change along the gradient.
+
     `Status.edge_collapse`, `Status.slack_edges` or `Status.singular` where the optimum is not attained: the limit of
     the value, with the last configuration of the descent that is accurate.
     """
@@ -45,7 +65,7 @@ def descend(
     monitor = (SignedDescentMonitor if signed else DescentMonitor)(objective, observe)
 
     def run(x: Array, limit: int | None) -> Minimum:
-        return _minimise(objective, method, x, tolerance, limit, monitor)
+        return _repeated(objective, method, x, tolerance, limit, monitor)
 
     end, saddles = minimise_past_saddles(objective, run, objective.unknowns(start), max_steps, STATIONARY)
     reached = manifold.solve(objective.sigma(end.point.x))
@@ -61,7 +81,7 @@ def descend(
         nearest_singular=monitor.nearest_singular,
         negative_pivots=monitor.negative_pivots,
     )
-    if end.status in (Status.edge_collapse, Status.slack_edges):
+    if end.status in _NOT_ATTAINED:
         return _infimum(optimum, end, objective, monitor)
     if monitor.diverges(end):
         limit = f"the value tends to {optimum.objective:.8g} as the prestress matrix becomes singular and lengths grow"
@@ -69,6 +89,43 @@ def descend(
     if not reached.ok:
         return replace(optimum, status=reached.status, objective=np.nan)
     return optimum
+
+
+def _repeated(
+    objective: StressObjective,
+    method: str,
+    x: Array,
+    tolerance: float,
+    max_steps: int | None,
+    monitor: DescentMonitor,
+) -> Minimum:
+    """The descent from x (N_b,), repeated from moderate stresses where it does not end at an optimum."""
+    end = _minimise(objective, method, x, tolerance, max_steps, monitor)
+    steps = end.steps
+    for _ in range(_REPEATS):
+        left = None if max_steps is None else max_steps - steps
+        moderate = objective.moderate(end.point.x, MODERATE)
+        repeatable = end.status in (*_NOT_ATTAINED, Status.stalled, Status.singular) and left != 0
+        if not repeatable or monitor.ended or moderate is None or np.array_equal(moderate, end.point.x):
+            break
+        again = _minimise(objective, method, moderate, tolerance, left, monitor)
+        steps += again.steps
+        if not _improves(objective, again, end):
+            break
+        end = again
+    return replace(end, steps=steps)
+
+
+def _improves(objective: StressObjective, again: Minimum, end: Minimum) -> bool:
+    """Whether a repeated descent replaces the end of the first one."""
+    rank = {Status.ok: 0, Status.edge_collapse: 0, Status.slack_edges: 0}
+    if rank.get(again.status, 1) != rank.get(end.status, 1):
+        return again.status in rank
+    margin = 0.0
+    if end.status in _NOT_ATTAINED:
+        # Two approaches to one infimum differ by their distances from it.
+        margin = float(np.abs(end.point.gradient).sum()) * (-1.0 if again.status in _NOT_ATTAINED else 1.0)
+    return bool(again.point.value < end.point.value + margin) or not np.isfinite(end.point.value)
 
 
 def _minimise(
@@ -83,11 +140,12 @@ def _minimise(
     steps = 0
     for name in DESCENTS[method]:
         minimiser: Method[Any] = Fire(objective.time_step) if name == "fire" else METHODS[name]()
-        end = minimise(objective, minimiser, x, tolerance, max_steps or _MAX_STEPS[name], monitor)
+        left = _MAX_STEPS[name] if max_steps is None else max_steps - steps
+        end = minimise(objective, minimiser, x, tolerance, left, monitor)
         steps += end.steps
-        if end.status not in (Status.step_limit, Status.stalled):
+        if end.status not in (Status.step_limit, Status.stalled) or monitor.ended or steps == max_steps:
             break
-        x, max_steps = end.point.x, None
+        x = end.point.x
     return replace(end, steps=steps)
 
 
@@ -96,6 +154,7 @@ class DescentMonitor:
 
     last_sound  unknowns of the last configuration without edges shorter, or stresses weaker, than `SOUND` allows;
                 σ = 1 without one
+    ended       whether the observer ended the descent
     """
 
     def __init__(self, objective: StressObjective, observe: Observer | None = None):
@@ -104,13 +163,15 @@ class DescentMonitor:
         self.crossings: list[int] = []
         self.nearest_singular = np.nan
         self.negative_pivots: int | None = None
+        self.ended = False
 
     def __call__(self, point: Point) -> Status | None:
         status, balance = self._status(point), point.state.balance
         value = self.objective.sign * point.value
         enough = self._observe is not None and self._observe(self._step, value, balance.sigma, balance.bond_vectors)
         self._step += 1
-        return Status.step_limit if enough and status is None else status
+        self.ended = bool(enough) and status is None
+        return Status.step_limit if self.ended else status
 
     def _status(self, point: Point) -> Status | None:
         sigma, L = point.state.balance.sigma, point.state.balance.bond_vectors
@@ -118,10 +179,18 @@ class DescentMonitor:
         tension = sigma * length
         if length.min() > SOUND * length.mean() and sigma.min() > SOUND**2:
             self.last_sound = point.x
-        if sigma.min() < FADED:
-            return Status.slack_edges
-        vanishing = (length < COLLAPSING * length.mean()) & (tension > TENSE * tension.mean())
-        return Status.edge_collapse if vanishing.any() else None
+        # An edge tends to its limit if the value decreases that way; a bad start may lie there without reason.
+        gradient = point.gradient
+        fading = (sigma < FADED) & (gradient > 0)
+        vanishing = (length < COLLAPSING * length.mean()) & (tension > TENSE * tension.mean()) & (gradient < 0)
+        for limit, found in ((Status.slack_edges, fading), (Status.edge_collapse, vanishing)):
+            if found.any():
+                edges = _leaving(limit, sigma, length, gradient)
+                rest = float(np.abs(np.delete(gradient, edges)).sum())
+                if rest < CONVERGED_REST * abs(point.value):
+                    return limit
+        unresolved = sigma.min() < UNRESOLVED_STRESS or length.min() < UNRESOLVED_LENGTH * length.mean()
+        return Status.stalled if unresolved else None
 
     def diverges(self, end: Minimum) -> bool:
         """Whether the descent ended because lengths grow without end."""
@@ -163,14 +232,9 @@ def _infimum(optimum: Optimum, end: Minimum, objective: StressObjective, monitor
     A vanishing length is ∝ 1/σ and its gain ∝ 1/σ, that of a vanishing stress ∝ σ: the gain that remains is the
     gradient in log σ.  Error bound (estimate) of the limit: this gain and all other components of the gradient.
     """
-    gradient, value = end.point.gradient, optimum.value
-    collapse = end.status is Status.edge_collapse
-    if collapse:
-        # Short edges with a gain: an isogonal mode may shorten others without one.
-        gain = np.where(value.lengths < 0.5 * SOUND * value.lengths.mean(), -gradient / value.lengths, 0.0)
-        edges, change = np.flatnonzero(gain > GAINING * gain.max()), "shrink to zero length"
-    else:
-        edges, change = np.flatnonzero((value.sigma < 1e3 * FADED) & (gradient > 0)), "lose their tension"
+    gradient, collapse = end.point.gradient, end.status is Status.edge_collapse
+    edges = _leaving(end.status, optimum.value.sigma, optimum.value.lengths, gradient)
+    change = "shrink to zero length" if collapse else "lose their tension"
     left = float(np.abs(gradient[edges]).sum())
     limit = objective.sign * (end.point.value - left)
     listed = ", ".join(map(str, edges))
@@ -184,6 +248,15 @@ def _infimum(optimum: Optimum, end: Minimum, objective: StressObjective, monitor
         saddles=None,
     )
     return _at(objective, monitor.last_sound, optimum)
+
+
+def _leaving(limit: Status, sigma: Array, length: Array, gradient: Array) -> NDArray[np.intp]:
+    """The edges that shrink to zero length or lose their tension, by a gradient in log σ that is to be descended."""
+    if limit is Status.slack_edges:
+        return np.flatnonzero((sigma < 1e3 * FADED) & (gradient > 0))
+    # Short edges with a gain: an isogonal mode may shorten others without one.
+    gain = np.where(length < 0.5 * SOUND * length.mean(), -gradient / length, 0.0)
+    return np.flatnonzero(gain > GAINING * gain.max())
 
 
 def _at(objective: StressObjective, x: Array, optimum: Optimum) -> Optimum:

@@ -55,7 +55,8 @@ def largest_modulus(network: Network | CriticalManifold, strain: ArrayLike) -> O
 
     Nearest in Σk|L − L*|²: all others differ by isogonal modes.  `Status.edge_collapse` or `Status.singular` and NaN
     where an edge of it has no length or the forces are too nearly parallel to close; the objective is then the bound,
-    a limit.  Raises `InputError` in three dimensions except for dilations: such forces seldom close there.
+    a limit.  Where the bound is zero every configuration attains it, and that of σ = k is returned.
+    Raises `InputError` in three dimensions except for dilations: such forces seldom close there.
     """
     manifold = CriticalManifold.of(network)
     network = manifold.network
@@ -75,7 +76,8 @@ def largest_modulus(network: Network | CriticalManifold, strain: ArrayLike) -> O
         objective=transition_modulus(network, A).evaluate(value.sigma, value.bond_vectors)[0],
         bound=bound,
     )
-    if value.residual < BALANCED and abs(optimum.gap) < BALANCED and shortest > NO_LENGTH:
+    attained = _vanishes(F, moment, A) or abs(optimum.gap) < BALANCED
+    if value.residual < BALANCED and attained and shortest > NO_LENGTH:
         return optimum
     # Forces that are all nearly parallel, or an edge that vanishes: the bound is approached, not attained.
     status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if found.ok else found.status
@@ -106,6 +108,8 @@ def _attaining(manifold: CriticalManifold, A: Array) -> _Attaining:
         raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
     L_star = manifold.balance(k).bond_vectors
     F, moment = _force_map(network, L_star, A)
+    if _vanishes(F, moment, A):
+        return _Attaining(manifold.solve(k), 1.0, F, moment)
     sigma, shortest = _closed(manifold, L_star, F)
     return _Attaining(manifold.solve(sigma), shortest, F, moment)
 
@@ -162,3 +166,8 @@ def _force_map(network: Network, L_star: Array, A: Array) -> tuple[Array, Array]
     M = (network.stiffness[:, None] * L_star).T @ L_star
     W = scipy.linalg.solve_sylvester(M, M, M @ A - A @ M)
     return A + 0.5 * (W - W.T), M
+
+
+def _vanishes(F: Array, moment: Array, A: Array) -> bool:
+    """Whether the bound Σk|FL*|² is zero up to rounding: the strain A (d, d) changes no length to first order."""
+    return bool(np.trace(F @ moment @ F.T) <= ISOTROPIC**2 * np.sum(A**2) * np.trace(moment))

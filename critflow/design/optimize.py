@@ -50,6 +50,7 @@ def optimize(
                modulus; "conic" for the length variance; "auto": the cheapest that reaches the tolerance
     signs      "positive": every edge under tension; "any": compression too, and "shear_modulus" without penalty
     start      initial σ, (N_b,); 1 on every edge by default
+    max_steps  limit of the steps from each start, in all parts of the method together
     starts     number of starts; from the second on random, |N(0, 1)|, drawn from `rng`; the best optimum is returned
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
                value the descent ends there, with `Status.step_limit`
@@ -75,6 +76,8 @@ def optimize(
         raise InputError(f"Newton's method needs {type(objective).__name__}.differential: define it, or choose 'lbfgs'")
     if starts < 1 or (starts > 1 and rng is None):
         raise InputError("starts must be at least 1, and more than one start needs a random generator rng")
+    if max_steps is not None and (not isinstance(max_steps, (int, np.integer)) or max_steps < 0):
+        raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
     if not tolerance > 0:
         raise InputError(f"the tolerance must be positive, not {tolerance}")
     n_edges = manifold.network.n_edges

@@ -56,7 +56,9 @@ class Optimum(Solution[CriticalConfiguration]):
     @property
     def gap(self) -> float:
         """1 − objective/bound where the bound is attained, else NaN."""
-        return 1 - self.objective / self.bound if self.ok else np.nan
+        if not self.ok:
+            return np.nan
+        return 1 - self.objective / self.bound if self.bound else 0.0
 
     @property
     def gradient_norm(self) -> float:

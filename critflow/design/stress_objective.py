@@ -46,6 +46,11 @@ class StressObjective(Function):
         """The product of dO/dσ with the second derivative of σ(θ), times a direction."""
         return sigma * direction * dO_dsigma
 
+    def moderate(self, x: Array, ratio: float) -> Array | None:
+        """x with stresses between 1/ratio and ratio times their median; None where signs may change."""
+        middle, width = np.median(x), np.log(ratio)
+        return np.clip(x, middle - width, middle + width)
+
     @property
     def time_step(self) -> float:
         """A time step of FIRE: curvatures per edge are of order 1/N_b."""
@@ -90,6 +95,9 @@ class SignedStressObjective(StressObjective):
 
     def sigma(self, x: Array) -> Array:
         return x * np.sqrt(len(x) / (x @ x))
+
+    def moderate(self, x: Array, ratio: float) -> Array | None:
+        return None
 
     def pushforward(self, x: Array, sigma: Array, direction: Array) -> Array:
         size = x @ x

@@ -5,6 +5,9 @@ NO_STRESS         σ of an edge without tension, in units of ⟨|σ|⟩: roundin
 WEAK_STRESS       σ below which the weakest edges are released first when Newton's method fails, in units of ⟨σ⟩; it
                   grows tenfold from one attempt to the next.
 NO_SIGNED_STRESS  Largest least |σ| of a linear program without solution: linear programs are solved to about 1e-9.
+MODERATE          Ratio of a stress to the median, at most, from which a failed descent is repeated: log σ is then of
+                  order one, and all edges have lengths that the gradient resolves.
+UNRESOLVED_STRESS Least σ, where Σσ² = N_b, at which a descent ends without an optimum: far below FADED.
 FADED             σ that tends to zero, where Σσ² = N_b: far below the stresses of any optimum (1e-3).
 
 Lengths
@@ -14,6 +17,8 @@ GAINING           Gain of an edge that collapses, relative to the largest gain: 
 SOUND             Shortest length, in units of the mean, and square root of the least stress of a configuration returned
                   for an optimum that is not attained: shorter edges lose digits in the rounding of the coordinates.
 NO_LENGTH         Length, in units of the mean, of an edge that vanishes in the configuration of the largest modulus.
+UNRESOLVED_LENGTH Length of the shortest edge, in units of the mean, at which a descent ends without an optimum: half of
+                  the digits of its direction are lost.
 SOLVED            Relative residual of a Newton step that determines the error of its start.
 FITTED            Relative error of the lengths of a solution of Newton's method; short edges limit it by rounding.
 EVEN              Spread of the logarithms of rest lengths below which few networks have slack edges.
@@ -21,6 +26,8 @@ EVEN              Spread of the logarithms of rest lengths below which few netwo
 Balance and optima
 BALANCED          Relative force balance, and relative distance from the bound, of a modulus that attains its bound.
 ISOTROPIC         Anisotropy of a strain that is a dilation up to rounding.
+CONVERGED_REST    Gain that remains at an infimum in the edges that do not tend to their limits, relative to the value;
+                  standard networks reach 4e-4, and false infima have more than 1e-2.
 STATIONARY        Gradient above which a descent was stopped early on purpose, by a rough tolerance: no saddle test.
 NEARLY_SINGULAR   Smallest pivot over the largest of a nearly singular prestress matrix: lengths are then known to 1e-7.
 TRAPPED           Number of successive steps at nearly singular matrices that show a limit at a singular one.
@@ -44,16 +51,20 @@ NO_STRESS = 1e-9
 WEAK_STRESS = 1e-5
 NO_SIGNED_STRESS = 1e-7
 FADED = 1e-12
+MODERATE = 100.0
+UNRESOLVED_STRESS = 1e-20
 COLLAPSING = 1e-4
 TENSE = 0.01
 GAINING = 0.1
 SOUND = 1e-2
 NO_LENGTH = 1e-10
+UNRESOLVED_LENGTH = 1e-8
 SOLVED = 1e-6
 FITTED = 1e-9
 EVEN = 0.12
 BALANCED = 1e-8
 ISOTROPIC = 1e-14
+CONVERGED_REST = 1e-3
 STATIONARY = 1e-8
 NEARLY_SINGULAR = 1e-9
 TRAPPED = 20

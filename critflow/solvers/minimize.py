@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.result import Status
-from critflow.solvers.tolerances import ARMIJO, FLAT, ROUNDING
+from critflow.solvers.tolerances import ARMIJO, FLAT, IDLE, ROUNDING
 
 Array = NDArray[np.float64]
 State = TypeVar("State")
@@ -167,10 +167,17 @@ Pair = tuple[Array, Array, float]
 
 
 class LBFGSState(NamedTuple):
-    """The last pairs, and whether they were discarded since the last step."""
+    """The last pairs, whether they were discarded since the last step, and its progress.
+
+    lowest, least  smallest value and residual
+    idle           steps since either of them decreased
+    """
 
     pairs: deque[Pair]
     fresh: bool
+    lowest: float
+    least: float
+    idle: int = 0
 
 
 @dataclass(frozen=True)
@@ -189,7 +196,7 @@ class LBFGS:
     max_move: float = 0.7
 
     def init(self, point: Point) -> LBFGSState:
-        return LBFGSState(deque(maxlen=self.memory), True)
+        return LBFGSState(deque(maxlen=self.memory), True, point.value, point.residual)
 
     def step(self, function: Function, point: Point, state: LBFGSState) -> tuple[Point, LBFGSState | None]:
         pairs = state.pairs
@@ -202,12 +209,17 @@ class LBFGS:
         trial = _backtrack(function, point, direction, float(gradient), length)
         if trial is None:
             pairs.clear()
-            return point, None if state.fresh else LBFGSState(pairs, True)
+            return point, None if state.fresh else state._replace(fresh=True)
         dx, dgradient = trial.x - point.x, trial.gradient - point.gradient
         product = float(dx @ dgradient)
         if product > 1e-12 * np.sqrt((dx @ dx) * (dgradient @ dgradient)):
             pairs.append((dx, dgradient, product))
-        return trial, LBFGSState(pairs, False)
+        lower = trial.value < state.lowest - ROUNDING * abs(state.lowest)
+        idle = 0 if lower or trial.residual < state.least else state.idle + 1
+        if idle > IDLE:
+            return trial, None
+        lowest, least = min(state.lowest, trial.value), min(state.least, trial.residual)
+        return trial, LBFGSState(pairs, False, lowest, least, idle)
 
 
 def _backtrack(function: Function, point: Point, direction: Array, gradient: float, length: float) -> Point | None:
@@ -256,7 +268,9 @@ class Newton:
         return 1.0 + 0.1 * float(np.linalg.norm(point.x))
 
     def step(self, function: Function, point: Point, state: float) -> tuple[Point, float | None]:
-        direction, predicted, inside = _steihaug(function, point, state, self.max_products)
+        # The wall of a barrier may overflow; what is not finite is then no step.
+        with np.errstate(over="ignore", invalid="ignore"):
+            direction, predicted, inside = _steihaug(function, point, state, self.max_products)
         trial = function.at(point.x + direction)
         decrease = point.value - trial.value
         rounding = 10 * ROUNDING * abs(point.value) + 1e-300

@@ -79,7 +79,7 @@ def negative_curvature_direction(function: Function, point: Point, products: int
         for _ in range(2):
             curved -= basis[: k + 1].T @ (basis[: k + 1] @ curved)
         off[k] = np.linalg.norm(curved)
-        if k + 1 == products or off[k] < NEGATIVE * np.abs(main).max():
+        if k + 1 == products or off[k] <= NEGATIVE * np.abs(main).max():
             break
         basis[k + 1] = curved / off[k]
     values, vectors = scipy.linalg.eigh_tridiagonal(main[: k + 1], off[:k])

@@ -5,7 +5,7 @@ import pytest
 from problems import dense_bond_vectors, modulus_by_formula, oblique, random_start, square_octagon
 from scipy.optimize import minimize
 
-from critflow import CriticalManifold, Network, Objective, SolveError, Status, optimize, voronoi_network
+from critflow import CriticalManifold, InputError, Network, Objective, SolveError, Status, optimize, voronoi_network
 from critflow.critical.derivatives import evaluate
 from critflow.critical.objectives import LengthVariance, named_objective, pure_shear, transition_modulus
 from critflow.design.stress_objective import StressObjective
@@ -95,6 +95,39 @@ def test_the_uncertainty_of_a_limit_covers_its_error():
         assert np.ptp(values) <= 2 * uncertainties.max()
 
 
+ORDINARY = voronoi_network(20, seed=3)
+
+
+@pytest.mark.parametrize("first", [1e13, 1e6, 1e4, 1e-13, 1e-300])
+@pytest.mark.parametrize("method", ["lbfgs", "newton"])
+@pytest.mark.parametrize("goal, best", [("tension_variance", 0.014889722112887), ("length_variance", 0.0)])
+def test_a_start_with_a_stress_far_from_the_others_reaches_the_minimum(goal, best, method, first):
+    start = np.ones(ORDINARY.n_edges)
+    start[0] = first
+    solution = optimize(ORDINARY, goal, method, start=start)
+    assert solution.objective == pytest.approx(best, abs=1e-14)
+
+
+@pytest.mark.parametrize("first", [1e13, 1e6, 1e-13, 1e-300])
+def test_a_start_beyond_the_barrier_of_the_shear_modulus_returns(first):
+    start = np.ones(ORDINARY.n_edges)
+    start[0] = first
+    # Two local optima.
+    value = optimize(ORDINARY, "shear_modulus", "newton", start=start).objective
+    assert min(abs(value - 0.071178054), abs(value - 0.066534946)) < 1e-8
+
+
+@pytest.mark.parametrize("n_vertices, seed, hard_core, draw", [(16, 3, 0.65, 1)])
+def test_a_long_step_from_an_ordinary_start_leads_to_no_infimum(n_vertices, seed, hard_core, draw):
+    network = voronoi_network(n_vertices, seed, hard_core=hard_core)
+    rng = np.random.default_rng([n_vertices, seed])
+    start = np.abs([rng.standard_normal(network.n_edges) for _ in range(draw)][-1])
+    solution = optimize(network, "tension_variance", start=start, throw=False)
+    # The descent reaches the value of the start σ = 1; rounding may end it before the tolerance.
+    assert solution.status in (Status.ok, Status.stalled)
+    assert solution.objective == pytest.approx(optimize(network, "tension_variance").objective, abs=1e-12)
+
+
 @pytest.mark.parametrize("seed", [1, 3, 4])
 def test_fire_does_not_cross_the_barrier(seed):
     # It has no line search; without a limit on its moves the first one crosses the barrier.
@@ -167,6 +200,48 @@ def test_step_limits_are_a_status():
         assert solution.value.residual < 1e-12
         with pytest.raises(SolveError, match="raise max_steps"):
             optimize(NETWORK, "tension_variance", method, max_steps=2)
+
+
+@pytest.mark.parametrize("method", ["fire", "lbfgs", "newton", "auto"])
+@pytest.mark.parametrize("limit", [0, 1, 3])
+def test_a_step_limit_is_that_of_all_parts_together(method, limit):
+    solution = optimize(ORDINARY, "tension_variance", method, max_steps=limit, throw=False)
+    assert (solution.status, solution.stats.steps) == (Status.step_limit, limit)
+
+
+@pytest.mark.parametrize("limit", [-1, 2.5, "many"])
+def test_a_step_limit_is_a_whole_number(limit):
+    with pytest.raises(InputError, match="max_steps"):
+        optimize(ORDINARY, "tension_variance", max_steps=limit)
+
+
+def test_an_observer_ends_every_part_of_a_method():
+    seen = []
+
+    def once(step, value, sigma, L):
+        seen.append(step)
+        return step == 2
+
+    solution = optimize(ORDINARY, "tension_variance", "auto", observe=once, throw=False)
+    assert solution.status is Status.step_limit and seen == [0, 1, 2]
+
+
+@pytest.mark.parametrize("n_edges", [2, 3])
+@pytest.mark.parametrize("method", ["auto", "lbfgs", "newton"])
+def test_a_modulus_that_is_always_zero_is_an_optimum(method, n_edges):
+    # A ring of edges in line resists no shear.
+    edges = [[edge, (edge + 1) % n_edges] for edge in range(n_edges)]
+    offsets = np.zeros((n_edges, 2), int)
+    offsets[-1, 0] = 1
+    ring = Network(edges, offsets, np.eye(2))
+    solution = optimize(ring, "shear_modulus", method, signs="any")
+    assert solution.objective == pytest.approx(0.0, abs=1e-30)
+
+
+@pytest.mark.parametrize("strain", [np.zeros((2, 2)), np.array([[0.0, 1.0], [-1.0, 0.0]])])
+def test_a_strain_that_only_rotates_has_a_modulus_of_zero(strain):
+    goal = transition_modulus(ORDINARY, strain)
+    assert optimize(ORDINARY, goal, signs="any").objective == 0.0
 
 
 @pytest.mark.parametrize("method", ["lbfgs", "newton", "fire"])
