@@ -13,6 +13,8 @@ from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound
 from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
+from critflow.exchange.convert import network_from, write_network
+from critflow.exchange.repair import ImportedNetwork
 from critflow.mechanics.elasticity import Elasticity
 from critflow.mechanics.equilibrium import equilibrium
 from critflow.mechanics.hessian import bond_operator, geometric_split, hookean_split
@@ -71,6 +73,7 @@ __all__ = [
     "Elasticity",
     "EnvironmentFailure",
     "Hookean",
+    "ImportedNetwork",
     "InputError",
     "IntegrityError",
     "Network",
@@ -117,6 +120,7 @@ __all__ = [
     "kagome_network",
     "linear_response",
     "modulus_bound",
+    "network_from",
     "optimize",
     "perimeter_moduli",
     "perimeter_state",
@@ -141,5 +145,6 @@ __all__ = [
     "triangular_network",
     "voronoi_network",
     "voronoi_of",
+    "write_network",
     "zero_modes",
 ]

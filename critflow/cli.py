@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from critflow.network_cli import convert
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
 from critflow.workflow.load import StudyFile, load_study, named_studies
@@ -287,6 +288,9 @@ def show(
     with opened_dataset(file) as dataset:
         case = choose_case(dataset, settings)
         print(show_configuration(case, out or Path(f"{case_title(case)}.png")))
+
+
+app.command(help="Read a network, report each repair, and write it in another format.")(convert)
 
 
 def _print_report(folder: Folder, report: Report) -> None:

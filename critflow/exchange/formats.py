@@ -1,0 +1,67 @@
+"""The table of formats: what each file ending is read and written by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from critflow.exchange.data import NetworkData
+from critflow.exchange.drawings import write_dxf, write_svg
+from critflow.exchange.graphs import read_graph, write_graph
+from critflow.exchange.meshes import read_compas, read_mesh, write_compas, write_mesh
+from critflow.exchange.particles import read_gsd, read_lammps, write_gsd, write_lammps
+from critflow.exchange.solids import write_solid
+from critflow.exchange.tables import read_tables, write_tables
+from critflow.result import InputError
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format: file endings, reader and writer, of which either may be missing."""
+
+    name: str
+    endings: tuple[str, ...]
+    read: Callable[[Path], NetworkData] | None
+    write: Callable[..., None] | None
+
+
+def _read_tables(path: Path) -> NetworkData:
+    return read_tables(*table_paths(path))
+
+
+def _write_tables(data: NetworkData, path: Path) -> None:
+    write_tables(data, *table_paths(path))
+
+
+FORMATS = (
+    Format("tables", (".csv", ".txt", ".tsv"), _read_tables, _write_tables),
+    Format("graph", (".graphml", ".gml", ".json"), read_graph, write_graph),
+    Format("LAMMPS data", (".data", ".lmp", ".lammps"), read_lammps, write_lammps),
+    Format("GSD", (".gsd",), read_gsd, write_gsd),
+    Format("mesh", (".vtu", ".vtk", ".msh", ".ply", ".obj", ".xdmf"), read_mesh, write_mesh),
+    Format("COMPAS graph", (".compas",), read_compas, write_compas),
+    Format("SVG drawing", (".svg",), None, write_svg),
+    Format("DXF drawing", (".dxf",), None, write_dxf),
+    Format("solid", (".stl", ".3mf"), None, write_solid),
+)
+
+
+def format_of(path: Path) -> Format:
+    """The format of a file by its ending, else an `InputError` with all endings."""
+    for known in FORMATS:
+        if path.suffix.lower() in known.endings:
+            return known
+    endings = ", ".join(ending for known in FORMATS for ending in known.endings)
+    raise InputError(f"no format has the ending {path.suffix!r} of {path.name}: choose one of {endings}")
+
+
+def table_paths(path: Path) -> tuple[Path, Path]:
+    """Paths of the edge table and the vertex table: NAME_edges.csv and NAME_vertices.csv of NAME.csv."""
+    stem = path.stem
+    for mark in ("_edges", "_vertices", "_nodes"):
+        stem = stem.removesuffix(mark)
+    edges = path.with_name(f"{stem}_edges{path.suffix}")
+    vertices = path.with_name(f"{stem}_vertices{path.suffix}")
+    nodes = path.with_name(f"{stem}_nodes{path.suffix}")
+    return edges, nodes if nodes.exists() and not vertices.exists() else vertices

@@ -1,0 +1,246 @@
+"""Files of particle simulations: LAMMPS data through lammpsio, GSD, and ASE atoms with bonds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
+from critflow.exchange.offsets import with_offsets, wrapped
+from critflow.exchange.packages import optional
+from critflow.result import InputError
+
+_HEADER = "critflow network"
+
+
+def read_lammps(path: Path, periodic: bool = True) -> NetworkData:
+    """A LAMMPS data file with bonds, which LAMMPS measures between nearest images.
+
+    Harmonic `Bond Coeffs` are not in the record of lammpsio; they are read from the text: K (r − r0)², so k = 2 K.
+    """
+    lammpsio = optional("lammpsio")
+    try:
+        snapshot = lammpsio.DataFile(str(path)).read()
+    except (OSError, ValueError, IndexError, KeyError) as error:
+        raise InputError(f"{path} cannot be read as a LAMMPS data file: {error}") from None
+    if not snapshot.has_bonds():
+        raise InputError(f"{path} has no Bonds section: write the data file with bonds")
+    ids = np.arange(1, snapshot.N + 1) if not snapshot.has_id() else snapshot.id
+    order = np.argsort(ids)
+    edges = np.searchsorted(ids[order], np.asarray(snapshot.bonds.members))
+    box = snapshot.box
+    xy, xz, yz = box.tilt if box.tilt is not None else (0.0, 0.0, 0.0)
+    lx, ly, lz = np.asarray(box.high) - np.asarray(box.low)
+    cell = np.array([[lx, 0, 0], [xy, ly, 0], [xz, yz, lz]])
+    positions = np.array(snapshot.position)[order]
+    first = path.read_text(encoding="utf-8").splitlines()[0]
+    pins: tuple[int, ...] = ()
+    if first.startswith(f"{_HEADER} (fixed)"):
+        periodic, pins = False, tuple(np.flatnonzero(np.asarray(snapshot.typeid)[order] == 2).tolist())
+    types = np.asarray(snapshot.bonds.typeid) if snapshot.bonds.has_typeid() else np.ones(len(edges), int)
+    k, rest = _bond_coefficients(path, types)
+    return NetworkData(
+        edges=edges.astype(np.int64),
+        positions=positions,
+        cell=cell if periodic else None,
+        nearest_images=True,
+        pins=pins,
+        stiffness=k,
+        rest_lengths=rest,
+        ids=tuple(map(str, ids[order])),
+        source=f"LAMMPS data {path.name}",
+    )
+
+
+def _bond_coefficients(path: Path, types: IntArray) -> tuple[Array | None, Array | None]:
+    """k = 2K and ℓ of each bond from a section of harmonic `Bond Coeffs`, if there is one."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    starts = [n for n, line in enumerate(lines) if line.split("#")[0].strip() == "Bond Coeffs"]
+    if not starts:
+        return None, None
+    table = {}
+    for line in lines[starts[0] + 2 :]:
+        words = line.split("#")[0].split()
+        if len(words) < 3 or not words[0].isdigit():
+            break
+        table[int(words[0])] = float(words[1]), float(words[2])
+    if not set(types.tolist()) <= set(table):
+        return None, None
+    values = np.array([table[int(kind)] for kind in types])
+    return 2 * values[:, 0], values[:, 1]
+
+
+def write_lammps(data: NetworkData, path: Path) -> None:
+    """A LAMMPS data file (units lj, atom_style molecular) with one harmonic bond type for each distinct spring.
+
+    LAMMPS has E = K (r − r0)², so K = k/2; rest lengths are the lengths where none are given.  A plane lies in a slab
+    as high as its longest cell vector, a network with fixed vertices in a box around it; they have atom type 2.
+
+    Raises `InputError` where a bond is not the nearest image, which LAMMPS cannot express.
+    """
+    cell, x, origin = _in_box(data)
+    k = np.ones(data.n_edges) if data.stiffness is None else data.stiffness
+    rest = np.linalg.norm(bond_vectors_of(data), axis=1) if data.rest_lengths is None else data.rest_lengths
+    kinds, kind = np.unique(np.stack([k / 2, rest], axis=1), axis=0, return_inverse=True)
+    fixed = np.ones(data.n_vertices, int)
+    fixed[list(data.pins)] = 2
+    atoms = zip(fixed, x.tolist(), strict=True)
+    bonds = zip(kind.ravel().tolist(), data.edges.tolist(), strict=True)
+    boundary = "fixed" if data.cell is None else "periodic"
+    lines = [
+        f"{_HEADER} ({boundary}): units lj, atom_style molecular, bond_style harmonic",
+        "",
+        *(f"{data.n_vertices} atoms", f"{data.n_edges} bonds", "2 atom types", f"{len(kinds)} bond types", ""),
+        *(f"{float(origin[i])!r} {float(origin[i] + cell[i, i])!r} {axis}lo {axis}hi" for i, axis in enumerate("xyz")),
+        f"{float(cell[1, 0])!r} {float(cell[2, 0])!r} {float(cell[2, 1])!r} xy xz yz",
+        *("", "Masses", "", "1 1.0", "2 1.0", "", "Bond Coeffs # harmonic", ""),
+        *(f"{n + 1} {a!r} {b!r}" for n, (a, b) in enumerate(kinds.tolist())),
+        *("", "Atoms # molecular", ""),
+        *(f"{n + 1} 1 {f} {p[0]!r} {p[1]!r} {p[2]!r}" for n, (f, p) in enumerate(atoms)),
+        *("", "Bonds", ""),
+        *(f"{n + 1} {b + 1} {i + 1} {j + 1}" for n, (b, (i, j)) in enumerate(bonds)),
+        "",
+    ]
+    path.write_text("\n".join(lines), encoding="utf-8")
+
+
+def _in_box(data: NetworkData) -> tuple[Array, Array, Array]:
+    """A cell (3, 3) with its first vector along x and its second in the plane, wrapped positions, the cell's origin."""
+    data = wrapped(data)
+    x, d = data.positions, data.dimension
+    if data.cell is None:
+        size = 2 * float(np.ptp(x, axis=0).max())
+        cell, low = size * np.eye(d), x.min(axis=0) - size / 4
+    else:
+        cell, low = data.cell, np.zeros(d)
+        _require_nearest(data)
+        if np.linalg.det(cell) < 0:
+            raise InputError("the cell vectors are left-handed: exchange two of them and the columns of the offsets")
+        # Turned so that the cell is lower triangular, as LAMMPS requires.
+        q, r = np.linalg.qr(cell.T)
+        signs = np.sign(np.diag(r))
+        if (np.abs(np.triu(cell, 1)) > 0).any() or (np.diag(cell) <= 0).any():
+            turn = q * signs
+            cell, x = np.tril((r * signs[:, None]).T), x @ turn
+    whole = np.eye(3) * float(np.linalg.norm(cell, axis=1).max())
+    whole[:d, :d] = cell
+    positions, origin = np.zeros((len(x), 3)), np.zeros(3)
+    positions[:, :d], origin[:d] = x, low
+    # In the plane z = 0, which LAMMPS requires within the box.
+    origin[d:] = -0.5 * whole[2, 2]
+    return whole, positions, origin
+
+
+def _require_nearest(data: NetworkData) -> None:
+    found = with_offsets(replace(data, offsets=None), nearest=True)
+    assert found.offsets is not None and data.offsets is not None
+    other = np.flatnonzero((found.offsets != data.offsets).any(axis=1))
+    if len(other):
+        raise InputError(
+            f"{len(other)} edges do not join nearest images, edge {other[0]} first, which this format cannot express: "
+            "write several copies of the cell (copies=2), or another format"
+        )
+
+
+def read_gsd(path: Path) -> NetworkData:
+    """The last frame of a GSD file with bonds, which join nearest images; box (lx, ly, lz, xy, xz, yz)."""
+    hoomd = optional("gsd.hoomd")
+    try:
+        with hoomd.open(str(path), "r") as trajectory:
+            frame = trajectory[-1]
+    except (OSError, RuntimeError, IndexError) as error:
+        raise InputError(f"{path} cannot be read as a GSD file: {error}") from None
+    if not frame.bonds.N:
+        raise InputError(f"{path} has no bonds: write them with the particles")
+    lx, ly, lz, xy, xz, yz = (float(value) for value in frame.configuration.box)
+    d = int(frame.configuration.dimensions or 3)
+    cell = np.array([[lx, 0, 0], [xy * ly, ly, 0], [xz * lz, yz * lz, lz]])[:d, :d]
+    fixed = frame.particles.types.index("fixed") if "fixed" in frame.particles.types else -1
+    pins = np.flatnonzero(np.asarray(frame.particles.typeid) == fixed)
+    return NetworkData(
+        edges=np.asarray(frame.bonds.group, dtype=np.int64),
+        # The cell of GSD is centred at the origin.
+        positions=np.asarray(frame.particles.position, dtype=float)[:, :d] + 0.5 * cell.sum(axis=0),
+        cell=None if len(pins) else cell,
+        nearest_images=True,
+        pins=tuple(pins.tolist()),
+        source=f"GSD {path.name}",
+        notes=("GSD stores single precision: coordinates have 7 significant digits",),
+    )
+
+
+def write_gsd(data: NetworkData, path: Path) -> None:
+    """One GSD frame with bonds; GSD has single precision and joins nearest images.  Fixed vertices have typeid 1."""
+    hoomd = optional("gsd.hoomd")
+    cell, x, origin = _in_box(data)
+    frame = hoomd.Frame()
+    box = [
+        cell[0, 0],
+        cell[1, 1],
+        cell[2, 2],
+        cell[1, 0] / cell[1, 1],
+        cell[2, 0] / cell[2, 2],
+        cell[2, 1] / cell[2, 2],
+    ]
+    frame.configuration.box = [*box[:2], 0 if data.dimension == 2 else box[2], *box[3:]]
+    frame.configuration.dimensions = data.dimension
+    frame.particles.N = data.n_vertices
+    # The cell of GSD is centred at the origin.
+    centre = (origin + 0.5 * cell.sum(axis=0)) * (np.arange(3) < data.dimension)
+    frame.particles.position = (x - centre).astype(np.float32)
+    frame.particles.types = ["free", "fixed"]
+    kinds = np.zeros(data.n_vertices, np.uint32)
+    kinds[list(data.pins)] = 1
+    frame.particles.typeid = kinds
+    frame.bonds.N = data.n_edges
+    frame.bonds.types = ["edge"]
+    frame.bonds.typeid = np.zeros(data.n_edges, np.uint32)
+    frame.bonds.group = data.edges.astype(np.uint32)
+    with hoomd.open(str(path), "w") as file:
+        file.append(frame)
+
+
+def from_atoms(
+    atoms: Any, edges: ArrayLike | None = None, offsets: ArrayLike | None = None, cutoff: Any = None
+) -> NetworkData:
+    """ASE atoms with edges: pairs with their cell shifts S (`neighbor_list("ijS")`), a cutoff, or an array of bonds.
+
+    Without periodic directions the atoms are a free patch; a direction that alone is not periodic must be flat.
+    """
+    if edges is None and cutoff is not None:
+        first, second, shift = optional("ase.neighborlist").neighbor_list("ijS", atoms, cutoff)
+        edges, offsets = np.stack([first, second], axis=1), shift
+    if edges is None:
+        edges = _bonds_of_atoms(atoms)
+    periodic = np.asarray(atoms.get_pbc())
+    pairs = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
+    x = np.asarray(atoms.get_positions(), dtype=float)
+    cell = np.asarray(atoms.get_cell()[:], dtype=float)
+    if periodic.any() and not periodic.all():
+        if not abs(np.linalg.det(cell)) > 0:
+            cell = np.where(np.linalg.norm(cell, axis=1)[:, None] > 0, cell, np.eye(3) * (1 + np.ptp(x)))
+    return NetworkData(
+        edges=pairs,
+        positions=x,
+        cell=cell if periodic.any() else None,
+        offsets=None if offsets is None or not periodic.any() else np.asarray(offsets, dtype=np.int64),
+        source="ASE atoms",
+    )
+
+
+def _bonds_of_atoms(atoms: Any) -> Array:
+    """Bonds as ASE's reader of LAMMPS data stores them: "3(1),4(2)" is a list of partners with their types."""
+    texts = atoms.arrays.get("bonds")
+    if texts is None:
+        raise InputError("the atoms have no bonds: give edges= (and offsets=, the cell shifts S), or cutoff=")
+    pairs = [
+        (n, int(word.split("(")[0]))
+        for n, text in enumerate(texts)
+        for word in str(text).split(",")
+        if word not in ("_", "")
+    ]
+    return np.array(pairs)

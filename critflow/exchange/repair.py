@@ -1,0 +1,353 @@
+"""From a record to a network: each repair with one sentence, or refusal of all repairs.
+
+Repairs, in this order: dimensions without extent, self loops, repeated edges, bare vertices, edges between fixed
+vertices, and edges that cannot carry tension.  Chains are contracted on
+request.  Nothing is dropped silently.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from critflow.exchange.boundaries import require_boundary
+from critflow.exchange.data import Array, IntArray, NetworkData
+from critflow.networks.network import Network
+from critflow.networks.pruning import carrying_part
+from critflow.result import InputError, NetworkError, Solution, Stats, Status
+
+# Coordinates that vary by less than this part of the size of a network have no extent.
+_FLAT = 1e-9
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImportedNetwork(Solution[Network]):
+    """A network from another program; `print` shows how it was read and repaired.
+
+    notes            one sentence on each property of the source and each repair
+    data             the record that the network was made of, after the repairs
+    edges_kept       (N_b,) edge of the source of each edge
+    vertices_kept    (N_v,) vertex of the source of each vertex
+    repaired         whether anything was changed
+    """
+
+    notes: tuple[str, ...] = ()
+    data: NetworkData = field(repr=False)
+    edges_kept: IntArray = field(repr=False)
+    vertices_kept: IntArray = field(repr=False)
+    repaired: bool = False
+
+    @property
+    def network(self) -> Network:
+        """The network, the same as `value`."""
+        return self.value
+
+    @property
+    def positions(self) -> Array:
+        """Positions (N_v, d) as read."""
+        return self.data.positions
+
+    @property
+    def rest_lengths(self) -> Array | None:
+        """Rest lengths ℓ (N_b,) of the source, if it has any."""
+        return self.data.rest_lengths
+
+    @property
+    def force_densities(self) -> Array | None:
+        """Force densities σ (N_b,) of the source, if it has any."""
+        return self.data.force_densities
+
+    def __str__(self) -> str:
+        lines = [f"{self.data.source}: {described(self.value)}", *self.notes]
+        return "\n  ".join(lines)
+
+
+def described(network: Network) -> str:
+    """One line: sizes, boundary and mean coordination."""
+    kind = "periodic" if network.cell is not None else f"{len(network.pins)} fixed vertices"
+    z = 2 * network.n_edges / network.n_vertices
+    return f"{network.n_vertices:,} vertices, {network.n_edges:,} edges, {network.dimension}D, {kind}, z = {z:.3g}"
+
+
+class _Ledger:
+    """The current record, the source's index of its edges and vertices, and the sentences of the repairs."""
+
+    def __init__(self, data: NetworkData, strict: bool):
+        self.data, self.strict = data, strict
+        self.edges = np.arange(data.n_edges)
+        self.vertices = np.arange(data.n_vertices)
+        self.sentences: list[str] = []
+        self.changed = False
+
+    def note(self, sentence: str) -> None:
+        if self.strict:
+            raise NetworkError(f"{sentence}: correct the source, or leave out strict=True")
+        self.changed = True
+        self.sentences.append(sentence)
+
+    def keep_edges(self, kept: NDArray[np.bool_]) -> None:
+        self.data, self.edges = self.data.with_edges(kept), self.edges[kept]
+
+    def keep_vertices(self, kept: NDArray[np.bool_]) -> None:
+        self.edges = self.edges[kept[self.data.edges].all(axis=1)]
+        self.vertices = self.vertices[kept]
+        self.data = self.data.with_vertices(kept)
+
+
+def imported(data: NetworkData, strict: bool = False, contract: bool = False) -> ImportedNetwork:
+    """The network of a checked record with all offsets and fixed vertices known.
+
+    strict    refuse a record that needs any repair, with `NetworkError`
+    contract  replace each chain of edges through vertices of two edges by one edge: springs in series
+    """
+    ledger = _Ledger(data, strict)
+    _without_flat_dimension(ledger)
+    _without_loops(ledger)
+    _without_repeats(ledger)
+    require_boundary(ledger.data)
+    bare = int((np.bincount(ledger.data.edges.ravel(), minlength=ledger.data.n_vertices) == 0).sum())
+    if bare:
+        ledger.note(f"{bare} vertices without edges were removed")
+    _without_fixed_edges(ledger)
+    _carrying(ledger)
+    _without_bare(ledger)
+    _chains(ledger, contract)
+    found = ledger.data
+    network = Network(
+        found.edges,
+        found.offsets,  # type: ignore[arg-type]
+        found.cell,
+        1.0 if found.stiffness is None else found.stiffness,  # type: ignore[arg-type]
+        {i: found.positions[i] for i in found.pins},
+        n_vertices=found.n_vertices,
+        positions=found.positions,
+    )
+    notes = (*data.notes, *_digits(data), *ledger.sentences)
+    stats = Stats(f"read {data.source}", len(ledger.sentences))
+    return ImportedNetwork(
+        value=network,
+        status=Status.ok,
+        stats=stats,
+        note="; ".join(ledger.sentences),
+        notes=notes,
+        data=found,
+        edges_kept=ledger.edges,
+        vertices_kept=ledger.vertices,
+        repaired=ledger.changed,
+    )
+
+
+def check(data: NetworkData) -> None:
+    """Refuse values that no repair can correct."""
+    if data.edges.ndim != 2 or data.edges.shape[1:] != (2,) or not data.n_edges:
+        raise NetworkError("the source has no edges: give pairs of vertices")
+    bad = np.flatnonzero(~np.isfinite(data.positions).all(axis=1))
+    if len(bad):
+        name = data.name(int(bad[0]))
+        raise NetworkError(f"the positions of {len(bad)} vertices are not numbers, vertex {name} first: correct them")
+    outside = np.flatnonzero(((data.edges < 0) | (data.edges >= data.n_vertices)).any(axis=1))
+    if len(outside):
+        raise NetworkError(
+            f"{len(outside)} edges name vertices that do not exist, edge {outside[0]} first (of {data.n_vertices} "
+            "vertices): add them, or check whether counting begins at 0 or 1"
+        )
+
+
+def _without_flat_dimension(ledger: _Ledger) -> None:
+    """Reduce a sheet in three dimensions to its plane: nothing would resist a motion out of it."""
+    data = ledger.data
+    if data.dimension != 3:
+        return
+    extent = np.ptp(data.positions, axis=0)
+    flat = np.flatnonzero(extent <= _FLAT * max(float(extent.max()), 1e-300))
+    if len(flat) != 1:
+        return
+    k = int(flat[0])
+    others = [axis for axis in range(3) if axis != k]
+    cell, offsets = data.cell, data.offsets
+    if cell is not None:
+        crossing = offsets is not None and offsets[:, k].any()
+        if crossing or np.abs(cell[k, others]).max() > 0 or np.abs(cell[others, k]).max() > 0:
+            return
+        cell = cell[np.ix_(others, others)]
+        offsets = None if offsets is None else offsets[:, others]
+    ledger.data = replace(data, positions=data.positions[:, others], cell=cell, offsets=offsets)
+    # Many formats know three dimensions only, so this is no fault of the source.
+    ledger.sentences.append(f"all vertices have one {'xyz'[k]}, so the network was read as two-dimensional")
+
+
+def _without_loops(ledger: _Ledger) -> None:
+    data = ledger.data
+    loops = data.edges[:, 0] == data.edges[:, 1]
+    if data.offsets is not None:
+        loops &= ~data.offsets.any(axis=1)
+    if loops.any():
+        ledger.keep_edges(~loops)
+        ledger.note(f"{int(loops.sum())} edges from a vertex to itself were removed")
+
+
+def _without_repeats(ledger: _Ledger) -> None:
+    """One edge of each set with the same ends and offset, in either direction."""
+    data = ledger.data
+    if not data.n_edges:
+        raise NetworkError("every edge joins a vertex to itself: give edges between different vertices")
+    edges = data.edges
+    offsets = np.zeros((len(edges), 0), np.int64) if data.offsets is None else np.asarray(data.offsets)
+    first = np.argmax(offsets != 0, axis=1) if offsets.shape[1] else np.zeros(len(edges), int)
+    leading = offsets[np.arange(len(edges)), first] if offsets.shape[1] else np.zeros(len(edges), int)
+    turned = (edges[:, 0] > edges[:, 1]) | ((edges[:, 0] == edges[:, 1]) & (leading < 0))
+    key = np.concatenate([np.sort(edges, axis=1), np.where(turned[:, None], -offsets, offsets)], axis=1)
+    _, where, inverse, count = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    repeated = len(edges) - len(where)
+    if not repeated:
+        return
+    both = bool((count == 2).all()) and bool(np.bincount(inverse.ravel(), turned.astype(float)).all())
+    kept = np.zeros(len(edges), bool)
+    kept[where] = True
+    ledger.keep_edges(kept)
+    ledger.note(
+        f"every edge was given in both directions (a full neighbour list); one of each, {len(where)}, was kept"
+        if both
+        else f"{repeated} repeated edges were removed"
+    )
+
+
+def _without_fixed_edges(ledger: _Ledger) -> None:
+    data = ledger.data
+    fixed = np.zeros(data.n_vertices, bool)
+    fixed[list(data.pins)] = True
+    between = np.asarray(fixed[data.edges].all(axis=1))
+    if between.any():
+        ledger.keep_edges(~between)
+        ledger.note(f"{int(between.sum())} edges between fixed vertices were removed: they cannot respond")
+
+
+def _carrying(ledger: _Ledger) -> None:
+    """The largest part of which every edge can carry tension."""
+    data = ledger.data
+    offsets = np.zeros((data.n_edges, data.dimension), np.int64) if data.offsets is None else np.asarray(data.offsets)
+    part = carrying_part(data.edges, offsets, {i: data.positions[i] for i in data.pins}, data.n_vertices)
+    if len(part.edges) == data.n_edges:
+        return
+    if not len(part.edges):
+        raise NetworkError(
+            "no edge can carry tension: no closed path winds around the cell or joins two fixed vertices: fix more "
+            "vertices, or give the cell"
+        )
+    kept = np.zeros(data.n_edges, bool)
+    kept[part.edges] = True
+    ledger.keep_edges(kept)
+    ledger.note(part.sentence)
+
+
+def _without_bare(ledger: _Ledger) -> None:
+    """Remove vertices without edges, which edges removed before may have left."""
+    used = np.zeros(ledger.data.n_vertices, bool)
+    used[ledger.data.edges] = True
+    if not used.all():
+        ledger.keep_vertices(used)
+
+
+def _chains(ledger: _Ledger, contract: bool) -> None:
+    """Vertices of two edges: reported, or replaced by springs in series."""
+    data = ledger.data
+    degree = np.bincount(data.edges.ravel(), minlength=data.n_vertices)
+    loops = data.edges[data.edges[:, 0] == data.edges[:, 1], 0]
+    middle = degree == 2
+    middle[list(data.pins)] = False
+    middle[loops] = False
+    if not middle.any():
+        return
+    if not contract:
+        ledger.sentences.append(
+            f"{int(middle.sum())} vertices have two edges, which are straight under tension; contract=True joins them"
+        )
+        return
+    merged, edge = contracted(data, middle)
+    ledger.data, ledger.edges = merged, ledger.edges[edge]
+    ledger.vertices = ledger.vertices[~middle]
+    ledger.note(f"{int(middle.sum())} vertices of two edges were removed, their edges joined in series")
+    _without_loops(ledger)
+
+
+def contracted(data: NetworkData, middle: NDArray[np.bool_]) -> tuple[NetworkData, IntArray]:
+    """The data without chain vertices, springs joined in series and lengths added; and one old edge of each chain."""
+    inner = middle[data.edges]
+    n = data.n_edges
+    # Two edges that meet at a chain vertex belong to one chain.
+    order = np.argsort(data.edges.ravel(), kind="stable")
+    ends = data.edges.ravel()[order]
+    pairs = (order // 2)[middle[ends]].reshape(-1, 2)
+    _, chain = connected_components(sp.coo_array((np.ones(len(pairs)), tuple(pairs.T)), (n, n)), directed=False)
+    by_chain = np.argsort(chain, kind="stable")
+    edges, offsets, first = [], [], []
+    groups = np.split(by_chain, np.flatnonzero(np.diff(chain[by_chain])) + 1)
+    zero = np.zeros((n, data.dimension), np.int64) if data.offsets is None else np.asarray(data.offsets)
+    for group in groups:
+        walked = _walk(data.edges[group], zero[group], inner[group])
+        if walked is None:
+            continue
+        (tail, head), offset = walked
+        edges.append((tail, head))
+        offsets.append(offset)
+        first.append(int(group[0]))
+    if not edges:
+        raise InputError("the network is a single closed chain: nothing is left to contract")
+    kept = np.array(first)
+    number = {int(chain[e]): k for k, e in enumerate(first)}
+    owner = np.array([number.get(int(c), -1) for c in chain])
+    inside = owner >= 0
+
+    def summed(values: Array | None) -> Array | None:
+        return None if values is None else np.bincount(owner[inside], values[inside], minlength=len(kept)).astype(float)
+
+    compliance = summed(np.ones(n) if data.stiffness is None else 1 / data.stiffness)
+    index = np.cumsum(~middle) - 1
+    merged = replace(
+        data,
+        edges=index[np.array(edges)],
+        positions=data.positions[~middle],
+        offsets=None if data.offsets is None else np.array(offsets),
+        bond_vectors=None,
+        pins=tuple(int(index[i]) for i in data.pins),
+        stiffness=1 / np.asarray(compliance),
+        rest_lengths=summed(data.rest_lengths),
+        force_densities=None,
+        ids=tuple(name for name, gone in zip(data.ids, middle, strict=True) if not gone) if data.ids else (),
+        polygons=(),
+    )
+    return merged, kept
+
+
+def _walk(edges: IntArray, offsets: IntArray, inner: NDArray[np.bool_]) -> tuple[tuple[int, int], IntArray] | None:
+    """Ends and total offset of one chain from its edges in any order; None for a closed ring."""
+    outer = np.argwhere(~inner)
+    if not len(outer):
+        return None
+    row, side = (int(value) for value in outer[0])
+    start, total, left = int(edges[row, side]), np.zeros(offsets.shape[1], np.int64), set(range(len(edges)))
+    here, sign = row, 1 if side == 0 else -1
+    while True:
+        left.discard(here)
+        total = total + sign * offsets[here]
+        end = int(edges[here, 1 if sign > 0 else 0])
+        following = [k for k in left if end in edges[k]]
+        at_inner = bool(inner[here, 1 if sign > 0 else 0])
+        if not at_inner or not following:
+            return (start, end), total
+        here = following[0]
+        sign = 1 if int(edges[here, 0]) == end else -1
+
+
+def _digits(data: NetworkData) -> tuple[str, ...]:
+    decimals = data.decimals
+    if decimals is None:
+        return ()
+    return (
+        f"coordinates have {decimals} decimals, so lengths are known to {0.5 * 10.0**-decimals:.0e} only: a critical "
+        "network then counts as floppy or singular; pass that as tolerance, or restore it by critical_from_lengths",
+    )

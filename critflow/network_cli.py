@@ -1,0 +1,87 @@
+"""The commands on a user's own network: arguments and messages only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from critflow.exchange.convert import network_from, write_network
+from critflow.exchange.repair import ImportedNetwork
+from critflow.result import InputError
+
+FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A network; its ending names the format.")]
+CellOption = Annotated[
+    str, typer.Option(metavar="NUMBERS", help="Cell of a file without one: side lengths, or vectors row by row.")
+]
+PinsOption = Annotated[
+    str, typer.Option(metavar="RULE|LIST", help="Fixed vertices: hull, degree, box, or names with commas.")
+]
+NearestOption = Annotated[bool, typer.Option("--nearest", help="Accept nearest images of long edges.")]
+StrictOption = Annotated[bool, typer.Option("--strict", help="Refuse a file that needs a repair.")]
+ContractOption = Annotated[bool, typer.Option("--contract", help="Join the edges of vertices of two edges in series.")]
+
+
+def read(file: Path, cell: str, pins: str, nearest: bool, strict: bool, contract: bool) -> ImportedNetwork:
+    """The network of a file with the hints of the command line, and its report on the screen."""
+    chosen: Any = pins.split(",") if "," in pins else pins or None
+    imported = network_from(
+        file, cell=_cell(cell), pins=_counted(chosen), nearest=nearest, strict=strict, contract=contract
+    )
+    print(imported)
+    return imported
+
+
+def convert(
+    file: FileArgument,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write; its ending names the format.")],
+    cell: CellOption = "",
+    pins: PinsOption = "",
+    nearest: NearestOption = False,
+    strict: StrictOption = False,
+    contract: ContractOption = False,
+    size: Annotated[float, typer.Option(metavar="MM", help="Largest extent of a drawing or solid.")] = 100.0,
+    radius: Annotated[float, typer.Option(metavar="MM", help="Radius of the struts of a solid.")] = 1.0,
+) -> int:
+    """Read a network, report each repair, and write it in another format.
+
+    Many parameters: each is an option of the command.
+    """
+    imported = read(file, cell, pins, nearest, strict, contract)
+    options: dict[str, Any] = {}
+    if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
+        options["size"] = size
+    if out.suffix.lower() in (".stl", ".3mf"):
+        options["radius"] = radius
+    write_network(
+        imported.network,
+        out,
+        imported.positions,
+        rest_lengths=imported.rest_lengths,
+        force_densities=imported.force_densities,
+        **options,
+    )
+    print(f"  written to {out}")
+    return 0
+
+
+def _cell(text: str) -> Any:
+    """Side lengths (d,), or vectors (d, d) row by row."""
+    if not text:
+        return None
+    try:
+        numbers = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        raise InputError(f"--cell must be numbers, such as '10 10' or '10 0 2 8', not {text!r}") from None
+    if len(numbers) in (4, 9):
+        d = 2 if len(numbers) == 4 else 3
+        return [numbers[i * d : (i + 1) * d] for i in range(d)]
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
+def _counted(pins: Any) -> Any:
+    """Vertices of a list as numbers where all are numbers."""
+    if isinstance(pins, list) and all(name.strip().lstrip("-").isdigit() for name in pins):
+        return [int(name) for name in pins]
+    return pins

@@ -1,0 +1,280 @@
+"""Files of other programs: what goes out comes in again, and files that the other library wrote are read."""
+
+import json
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+import critflow.exchange.packages as packages
+from critflow import (
+    CriticalManifold,
+    EnvironmentFailure,
+    InputError,
+    Network,
+    critical_from_lengths,
+    diamond_network,
+    honeycomb_network,
+    network_from,
+    voronoi_network,
+    write_network,
+)
+
+networkx = pytest.importorskip("networkx")
+
+
+def pinned_network():
+    whole = voronoi_network(n_vertices=200, seed=2)
+    x = whole.positions
+    inner = (whole.offsets == 0).all(axis=1) & ((x > 2) & (x < 12)).all(axis=1)[whole.edges].all(axis=1)
+    return network_from(edges=whole.edges[inner], positions=x, pins="hull").network
+
+
+def sheared_network():
+    return voronoi_network(n_vertices=64, seed=4).deformed([[1.0, 0.3], [0.0, 1.2]])
+
+
+NETWORKS = {
+    "voronoi": voronoi_network(n_vertices=64, seed=1).with_stiffness(np.linspace(1, 3, 96)),
+    "sheared": sheared_network(),
+    "diamond": diamond_network(3, 3, 3),
+    "pinned": pinned_network(),
+}
+EXACT = ("csv", "tsv", "graphml", "gml", "json", "data", "vtu", "compas")
+
+
+def assert_same(read: Network, network: Network, digits=0.0):
+    np.testing.assert_array_equal(read.edges, network.edges)
+    assert list(read.pins) == sorted(network.pins)
+    there, here = (n.bond_vectors(n.positions) for n in (read, network))
+    # Particle formats turn a cell so that its first vector is along x.
+    if network.cell is not None and not np.allclose(read.cell, network.cell):
+        there, here = there @ there.T, here @ here.T
+    np.testing.assert_allclose(there, here, rtol=0, atol=digits or 1e-14)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+@pytest.mark.parametrize("ending", EXACT)
+def test_a_network_survives_its_file(tmp_path, name, ending):
+    network, path = NETWORKS[name], tmp_path / f"network.{ending}"
+    if ending == "compas" and network.cell is not None:
+        with pytest.raises(InputError, match="cell"):
+            write_network(network, path)
+        return
+    write_network(network, path)
+    read = network_from(path)
+    assert_same(read.network, network)
+    assert not read.repaired
+    if ending != "compas":
+        np.testing.assert_allclose(read.network.stiffness, network.stiffness, rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_gsd_keeps_seven_digits_and_reports_it(tmp_path, name):
+    pytest.importorskip("gsd.hoomd")
+    write_network(NETWORKS[name], tmp_path / "n.gsd")
+    read = network_from(tmp_path / "n.gsd")
+    assert_same(read.network, NETWORKS[name], digits=3e-6)
+    assert "single precision" in str(read)
+
+
+@pytest.mark.parametrize("ending", ["csv", "graphml", "data", "vtu"])
+def test_a_critical_configuration_is_critical_after_reading(tmp_path, ending):
+    network = voronoi_network(n_vertices=64, seed=1)
+    critical = critical_from_lengths(network, np.ones(96)).value
+    write_network(network, tmp_path / f"c.{ending}", critical.coordinates, force_densities=critical.sigma)
+    read = network_from(tmp_path / f"c.{ending}")
+    L = read.network.bond_vectors(read.positions)
+    force = read.network.divergence @ (critical.sigma[:, None] * L)
+    assert np.abs(force).max() < 1e-14
+    if read.force_densities is not None:
+        np.testing.assert_array_equal(read.force_densities, critical.sigma)
+
+
+# Files and objects that other libraries made
+
+
+def test_networkx_graphs_and_files(tmp_path):
+    grid = networkx.grid_2d_graph(5, 5)
+    read = network_from(grid, positions={node: node for node in grid}, pins="hull")
+    assert read.network.n_edges == 24
+    named = networkx.relabel_nodes(grid, {node: f"v{node[0]}{node[1]}" for node in grid})
+    for node in named:
+        named.nodes[node].update(x=float(node[1]), y=float(node[2]))
+    networkx.write_graphml(named, tmp_path / "grid.graphml")
+    networkx.write_gml(named, tmp_path / "grid.gml")
+    (tmp_path / "grid.json").write_text(json.dumps(networkx.node_link_data(named, edges="edges")))
+    for name in ("grid.graphml", "grid.gml", "grid.json"):
+        again = network_from(tmp_path / name, pins="hull").network
+        np.testing.assert_array_equal(again.positions, read.network.positions)
+        assert again.n_edges == 24
+
+
+def test_lammps_data_of_lammpsio(tmp_path):
+    lammpsio = pytest.importorskip("lammpsio")
+    network = sheared_network()
+    # Wrapped positions and atoms in another order, as a simulation leaves them.
+    order = np.random.default_rng(1).permutation(64)
+    q, r = np.linalg.qr(network.cell.T)
+    sign = np.sign(np.diag(r))
+    cell, x = (r * sign[:, None]).T, network.positions @ (q * sign)
+    snapshot = lammpsio.Snapshot(64, lammpsio.Box([0, 0, -0.5], [cell[0, 0], cell[1, 1], 0.5], [cell[1, 0], 0, 0]))
+    fraction = x @ np.linalg.inv(cell)
+    position = np.zeros((64, 3))
+    position[:, :2] = (fraction - np.floor(fraction)) @ cell
+    snapshot.id = order + 1
+    snapshot.position = position[order]
+    snapshot.typeid = np.ones(64, int)
+    snapshot.molecule = np.ones(64, int)
+    snapshot.mass = np.ones(64)
+    snapshot.bonds = lammpsio.Bonds(network.n_edges, num_types=1)
+    snapshot.bonds.id = np.arange(network.n_edges) + 1
+    snapshot.bonds.typeid = np.ones(network.n_edges, int)
+    snapshot.bonds.members = network.edges + 1
+    lammpsio.DataFile.create(str(tmp_path / "l.data"), snapshot, "molecular")
+    read = network_from(tmp_path / "l.data").network
+    np.testing.assert_array_equal(read.edges, network.edges)
+    lengths = [np.linalg.norm(n.bond_vectors(n.positions), axis=1) for n in (read, network)]
+    np.testing.assert_allclose(*lengths, rtol=0, atol=1e-7)
+
+
+def test_ase_atoms_with_a_neighbour_list():
+    ase = pytest.importorskip("ase")
+    network = honeycomb_network(4, 4)
+    cell = np.zeros((3, 3))
+    cell[:2, :2], cell[2, 2] = network.cell, 20
+    atoms = ase.Atoms(
+        "C32", positions=np.column_stack([network.positions, np.zeros(32)]), cell=cell, pbc=(True, True, False)
+    )
+    read = network_from(atoms, cutoff=1.1)
+    assert "neighbour list" in str(read) and read.network.dimension == 2
+    assert read.network.n_edges == 48
+    lengths = np.linalg.norm(read.network.bond_vectors(read.positions), axis=1)
+    np.testing.assert_allclose(lengths, 1, rtol=1e-12)
+
+
+def test_gsd_of_hoomd(tmp_path):
+    hoomd = pytest.importorskip("gsd.hoomd")
+    network = honeycomb_network(6, 6)
+    frame = hoomd.Frame()
+    cell = network.cell
+    frame.configuration.box = [cell[0, 0], cell[1, 1], 0, cell[1, 0] / cell[1, 1], 0, 0]
+    frame.configuration.dimensions = 2
+    frame.particles.N = 72
+    frame.particles.position = np.column_stack([network.positions - cell.sum(axis=0) / 2, np.zeros(72)])
+    frame.bonds.N, frame.bonds.group = 108, network.edges
+    with hoomd.open(tmp_path / "h.gsd", "w") as file:
+        file.append(frame)
+    read = network_from(tmp_path / "h.gsd").network
+    np.testing.assert_allclose(np.linalg.norm(read.bond_vectors(read.positions), axis=1), 1, rtol=1e-5)
+
+
+def test_meshes_of_meshio(tmp_path):
+    meshio = pytest.importorskip("meshio")
+    x = np.array([[0, 0, 0], [2, 0, 0], [1, 2, 0], [1, 0.7, 0.0]])
+    meshio.Mesh(x, [("line", np.array([[0, 3], [1, 3], [2, 3]]))]).write(tmp_path / "star.vtk")
+    read = network_from(tmp_path / "star.vtk", pins=[0, 1, 2])
+    assert (read.network.dimension, read.network.n_edges) == (2, 3)
+    cells = [("triangle", np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]]))]
+    tissue = network_from(meshio.Mesh(x[:, :2], cells), pins="hull")
+    assert tissue.network.n_edges == 3 and len(tissue.data.polygons) == 3
+
+
+def test_compas_graphs_keep_force_densities_and_supports(tmp_path):
+    graphs = pytest.importorskip("compas.datastructures")
+    graph = graphs.Graph()
+    for n, (x, y) in enumerate([(0, 0), (4, 0), (0, 3), (1, 1), (2, 1)]):
+        graph.add_node(n, x=x, y=y, z=0, is_support=n < 3)
+    for i, j in [(0, 3), (3, 4), (4, 1), (3, 2), (4, 2)]:
+        graph.add_edge(i, j, q=1.0 + i)
+    graph.to_json(str(tmp_path / "g.compas"))
+    read = network_from(tmp_path / "g.compas")
+    assert sorted(read.network.pins) == [0, 1, 2]
+    # Supports are the pins, and force densities are σ: the map from σ to the configuration is COMPAS's own.
+    tails = read.network.edges[:, 0]
+    np.testing.assert_array_equal(read.force_densities, 1.0 + tails)
+    assert CriticalManifold(read.network).configuration(read.force_densities).residual < 1e-14
+
+
+def test_label_masks_of_segmented_tissue():
+    label = pytest.importorskip("skimage.measure").label
+    # A brick wall of 4 × 4 cells.
+    rows, columns = np.mgrid[:80, :80]
+    mask = label(1 + 100 * (rows // 20) + (columns + 10 * ((rows // 20) % 2)) // 20)
+    read = network_from(labels=mask, pins="hull")
+    assert read.network.n_edges > 20
+    length = np.linalg.norm(read.network.bond_vectors(read.positions), axis=1)
+    assert np.median(length) == pytest.approx(10, abs=1)
+
+
+def test_tables_with_names_without_headers_and_from_one(tmp_path):
+    (tmp_path / "a_vertices.csv").write_text("id;x;y\nA;0;0\nB;4;0\nC;0;3\nD;1;1\n")
+    (tmp_path / "a_edges.csv").write_text("from;to\nA;D\nB;D\nC;D\n")
+    assert network_from(tmp_path / "a.csv", pins=["A", "B", "C"]).network.n_edges == 3
+    (tmp_path / "b_nodes.txt").write_text("0 0\n4 0\n0 3\n1 1\n")
+    (tmp_path / "b_edges.txt").write_text("1 4\n2 4\n3 4\n")
+    read = network_from(tmp_path / "b_edges.txt", pins=[0, 1, 2])
+    assert read.network.n_edges == 3 and "from 1" in str(read)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "edges", "word"),
+    [
+        ("x,y\n", "tail,head\n0,1\n", "no rows"),
+        ("", "tail,head\n0,1\n", "empty"),
+        ("x,y\n0,0\n1\n", "tail,head\n0,1\n", "columns"),
+        ("x,y\n0,0\n1,one\n", "tail,head\n0,1\n", "float"),
+        ("id,x,y\nA,0,0\nA,1,0\n", "tail,head\nA,A\n", "twice"),
+        ("id,x,y\nA,0,0\nB,1,0\n", "tail,head\nA,C\n", "lacks"),
+        ("x,y\n0,0\n1,0\n", "tail,head\nA,C\n", "column id"),
+        ("p,q\nzero,0\none,0\n", "tail,head\n0,1\n", "float|columns"),
+        ("x,y\n0,0\n1,0\n# cell 1 2 3\n", "tail,head\n0,1\n", "cell"),
+    ],
+)
+def test_a_broken_table_is_one_sentence(tmp_path, vertices, edges, word):
+    (tmp_path / "t_vertices.csv").write_text(vertices)
+    (tmp_path / "t_edges.csv").write_text(edges)
+    with pytest.raises(InputError, match=word):
+        network_from(tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize("ending", ["graphml", "gml", "json", "data", "gsd", "vtu", "compas"])
+def test_a_broken_file_is_one_sentence(tmp_path, ending):
+    path = tmp_path / f"broken.{ending}"
+    path.write_bytes(b"\x93not a network\x00\xff")
+    with pytest.raises(InputError, match="broken"):
+        network_from(path)
+
+
+# Drawings and solids
+
+
+def test_drawings_have_the_requested_size(tmp_path):
+    network = NETWORKS["voronoi"]
+    write_network(network, tmp_path / "n.svg", size=50.0, width=0.4)
+    root = ET.parse(tmp_path / "n.svg").getroot()
+    assert float(root.get("width").removesuffix("mm")) == pytest.approx(50.8)
+    total = np.linalg.norm(network.bond_vectors(network.positions), axis=1).sum() * 50 / network.cell[0, 0]
+    words = root[1].get("d").replace("M", " ").replace("L", " ").split()
+    ends = np.array(words, float).reshape(-1, 2, 2)
+    assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(total, rel=1e-5)
+    ezdxf = pytest.importorskip("ezdxf")
+    write_network(network, tmp_path / "n.dxf", size=50.0)
+    lines = ezdxf.readfile(tmp_path / "n.dxf").modelspace().query("LINE")
+    assert sum((line.dxf.end - line.dxf.start).magnitude for line in lines) == pytest.approx(total, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["voronoi", "diamond"])
+def test_solids_are_watertight_and_have_the_requested_size(tmp_path, name):
+    trimesh = pytest.importorskip("trimesh")
+    write_network(NETWORKS[name], tmp_path / "n.stl", size=80.0, radius=0.7)
+    solid = trimesh.load(tmp_path / "n.stl")
+    assert solid.is_watertight and solid.is_winding_consistent
+    assert max(solid.extents) == pytest.approx(80 + 2 * 0.7, rel=1e-3)
+    assert all(body.volume > 0 for body in solid.split()[:5])
+
+
+def test_a_missing_package_is_named_with_its_install_command(tmp_path, monkeypatch):
+    monkeypatch.setattr(packages, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
+    with pytest.raises(EnvironmentFailure, match=r"critflow\[graphs\]"):
+        write_network(NETWORKS["voronoi"], tmp_path / "n.graphml")

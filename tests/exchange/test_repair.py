@@ -1,0 +1,222 @@
+"""From arrays to networks: every repair is reported, ambiguous input is a question, and strict reading refuses both."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from critflow import (
+    CritflowError,
+    ImportedNetwork,
+    InputError,
+    Network,
+    NetworkError,
+    honeycomb_network,
+    network_from,
+    voronoi_network,
+)
+
+HONEYCOMB = honeycomb_network(4, 4)
+E, X, O, C = HONEYCOMB.edges, HONEYCOMB.positions, HONEYCOMB.offsets, HONEYCOMB.cell
+N = len(X)
+ARRAYS = {"edges": E, "positions": X, "offsets": O, "cell": C}
+
+
+def with_extra(edges, offsets=None, positions=None):
+    edges = np.array(edges)
+    offsets = np.zeros((len(edges), 2), int) if offsets is None else np.array(offsets)
+    return {
+        "edges": np.concatenate([E, edges]),
+        "offsets": np.concatenate([O, offsets]),
+        "positions": X if positions is None else np.concatenate([X, positions]),
+        "cell": C,
+    }
+
+
+REPAIRS = {
+    "loop": (with_extra([[3, 3]]), "itself"),
+    "repeat": (with_extra([E[5]], [O[5]]), "repeated"),
+    "reversed repeat": (with_extra([E[5, ::-1]], [-O[5]]), "repeated"),
+    "both directions": (with_extra(E[:, ::-1], -O), "neighbour list"),
+    "bare vertex": (with_extra(E[:0], positions=[[0.1, 0.1]]), "without edges"),
+    "separate piece": (with_extra([[N, N + 1], [N + 1, N + 2], [N, N + 2]], positions=np.eye(3)[:, :2]), "piece"),
+    "hanging tree": (with_extra([[2, N], [N, N + 1]], positions=[[1, 1], [1, 2]]), "dangling"),
+    "reversed offsets": ({**ARRAYS, "offsets": np.where(np.arange(len(E))[:, None] % 2, O, -O)}, "reversed"),
+}
+
+
+@pytest.mark.parametrize(("source", "word"), REPAIRS.values(), ids=REPAIRS)
+def test_a_repair_restores_the_network_and_is_reported(source, word):
+    read = network_from(**source)
+    assert word in str(read)
+    assert read.repaired or word == "reversed"
+    assert read.value.n_edges == HONEYCOMB.n_edges
+    # Which of two directions is kept is arbitrary: lengths are not.
+    np.testing.assert_allclose(np.linalg.norm(read.value.bond_vectors(read.positions), axis=1), 1, rtol=1e-12)
+    np.testing.assert_array_equal(
+        np.sort(source["edges"][read.edges_kept]), np.sort(read.vertices_kept[read.value.edges])
+    )
+
+
+@pytest.mark.parametrize("name", sorted(set(REPAIRS) - {"reversed offsets"}))
+def test_strict_reading_refuses_repairs(name):
+    with pytest.raises(NetworkError, match="strict"):
+        network_from(**REPAIRS[name][0], strict=True)
+
+
+def test_a_sound_source_is_unchanged_and_not_repaired():
+    read = network_from(**ARRAYS, strict=True)
+    assert isinstance(read, ImportedNetwork) and not read.repaired and read.note == ""
+    np.testing.assert_array_equal(read.network.edges, E)
+    np.testing.assert_array_equal(read.network.offsets, O)
+    assert "32 vertices, 48 edges, 2D, periodic, z = 3" in str(read)
+
+
+def test_offsets_follow_from_bond_vectors_and_from_nearest_images():
+    network = voronoi_network(n_vertices=64, seed=3)
+    L = network.bond_vectors(network.positions)
+    for given_ in ({"bond_vectors": L}, {}):
+        read = network_from(edges=network.edges, positions=network.positions, cell=network.cell, **given_)
+        np.testing.assert_array_equal(read.network.offsets, network.offsets)
+
+
+def test_long_edges_have_ambiguous_images():
+    small = voronoi_network(n_vertices=8, seed=1)
+    source = {"edges": small.edges, "positions": small.positions, "cell": small.cell}
+    with pytest.raises(InputError, match="ambiguous"):
+        network_from(**source)
+    assert network_from(**source, nearest=True).ok
+
+
+def test_offsets_that_contradict_positions_are_refused():
+    network = voronoi_network(n_vertices=64, seed=3)
+    wrong = network.offsets.copy()
+    wrong[7] += [3, 0]
+    with pytest.raises(InputError, match="contradict"):
+        network_from(edges=network.edges, positions=network.positions, offsets=wrong, cell=network.cell)
+
+
+def test_indices_that_begin_at_one_are_shifted():
+    read = network_from(edges=E + 1, positions=X, offsets=O, cell=C)
+    assert "from 1" in str(read)
+    np.testing.assert_array_equal(read.network.edges, E)
+
+
+def test_a_sheet_in_space_is_read_in_its_plane():
+    space = np.column_stack([X, np.full(N, 2.5)])
+    cell = np.zeros((3, 3))
+    cell[:2, :2], cell[2, 2] = C, 10
+    read = network_from(edges=E, positions=space, offsets=np.column_stack([O, 0 * O[:, 0]]), cell=cell)
+    assert read.network.dimension == 2
+    np.testing.assert_array_equal(read.network.cell, C)
+
+
+def test_rounded_coordinates_are_reported_with_their_decimals():
+    network = voronoi_network(n_vertices=64, seed=3)
+    rounded = np.round(network.positions, 6)
+    read = network_from(edges=network.edges, positions=rounded, offsets=network.offsets, cell=network.cell)
+    assert read.data.decimals == 6 and "6 decimals" in str(read)
+    assert network_from(network).data.decimals is None
+
+
+def square_patch(n=5):
+    x = np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij"), axis=-1).reshape(-1, 2).astype(float)
+    index = np.arange(n * n).reshape(n, n)
+    edges = np.concatenate(
+        [
+            np.stack([index[:-1].ravel(), index[1:].ravel()], 1),
+            np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], 1),
+        ]
+    )
+    return {"edges": edges, "positions": x}
+
+
+def test_a_free_patch_is_a_question_with_proposals():
+    with pytest.raises(NetworkError, match="pins='hull' fixes 16"):
+        network_from(**square_patch())
+
+
+@pytest.mark.parametrize(
+    ("pins", "count"),
+    [("hull", 16), ("box", 16), ([0, 4, 20, 24], 4), (np.arange(25) % 6 == 0, 5), ("degree", None)],
+)
+def test_fixed_vertices_by_rule_list_or_mask(pins, count):
+    if count is None:
+        with pytest.raises(InputError, match="no vertex"):
+            network_from(**square_patch(), pins=pins)
+        return
+    read = network_from(**square_patch(), pins=pins)
+    # Corners of the patch hang on edges between fixed vertices, and leave with them.
+    assert len(read.network.pins) == (12 if isinstance(pins, str) else count)
+
+
+def test_chains_are_contracted_on_request():
+    # Each edge of the honeycomb in three parts, with springs in series.
+    m = len(E)
+    L = HONEYCOMB.bond_vectors(X)
+    first = N + 2 * np.arange(m)
+    middle = np.stack([X[E[:, 0]] + L / 3, X[E[:, 0]] + 2 * L / 3], axis=1).reshape(-1, 2)
+    zero = np.zeros_like(O)
+    source = {
+        "edges": np.concatenate(
+            [np.stack([E[:, 0], first], 1), np.stack([first + 1, first], 1), np.stack([first + 1, E[:, 1]], 1)]
+        ),
+        "offsets": np.concatenate([zero, zero, O]),
+        "positions": np.concatenate([X, middle]),
+        "cell": C,
+        "stiffness": np.repeat([1.0, 2.0, 4.0], m),
+        "rest_lengths": np.repeat([0.1, 0.2, 0.3], m),
+    }
+    assert "contract=True" in str(network_from(**source))
+    read = network_from(**source, contract=True)
+    assert (read.network.n_vertices, read.network.n_edges) == (N, m)
+    np.testing.assert_allclose(read.network.stiffness, 1 / (1 + 1 / 2 + 1 / 4))
+    np.testing.assert_allclose(read.rest_lengths, 0.6)
+    np.testing.assert_allclose(np.linalg.norm(read.network.bond_vectors(X), axis=1), 1, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("source", "word"),
+    [
+        ({}, "source"),
+        ({"edges": E}, "positions"),
+        ({"edges": "many", "positions": X}, "table"),
+        ({"edges": E, "positions": np.where(X == X[3], np.nan, X), "cell": C}, "not numbers"),
+        ({"edges": E + 7, "positions": X, "cell": C}, "do not exist"),
+        ({**ARRAYS, "stiffness": [1, 2]}, "row"),
+        ({**ARRAYS, "colour": 3}, "keyword"),
+        ({**ARRAYS, "cell": np.eye(4)}, "cell"),
+        ({"source": "network.xyzzy"}, "ending"),
+        ({"source": "missing.graphml"}, "no file"),
+        ({"source": 3.5}, "float"),
+        ({"edges": [[0, 1], [1, 2]], "positions": np.eye(3)[:, :2], "pins": [0]}, "tension"),
+        ({**square_patch(), "pins": "border"}, "rule"),
+        ({**square_patch(), "pins": [99]}, "exist"),
+        ({**square_patch(), "pins": [True]}, "mask"),
+    ],
+)
+def test_bad_input_is_one_sentence(source, word):
+    with pytest.raises(CritflowError, match=word):
+        network_from(source.pop("source", None), **source)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(-1, 9), st.integers(0, 9)), min_size=0, max_size=30),
+    st.integers(1, 9),
+    st.integers(1, 3),
+    st.integers(0, 2**32 - 1),
+    st.booleans(),
+    st.sampled_from([None, "hull", "degree", "box", [0, 1]]),
+)
+def test_broken_input_is_a_network_or_a_sentence(edges, n_vertices, d, seed, periodic, pins):
+    rng = np.random.default_rng(seed)
+    x = np.round(rng.normal(size=(n_vertices, d)), 2)
+    try:
+        read = network_from(
+            edges=np.array(edges).reshape(-1, 2), positions=x, cell=5.0 * np.eye(d) if periodic else None, pins=pins
+        )
+    except CritflowError as error:
+        assert len(str(error)) < 700 and "\n" not in str(error)
+        return
+    assert isinstance(read.network, Network) and read.ok
