@@ -28,6 +28,7 @@ from critflow.mechanics.stiffening import stiffening
 from critflow.mechanics.strain_path import strain_path
 from critflow.networks.deformation import DEFORMATIONS, Deformation, deformation_of
 from critflow.networks.dilution import diluted
+from critflow.networks.fibre_networks import mikado_network, phantom_network
 from critflow.networks.lattices import (
     cubic_network,
     diamond_network,
@@ -119,11 +120,13 @@ __all__ = [
     "isogonal_modes",
     "kagome_network",
     "linear_response",
+    "mikado_network",
     "modulus_bound",
     "network_from",
     "optimize",
     "perimeter_moduli",
     "perimeter_state",
+    "phantom_network",
     "principal_curvatures",
     "prune",
     "pruned_network",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
 from critflow.networks.network import Network
@@ -16,38 +19,65 @@ def diluted(network: Network, z: float, seed: int | np.random.Generator = 0) -> 
     tension without them.  The same seed gives the same network, always.  Raises `InputError` for a z above that of the
     network, or so low that no part spans the cell in every direction.
     """
-    rng = np.random.default_rng(seed)
-    order = rng.permutation(network.n_edges)
-    tried: dict[int, CarryingPart] = {}
+    order = np.random.default_rng(seed).permutation(network.n_edges)
 
     def after(n_removed: int) -> CarryingPart:
-        if n_removed not in tried:
-            left = np.sort(order[n_removed:])
-            part = carrying_part(network.edges[left], network.offsets[left], network.pins, network.n_vertices)
-            tried[n_removed] = part._replace(edges=left[part.edges])
-        return tried[n_removed]
+        left = np.sort(order[n_removed:])
+        part = carrying_part(network.edges[left], network.offsets[left], network.pins, network.n_vertices)
+        return part._replace(edges=left[part.edges])
 
-    def above(n_removed: int) -> bool:
-        """Whether the coordination is still above z, in a part that spans the cell."""
-        return spans(n_removed) and after(n_removed).coordination >= z
+    found = with_coordination(after, network.n_edges, z, 0 if network.pins else network.dimension)
+    part, chosen = found.part, f"{found.n_removed} of {network.n_edges} edges chosen at random"
+    return part_of(network, part.edges, f"z = {part.coordination:.6g} without {chosen}; {part.sentence}").network
 
-    def spans(n_removed: int) -> bool:
-        part = after(n_removed)
-        return part.directions == network.dimension or (bool(network.pins) and len(part.edges) > 0)
 
-    most = after(0).coordination
-    if not 0 < z <= most + 1 / network.n_vertices:
-        raise InputError(f"z must be positive and at most the coordination of the network, {most:.6g}, not {z}")
-    low, high = 0, network.n_edges
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if above(middle) else (low, middle)
-    best = min((n for n in (low, high) if spans(n)), key=lambda n: abs(after(n).coordination - z))
-    part = after(best)
-    if not spans(high) and abs(part.coordination - z) > 1 / part.n_vertices:
+class Found(NamedTuple):
+    """The part that can carry tension when a number of objects is removed."""
+
+    part: CarryingPart
+    n_removed: int
+
+
+# Numbers of objects tried on either side when z jumps over its value, as it does where a piece is cut off.
+_NEIGHBOURS = 20
+
+
+def with_coordination(after: Callable[[int], CarryingPart], n_objects: int, z: float, least_directions: int) -> Found:
+    """The part with the coordination z, to one over its vertices, when objects are removed one by one.
+
+    after             part that can carry tension after the removal of the first n objects
+    least_directions  independent directions in which it must wind around the cell
+    """
+
+    def spans(found: Found) -> bool:
+        return len(found.part.edges) > 0 and found.part.directions >= least_directions
+
+    def error(found: Found) -> float:
+        """Difference from z in units of 1/N_v, less rounding."""
+        return abs(found.part.coordination - z) * found.part.n_vertices - 1e-9 if spans(found) else np.inf
+
+    low, high = Found(after(0), 0), Found(after(n_objects), n_objects)
+    most = low.part.coordination
+    if not (spans(low) and 0 < z and (z <= most or error(low) <= 1)):
+        raise InputError(f"z must be positive and at most the coordination of the whole network, {most:.4g}, not {z}")
+    best, turn = low, 0
+    while error(best) > 1 and high.n_removed - low.n_removed > 1:
+        turn, width, share = turn + 1, high.n_removed - low.n_removed, 0.5
+        # Where both ends span, z is nearly linear in the number removed; every third step halves the range.
+        if spans(high) and turn % 3:
+            share = (low.part.coordination - z) / (low.part.coordination - high.part.coordination)
+        middle = low.n_removed + min(max(round(share * width), 1), width - 1)
+        found = Found(after(middle), middle)
+        low, high = (found, high) if spans(found) and found.part.coordination >= z else (low, found)
+        best = min(low, high, key=error)
+    if error(best) > 1 and not spans(high):
         raise InputError(
-            f"z = {z:g} is out of reach: with this seed the network spans the cell to z = {part.coordination:.4g}; "
-            "raise z, or try another seed or a larger network"
+            f"z = {z:g} is out of reach: with this seed the last part that spans the cell has "
+            f"z = {low.part.coordination:.4g}; try a larger z, another seed or a larger network"
         )
-    note = f"z = {part.coordination:.6g} without {best} of {network.n_edges} edges chosen at random; {part.sentence}"
-    return part_of(network, part.edges, note).network
+    for away in range(1, _NEIGHBOURS):
+        if error(best) <= 1:
+            break
+        near = [n for n in (low.n_removed - away, high.n_removed + away) if 0 <= n <= n_objects]
+        best = min([best, *(Found(after(n), n) for n in near)], key=error)
+    return best

@@ -60,6 +60,7 @@ def pruned_network(
 ) -> Pruned:
     """The part that can carry tension of edges that need not all do so; the arguments are those of `Network`.
 
+    Vertices without edges are dropped too.
     Raises `NetworkError` if nothing remains.
     """
     raw = _Loose(
@@ -68,6 +69,7 @@ def pruned_network(
         cell,  # type: ignore[arg-type]
         stiffness,  # type: ignore[arg-type]
         pins or {},  # type: ignore[arg-type]
+        n_vertices=0 if positions is None else len(np.asarray(positions)),
         positions=positions,  # type: ignore[arg-type]
     )
     return prune(raw)
@@ -116,7 +118,7 @@ class CarryingPart(NamedTuple):
         total = self.bridges + self.closed + self.separate
         if not total:
             return "every edge can carry tension"
-        return f"removed {total} edges that cannot carry tension: {', '.join(removed)}"
+        return f"removed {total} of {total + len(self.edges)} edges, which cannot carry tension: {', '.join(removed)}"
 
 
 def carrying_part(edges: IntArray, offsets: IntArray, pins: Mapping[int, Array], n_vertices: int) -> CarryingPart:
@@ -143,9 +145,11 @@ def carrying_part(edges: IntArray, offsets: IntArray, pins: Mapping[int, Array],
     largest = np.bincount(here[carries], minlength=1).argmax()
     kept = carries & (here == largest)
     loops = np.unique(cycle_gain[kept & winds], axis=0)
+    used = np.zeros(n_vertices, bool)
+    used[edges[kept]] = True
     return CarryingPart(
         np.flatnonzero(kept),
-        len(np.unique(edges[kept])),
+        int(used.sum()),
         int(np.linalg.matrix_rank(loops[:, :-1])) if len(loops) else 0,
         int(np.sum(~carries & (size == 1))),
         int(np.sum(~carries & (size > 1))),
@@ -157,8 +161,9 @@ def part_of(network: Network, kept: IntArray, note: str) -> Pruned:
     """The network of the edges with these indices, with the faces of its embedding if the whole has faces."""
     if len(kept) == 0:
         raise NetworkError("no edge can carry tension: no closed path winds around the cell or joins two pins")
-    edges, vertices = network.edges[kept], np.unique(network.edges[kept])
-    index = np.full(network.n_vertices, -1)
+    edges, index = network.edges[kept], np.full(network.n_vertices, -1)
+    index[edges] = 0
+    vertices = np.flatnonzero(index == 0)
     index[vertices] = np.arange(len(vertices))
     positions = None if network.positions is None else network.positions[vertices]
     faces = None
