@@ -10,7 +10,20 @@ from collections import Counter
 
 import numpy as np
 
-from critflow import CriticalManifold, Network, honeycomb_network, spring_state, voronoi_network, voronoi_of
+from critflow import (
+    CriticalConfiguration,
+    CriticalManifold,
+    Network,
+    critical_from_lengths,
+    diluted,
+    honeycomb_network,
+    spring_state,
+    square_network,
+    triangular_network,
+    voronoi_network,
+    voronoi_of,
+)
+from critflow.critical.manifold import critical_configuration
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.faces import planar_faces
 from critflow.solvers.minimize import Function, Point
@@ -39,6 +52,20 @@ def random_start(seed: int, n_edges: int = 150) -> np.ndarray:
 def with_random_stiffness(network: Network, seed: int) -> Network:
     """The network with stiffnesses between 0.5 and 2."""
     return network.with_stiffness(0.5 + 1.5 * np.random.default_rng(seed).random(network.n_edges))
+
+
+def slack_lattice(seed: int = 1) -> tuple[Network, np.ndarray, CriticalConfiguration]:
+    """A diluted triangular lattice of which many edges are slack at the transition, with ℓ and its configuration."""
+    network = diluted(triangular_network(7, 7), 3.6, seed=seed)
+    lengths = 1 + 0.05 * np.random.default_rng(seed).standard_normal(network.n_edges)
+    return network, lengths, critical_from_lengths(network, lengths, throw=False).value
+
+
+def taut_rows(n: int = 3) -> CriticalConfiguration:
+    """The square lattice n × n with its horizontal edges taut: n cables, of which each closes on its image."""
+    network = square_network(n, n)
+    horizontal = np.abs(network.bond_vectors(network.positions)[:, 0]) > 0.5
+    return critical_configuration(network, horizontal.astype(float), network.positions)
 
 
 def voronoi_3d(n_cells: int = 8, seed: int = 5) -> Network:

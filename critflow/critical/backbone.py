@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
@@ -124,6 +124,16 @@ def taut_configurations(critical: CriticalConfiguration) -> tuple[CriticalConfig
     if critical.sigma.all():
         return (critical,)
     return tuple(component.configuration for component in backbone(critical).components)
+
+
+def taut_edges(network: Network, taut: ArrayLike) -> Mask:
+    """A mask of edges (N_b,) that is somewhere true, else an `InputError`."""
+    mask = np.asarray(taut)
+    if mask.dtype != bool or mask.shape != (network.n_edges,) or not mask.any():
+        raise InputError(
+            f"the taut edges are a mask of shape ({network.n_edges},) with True somewhere, such as critical.sigma != 0"
+        )
+    return mask
 
 
 def connected_parts(network: Network, kept: Mask) -> list[Mask]:

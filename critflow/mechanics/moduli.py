@@ -11,18 +11,19 @@ B = B_0 + C_B γ and G = G_0 + C_G γ to first order (`ModulusStrainScaling`).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.critical.backbone import Mask, taut_configurations, taut_edges, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import dilation, pure_shear, transition_modulus
 from critflow.mechanics.elasticity import FLOPPY, NO_MODULI, Moduli
 from critflow.mechanics.laws import HOOKEAN, SpringLaw
 from critflow.mechanics.response import linear_response
 from critflow.mechanics.springs import spring_state
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array, Network, edge_values, validated_coordinates
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
 from critflow.rigidity.uniqueness import require_only_self_stress
@@ -51,13 +52,17 @@ class Fit:
 def transition_moduli(critical: CriticalConfiguration) -> Moduli:
     """B_0 and G_0 of a critical configuration, in the limit of zero stress (`BulkModulus`, `ShearModulus`).
 
+    Slack edges, σ = 0, resist nothing; disconnected taut parts add up, each with its self-stress.
     Raises `InputError` for configurations with several self-stresses, all of which contribute to the moduli, and where
     rounding hides their number.
     """
-    require_only_self_stress(critical, "use elastic_moduli(network, coordinates), which takes all of them")
-    network, d = critical.network, critical.network.dimension
+    parts = taut_configurations(critical)
+    mask = "" if critical.sigma.all() else ", taut=critical.sigma != 0"
+    for part in parts:
+        require_only_self_stress(part, f"use elastic_moduli(network, coordinates{mask}), which takes all of them")
+    d = critical.network.dimension
     bulk, shear = (
-        transition_modulus(network, A).evaluate(critical.sigma, critical.bond_vectors)[0]
+        sum(transition_modulus(part.network, A).evaluate(part.sigma, part.bond_vectors)[0] for part in parts)
         for A in (dilation(d), pure_shear(d))
     )
     return Moduli(bulk, shear, shear)
@@ -99,15 +104,20 @@ def elastic_moduli(
     tolerance: float = 1e-9,
     *,
     law: SpringLaw = HOOKEAN,
+    taut: ArrayLike | None = None,
 ) -> Solution[Moduli]:
     """Relaxed B and G of springs at coordinates (N_v, d) in equilibrium, on either side of the transition.
 
     rest_lengths  ℓ (N_b,); None: the springs are at rest
+    taut          (N_b,) bool, the edges that resist; the others are slack cables.  None: all
 
     Stressed springs respond linearly (`LinearResponse`).  Springs at rest resist through their self-stresses S,
     μ_a = ḣ_aᵀ S (Sᵀ K⁻¹ S)⁻¹ Sᵀ ḣ_a/V (`SelfStressModuli`); without any the network is floppy: moduli exactly 0 and
     `Status.floppy`.  Raises `InputError` when the forces do not balance.
     """
+    mask = np.ones(network.n_edges, bool) if taut is None else taut_edges(network, taut)
+    if not mask.all():
+        return _moduli_of_taut(network, coordinates, rest_lengths, tolerance, law, mask)
     x = np.asarray(coordinates, dtype=float)
     at_rest = np.linalg.norm(network.bond_vectors(x), axis=1)
     state = spring_state(network, at_rest if rest_lengths is None else rest_lengths, x, law)
@@ -128,6 +138,31 @@ def elastic_moduli(
     value = self_stress_moduli(S, np.sum(L**2, axis=1) / network.stiffness, rates, network.volume)
     stats = Stats("self-stress", 1, residual=counts.stats.residual)
     return SelfStressModuli(value, Status.ok, stats, n_self_stresses=n_stresses)
+
+
+def _moduli_of_taut(
+    network: Network,
+    coordinates: ArrayLike,
+    rest_lengths: ArrayLike | None,
+    tolerance: float,
+    law: SpringLaw,
+    mask: Mask,
+) -> Solution[Moduli]:
+    """The moduli of all connected parts of the taut edges, which add up; the first failure decides the status."""
+    x = validated_coordinates(network, coordinates)
+    rest = None if rest_lengths is None else edge_values(rest_lengths, network.n_edges, "rest_lengths")
+    found = [
+        elastic_moduli(part, x[vertices], None if rest is None else rest[edges], tolerance, law=law)
+        for part, edges, vertices in taut_networks(network, mask)
+    ]
+    slack = f"{np.count_nonzero(~mask)} of {network.n_edges} edges are slack: the moduli are those of the taut part"
+    worst = next((solution for solution in found if not (solution.ok or solution.status is Status.floppy)), None)
+    if len(found) == 1 or worst is not None:
+        solution = worst or found[0]
+        return replace(solution, note=f"{solution.note}; {slack}" if solution.note else slack)
+    value = Moduli(*(float(total) for total in np.sum([astuple(solution.value) for solution in found], axis=0)))
+    status = Status.ok if any(solution.ok for solution in found) else Status.floppy
+    return Solution(value, status, Stats("sum over the taut parts", len(found)), slack)
 
 
 def self_stress_moduli(stresses: Array, flexibility: Array, rates: Iterable[Array], volume: float) -> Moduli:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from critflow.critical.backbone import taut_configurations
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import TransitionModulus, dilation, pure_shear, transition_modulus
 from critflow.linalg.tolerances import EPS
@@ -24,16 +25,21 @@ def transition_bounds(critical: CriticalConfiguration) -> Moduli:
 
     NaN where the configuration has no bounds, and infinite where the bounds exceed the lengths.
     """
-    d = critical.network.dimension
+    d, parts = critical.network.dimension, taut_configurations(critical)
+    # The stress of a taut part was scaled with the whole and for itself.
+    roundings = 1 if parts[0] is critical else 2
     bulk, shear = (
-        transition_modulus_bound(transition_modulus(critical.network, A), critical)
+        sum(transition_modulus_bound(transition_modulus(part.network, A), part, roundings) for part in parts)
         for A in (dilation(d), pure_shear(d))
     )
     return Moduli(bulk, shear, shear)
 
 
-def transition_modulus_bound(goal: TransitionModulus, critical: CriticalConfiguration) -> float:
-    """Error bound of one modulus μ_A = w²/(Vc), w = Σσḣ, c = Σσ²|L|²/k, at a configuration."""
+def transition_modulus_bound(goal: TransitionModulus, critical: CriticalConfiguration, roundings: int = 1) -> float:
+    """Error bound of one modulus μ_A = w²/(Vc), w = Σσḣ, c = Σσ²|L|²/k, at a configuration.
+
+    roundings  how often σ was scaled
+    """
     sigma, L, dL = critical.sigma, critical.bond_vectors, critical.bond_errors
     size, AL = np.abs(sigma), L @ goal.symmetric
     length, stretch = critical.lengths, np.linalg.norm(AL, axis=1)
@@ -43,7 +49,7 @@ def transition_modulus_bound(goal: TransitionModulus, critical: CriticalConfigur
 
     value, (dO_dsigma, dO_dL) = goal.evaluate(sigma, L)
     # σ is rounded from the stress that was solved for.
-    first = np.linalg.norm(dO_dL, axis=1) @ dL + 0.5 * EPS * (np.abs(dO_dsigma) @ size)
+    first = np.linalg.norm(dO_dL, axis=1) @ dL + 0.5 * roundings * EPS * (np.abs(dO_dsigma) @ size)
     # f = w²/c changes by its first order and, exactly, (δw − f_w δc/2)²/(c + δc) more; w and c are quadratic in L.
     second_work = float(np.linalg.norm(goal.symmetric, 2) * (size @ dL**2))
     second_cost = float((sigma**2 / goal.stiffness) @ dL**2)

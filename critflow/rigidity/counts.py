@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.critical.backbone import Mask, backbone, taut_networks
+from critflow.critical.backbone import Mask, backbone, taut_edges, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.tolerances import COLLAPSED
 from critflow.linalg.saddle import Saddle
@@ -93,7 +93,7 @@ def rigidity(
     gives the reason.  Where edges are slack the note says how many.
     Raises `InputError` for self-stresses that would not fit in memory, and taut edges that cannot balance.
     """
-    kept = _taut_edges(network, taut)
+    kept = np.ones(network.n_edges, bool) if taut is None else taut_edges(network, taut)
     if not kept.all():
         return _rigidity_of_taut(network, coordinates, tolerance, vectors, kept)
     x, L, length = _edges(network, coordinates)
@@ -116,15 +116,6 @@ def rigidity(
     value = Rigidity(n_stresses, spectrum.n_motions + n_trivial, stresses, *gap, n_trivial, stable)
     status = Status.singular if doubt else Status.floppy if n_stresses == 0 else Status.ok
     return Solution(value, status, Stats("counts", 1, residual=value.largest_zero), doubt)
-
-
-def _taut_edges(network: Network, taut: ArrayLike | None) -> Mask:
-    kept = np.ones(network.n_edges, bool) if taut is None else np.asarray(taut)
-    if kept.dtype != bool or kept.shape != (network.n_edges,) or not kept.any():
-        raise InputError(
-            f"the taut edges are a mask of shape ({network.n_edges},) with True somewhere, such as critical.sigma != 0"
-        )
-    return kept
 
 
 def _rigidity_of_taut(

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+from problems import slack_lattice, taut_rows
 
 from critflow import (
     CriticalConfiguration,
     InputError,
     Network,
     backbone,
-    critical_from_lengths,
-    square_network,
     voronoi_network,
 )
 from critflow.critical.backbone import chains
@@ -24,19 +23,9 @@ def hung():
     return critical_configuration(HUNG, np.array([1.0, 3.0, 0, 0]), HUNG_COORDINATES)
 
 
-def rows():
-    """The square lattice 3 × 3 with its horizontal edges taut: three cables, of which each closes on its image."""
-    network = square_network(3, 3)
-    horizontal = np.abs(network.bond_vectors(network.positions)[:, 0]) > 0.5
-    return critical_configuration(network, horizontal.astype(float), network.positions)
-
-
 @pytest.fixture(scope="module")
 def slack():
-    """A Voronoi network whose rest lengths vary so much that edges are slack."""
-    network = voronoi_network(n_vertices=60, seed=3)
-    lengths = 1 + 0.3 * np.random.default_rng(0).standard_normal(network.n_edges).clip(-2, 2)
-    return critical_from_lengths(network, lengths, throw=False).value
+    return slack_lattice()[2]
 
 
 def test_without_slack_edges_the_backbone_is_the_configuration():
@@ -74,7 +63,7 @@ def test_a_chain_between_pins_is_one_cable_and_pins_outside_are_left_out():
 
 
 def test_disconnected_taut_parts_are_components():
-    critical = rows()
+    critical = taut_rows()
     bone = backbone(critical)
     assert [component.n_cables for component in bone.components] == [1, 1, 1]
     assert bone.n_cables == 3

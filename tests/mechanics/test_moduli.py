@@ -16,7 +16,9 @@ from problems import (
     modulus_by_formula,
     oblique,
     random_stress,
+    slack_lattice,
     strained,
+    taut_rows,
     triangular_lattice,
     voronoi_3d,
     with_random_stiffness,
@@ -28,6 +30,7 @@ from critflow import (
     PowerLaw,
     Status,
     WormLike,
+    backbone,
     critical_from_lengths,
     elastic_moduli,
     equilibrium,
@@ -37,6 +40,7 @@ from critflow import (
     optimize,
     spring_state,
     strain_path,
+    transition_bounds,
     transition_moduli,
     voronoi_network,
 )
@@ -53,6 +57,36 @@ CASES = {
 def critical_of(name, seed=2):
     network = CASES[name]()
     return CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
+
+
+@pytest.fixture(scope="module")
+def slack():
+    return slack_lattice()
+
+
+def test_slack_edges_do_not_change_the_moduli_of_the_taut_part(slack):
+    network, _, critical = slack
+    part = backbone(critical).configuration
+    moduli = transition_moduli(critical)
+    assert moduli == transition_moduli(part)
+    formula = modulus_by_formula(network, critical.sigma, critical.bond_vectors, np.eye(2) / 2)
+    assert moduli.bulk == pytest.approx(formula, rel=1e-13)
+    bounds = transition_bounds(critical)
+    assert 0 < bounds.bulk < 1e-14
+    solution = elastic_moduli(network, critical.coordinates, taut=critical.sigma != 0)
+    assert solution.ok
+    assert f"{backbone(critical).n_slack} of {network.n_edges} edges are slack" in solution.note
+    np.testing.assert_allclose(astuple(solution.value), astuple(moduli), rtol=1e-11)
+
+
+def test_the_moduli_of_disconnected_taut_parts_add_up():
+    # Each of n rows of n springs has stiffness 1/n and the elongation nγ/2: B = 1/4; rows do not resist shear.
+    critical = taut_rows(4)
+    assert transition_moduli(critical).bulk == pytest.approx(0.25, rel=1e-14)
+    assert transition_moduli(critical).shear == pytest.approx(0.0, abs=1e-30)
+    solution = elastic_moduli(critical.network, critical.coordinates, taut=critical.sigma != 0)
+    assert solution.ok
+    assert solution.value.bulk == pytest.approx(0.25, rel=1e-13)
 
 
 def shear(d):
