@@ -19,12 +19,12 @@ from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
-from critflow.critical.tolerances import COLLAPSED, CONDENSED_EDGES, SCALED
+from critflow.critical.tolerances import CONDENSED_EDGES, SCALED
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
-from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network, edge_values
+from critflow.networks.support import check_opened
 from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
@@ -162,6 +162,8 @@ class CriticalManifold:
     """
 
     def __init__(self, network: Network, backend: str = "auto"):
+        if network.cell is None:
+            check_opened(network.edges, network.offsets, None, network.pins, network.n_vertices)
         self.network, self.backend = network, backend
         self.prestress = laplacian(network, backend)
         self._g, self._b = network.free_incidence, network.boundary_vectors
@@ -171,7 +173,6 @@ class CriticalManifold:
         ]
         for load in self._load:
             load.eliminate_zeros()
-        self._check_supported()
 
     @classmethod
     def of(cls, network: Network | CriticalManifold) -> CriticalManifold:
@@ -296,15 +297,3 @@ class CriticalManifold:
 
         n = self.network.n_edges
         return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
-
-    def _check_supported(self) -> None:
-        """Raise `NetworkError` for networks with parts that collapse under every stress."""
-        # Without symmetry, so that an edge of length zero is no coincidence.
-        generic = quasi_random(self.network.n_edges) + 1.0
-        lengths = np.linalg.norm(self.balance(generic).bond_vectors, axis=1)
-        collapsed = np.flatnonzero(~(lengths > COLLAPSED * lengths.max()))
-        if len(collapsed):
-            raise NetworkError(
-                f"{len(collapsed)} of {len(lengths)} edges, edge {int(collapsed[0])} among them, have no length under "
-                "any stress: they hang on a single edge or do not wrap around the cell; remove them"
-            )

@@ -23,7 +23,8 @@ def diluted(network: Network, z: float, seed: int | np.random.Generator = 0) -> 
 
     def after(n_removed: int) -> CarryingPart:
         left = np.sort(order[n_removed:])
-        part = carrying_part(network.edges[left], network.offsets[left], network.pins, network.n_vertices)
+        edges, offsets = network.edges[left], network.offsets[left]
+        part = carrying_part(edges, offsets, network.cell, network.pins, network.n_vertices)
         return part._replace(edges=left[part.edges])
 
     found = with_coordination(after, network.n_edges, z, 0 if network.pins else network.dimension)

@@ -9,22 +9,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import connected_components
 
 from critflow.networks.faces import Faces
-from critflow.result import InputError, NetworkError
+from critflow.networks.support import check_support
+from critflow.result import NetworkError
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+# Part of the edges across the boundary that may be longer than the cell: wrong signs make it about a half.
+CONTRADICTING = 0.1
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Network:
     """A spring network in a periodic cell, or hung on pins, or both.
 
@@ -37,7 +42,9 @@ class Network:
     faces      the polygons of a planar network, if known
     note       a sentence about its making, such as the edges that were removed
 
-    Raises `NetworkError` when no positive stress could give every edge a length.
+    Raises `NetworkError` when no positive stress can give every edge a length (but without a cell accepts pieces of
+    several edges on one vertex, which stresses of both signs may open), and when the positions contradict the offsets:
+    edges span the cell although their ends are close to each other in another image.
     """
 
     # The types are those after construction, which accepts anything that converts to them.
@@ -48,32 +55,32 @@ class Network:
     pins: Mapping[int, Array] = field(default_factory=dict)
     n_vertices: int = 0
     positions: Array | None = None
-    faces: Faces | None = field(default=None, repr=False)
-    note: str = field(default="", repr=False)
+    faces: Faces | None = None
+    note: str = ""
 
     def __post_init__(self) -> None:
         edges = _integers(self.edges, "edges")
         if edges.ndim != 2 or edges.shape[1] != 2 or len(edges) == 0:
             raise NetworkError(f"edges must have shape (N_b, 2) with N_b >= 1, not {edges.shape}: give tail and head")
-        n_vertices = self.n_vertices or int(edges.max()) + 1
+        n_vertices = _n_vertices(self.n_vertices) or max(int(edges.max()) + 1, 0)
         pins = _pins(self.pins)
-        cell = None if self.cell is None else np.array(self.cell, dtype=float)
+        cell = None if self.cell is None else _floats(self.cell, "cell")
         dimension = _dimension(cell, pins)
         offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else _integers(self.offsets, "offsets")
-        stiffness = np.array(self.stiffness, dtype=float)
+        stiffness = _floats(self.stiffness, "stiffness")
         if stiffness.ndim == 0:
             stiffness = np.full(len(edges), float(stiffness))
-        positions = None if self.positions is None else np.array(self.positions, dtype=float)
+        positions = None if self.positions is None else _floats(self.positions, "positions")
 
         if offsets.shape != (len(edges), dimension):
             raise NetworkError(f"offsets must have shape {(len(edges), dimension)}, not {offsets.shape}: one per edge")
         if cell is None and offsets.any():
             raise NetworkError("edges with image offsets need a cell: give its vectors as rows")
-        if positions is not None and positions.shape != (n_vertices, dimension):
-            raise NetworkError(f"positions must have shape {(n_vertices, dimension)}, not {positions.shape}")
         _check_values(stiffness, len(edges), cell, pins, n_vertices)
         _check_edges(edges, offsets, n_vertices)
-        self._check_support(edges, pins, n_vertices)
+        self._check_support(edges, offsets, cell, pins, n_vertices)
+        if positions is not None:
+            _check_positions(positions, edges, offsets, cell, (n_vertices, dimension))
 
         arrays = (
             ("edges", edges),
@@ -90,9 +97,18 @@ class Network:
         object.__setattr__(self, "n_vertices", n_vertices)
 
     @staticmethod
-    def _check_support(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
-        _check_degrees(edges, pins, n_vertices)
-        _check_connection(edges, pins, n_vertices)
+    def _check_support(
+        edges: IntArray, offsets: IntArray, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
+    ) -> None:
+        check_support(edges, offsets, cell, pins, n_vertices)
+
+    def __repr__(self) -> str:
+        parts = [f"{self.n_vertices:,} vertices", f"{self.n_edges:,} edges", f"{self.dimension} dimensions"]
+        if self.cell is not None:
+            parts.append("periodic")
+        if self.pins:
+            parts.append(f"{len(self.pins):,} pins")
+        return f"Network({', '.join(parts)}, z = {2 * self.n_edges / self.n_vertices:.4g})"
 
     # Sizes
 
@@ -170,20 +186,30 @@ class Network:
 
     def with_stiffness(self, stiffness: ArrayLike) -> Network:
         """The same network with other stiffnesses k, (N_b,) or one number."""
-        return replace(self, stiffness=np.asarray(stiffness, dtype=float))
+        values = _floats(stiffness, "stiffness")
+        values = np.full(self.n_edges, float(values)) if values.ndim == 0 else values
+        edge_values(values, self.n_edges, "stiffness")
+        values.flags.writeable = False
+        return self._copied(stiffness=values)
 
     def deformed(self, gradient: ArrayLike) -> Network:
         """The network after the affine deformation F of its boundary: b → F b, including pins and positions."""
-        F = np.asarray(gradient, dtype=float)
+        F = _floats(gradient, "a deformation")
         if F.shape != (self.dimension,) * 2 or not np.isfinite(F).all() or not abs(np.linalg.det(F)) > 0:
             raise NetworkError(f"a deformation must be an invertible {self.dimension} × {self.dimension} matrix")
-        # The graph is the same: its checks and its matrices stay valid.
-        copied = copy(self)
+        copied = self._copied(
+            cell=None if self.cell is None else self.cell @ F.T,
+            pins={i: F @ p for i, p in self.pins.items()},
+            positions=None if self.positions is None else self.positions @ F.T,
+        )
         copied.__dict__.pop("boundary_vectors", None)
         copied.__dict__.pop("fixed_positions", None)
-        copied.__dict__["cell"] = None if self.cell is None else self.cell @ F.T
-        copied.__dict__["pins"] = {i: F @ p for i, p in self.pins.items()}
-        copied.__dict__["positions"] = None if self.positions is None else self.positions @ F.T
+        return copied
+
+    def _copied(self, **changed: Any) -> Network:
+        """A copy with other values of the same graph, whose checks and matrices stay valid."""
+        copied = copy(self)
+        copied.__dict__.update(changed)
         return copied
 
     def part(self, kept_edges: NDArray[np.bool_]) -> tuple[Network, IntArray]:
@@ -198,9 +224,9 @@ class Network:
             self.cell,
             self.stiffness[kept_edges],
             {int(index[i]): p for i, p in self.pins.items() if index[i] >= 0},
-            positions=None if self.positions is None else self.positions[vertices],
         )
-        return part, vertices
+        # The positions were checked in the whole, of which fewer edges may be no sample.
+        return part if self.positions is None else part._copied(positions=self.positions[vertices]), vertices
 
 
 def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True) -> Array:
@@ -223,27 +249,65 @@ def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = Tru
 
 def validated_coordinates(network: Network, coordinates: ArrayLike) -> Array:
     """A copy of vertex coordinates as finite floats (N_v, d), else an `InputError`."""
-    x = np.array(coordinates, dtype=float)
-    shape = (network.n_vertices, network.dimension)
-    if x.shape != shape or not np.isfinite(x).all():
-        raise InputError(f"coordinates must be finite and of shape {shape}, not {x.shape}: give one row per vertex")
-    return x
+    return _rows(_floats(coordinates, "coordinates"), "coordinates", (network.n_vertices, network.dimension))
+
+
+def _rows(array: Array, name: str, shape: tuple[int, int]) -> Array:
+    """The array if it has this shape and is finite, else a `NetworkError` that names the first bad row."""
+    if array.shape != shape:
+        raise NetworkError(f"{name} must have shape {shape}, not {array.shape}: give one row per vertex")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if len(bad):
+        raise NetworkError(f"{name} must be finite, but {name}[{bad[0]}] = {array[bad[0]].tolist()}: correct that row")
+    return array
+
+
+def _floats(values: ArrayLike, name: str) -> Array:
+    """A copy of the values as floats, else a `NetworkError`."""
+    try:
+        array = np.array(values)
+        if array.dtype.kind == "c":
+            raise TypeError
+        return array.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        raise NetworkError(f"{name} must be real numbers in rows of equal length, not {_shown(values)}") from None
 
 
 def _integers(values: ArrayLike, name: str) -> IntArray:
-    array = np.array(values)
-    if array.dtype.kind not in "iu":
-        if array.dtype.kind != "f" or not np.array_equal(array, np.round(array)):
-            raise NetworkError(f"{name} must be whole numbers, not {array.dtype}: they count vertices and cell images")
+    """A copy of the values as integers, else a `NetworkError`."""
+    try:
+        array = np.array(values)
+    except ValueError:
+        raise NetworkError(f"{name} must be rows of equal length, not {_shown(values)}") from None
+    if array.dtype.kind == "f" and np.array_equal(array, np.round(array)) and (np.abs(array) < 2.0**63).all():
+        return array.astype(np.int64)
+    if array.dtype.kind not in "iu" or (array.size and array.max() >= 2**63):
+        raise NetworkError(f"{name} must be whole numbers, not {array.dtype}: they count vertices and cell images")
     return array.astype(np.int64)
 
 
-def _pins(pins: Mapping[int, ArrayLike] | None) -> dict[int, Array]:
-    if pins is not None and not isinstance(pins, Mapping):
+def _shown(value: object) -> str:
+    """The value in one short line."""
+    return " ".join(f"{value!r:.60}".split())
+
+
+def _n_vertices(value: object) -> int:
+    if not isinstance(value, int | np.integer) or value < 0:
+        raise NetworkError(f"n_vertices must be a whole number above zero, not {_shown(value)}, or left out")
+    return int(value)
+
+
+def _pins(pins: object) -> dict[int, Array]:
+    if pins is None:
+        return {}
+    if not isinstance(pins, Mapping):
         raise NetworkError(
             f"pins must be a mapping from vertices to positions, such as {{0: [0.0, 0.0]}}, not a {type(pins).__name__}"
         )
-    return {int(i): np.array(p, dtype=float) for i, p in (pins or {}).items()}
+    for vertex in pins:
+        if not isinstance(vertex, int | np.integer):
+            raise NetworkError(f"pin {_shown(vertex)} is not a vertex: the keys of pins are numbers of vertices")
+    return {int(i): _floats(p, f"the position of pin {i}") for i, p in pins.items()}
 
 
 def _dimension(cell: Array | None, pins: Mapping[int, Array]) -> int:
@@ -285,26 +349,29 @@ def _check_edges(edges: IntArray, offsets: IntArray, n_vertices: int) -> None:
         raise NetworkError(f"edge {edge} joins vertex {edges[edge, 0]} to itself, which has no length: remove it")
 
 
-def _check_degrees(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
-    if len(pins) == n_vertices or n_vertices == 1:
-        raise NetworkError("no vertex is free to move, so there is nothing to find: add vertices or remove pins")
-    degree = np.bincount(edges.ravel(), minlength=n_vertices)
-    loose = [int(i) for i in np.flatnonzero(degree <= 1) if i not in pins]
-    if loose:
-        support = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
-        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned_network")
+def _check_positions(
+    positions: Array, edges: IntArray, offsets: IntArray, cell: Array | None, shape: tuple[int, int]
+) -> None:
+    """Raise `NetworkError` for positions that are not finite, or contradict the offsets of many edges.
 
-
-def _check_connection(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
-    tail, head = edges.T
-    # All pins belong to one support, so they count as joined.
-    anchors = np.fromiter(pins, int, len(pins))
-    tail, head = np.concatenate([tail, anchors[:-1]]), np.concatenate([head, anchors[1:]])
-    graph = sp.coo_array((np.ones(len(tail)), (tail, head)), shape=(n_vertices, n_vertices))
-    n_parts, part = connected_components(graph, directed=False)
-    if n_parts > 1:
-        stray = int(np.flatnonzero(part != part[0])[0])
+    An edge contradicts them if it is longer than every diagonal of the cell, and less than half as long with the
+    image of its head that a rounding of the coordinates in units of the cell vectors finds.
+    """
+    _rows(positions, "positions", shape)
+    if cell is None:
+        return
+    crossing = np.flatnonzero(offsets.any(axis=1) & (edges[:, 0] != edges[:, 1]))
+    if len(crossing) == 0:
+        return
+    tail, head = edges[crossing].T
+    apart = (positions[head] - positions[tail]) @ np.linalg.inv(cell) + offsets[crossing]
+    given, nearest = (np.linalg.norm(v @ cell, axis=1) for v in (apart, apart - np.round(apart)))
+    corners = np.array(list(product((-1.0, 1.0), repeat=len(cell)))) @ cell
+    contradicting = (given > np.linalg.norm(corners, axis=1).max()) & (given > 2 * nearest)
+    if contradicting.sum() > CONTRADICTING * len(crossing):
+        edge = int(crossing[np.flatnonzero(contradicting)[0]])
         raise NetworkError(
-            f"the network falls into {n_parts} parts that no edge joins (vertices 0 and {stray} are in two of them): "
-            "keep one part (pruned_network keeps the largest), or make a network of each"
+            f"the positions contradict the offsets of {contradicting.sum()} of {len(crossing)} edges across the "
+            f"boundary: edge {edge} is longer than the cell, though its ends have images nearby; an offset is that of "
+            "the head (negate it?), or leave positions out"
         )

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse.csgraph import connected_components
 
+from critflow.networks.blocks import blocks, opened_edges
 from critflow.networks.faces import PlanarFaces
 from critflow.networks.network import Array, IntArray, Network
 from critflow.result import NetworkError
@@ -46,7 +47,7 @@ def prune(network: Network, kept: ArrayLike | None = None) -> Pruned:
     if mask.dtype != bool or mask.shape != (network.n_edges,):
         raise NetworkError(f"kept must be a mask with one boolean per edge, shape ({network.n_edges},)")
     number = np.flatnonzero(mask)
-    part = carrying_part(network.edges[number], network.offsets[number], network.pins, network.n_vertices)
+    part = carrying_part(network.edges[number], network.offsets[number], network.cell, network.pins, network.n_vertices)
     return part_of(network, number[part.edges], part.sentence)
 
 
@@ -79,7 +80,9 @@ class _Loose(Network):
     """Edges and a boundary, of which some edges need not carry tension."""
 
     @staticmethod
-    def _check_support(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
+    def _check_support(
+        edges: IntArray, offsets: IntArray, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
+    ) -> None:
         pass
 
 
@@ -121,26 +124,20 @@ class CarryingPart(NamedTuple):
         return f"removed {total} of {total + len(self.edges)} edges, which cannot carry tension: {', '.join(removed)}"
 
 
-def carrying_part(edges: IntArray, offsets: IntArray, pins: Mapping[int, Array], n_vertices: int) -> CarryingPart:
+def carrying_part(
+    edges: IntArray, offsets: IntArray, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
+) -> CarryingPart:
     """The part of edges (n, 2) with offsets (n, d) that can carry tension; all pins count as joined."""
-    # All pins are one vertex, and the label of a pin takes part in the gain of its edges as an offset does.
-    root, label = n_vertices, np.zeros(n_vertices, int)
-    vertex = np.arange(n_vertices)
-    if pins:
-        anchors = np.fromiter(pins, int, len(pins))
-        vertex[anchors] = root
-        places = np.unique(np.array([pins[i] for i in anchors]), axis=0, return_inverse=True)[1]
-        label[anchors] = 1 + places.ravel()
-    joined = vertex[edges]
-    gains = np.column_stack([offsets, label[edges[:, 1]] - label[edges[:, 0]]])
-    block, cycle_gain = _blocks(joined, gains, n_vertices + 1)
-    winds = cycle_gain.any(axis=1)
-    winding = np.zeros(len(edges), bool)
-    winding[block[winds]] = True
-    carries = winding[block]
+    block, cycle_gain = blocks(edges, offsets, cell, pins, n_vertices)
+    winds, carries = cycle_gain.any(axis=1), opened_edges(block, cycle_gain)
     size = np.bincount(block, minlength=len(edges))[block]
 
-    part = connected_components(_graph(joined[carries], n_vertices + 1), directed=False)[1]
+    vertex = np.arange(n_vertices)
+    vertex[list(pins)] = min(pins, default=0)
+    joined = vertex[edges]
+    tail, head = joined[carries].T
+    graph = sp.csr_array((np.ones(len(tail)), (tail, head)), shape=(n_vertices, n_vertices))
+    part = connected_components(graph, directed=False)[1]
     here = part[joined[:, 0]]
     largest = np.bincount(here[carries], minlength=1).argmax()
     kept = carries & (here == largest)
@@ -181,100 +178,3 @@ def part_of(network: Network, kept: IntArray, note: str) -> Pruned:
         note=note,
     )
     return Pruned(part, kept, vertices)
-
-
-def _graph(edges: IntArray, n_vertices: int) -> sp.csr_array:
-    return sp.csr_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n_vertices, n_vertices))
-
-
-def _blocks(edges: IntArray, gains: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
-    """Biconnected component of each edge, (n,), and the gain of the cycle that it closes with a spanning tree, (n, m).
-
-    The last vertex is the root; parts of the graph that it does not belong to are joined to it.  By the algorithm of
-    Tarjan and Vishkin (SIAM J. Comput. 14, 862, 1985), which needs a spanning tree and connected components only.
-    """
-    n_edges, root = len(edges), n_vertices - 1
-    part = connected_components(_graph(edges, n_vertices), directed=False)[1]
-    first = np.unique(part, return_index=True)[1]
-    joints = first[part[first] != part[root]]
-    joined = np.concatenate([edges, np.column_stack([joints, np.full(len(joints), root)])])
-    gains = np.concatenate([gains, np.zeros((len(joints), gains.shape[1]), int)])
-
-    order, parent = breadth_first_order(_graph(joined, n_vertices), root, directed=False)
-    place = np.empty(n_vertices, int)
-    place[order] = np.arange(n_vertices)
-    # From here on vertices are named by their place in this order, in which parents and levels are contiguous.
-    ends = place[joined]
-    above = np.zeros(n_vertices, int)
-    above[1:] = place[parent[order[1:]]]
-    tree_edge = _tree_edges(ends, above)
-    starts = _levels(above)
-    potential = _potentials(ends, gains, above, tree_edge, starts)
-    is_tree = np.zeros(len(ends), bool)
-    is_tree[tree_edge] = True
-    cycle_gain = np.where(is_tree[:, None], 0, potential[ends[:, 0]] + gains - potential[ends[:, 1]])
-
-    size, number = _preorder(above, starts)
-    u, v = ends[~is_tree & (ends[:, 0] != ends[:, 1])].T
-    low, high = number.copy(), number.copy()
-    for a, b in ((u, v), (v, u)):
-        np.minimum.at(low, a, number[b])
-        np.maximum.at(high, a, number[b])
-    for start, end in reversed(starts):
-        np.minimum.at(low, above[start:end], low[start:end])
-        np.maximum.at(high, above[start:end], high[start:end])
-    # Each vertex but the root stands for the edge to its parent; two edges of a block are joined here.
-    u, v = np.where(number[u] < number[v], [u, v], [v, u])
-    unrelated = number[u] + size[u] <= number[v]
-    child = np.flatnonzero(above > 0)
-    over = above[child]
-    beyond = (low[child] < number[over]) | (high[child] >= number[over] + size[over])
-    pairs = np.concatenate([np.column_stack([u, v])[unrelated], np.column_stack([child, over])[beyond]])
-    block_of = connected_components(_graph(pairs, n_vertices), directed=False)[1]
-    later = np.where(number[ends[:, 0]] > number[ends[:, 1]], ends[:, 0], ends[:, 1])
-    block = block_of[later]
-    # An edge from a vertex to its own image is a block of its own.
-    own = ends[:, 0] == ends[:, 1]
-    block[own] = n_vertices + np.arange(int(own.sum()))
-    return np.unique(block[:n_edges], return_inverse=True)[1].ravel(), cycle_gain[:n_edges]
-
-
-def _levels(above: IntArray) -> list[tuple[int, int]]:
-    """Ranges of vertices, in breadth-first order, at each distance of 1 and more from the root."""
-    ranges, start = [], 1
-    while start < len(above):
-        end = int(np.searchsorted(above[1:], start)) + 1
-        ranges.append((start, end))
-        start = end
-    return ranges
-
-
-def _tree_edges(ends: IntArray, above: IntArray) -> IntArray:
-    """For each vertex but the root, one edge to its parent; `ends` (n, 2) in breadth-first order."""
-    n = len(above)
-    key = ends.min(axis=1) * n + ends.max(axis=1)
-    order = np.argsort(key, kind="stable")
-    return order[np.searchsorted(key[order], above[1:] * n + np.arange(1, n))]
-
-
-def _potentials(
-    ends: IntArray, gains: IntArray, above: IntArray, tree_edge: IntArray, levels: list[tuple[int, int]]
-) -> IntArray:
-    """Sums of gains from the root along the tree, (n_vertices, m)."""
-    step = gains[tree_edge] * np.where(ends[tree_edge, 1] == np.arange(1, len(above)), 1, -1)[:, None]
-    potential = np.zeros((len(above), gains.shape[1]), int)
-    for start, end in levels:
-        potential[start:end] = potential[above[start:end]] + step[start - 1 : end - 1]
-    return potential
-
-
-def _preorder(above: IntArray, levels: list[tuple[int, int]]) -> tuple[IntArray, IntArray]:
-    """Number of vertices of each subtree, and the place of each vertex in preorder."""
-    size, number = np.ones(len(above), int), np.zeros(len(above), int)
-    for start, end in reversed(levels):
-        np.add.at(size, above[start:end], size[start:end])
-    for start, end in levels:
-        parent, before = above[start:end], np.cumsum(size[start:end]) - size[start:end]
-        eldest = np.searchsorted(parent, parent)
-        number[start:end] = number[parent] + 1 + before - before[eldest]
-    return size, number

@@ -176,3 +176,43 @@ def test_faces_are_computed_lazily():
     assert "edges" in vars(faces)
     with pytest.raises(AttributeError, match="corners"):
         _ = faces.corners
+
+
+def test_positions_that_contradict_the_offsets_are_refused():
+    network = voronoi_network(100, seed=4)
+    crossing = np.flatnonzero(network.offsets.any(axis=1))
+    flipped = network.offsets.copy()
+    flipped[crossing[::2]] *= -1
+    with pytest.raises(NetworkError, match=r"contradict.*positions out"):
+        Network(network.edges, flipped, network.cell, positions=network.positions)
+    with pytest.raises(NetworkError, match="contradict"):
+        Network(network.edges[:, ::-1], network.offsets, network.cell, positions=network.positions)
+    # Without positions the same graph is a network; one long edge is no contradiction.
+    Network(network.edges, flipped, network.cell)
+    one = network.offsets.copy()
+    one[crossing[0]] *= -1
+    Network(network.edges, one, network.cell, positions=network.positions)
+
+
+@pytest.mark.parametrize("name", PERIODIC)
+def test_positions_in_other_images_or_sheared_cells_are_accepted(name):
+    network = NETWORKS[name]()
+    x = CriticalManifold(network).configuration(random_stress(network.n_edges, 1)).coordinates
+    for F in (np.eye(network.dimension), np.eye(network.dimension) + 3 * np.eye(network.dimension, k=1)):
+        deformed = network.deformed(F)
+        moved = np.random.default_rng(1).integers(-2, 3, x.shape)
+        tail, head = network.edges.T
+        offsets = network.offsets - moved[head] + moved[tail]
+        Network(network.edges, offsets, deformed.cell, positions=x @ F.T + moved @ deformed.cell)
+
+
+def test_a_network_prints_its_sizes():
+    assert repr(voronoi_network(1000, seed=1)) == "Network(1,000 vertices, 1,500 edges, 2 dimensions, periodic, z = 3)"
+    assert "2 pins" in repr(three_bar_linkage())
+
+
+def test_a_mistyped_number_of_vertices_allocates_nothing():
+    with pytest.raises(NetworkError, match="vertex 3"):
+        Network([[0, 1], [1, 2], [2, 0]], [[1, 0], [0, 1], [0, 0]], np.eye(2), n_vertices=10**15)
+    with pytest.raises(NetworkError, match="vertex 2"):
+        Network([[0, 1], [1, 10**15]], pins={0: [0.0, 0.0], 10**15: [1.0, 0.0]})

@@ -1,0 +1,82 @@
+"""Edges that no positive stress can open, against dense solutions of force balance."""
+
+import numpy as np
+import pytest
+
+from critflow import CriticalManifold, Network, NetworkError
+from critflow.networks.blocks import blocks, opened_edges
+
+CELL = np.array([[2.0, 0.0], [0.5, 1.0]])
+# Two of them coincide up to a vector of the cell, two are the same.
+PLACES = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0], [0.0, 0.0]])
+
+
+def random_graph(rng):
+    """A connected graph with parallel edges, loops, a few offsets and a few pins: edges, offsets, cell, pins, N_v."""
+    n, periodic = int(rng.integers(2, 12)), rng.random() < 0.6
+    more = int(rng.integers(0, n))
+    edges = [(rng.integers(0, i), i) for i in range(1, n)] + [tuple(rng.integers(0, n, 2)) for _ in range(more)]
+    edges = rng.permutation(n)[np.array(edges)]
+    chosen = rng.choice(n, min(n - 1, int(rng.integers(0 if periodic else 1, 4))), replace=False)
+    pins = {int(i): PLACES[rng.integers(0, 4)] for i in chosen}
+    offsets = rng.integers(-1, 2, (len(edges), 2)) * (rng.random((len(edges), 1)) < 0.2) * periodic
+    image = rng.integers(-2, 3, (n, 2)) * periodic
+    image[list(pins)] = 0
+    return edges, offsets + image[edges[:, 1]] - image[edges[:, 0]], CELL if periodic else None, pins, n
+
+
+def opened_lengths(edges, offsets, cell, pins, n, rng):
+    """The largest length of every edge under three random stresses."""
+    g, x = np.zeros((len(edges), n)), np.zeros((n, 2))
+    np.add.at(g, (np.arange(len(edges)), edges[:, 1]), 1)
+    np.add.at(g, (np.arange(len(edges)), edges[:, 0]), -1)
+    x[list(pins)] = np.reshape(list(pins.values()), (-1, 2))
+    b = g @ x + (0 if cell is None else offsets @ cell)
+    free = np.delete(np.arange(n), list(pins) or 0)
+    g, longest = g[:, free], np.zeros(len(edges))
+    for sigma in rng.uniform(0.5, 2, (3, len(edges), 1)):
+        L = b - g @ np.linalg.solve(g.T @ (sigma * g), g.T @ (sigma * b))
+        longest = np.maximum(longest, np.linalg.norm(L, axis=1))
+    return longest
+
+
+def test_collapsing_edges_have_no_length_and_the_others_do():
+    rng, mixed = np.random.default_rng(3), 0
+    for _ in range(150):
+        graph = random_graph(rng)
+        found = ~opened_edges(*blocks(*graph))
+        np.testing.assert_array_equal(found, opened_lengths(*graph, rng) < 1e-9)
+        mixed += found.any() and not found.all()
+    assert mixed > 30
+
+
+def test_a_large_network_collapses_nowhere_and_a_long_branch_does():
+    n = 20_000
+    chain = np.stack([np.arange(n), (np.arange(n) + 1) % n], axis=1)
+    offsets = np.zeros((n, 2), int)
+    offsets[-1] = 1, 0
+    assert opened_edges(*blocks(chain, offsets, CELL, {}, n)).all()
+    # The chain of every second edge doubled, closed on itself: nothing wraps.
+    doubled = np.concatenate([chain, chain[::2]])
+    assert not opened_edges(*blocks(doubled, np.zeros_like(doubled), CELL, {}, n)).any()
+
+
+@pytest.mark.parametrize(
+    "edges, offsets, pins",
+    [
+        ([[0, 1]] * 3, [[1, 0]] * 3, None),
+        ([[0, 1]] * 3, [[0, 0]] * 3, None),
+        ([[0, 1], [1, 2], [2, 4], [1, 3], [3, 5], [5, 6], [6, 3]], None, {0: [0.0, 0.0], 4: [1.0, 0.0]}),
+    ],
+    ids=["three parallel edges", "a small ring", "a bridge"],
+)
+def test_networks_that_collapse_are_refused(edges, offsets, pins):
+    with pytest.raises(NetworkError, match="no length"):
+        Network(edges, offsets, None if pins else 0.1 * CELL, pins=pins)
+
+
+@pytest.mark.parametrize("pins", [{0: [0.0, 0.0]}, {0: [0.5, 0.5], 1: [0.5, 0.5]}], ids=["one pin", "one place"])
+def test_a_free_body_is_a_network_but_no_positive_stress_opens_it(pins):
+    square = Network([[1, 2], [2, 3], [3, 0], [0, 2], [1, 3]], pins=pins)
+    with pytest.raises(NetworkError, match="signed_stress"):
+        CriticalManifold(square)
