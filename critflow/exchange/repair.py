@@ -230,7 +230,7 @@ def _carrying(ledger: _Ledger) -> None:
     """The largest part of which every edge can carry tension."""
     data = ledger.data
     offsets = np.zeros((data.n_edges, data.dimension), np.int64) if data.offsets is None else np.asarray(data.offsets)
-    part = carrying_part(data.edges, offsets, {i: data.positions[i] for i in data.pins}, data.n_vertices)
+    part = carrying_part(data.edges, offsets, {i: data.positions[i] for i in data.pins}, data.n_vertices, data.cell)
     if len(part.edges) == data.n_edges:
         return
     if not len(part.edges):

@@ -24,7 +24,7 @@ def diluted(network: Network, z: float, seed: int | np.random.Generator = 0) -> 
     def after(n_removed: int) -> CarryingPart:
         left = np.sort(order[n_removed:])
         edges, offsets = network.edges[left], network.offsets[left]
-        part = carrying_part(edges, offsets, network.cell, network.pins, network.n_vertices)
+        part = carrying_part(edges, offsets, network.pins, network.n_vertices, network.cell)
         return part._replace(edges=left[part.edges])
 
     found = with_coordination(after, network.n_edges, z, 0 if network.pins else network.dimension)

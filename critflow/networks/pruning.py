@@ -47,7 +47,7 @@ def prune(network: Network, kept: ArrayLike | None = None) -> Pruned:
     if mask.dtype != bool or mask.shape != (network.n_edges,):
         raise NetworkError(f"kept must be a mask with one boolean per edge, shape ({network.n_edges},)")
     number = np.flatnonzero(mask)
-    part = carrying_part(network.edges[number], network.offsets[number], network.cell, network.pins, network.n_vertices)
+    part = carrying_part(network.edges[number], network.offsets[number], network.pins, network.n_vertices, network.cell)
     return part_of(network, number[part.edges], part.sentence)
 
 
@@ -125,9 +125,12 @@ class CarryingPart(NamedTuple):
 
 
 def carrying_part(
-    edges: IntArray, offsets: IntArray, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
+    edges: IntArray, offsets: IntArray, pins: Mapping[int, Array], n_vertices: int, cell: Array | None = None
 ) -> CarryingPart:
-    """The part of edges (n, 2) with offsets (n, d) that can carry tension; all pins count as joined."""
+    """The part of edges (n, 2) with offsets (n, d) that can carry tension; all pins count as joined.
+
+    The cell, if given, makes pins that differ by its vectors one place.
+    """
     block, cycle_gain = blocks(edges, offsets, cell, pins, n_vertices)
     winds, carries = cycle_gain.any(axis=1), opened_edges(block, cycle_gain)
     size = np.bincount(block, minlength=len(edges))[block]

@@ -29,7 +29,7 @@ def test_edges_kept_are_those_with_a_length(pins):
         network = random_graph(seed, pins)
         L = dense_bond_vectors(network, random_stress(network.n_edges, seed))
         has_length = np.linalg.norm(L, axis=1) > 1e-9
-        part = carrying_part(network.edges, network.offsets, network.cell, network.pins, network.n_vertices)
+        part = carrying_part(network.edges, network.offsets, network.pins, network.n_vertices, network.cell)
         assert has_length[part.edges].all()
         assert len(part.edges) + part.separate == has_length.sum()
         assert part.bridges + part.closed == (~has_length).sum()
