@@ -6,29 +6,40 @@ q of the cell.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
-from critflow.mechanics.elasticity import NO_MODULI, Moduli
+from critflow.linalg.tolerances import EPS
+from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli, strain_components
 from critflow.mechanics.equilibrium import Equilibrium, relaxed
 from critflow.mechanics.free_cell import FreeCellState, relaxed_with_cell, stretched
-from critflow.mechanics.response import linear_response
+from critflow.mechanics.response import LinearResponse, linear_response
 from critflow.mechanics.springs import SpringState
 from critflow.mechanics.tangent import Tangent, path_rates, relaxations_to, tangent
-from critflow.mechanics.tolerances import DOUBTED_DISTANCE, EXPECTED_DISTANCE, EXPECTED_STEPS, RETURN_DISTANCE
+from critflow.mechanics.tolerances import (
+    DOUBTED_DISTANCE,
+    EXPECTED_DISTANCE,
+    EXPECTED_STEPS,
+    FLOPPY_SHIFT,
+    RETURN_DISTANCE,
+)
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.result import Status
 
 # Part of the strain interval below which a step is not divided further.
 _SMALLEST_PART = 2.0**-16
+# Steps, and their iterations, towards one strain: no path within them needed more than a tenth.
+_MOST_STEPS, _MOST_ITERATIONS = 400, 4000
 # A step that covers this part of the remaining interval ends at the requested strain, not a rounding next to it.
 _WHOLE = 0.999
 # Beyond this number of previous steps ahead a polynomial extrapolates worse than a straight line.
 _FARTHEST = 2
 
+_LIMIT = "the steps became too short to arrive: give strains that are closer together, or another method"
+_UNRESOLVED = "this strain and the one before it give the same cell in floating-point numbers: choose larger ones"
 _JUMPED = "the equilibrium jumps to another branch: the one followed ends before this strain"
 
 
@@ -39,7 +50,7 @@ class Step:
     curable   a smaller step may succeed where this one failed
     velocity  d(y, q)/dγ (n_free·d + m,); None where it was not computed
     stretch   free components q (m,)
-    tangent, moduli, moduli_error, coordinate_error  measured at the end, with error bounds
+    tangent, moduli, moduli_error, elasticity, coordinate_error  measured at the end, with error bounds
     """
 
     strain: float
@@ -53,6 +64,7 @@ class Step:
     tangent: Tangent | None = None
     moduli: Moduli = NO_MODULI
     moduli_error: Moduli = NO_MODULI
+    elasticity: Elasticity | None = None
     coordinate_error: float = np.nan
 
     @property
@@ -116,9 +128,13 @@ class Continuation:
     def advance(self, strain: float) -> Arrival:
         """Proceed to a strain by steps that halve after failures and double after successes."""
         whole = abs(strain - self.strain)
-        self.stride = max(self.stride, _SMALLEST_PART * whole)
+        if np.array_equal(self.deformation.gradient(strain), self.deformation.gradient(self.strain)):
+            return self.refused(strain, Status.ill_conditioned, _UNRESOLVED)
+        # F(γ) does not resolve smaller strains.
+        smallest = max(_SMALLEST_PART * whole, EPS)
+        self.stride = max(self.stride, smallest)
         iterations = inserted = 0
-        while True:
+        for _ in range(_MOST_STEPS):
             left = abs(strain - self.strain)
             ahead = min(self.stride, left)
             target = strain if ahead >= _WHOLE * left else self.strain + np.copysign(ahead, strain - self.strain)
@@ -128,14 +144,16 @@ class Continuation:
                 self._accept(step)
                 if target == strain:
                     self.stride *= 2 if ahead == self.stride else 1
-                    break
+                    return Arrival(step, iterations, inserted)
                 inserted += 1
                 self.stride = 2 * ahead
-            elif step.curable and 0.5 * ahead >= _SMALLEST_PART * whole:
+            elif step.curable and 0.5 * ahead >= smallest:
                 self.stride = 0.5 * ahead
             else:
+                return Arrival(step, iterations, inserted)
+            if self.relaxer.method == "newton" and iterations > _MOST_ITERATIONS:
                 break
-        return Arrival(step, iterations, inserted)
+        return Arrival(replace(step, status=Status.step_limit, note=_LIMIT), iterations, inserted)
 
     def _step(self, strain: float) -> Step:
         """One step to a strain, which leaves the continuation unchanged."""
@@ -149,14 +167,14 @@ class Continuation:
         unique = _unique(state)
         if not (unique or self._expected(start, solution)):
             return Step(strain, state, q, n, Status.unstable, _JUMPED)
-        moduli, errors, along, velocity = NO_MODULI, NO_MODULI, None, None
-        if self.relaxer.with_moduli:
-            if state.network.cell is not None:
-                response = linear_response(state, self.relaxer.pattern, self.relaxer.method == "newton", factor)
-                if not response.ok:
-                    return Step(strain, state, q, n, response.status, response.reason)
-                moduli, errors = response.value, response.stats.error_bound
-            along = self._tangent(state, strain, q, factor)
+        moduli, errors, response = NO_MODULI, NO_MODULI, None
+        if self.relaxer.with_moduli and state.network.cell is not None and state.network.dimension > 1:
+            response = linear_response(state, self.relaxer.pattern, self.relaxer.method == "newton", factor)
+            if not response.ok:
+                return Step(strain, state, q, n, response.status, response.reason)
+            moduli, errors = response.value, response.stats.error_bound
+        along, velocity = self._tangent(state, strain, q, factor, response), None
+        if along is not None:
             back = np.linalg.inv(self._gradient(strain, q))
             velocity = np.concatenate([(along.relaxation @ back.T).ravel(), along.stretch_rate])
         if not (unique or self._returns(start, state, strain, q, velocity)):
@@ -167,9 +185,10 @@ class Continuation:
             q,
             n,
             velocity=velocity,
-            tangent=along,
+            tangent=along if self.relaxer.with_moduli else None,
             moduli=moduli,
             moduli_error=errors,
+            elasticity=None if response is None else response.elasticity,
             coordinate_error=solution.stats.error_bound,
         )
 
@@ -184,10 +203,22 @@ class Continuation:
         gradient = self.deformation.gradient(strain)
         return relaxed_with_cell(free, self.reference, gradient, relaxer.pattern, relaxer.tolerance)
 
-    def _tangent(self, state: SpringState, strain: float, q: Array, factor: Factor | None) -> Tangent:
+    def _tangent(
+        self, state: SpringState, strain: float, q: Array, factor: Factor | None, response: LinearResponse | None
+    ) -> Tangent | None:
+        """The tangent of the path, or None where the response is not determined."""
         rates, second_rates = path_rates(self.deformation, strain, q)
-        factor = factor or state.factorize(self.relaxer.pattern)
-        return tangent(state, rates, second_rates, relaxations_to(state, factor, rates))
+        relaxations: Array | None
+        if response is not None:
+            weights = np.array([strain_components(0.5 * (A + A.T)) for A in rates])
+            relaxations = np.tensordot(weights, response.relaxations, 1)
+        else:
+            if factor is None:
+                factor = state.factorize(self.relaxer.pattern)
+                if factor.indefinite:
+                    factor = state.factorize(self.relaxer.pattern, FLOPPY_SHIFT * state.stiffness_scale)
+            relaxations = relaxations_to(state, factor, rates)
+        return None if relaxations is None else tangent(state, rates, second_rates, relaxations)
 
     def _accept(self, step: Step) -> None:
         self.strain, self.state, self.stretch = step.strain, step.state, step.stretch

@@ -273,14 +273,14 @@ class Elasticity:
     def _second(self, A: Array, B: Array) -> float:
         """(1/V) ∂²E/∂α∂β of F = 1 + αA + βB."""
         symmetric, other = 0.5 * (A + A.T), 0.5 * (B + B.T)
-        a, b = (_strain_components(strain) for strain in (symmetric, other))
+        a, b = (strain_components(strain) for strain in (symmetric, other))
         turning = np.vdot(self.stress, A.T @ B) - np.vdot(self.stress, symmetric @ other)
         return float(a @ self.energy @ b + turning)
 
     def _tensor_components(self, tensor: Array) -> Array:
         """Components of a symmetric tensor, or of n ⊗ n for a vector n, in the orthonormal basis, (m,)."""
         tensor = np.outer(tensor, tensor) if tensor.ndim == 1 else tensor
-        return _strain_components(tensor) / _mandel(self.dimension)
+        return strain_components(tensor) / _mandel(self.dimension)
 
     def _unit(self, direction: ArrayLike) -> Array:
         n = np.asarray(direction, dtype=float)
@@ -308,7 +308,7 @@ def _mandel(dimension: int) -> Array:
     return np.sqrt(_engineering(dimension))
 
 
-def _strain_components(strain: Array) -> Array:
+def strain_components(strain: Array) -> Array:
     """Components ε_a of a symmetric strain (d, d), engineering shears, (m,)."""
     basis = strain_basis(len(strain))[1]
     return np.einsum("aij,ij->a", basis, strain) * _engineering(len(strain))

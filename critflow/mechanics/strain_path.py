@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.linalg.factor import FixedPattern
 from critflow.mechanics.continuation import Arrival, Continuation, Relaxer, Step
+from critflow.mechanics.elasticity import Elasticity
 from critflow.mechanics.equilibrium import relaxation_method
 from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.mechanics.springs import SpringState
@@ -48,6 +49,7 @@ class StrainPath:
     modulus          (1/V) d²E/dγ² along the path (n,) with the volume V(γ) and the relaxed energy E(γ), with its error
                      bound (estimate); dilation has B/(1 + γ)²
     stress           Cauchy stress (1/V) Σ σ L⊗L, (n, d, d)
+    elasticity       tensors of each state (`Elasticity`); empty without moduli, and without a cell
     free_components  q (n, m) of the cell (1 + Σ q E) F(γ), free of stress (`Deformation.free`)
 
     Networks without a cell have no volume: their moduli and stresses are those of V = 1.
@@ -70,6 +72,7 @@ class StrainPath:
     modulus: Array
     modulus_error: Array
     stress: Array
+    elasticity: tuple[Elasticity, ...]
     free_components: Array
 
 
@@ -219,6 +222,7 @@ def _assembled(gamma: Array, arrivals: list[Arrival], deformation: Deformation) 
         states=tuple(states),
         deformation=deformation,
         stress=stress,
+        elasticity=tuple(a.end.elasticity for a in arrivals if a.end.ok and a.end.elasticity is not None),
         free_components=stretch,
         **records,
     )

@@ -22,8 +22,8 @@ from critflow.mechanics.springs import SpringState
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 
-# Corrections of a relaxation, and the part of it at which they stop.
-_MOST_CORRECTIONS, _CONVERGED = 4, 1e-9
+# Corrections of a relaxation, the part of it at which they stop, and the largest that rounding may leave.
+_MOST_CORRECTIONS, _CONVERGED, _CORRECT = 4, 1e-9, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,22 +75,37 @@ def tangent(state: SpringState, rates: Array, second_rates: Array, relaxations: 
     return Tangent(relaxation, rate, second, error + 4 * EPS * abs(second))
 
 
-def relaxations_to(state: SpringState, factor: Factor, rates: Array) -> Array:
-    """u (n, n_free, d) with H u = −∂²E/∂x∂a for each rate (n, d, d) of the cell, refined to rounding."""
+def relaxations_to(state: SpringState, factor: Factor, rates: Array) -> Array | None:
+    """u (n, n_free, d) with H u = −∂²E/∂x∂a for each rate (n, d, d) of the cell; None where corrections do not shrink.
+
+    factor  of the Hessian at or near the state
+    """
     found = np.zeros((len(rates), *state.forces.shape))
-    L, sigma, network = state.bond_vectors, state.sigma, state.network
     for u, A in zip(found, rates, strict=True):
         # The antisymmetric part rotates all.
-        affine = 0.5 * (L @ (A + A.T))
+        affine, before = 0.5 * (state.bond_vectors @ (A + A.T)), np.inf
         for _ in range(_MOST_CORRECTIONS):
-            speed = affine + network.free_incidence @ u
-            stress = state.resistance(np.einsum("ad,ad->a", L, speed))
-            force = -(network.divergence @ (stress[:, None] * L + sigma[:, None] * speed))
-            correction = factor.solve(force.ravel()).reshape(u.shape)
+            correction = factor.solve(_response_force(state, affine, u).ravel()).reshape(u.shape)
             u += correction
-            if not np.abs(correction).max(initial=0.0) > _CONVERGED * np.abs(u).max(initial=0.0):
+            size = float(np.abs(correction).max(initial=0.0))
+            small = float(np.abs(u).max(initial=0.0))
+            # Corrections that no longer shrink are rounding, or the factor is of no use.
+            if not size < before:
+                if not size <= _CORRECT * small:
+                    return None
                 break
+            if size <= _CONVERGED * small:
+                break
+            before = size
     return found
+
+
+def _response_force(state: SpringState, affine: Array, u: Array) -> Array:
+    """−∂²E/∂x∂a − H u of the rates (N_b, d) of an affine motion, (n_free, d)."""
+    L, sigma, network = state.bond_vectors, state.sigma, state.network
+    speed = affine + network.free_incidence @ u
+    stress = state.resistance(np.einsum("ad,ad->a", L, speed))
+    return -np.asarray(network.divergence @ (stress[:, None] * L + sigma[:, None] * speed))
 
 
 def _solved(matrix: Array, right_side: Array) -> Array:

@@ -1,5 +1,7 @@
 """The strain path: equilibria at increasing volume, equal to direct relaxations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from problems import (
@@ -30,6 +32,7 @@ from critflow import (
     triangular_network,
 )
 from critflow import voronoi_network as voronoi
+from critflow.mechanics.continuation import Continuation
 from critflow.mechanics.free_cell import stretched
 from workflows.benchmarks import reference
 
@@ -374,3 +377,36 @@ def test_pins_follow_the_deformation():
     np.testing.assert_allclose(path.energy, (0.5 + path.strains) ** 2 + 0.25, rtol=1e-14)
     np.testing.assert_allclose(path.modulus, 2.0, rtol=1e-13)
     assert np.isnan(path.bulk_modulus).all()
+
+
+@pytest.mark.parametrize("strain", [5e-324, 1e-320, 1e-310, 1e-17])
+def test_strains_below_the_rounding_of_the_cell_end_at_once(strain):
+    critical = critical_of(voronoi(16, seed=5100))
+    solution = strain_path(critical.network, critical, [strain], throw=False)
+    assert solution.status is Status.ill_conditioned
+    assert solution.value.inserted[0] == 0
+
+
+@pytest.mark.parametrize("moduli", [True, False])
+def test_steps_grow_with_the_distance_from_the_transition(moduli):
+    # Near the transition the stiffness is of the order of the strain: a first step of 1e-12, and the last of 1e-4.
+    critical = partly_compressed(20, 2)
+    strains = [6.4e-8, 1.2e-7, 7.2e-6, 9e-5, 3e-4]
+    solution = strain_path(critical.network, critical, strains, moduli=moduli, deformation="pure_shear")
+    assert solution.ok and solution.value.inserted.max() < 40
+
+
+def test_no_strain_exceeds_its_budget(monkeypatch):
+    # Steps beyond a fixed length fail, so that strides never grow.
+    critical, steps = critical_of(voronoi(8, seed=1)), []
+    follow = Continuation._step
+
+    def short_ones(self, strain):
+        steps.append(abs(strain - self.strain))
+        step = follow(self, strain)
+        return step if steps[-1] < 2e-6 else replace(step, status=Status.unstable, note="too far")
+
+    monkeypatch.setattr(Continuation, "_step", short_ones)
+    solution = strain_path(critical.network, critical, [0.01, 0.02], throw=False)
+    assert solution.status is Status.step_limit and "closer" in solution.note
+    assert len(steps) < 500
