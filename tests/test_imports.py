@@ -15,6 +15,7 @@ SOURCES = {
 LAYERS = (
     *(
         "result",
+        "arguments",
         "networks",
         "exchange",
         "linalg",
@@ -33,7 +34,20 @@ PHYSICS = tuple(name for name in LAYERS[: LAYERS.index("plot")] if name != "exch
 WITHOUT_NETWORKS = {"solvers"}
 HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer", "rich"}
 ALLOWED = {
-    *("__future__", "abc", "collections", "copy", "dataclasses", "enum", "functools", "itertools", "typing", "weakref")
+    *(
+        "__future__",
+        "abc",
+        "collections",
+        "copy",
+        "dataclasses",
+        "enum",
+        "functools",
+        "inspect",
+        "itertools",
+        "types",
+        "typing",
+        "weakref",
+    )
 }
 # Modules that may import a solver package or, for the C library MKL, search the disk.
 SOLVERS = {

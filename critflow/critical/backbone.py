@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.networks.network import IntArray, Network
 from critflow.result import InputError
@@ -100,6 +101,7 @@ class Backbone:
         return self.configuration.network
 
 
+@checked
 def backbone(critical: CriticalConfiguration) -> Backbone:
     """The stressed edges, σ ≠ 0, of a critical configuration, as networks of their own.
 

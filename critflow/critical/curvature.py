@@ -21,6 +21,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.tolerances import COLLAPSED, CURVATURE_ERROR, DENSE_BYTES, SOFTNESS
 from critflow.linalg.factor import Factor
@@ -145,6 +146,7 @@ class SurfaceGeometry:
         return -(self.chart.T @ self.tangents)
 
 
+@checked
 def surface_geometry(manifold: CriticalManifold, chart: StereographicChart, s: ArrayLike) -> SurfaceGeometry:
     """Tangents, metric and second fundamental form at chart coordinates s (N_b − 1,).
 
@@ -180,6 +182,7 @@ class PrincipalCurvatures:
         return 1 / self.radii
 
 
+@checked
 def principal_curvatures(
     manifold: CriticalManifold,
     sigma: ArrayLike,
@@ -283,6 +286,7 @@ class GaussianCurvature:
     n_negative: int
 
 
+@checked
 def gaussian_curvature(
     manifold: CriticalManifold, sigma: ArrayLike, *, throw: bool = True
 ) -> Solution[GaussianCurvature]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
+from critflow.arguments import checked
 from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import Objective, named_objective
@@ -40,6 +41,7 @@ class FlatDirections:
         return len(self.directions)
 
 
+@checked
 def stress_hessian(critical: CriticalConfiguration, objective: str | Objective = "bulk_modulus") -> LinearOperator:
     """∂²O/∂σ∂σ at Σσ² = N_b, configuration following σ, as an operator (N_b, N_b) (`BulkModulusHessian`).
 
@@ -57,6 +59,7 @@ def stress_hessian(critical: CriticalConfiguration, objective: str | Objective =
     return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
 
 
+@checked
 def flat_directions(
     critical: CriticalConfiguration, objective: str | Objective = "bulk_modulus", tolerance: float = FLAT
 ) -> FlatDirections:

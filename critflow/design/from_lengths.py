@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.critical.tolerances import COLLAPSED
 from critflow.design.proportional_lengths import newton_error
@@ -69,6 +70,7 @@ class _Protocol:
     energy_threshold: float
 
 
+@checked
 def critical_from_lengths(
     network: Network | CriticalManifold,
     rest_lengths: ArrayLike,

@@ -24,6 +24,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.design.tolerances import FLAT_TRIANGLE
 from critflow.networks.network import Array, edge_values
@@ -120,6 +121,7 @@ class IsogonalModes:
         return np.asarray(a @ self.elongations)
 
 
+@checked
 def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     """One isogonal mode for every face, sparse and local: sides move outwards by ⟨τ⟩/τ_α, corners along their spokes.
 
@@ -163,6 +165,7 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     return IsogonalModes(critical, displacements, elongations, faces.n_faces - 1)
 
 
+@checked
 def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> IsogonalModes:
     """The isogonal modes of any small planar configuration, orthonormal in the displacements of the free vertices.
 

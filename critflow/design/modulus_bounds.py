@@ -19,6 +19,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import dilation, transition_modulus
 from critflow.design.optimum import Optimum
@@ -30,6 +31,7 @@ from critflow.rigidity.spectrum import spread_columns
 _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
+@checked
 def modulus_bound(network: Network | CriticalManifold, strain: ArrayLike) -> float:
     """The largest modulus μ_A for the affine strain A (d, d) over all stresses of any sign.
 
@@ -41,6 +43,7 @@ def modulus_bound(network: Network | CriticalManifold, strain: ArrayLike) -> flo
     return float(np.trace(F @ moment @ F.T)) / manifold.network.volume
 
 
+@checked
 def bulk_modulus_bound(network: Network | CriticalManifold) -> float:
     """The largest B_0 over all stresses, (1/d²V) Σ k|L*|² with L* the configuration at σ = k.
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.arguments import checked
 from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.objectives import LengthVariance, Objective, TransitionModulus, dilation, named_objective
@@ -27,6 +28,7 @@ from critflow.networks.network import Array, Network, edge_values
 from critflow.result import InputError
 
 
+@checked
 def optimize(
     network: Network | CriticalManifold,
     objective: str | Objective,

@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
 
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.design.stressed_part import balanced_part
 from critflow.design.tolerances import NO_SIGNED_STRESS, RANK, SELF_STRESS_SHIFT
@@ -46,6 +47,7 @@ class SignedStress:
     loosened: NDArray[np.intp]
 
 
+@checked
 def signed_stress(
     network: Network, coordinates: ArrayLike, signs: ArrayLike, throw: bool = True
 ) -> Solution[SignedStress]:
@@ -119,6 +121,7 @@ class Stability:
     super_stable: bool
 
 
+@checked
 def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stability:
     """Stability of a configuration under its stress, from the inertia of P(σ) and of P on the first-order flexes.
 

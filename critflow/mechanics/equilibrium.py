@@ -7,6 +7,7 @@ from typing import Generic
 
 import numpy as np
 
+from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.mechanics.newton import newton
@@ -39,6 +40,7 @@ class Equilibrium(Solution[State]):
     indefinite: bool = False
 
 
+@checked
 def equilibrium(
     state: State,
     method: str = "auto",

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator
 
+from critflow.arguments import checked
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.mechanics.springs import SpringState
 from critflow.mechanics.tolerances import FLOPPY_SHIFT
@@ -47,6 +48,7 @@ class HessianSplit:
         return sp.csr_array(self.gram + self.prestress)
 
 
+@checked
 def geometric_split(state: SpringState) -> HessianSplit:
     """H = R^hᵀ K R^h + P ⊗ 1 (`GenericHessian`, `RigidityMatrix2`, `PrestressMatrix2`)."""
     network = state.network
@@ -56,6 +58,7 @@ def geometric_split(state: SpringState) -> HessianSplit:
     return HessianSplit(spread_columns(network, state.bond_vectors), state.modified_stiffness, prestress)
 
 
+@checked
 def hookean_split(state: SpringState) -> HessianSplit:
     """H = R̃ᵀ k R̃ + P̃ with k = K|L|² + σ, the stiffness of any law (`HookeanPrestressMatrix`)."""
     geometric = geometric_split(state)
@@ -65,6 +68,7 @@ def hookean_split(state: SpringState) -> HessianSplit:
     return HessianSplit(R, stiffness, prestress)
 
 
+@checked
 def bond_operator(state: SpringState, max_refinements: int = 10) -> LinearOperator:
     """Ξ = R H⁻¹ Rᵀ as an operator (N_b, N_b): changes of length by unit force dipoles on the bonds (`BondOperator`).
 

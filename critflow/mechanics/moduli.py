@@ -16,6 +16,7 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.arguments import checked
 from critflow.critical.backbone import Mask, taut_configurations, taut_edges, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import dilation, pure_shear, transition_modulus
@@ -49,6 +50,7 @@ class Fit:
     slope_error: float
 
 
+@checked
 def transition_moduli(critical: CriticalConfiguration) -> Moduli:
     """B_0 and G_0 of a critical configuration, in the limit of zero stress (`BulkModulus`, `ShearModulus`).
 
@@ -68,6 +70,7 @@ def transition_moduli(critical: CriticalConfiguration) -> Moduli:
     return Moduli(bulk, shear, shear)
 
 
+@checked
 def fit_stiffening(strains: ArrayLike, moduli: ArrayLike, window: float = np.inf, degree: int = 1) -> Fit:
     """Least-squares polynomial of a modulus over 0 ≤ γ ≤ window; its slope at γ = 0 is C with a standard error.
 
@@ -81,10 +84,11 @@ def fit_stiffening(strains: ArrayLike, moduli: ArrayLike, window: float = np.inf
         )
     inside = (gamma >= 0) & (gamma <= window * (1 + 1e-12))
     gamma, values = gamma[inside], values[inside]
-    if len(gamma) < degree + 2:
-        raise InputError(
-            f"a fit of degree {degree} needs {degree + 2} strains in its window, not {len(gamma)}: widen it"
-        )
+    if degree < 1:
+        raise InputError(f"a fit needs a degree of at least 1 to have a slope, not {degree}")
+    count = len(np.unique(gamma))
+    if count < degree + 2:
+        raise InputError(f"a fit of degree {degree} needs {degree + 2} strains in its window, not {count}: widen it")
     if not np.isfinite(values).all():
         return Fit(np.nan, np.nan, np.nan, np.nan)
     # Scaled strains keep the normal equations well conditioned.
@@ -97,6 +101,7 @@ def fit_stiffening(strains: ArrayLike, moduli: ArrayLike, window: float = np.inf
     return Fit(float(coefficients[0]), float(coefficients[1]) / scale, float(error[0]), float(error[1]) / scale)
 
 
+@checked
 def elastic_moduli(
     network: Network,
     coordinates: ArrayLike,
@@ -118,7 +123,7 @@ def elastic_moduli(
     mask = np.ones(network.n_edges, bool) if taut is None else taut_edges(network, taut)
     if not mask.all():
         return _moduli_of_taut(network, coordinates, rest_lengths, tolerance, law, mask)
-    x = np.asarray(coordinates, dtype=float)
+    x = validated_coordinates(network, coordinates)
     at_rest = np.linalg.norm(network.bond_vectors(x), axis=1)
     state = spring_state(network, at_rest if rest_lengths is None else rest_lengths, x, law)
     stress = float(np.max(np.abs(state.sigma) / network.stiffness))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from critflow.arguments import checked
 from critflow.critical.backbone import taut_configurations
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import TransitionModulus, dilation, pure_shear, transition_modulus
@@ -20,6 +21,7 @@ from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, add, divide, extended, multiply, total, two_product
 
 
+@checked
 def transition_bounds(critical: CriticalConfiguration) -> Moduli:
     """Error bounds of `transition_moduli`, against the exact moduli of the stress of the configuration.
 

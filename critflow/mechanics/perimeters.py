@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.critical.objectives import dilation, pure_shear
 from critflow.linalg.factor import Factor, FixedPattern
@@ -53,6 +54,7 @@ class Cells:
         return sp.coo_array(self.sides.T @ sp.diags_array(self.stiffness) @ self.sides)
 
 
+@checked
 def cells_of(network: Network, stiffness: ArrayLike = 1.0, sides: sp.sparray | ArrayLike | None = None) -> Cells:
     """The faces of a network as cells, or cells of given sides A (N_c, N_b), with stiffness κ (N_c,) or one for all.
 
@@ -64,6 +66,8 @@ def cells_of(network: Network, stiffness: ArrayLike = 1.0, sides: sp.sparray | A
             raise InputError("the faces of this network are not known: give `faces`, for example from `planar_faces`")
         owner = np.repeat(np.arange(faces.n_faces), faces.sizes)
         sides = sp.csr_array((np.ones(len(owner)), (owner, faces.edges)), shape=(faces.n_faces, network.n_edges))
+    if not sp.issparse(sides) and np.ndim(sides) != 2:
+        raise InputError(f"sides must have shape (N_c, {network.n_edges}), not {np.shape(sides)}: one row a cell")
     A = sp.csr_array(sides, dtype=float)
     if A.ndim != 2 or A.shape[1] != network.n_edges:
         raise InputError(f"sides must have shape (N_c, {network.n_edges}), not {A.shape}: one row a cell")
@@ -181,6 +185,7 @@ class PerimeterState(ElasticState):
         return [self.cells.sides @ (np.sum(L * (L @ A), axis=1) / self.lengths) for A in (dilation(d), pure_shear(d))]
 
 
+@checked
 def perimeter_state(cells: Cells, targets: ArrayLike, coordinates: ArrayLike) -> PerimeterState:
     """Cells of target perimeters p0 (N_c,) at coordinates (N_v, d)."""
     p0 = _positive(targets, cells.sides, "targets")
@@ -226,6 +231,7 @@ class PerimeterFit(Solution[CriticalPerimeters]):
     collapsed_edges: NDArray[np.intp]
 
 
+@checked
 def critical_from_perimeters(cells: Cells, targets: ArrayLike, throw: bool = True) -> PerimeterFit:
     """The all-tension critical configuration with perimeters proportional to p0 (N_c,), the limit of shrinking p0.
 
@@ -282,6 +288,7 @@ def _polish(cells: Cells, p0: Array, x: Array, T: Array) -> tuple[Array, Array, 
     return best
 
 
+@checked
 def perimeter_moduli(state: PerimeterState, tolerance: float = 1e-9) -> Solution[Moduli]:
     """Relaxed B and G of cells in equilibrium, on either side of the transition, as `elastic_moduli` for springs.
 

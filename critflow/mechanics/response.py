@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli
@@ -50,6 +51,7 @@ class LinearResponse(Solution[Moduli]):
     n_negative: int = 0
 
 
+@checked
 def linear_response(
     state: ElasticState,
     pattern: FixedPattern | None = None,
@@ -73,6 +75,8 @@ def linear_response(
     if state.network.dimension < 2:
         raise InputError("a shear needs at least two dimensions")
     V = state.network.volume if volume is None else volume
+    if not V > 0:
+        raise InputError(f"the volume must be positive, not {V}")
     pattern = pattern or state.pattern()
     # Without negative eigenvalues any factor near the state will do; convergence shows whether it is near enough.
     found = _responses(state, factor, V) if factor is not None and _taut(state) else None

@@ -15,6 +15,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.tolerances import EPS
@@ -222,6 +223,7 @@ class SpringState(ElasticState):
         return (np.maximum(self.edge_stiffness, 0.0) - tension) / self.lengths**2, tension
 
 
+@checked
 def spring_state(
     network: Network, rest_lengths: ArrayLike, coordinates: ArrayLike, law: SpringLaw = HOOKEAN
 ) -> SpringState:

@@ -9,6 +9,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import dilation, pure_shear
 from critflow.linalg.saddle import CondensedFactor, CondensedSaddle, Saddle, SaddleFactor
@@ -42,6 +43,7 @@ _NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
 _UNBOUNDED = Stiffening(np.inf, np.inf, np.inf, np.inf, np.inf)
 
 
+@checked
 def stiffening(
     network: Network | CriticalManifold,
     critical: CriticalConfiguration,

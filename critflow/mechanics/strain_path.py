@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.linalg.factor import FixedPattern
 from critflow.mechanics.continuation import Arrival, Continuation, Relaxer, Step
@@ -92,6 +93,7 @@ def check_strains(strains: ArrayLike, signed: bool = False, zero: bool = False) 
     return gamma
 
 
+@checked
 def strain_path(
     network: Network,
     start: Start,

@@ -26,6 +26,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import checked
 from critflow.result import InputError
 
 Array = NDArray[np.float64]
@@ -224,11 +225,14 @@ DEFORMATIONS: tuple[str, ...] = tuple(_NAMED)
 """Names of deformations that `deformation_of` knows."""
 
 
+@checked
 def deformation_of(value: Deformation | str | ArrayLike | Function, dimension: int) -> Deformation:
     """A deformation from itself, its name, a matrix A for F = 1 + γA, or a function γ → F(γ).
 
     Raises `InputError` for unknown names and for other dimensions.
     """
+    if dimension < 1:
+        raise InputError(f"a deformation needs a dimension of at least 1, not {dimension}")
     if isinstance(value, str):
         if value not in _NAMED:
             raise InputError(f"no deformation is called {value!r}: choose one of {', '.join(_NAMED)}")

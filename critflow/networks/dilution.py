@@ -7,11 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from critflow.arguments import checked, generator
 from critflow.networks.network import Network
 from critflow.networks.pruning import CarryingPart, carrying_part, part_of
 from critflow.result import InputError
 
 
+@checked
 def diluted(network: Network, z: float, seed: int | np.random.Generator = 0) -> Network:
     """The network with edges removed in random order and then pruned, to the mean coordination z = 2 N_b/N_v.
 
@@ -19,7 +21,7 @@ def diluted(network: Network, z: float, seed: int | np.random.Generator = 0) -> 
     tension without them.  The same seed gives the same network, always.  Raises `InputError` for a z above that of the
     network, or so low that no part spans the cell in every direction.
     """
-    order = np.random.default_rng(seed).permutation(network.n_edges)
+    order = generator(seed).permutation(network.n_edges)
 
     def after(n_removed: int) -> CarryingPart:
         left = np.sort(order[n_removed:])

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from critflow.arguments import checked, generator
 from critflow.networks.dilution import diluted, with_coordination
 from critflow.networks.lattices import periodic_network, triangular_network
 from critflow.networks.network import Array, IntArray, Network
@@ -20,6 +21,7 @@ from critflow.networks.pruning import CarryingPart, carrying_part, pruned_networ
 from critflow.result import InputError
 
 
+@checked
 def phantom_network(
     columns: int = 20, rows: int = 20, z: float = 4.0, seed: int | np.random.Generator = 0, edge_length: float = 1.0
 ) -> Network:
@@ -29,7 +31,7 @@ def phantom_network(
     (Broedersz, Sheinman, MacKintosh, Phys. Rev. Lett. 108, 078102, 2012; Licup et al., PNAS 112, 9573, 2015).
     Raises `InputError` for a z out of reach and for sizes that are no whole numbers.
     """
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     lattice = triangular_network(columns, rows, edge_length)
     n_vertices = lattice.n_vertices
     unlinked = rng.integers(3, size=n_vertices)
@@ -50,6 +52,7 @@ def phantom_network(
     return diluted(network, z, rng)
 
 
+@checked
 def mikado_network(n_vertices: int = 1000, z: float = 3.6, seed: int | np.random.Generator = 0) -> Network:
     """Rods of one length at random places and angles in a periodic square, linked where they cross; V = N_v.
 
@@ -67,7 +70,7 @@ def mikado_network(n_vertices: int = 1000, z: float = 3.6, seed: int | np.random
         raise InputError(f"a Mikado network of z = {z:g} needs at least {int(np.ceil(4 / (4 - z)))} vertices")
     # A rod of length ℓ has 2 n_rods ℓ²/π crossings, and 4/(4 − z) of them give the coordination without its free ends.
     longest = 1.5 * np.sqrt(np.pi / 2 * 4 / (4 - z) / n_rods)
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     centres, angles = rng.random((n_rods, 2)), np.pi * rng.random(n_rods)
     crossings = _crossings(centres, angles, longest)
     n_crossings = len(crossings.length)

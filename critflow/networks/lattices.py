@@ -20,6 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.arguments import checked
 from critflow.networks.faces import PlanarFaces
 from critflow.networks.network import Array, IntArray, Network
 from critflow.result import InputError
@@ -31,6 +32,7 @@ _RHOMBUS = np.array([[2.0, 0.0], [1.0, np.sqrt(3)]])
 Bond = tuple[int, int, tuple[int, ...]]
 
 
+@checked
 def honeycomb_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0) -> Network:
     """The honeycomb of columns × rows hexagons in its oblique cell: three edges a vertex, B_0 = √3 k/6 at σ = k."""
     # An upper vertex joins the lower one below it and the lower ones of the two cells that meet above it.
@@ -38,18 +40,21 @@ def honeycomb_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0)
     return _repeated([[np.sqrt(3), 0.0], [np.sqrt(3) / 2, 1.5]], [[0, 0], [0, 1]], bonds, (columns, rows), edge_length)
 
 
+@checked
 def square_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0) -> Network:
     """The square lattice: four edges a vertex, B_0 = k/2; each of its columns + rows lines is stressed alone."""
     bonds: list[Bond] = [(0, 0, (1, 0)), (0, 0, (0, 1))]
     return _repeated(np.eye(2), [[0, 0]], bonds, (columns, rows), edge_length)
 
 
+@checked
 def triangular_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0) -> Network:
     """The triangular lattice: six edges a vertex, overconstrained; springs at rest have B = √3 k/2 and G = √3 k/4."""
     bonds: list[Bond] = [(0, 0, (1, 0)), (0, 0, (0, 1)), (0, 0, (-1, 1))]
     return _repeated(_RHOMBUS / 2, [[0, 0]], bonds, (columns, rows), edge_length)
 
 
+@checked
 def kagome_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0) -> Network:
     """The kagome lattice of corner-sharing triangles: four edges a vertex; B = √3 k/4 and G = √3 k/8 at rest."""
     # Each vertex begins two edges: across the triangle that points up, and across the one that points down.
@@ -60,6 +65,7 @@ def kagome_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0) ->
     return _repeated(_RHOMBUS, [[0, 0], _RHOMBUS[0] / 2, _RHOMBUS[1] / 2], bonds, (columns, rows), edge_length)
 
 
+@checked
 def diamond_network(columns: int = 3, rows: int = 3, layers: int = 3, edge_length: float = 1.0) -> Network:
     """The diamond lattice in three dimensions: four edges a vertex, B_0 = √3 k/(12 a) at σ = k."""
     face_centred = (np.ones((3, 3)) - np.eye(3)) * 2 / np.sqrt(3)
@@ -68,6 +74,7 @@ def diamond_network(columns: int = 3, rows: int = 3, layers: int = 3, edge_lengt
     return _repeated(face_centred, basis, bonds, (columns, rows, layers), edge_length)
 
 
+@checked
 def cubic_network(columns: int = 3, rows: int = 3, layers: int = 3, edge_length: float = 1.0) -> Network:
     """The simple cubic lattice: six edges a vertex, B_0 = k/(3 a); each of its straight lines is stressed alone."""
     bonds: list[Bond] = [(0, 0, (1, 0, 0)), (0, 0, (0, 1, 0)), (0, 0, (0, 0, 1))]

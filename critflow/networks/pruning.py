@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
+from critflow.arguments import checked
 from critflow.networks.blocks import blocks, opened_edges
 from critflow.networks.faces import PlanarFaces
 from critflow.networks.network import Array, IntArray, Network
@@ -38,6 +39,7 @@ class Pruned(NamedTuple):
     vertices: IntArray
 
 
+@checked
 def prune(network: Network, kept: ArrayLike | None = None) -> Pruned:
     """Remove the edges that cannot carry tension, of the whole network or of the edges in the mask `kept` (N_b,).
 
@@ -51,6 +53,7 @@ def prune(network: Network, kept: ArrayLike | None = None) -> Pruned:
     return part_of(network, number[part.edges], part.sentence)
 
 
+@checked
 def pruned_network(
     edges: ArrayLike,
     offsets: ArrayLike | None = None,
@@ -70,7 +73,7 @@ def pruned_network(
         cell,  # type: ignore[arg-type]
         stiffness,  # type: ignore[arg-type]
         pins or {},  # type: ignore[arg-type]
-        n_vertices=0 if positions is None else len(np.asarray(positions)),
+        n_vertices=0 if positions is None else len(np.atleast_1d(np.asarray(positions))),
         positions=positions,  # type: ignore[arg-type]
     )
     return prune(raw)

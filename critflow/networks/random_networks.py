@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import Delaunay
 
+from critflow.arguments import checked, generator
 from critflow.networks.lattices import periodic_network
 from critflow.networks.network import Array, Network
 from critflow.networks.random_points import random_sequential_addition
@@ -25,6 +26,7 @@ STANDARD_HARD_CORE = 0.82
 FOAM_HARD_CORE = 0.87
 
 
+@checked
 def voronoi_network(
     n_vertices: int = 1000, seed: int | np.random.Generator = 0, hard_core: float = STANDARD_HARD_CORE
 ) -> Network:
@@ -38,11 +40,12 @@ def voronoi_network(
             f"n_vertices must be an even number of at least 4, not {n_vertices}: a Voronoi network has two a cell"
         )
     n_cells = int(n_vertices) // 2
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     points = random_sequential_addition(n_cells, hard_core / np.sqrt(n_cells), rng)
     return voronoi_of(points, side=np.sqrt(n_vertices))
 
 
+@checked
 def foam_network(
     n_vertices: int = 400, seed: int | np.random.Generator = 0, hard_core: float = FOAM_HARD_CORE
 ) -> Network:
@@ -59,7 +62,7 @@ def foam_network(
             f"not {n_vertices}: a foam of fewer cells meets its own images"
         )
     n_cells = round(n_vertices / _VERTICES_A_CELL)
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     for _ in range(_MAX_DRAWS):
         points = random_sequential_addition(n_cells, hard_core / n_cells ** (1 / 3), rng, dimension=3)
         if len(_periodic_delaunay(points)[0]) == n_vertices:
@@ -76,6 +79,7 @@ _FEWEST_CELLS = 8
 _MAX_DRAWS = 3000
 
 
+@checked
 def three_bar_linkage(span: float = 3.0) -> Network:
     """Three edges in a row between two fixed points `span` apart (`3-barlinkage`): lengths ∝ 1/σ_α on a line."""
     return Network(
@@ -85,6 +89,7 @@ def three_bar_linkage(span: float = 3.0) -> Network:
     )
 
 
+@checked
 def voronoi_of(points: Array, side: float | None = None) -> Network:
     """The periodic Voronoi network of points (n_cells, d) in the unit cube; d + 1 edges a vertex.
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from critflow.arguments import checked
 from critflow.networks.network import Array
 from critflow.result import InputError
 
@@ -18,6 +19,7 @@ _SATURATED = {2: 0.834, 3: 0.902}
 _DENSEST = {2: np.sqrt(2 / np.sqrt(3)), 3: 2 ** (1 / 6)}
 
 
+@checked
 def random_sequential_addition(
     n_points: int, distance: float, rng: np.random.Generator, dimension: int = 2, max_restarts: int = 1000
 ) -> Array:

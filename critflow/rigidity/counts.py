@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.arguments import checked
 from critflow.critical.backbone import Mask, backbone, taut_edges, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.tolerances import COLLAPSED
@@ -72,6 +73,7 @@ class ZeroModes:
     smallest_nonzero: float
 
 
+@checked
 def rigidity(
     network: Network,
     coordinates: ArrayLike,
@@ -153,6 +155,7 @@ def _rigidity_of_taut(
     return Solution(value, status, Stats("counts", 1, residual=value.largest_zero), doubts[0] if doubts else note)
 
 
+@checked
 def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None = None) -> Solution[ZeroModes]:
     """All zero modes of a configuration (N_v, d), separate from the translations of a periodic network.
 
@@ -236,6 +239,7 @@ class Certificate:
     n_floppy: int = 0
 
 
+@checked
 def certify(critical: CriticalConfiguration) -> Certificate:
     """Check a critical configuration from its coordinates and stresses alone; of slack ones the taut part.
 

@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
+from critflow.arguments import checked
 from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
 from critflow.result import Solution, Stats, Status
@@ -75,6 +76,7 @@ class SecondOrderRigidity:
         )
 
 
+@checked
 def second_order_rigidity(
     network: Network, coordinates: ArrayLike, tolerance: float = 1e-6
 ) -> Solution[SecondOrderRigidity]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.networks.network import Array, edge_values
 from critflow.result import InputError, Solution, Stats
@@ -57,6 +58,7 @@ class StressSpace:
         return critical_configuration(self.critical.network, a @ self.basis, self.critical.coordinates)
 
 
+@checked
 def stresses_of(critical: CriticalConfiguration, tolerance: float | None = None) -> Solution[StressSpace]:
     """The space of all stresses that give the same configuration as a critical one.
 

@@ -72,7 +72,7 @@ def test_free_components():
         (lambda: deformation_of(A, 3), "dimensions"),
         (lambda: deformation_of(np.ones((2, 3)), 2), "square"),
         (lambda: deformation_of([[0, np.nan], [0, 0]], 2), "finite"),
-        (lambda: deformation_of(None, 2), "matrix"),
+        (lambda: deformation_of(None, 2), "array"),
         (lambda: deformation_of(lambda g: 2 * np.eye(2), 2), "begin"),
         (lambda: Deformation.simple_shear(2, "xz"), "axis"),
         (lambda: Deformation.simple_shear(1), "two dimensions"),

@@ -1,0 +1,145 @@
+"""Arguments of public functions are checked against their annotations before the call.
+
+    @checked
+    def stiffening(network: Network | CriticalManifold, critical: CriticalConfiguration) -> ...
+
+raises one sentence, `InputError`, for a word in place of a number, a ragged list in place of an array, or a solution in
+place of its value.  Values, shapes and ranges are the business of the function.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from functools import reduce, wraps
+from types import UnionType
+from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+
+from critflow.result import InputError, Solution
+
+Parameters = ParamSpec("Parameters")
+Returned = TypeVar("Returned")
+
+_ARRAYS = {"ArrayLike", "Array", "IntArray", "Mask"}
+_NUMBERS = {"float": "a number", "int": "a whole number"}
+
+
+def checked(function: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
+    """Raise `InputError` for arguments whose kind does not match the annotation of their parameter."""
+    signature = inspect.signature(function)
+    tests: dict[str, _Kinds] = {}
+
+    @wraps(function)
+    def call(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Returned:
+        if not tests:
+            # At the first call, when all names of the module exist.
+            names = getattr(function, "__globals__", {})
+            tests.update({name: _Kinds(parameter, names) for name, parameter in signature.parameters.items()})
+        try:
+            bound = signature.bind(*args, **kwargs)
+        except TypeError:
+            return function(*args, **kwargs)  # with Python's message on the number and names of arguments
+        for name, value in bound.arguments.items():
+            bound.arguments[name] = tests[name].converted(name, value)
+        return function(*bound.args, **bound.kwargs)
+
+    return call
+
+
+def generator(seed: int | np.random.Generator) -> np.random.Generator:
+    """The random generator itself, or that of a seed."""
+    if isinstance(seed, np.random.Generator):
+        return seed
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed must be a whole number from zero or a numpy random Generator, not {shown(seed)}")
+    return np.random.default_rng(int(seed))
+
+
+def shown(value: object) -> str:
+    """A value in one short line; arrays and objects by their kind."""
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape} and type {value.dtype}"
+    if value is None or isinstance(value, str | int | float | complex | np.generic | list | tuple | dict):
+        return " ".join(f"{value!r:.60}".split())
+    return _with_article(type(value).__name__)
+
+
+class _Kinds:
+    """The kinds of arguments that an annotation admits: names of kinds, classes, or anything."""
+
+    def __init__(self, parameter: inspect.Parameter, names: Mapping[str, Any]):
+        self.words, self.classes, self.anything = set[str](), list[type](), False
+        if parameter.annotation is parameter.empty or parameter.kind in (
+            parameter.VAR_POSITIONAL,
+            parameter.VAR_KEYWORD,
+        ):
+            self.anything = True
+            return
+        for text in str(parameter.annotation).split(" | "):
+            if text in _ARRAYS or text in _NUMBERS or text in ("str", "bool", "None"):
+                self.words.add(text)
+            else:
+                first, *rest = text.split("[")[0].split(".")
+                self._add(reduce(lambda value, name: getattr(value, name, Any), rest, names.get(first, Any)))
+
+    def _add(self, hint: Any) -> None:
+        if get_origin(hint) in (Union, UnionType):
+            for member in get_args(hint):
+                self._add(member)
+            return
+        if isinstance(hint, TypeVar):
+            hint = hint.__bound__
+        kind = get_origin(hint) or hint
+        if isinstance(kind, type) and kind is not Any and not getattr(kind, "_is_protocol", False):
+            self.classes.append(kind)
+        else:
+            self.anything = True
+
+    def converted(self, name: str, value: Any) -> Any:
+        """The value, whole numbers as integers; `InputError` if it is of none of these kinds."""
+        words = self.words
+        if self.anything or (value is None and "None" in words) or isinstance(value, tuple(self.classes)):
+            return value
+        if ("str" in words and isinstance(value, str)) or ("bool" in words and isinstance(value, bool | np.bool_)):
+            return value
+        if words & _NUMBERS.keys() and _is_number(value) and ("float" in words or float(value).is_integer()):
+            return value if "float" in words else int(value)
+        if words & _ARRAYS and _is_array(value):
+            return value
+        raise InputError(f"{name} must be {self._expected()}, not {shown(value)}{self._advice(value)}")
+
+    def _expected(self) -> str:
+        kinds = ["an array of numbers"] if self.words & _ARRAYS else []
+        kinds += [_NUMBERS[word] for word in _NUMBERS if word in self.words]
+        kinds += ["a name"] * ("str" in self.words) + ["True or False"] * ("bool" in self.words)
+        kinds += [_with_article(kind.__name__) for kind in self.classes]
+        return " or ".join(kinds)
+
+    def _advice(self, value: Any) -> str:
+        """Where the value contains what is wanted."""
+        if np.random.Generator in self.classes and _is_number(value):
+            return f": use numpy.random.default_rng({value})"
+        inner = [("value", value.value)] if isinstance(value, Solution) else []
+        inner += [(f.name, getattr(value, f.name, None)) for f in fields(value)] if is_dataclass(value) else []
+        if words := [name for name, part in inner if isinstance(part, tuple(self.classes))]:
+            return f": use its .{words[0]}"
+        return ": use its .value" if isinstance(value, Solution) else ""
+
+
+def _is_number(value: Any) -> bool:
+    real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return real or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf")
+
+
+def _is_array(value: Any) -> bool:
+    try:
+        return np.asarray(value).dtype.kind in "biuf"
+    except (TypeError, ValueError):
+        return False
+
+
+def _with_article(noun: str) -> str:
+    return f"a{'n' * (noun[0] in 'AEIOaeio')} {noun}"

@@ -1,0 +1,146 @@
+"""Arguments of the wrong kind raise one sentence, in every public function and for every parameter."""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+
+import numpy as np
+import pytest
+from problems import square_octagon
+
+import critflow
+from critflow import (
+    CritflowError,
+    CriticalManifold,
+    InputError,
+    Network,
+    StereographicChart,
+    cells_of,
+    honeycomb_network,
+    perimeter_state,
+    spring_state,
+)
+from critflow.arguments import checked, generator
+
+NETWORK = square_octagon()
+MANIFOLD = CriticalManifold(NETWORK)
+CRITICAL = MANIFOLD.configuration(np.ones(6))
+HEXAGONS = honeycomb_network(2, 2)
+CELLS = cells_of(HEXAGONS)
+
+# Right arguments by the name of the parameter, and where a function gives a name another meaning.
+RIGHT = {
+    "network": NETWORK,
+    "manifold": MANIFOLD,
+    "critical": CRITICAL,
+    "coordinates": CRITICAL.coordinates,
+    "sigma": np.ones(6),
+    "signs": np.ones(6),
+    "rest_lengths": CRITICAL.lengths,
+    "strains": [0.001, 0.002],
+    "start": CRITICAL,
+    "strain": np.eye(2),
+    "objective": "bulk_modulus",
+    "state": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
+    "cells": CELLS,
+    "targets": np.full(4, 5.0),
+    "moduli": [1.0, 2.0],
+    "edges": NETWORK.edges,
+    "offsets": NETWORK.offsets,
+    "cell": NETWORK.cell,
+    "n_points": 4,
+    "distance": 0.1,
+    "rng": np.random.default_rng(0),
+    "points": np.random.default_rng(1).random((12, 2)),
+    "z": 2.9,
+    "dimension": 2,
+    "chart": StereographicChart.about(CRITICAL.sigma),
+    "s": np.zeros(5),
+    "deformation": "dilation",
+}
+OF_FUNCTION = {
+    "perimeter_moduli": {"state": perimeter_state(CELLS, np.full(4, 5.0), HEXAGONS.positions)},
+    "perimeter_state": {"coordinates": HEXAGONS.positions},
+    "optimize": {"start": np.ones(6), "signs": "positive"},
+    "voronoi_network": {"n_vertices": 8},
+    "deformation_of": {"value": "dilation"},
+    "diluted": {"network": honeycomb_network(4, 4)},
+    "cells_of": {"network": HEXAGONS},
+}
+WRONG = {
+    "a word": "soft",
+    "nothing": None,
+    "a ragged list": [[1.0, 2.0], [3.0]],
+    "a solution": MANIFOLD.solve(np.ones(6)),
+    "an object": object(),
+    "a complex number": 1j,
+    "no entries": [],
+    "a negative number": -1,
+    "not a number": float("nan"),
+    "zero": 0,
+    "a matrix": np.ones((2, 3)),
+}
+PUBLIC = {name: getattr(critflow, name) for name in critflow.__all__ if inspect.isfunction(getattr(critflow, name))}
+# Functions of files and foreign objects judge these themselves.
+FUNCTIONS = {name: function for name, function in PUBLIC.items() if "exchange" not in function.__module__}
+# Random points take long for some seeds.
+SLOW = {("foam_network", "seed", "zero")}
+
+
+def arguments_of(name):
+    """Arguments of a public function by name."""
+    right = RIGHT | OF_FUNCTION.get(name, {})
+    parameters = inspect.signature(FUNCTIONS[name]).parameters.values()
+    return {p.name: right[p.name] if p.default is p.empty or p.name in right else p.default for p in parameters}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_wrong_arguments_of_every_public_function_raise_one_sentence(name):
+    right = arguments_of(name)
+    assert hasattr(FUNCTIONS[name], "__wrapped__"), "decorate public functions with `checked`"
+    for key, wrong in itertools.product(right, WRONG):
+        if (name, key, wrong) in SLOW:
+            continue
+        try:
+            FUNCTIONS[name](**(right | {key: WRONG[wrong]}))
+        except CritflowError as error:
+            assert "\n" not in str(error)
+            assert 10 < len(str(error)) < 300
+        except Exception as error:
+            raise AssertionError(f"{name}({key} = {wrong}) raised {type(error).__name__}: {error}") from error
+
+
+@checked
+def example(network: Network, number: float, count: int = 1, rng: np.random.Generator | None = None, flag: bool = True):
+    return network, number, count
+
+
+def test_the_sentence_names_the_argument_its_kind_and_the_way_out():
+    for arguments, sentence in (
+        ((CRITICAL, 1.0), "network must be a Network, not a CriticalConfiguration: use its .network"),
+        ((NETWORK, "soft"), "number must be a number, not 'soft'"),
+        ((NETWORK, 1.0, 2.5), "count must be a whole number, not 2.5"),
+        ((NETWORK, 1.0, True), "count must be a whole number, not True"),
+        ((NETWORK, 1.0, 1, 3), "rng must be a Generator, not 3: use numpy.random.default_rng(3)"),
+        ((NETWORK, 1.0, 1, None, 2), "flag must be True or False, not 2"),
+    ):
+        with pytest.raises(InputError) as caught:
+            example(*arguments)
+        assert str(caught.value) == sentence
+
+
+def test_numbers_of_every_kind_are_accepted():
+    for number in (2, 2.0, np.float32(2), np.int8(2), np.array(2.0)):
+        assert example(NETWORK, number, number)[2] == 2
+        assert isinstance(example(NETWORK, number, number)[2], int)
+    with pytest.raises(TypeError, match="missing"):
+        example(NETWORK)
+
+
+def test_seeds():
+    rng = np.random.default_rng(1)
+    assert generator(rng) is rng
+    assert generator(np.int64(5)).random() == generator(5).random()
+    with pytest.raises(InputError, match="-1"):
+        generator(-1)
