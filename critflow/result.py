@@ -27,6 +27,7 @@ class Status(IntEnum):
     failed = 8
     missing = 9
     ill_conditioned = 10
+    undecided = 11
 
     @property
     def message(self) -> str:
@@ -46,6 +47,7 @@ _MESSAGES = {
     Status.failed: "the case raised an error, which is stored with it",
     Status.missing: "not computed yet: run the study again",
     Status.ill_conditioned: "rounding errors may exceed the answer: choose stresses of more similar magnitude",
+    Status.undecided: "a number that decides is too near its limit: give another tolerance, or move the configuration",
 }
 
 

@@ -28,6 +28,7 @@ def test_stored_integers_never_change():
         "failed": 8,
         "missing": 9,
         "ill_conditioned": 10,
+        "undecided": 11,
     }
     assert all(status.message for status in Status)
 

@@ -78,10 +78,7 @@ def optimize(
         raise InputError(f"Newton's method needs {type(objective).__name__}.differential: define it, or choose 'lbfgs'")
     if starts < 1 or (starts > 1 and rng is None):
         raise InputError("starts must be at least 1, and more than one start needs a random generator rng")
-    if max_steps is not None and (not isinstance(max_steps, (int, np.integer)) or max_steps < 0):
-        raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
-    if not tolerance > 0:
-        raise InputError(f"the tolerance must be positive, not {tolerance}")
+    _check_limits(tolerance, max_steps)
     n_edges = manifold.network.n_edges
     first = None if start is None else edge_values(start, n_edges, "start", signs == "positive")
     others = [np.abs(rng.standard_normal(n_edges)) for _ in range(starts - 1)] if rng is not None else []
@@ -91,6 +88,13 @@ def optimize(
         require_one_self_stress(manifold.network, "only its bulk modulus and its variances can be optimised")
     optimum = METHODS[method](problem, method)
     return optimum.or_raise("no optimum") if throw else optimum
+
+
+def _check_limits(tolerance: float, max_steps: int | None) -> None:
+    if not tolerance > 0:
+        raise InputError(f"the tolerance must be positive, not {tolerance}")
+    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 0):
+        raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,11 +21,11 @@ from scipy.optimize import linprog
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.design.stressed_part import balanced_part
-from critflow.design.tolerances import NO_SIGNED_STRESS, RANK, SELF_STRESS_SHIFT
+from critflow.design.tolerances import BALANCED, NO_SIGNED_STRESS, RANK, SELF_STRESS_SHIFT
 from critflow.linalg.matrices import block_laplacian, laplacian
-from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError, Solution, Stats, Status
+from critflow.rigidity.prestress import stabilises
 from critflow.rigidity.spectrum import spread_columns
 
 
@@ -101,44 +101,75 @@ def signed_stress(
     return solution.or_raise("no tensegrity") if throw else solution
 
 
-@dataclass(frozen=True)
-class Stability:
-    """Stability of a configuration under a stress.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stability(Solution[CriticalConfiguration]):
+    """Stability of a configuration under its stress.
 
     n_negative        negative eigenvalues of the prestress matrix P
     n_null            zero eigenvalues of P
     n_affine          zero eigenvalues due to affine maps: affine functions that vanish on every pin
     prestress_stable  whether P is positive on every first-order flex: springs under a small multiple of that stress
-                      are then in a strict minimum; a frame that can rotate about its pins never is
+                      are then in a strict minimum; a frame that can rotate about its pins never is.  None: undecided
     super_stable      whether P has no negative and no further zero eigenvalue and no affine map but a rigid motion
-                      keeps every length: stable at any stress and any stiffness, and the only such configuration
+                      keeps every length: stable at any stress and any stiffness, and the only such configuration.
+                      None: undecided
     """
 
     n_negative: int
     n_null: int
     n_affine: int
-    prestress_stable: bool
-    super_stable: bool
+    prestress_stable: bool | None
+    super_stable: bool | None
 
 
 @checked
 def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stability:
     """Stability of a configuration under its stress, from the inertia of P(σ) and of P on the first-order flexes.
 
-    Eigenvalues of P within `margin` times the mean |σ| of zero count as zero.  If all σ > 0, no eigenvalue is zero.
+    Eigenvalues of P within `margin` times the mean |σ| of zero count as zero.  If all σ > 0, P is positive definite:
+    no eigenvalue is computed (Connelly's theorem).
+
+    `Status.undecided` where an eigenvalue that no affine map explains, or the stiffness of a flex, is too small to have
+    a sign; what is open is None.  `Status.ill_conditioned` where σ does not balance at the coordinates.
     """
     network, sigma = critical.network, critical.sigma
-    shift, pattern = margin * float(np.mean(np.abs(sigma))), laplacian(network)
-    # By Sylvester's law the pivots of P ± shift count the eigenvalues beyond the margin.
-    n_negative = pattern.factorize(sigma, shift).n_negative
-    n_null = pattern.factorize(sigma, -shift).n_negative - n_negative
-    affine = _affine_maps(network)
+    affine = _affine_maps(network, critical.coordinates)
+    if (sigma > 0).all():
+        n_negative = n_null = 0
+        affine = affine[:0]
+    else:
+        shift, pattern = margin * float(np.mean(np.abs(sigma))), laplacian(network)
+        # By Sylvester's law the pivots of P ± shift count the eigenvalues beyond the margin.
+        n_negative = pattern.factorize(sigma, shift).n_negative
+        n_null = pattern.factorize(sigma, -shift).n_negative - n_negative
+    # With two independent affine functions that vanish on the pins, a rotation keeps the pins and every length.
+    stable = stabilises(network, critical.coordinates, critical.bond_vectors, sigma) if len(affine) < 2 else False
+    best: bool | None = n_negative == 0 and _lengths_fix(affine, critical)
+    status, note = Status.ok, ""
+    if not critical.residual < BALANCED:
+        stable = best = None
+        status, note = Status.ill_conditioned, "the stress does not balance at these coordinates: give one that does"
+    elif best and n_null != len(affine):
+        best, status = None, Status.undecided
+        note = (
+            f"{n_null} eigenvalues of P lie within {margin:.1e} of zero, of which affine maps explain {len(affine)}: "
+            "give a smaller margin, or stresses of more similar magnitude"
+        )
+    elif stable is None:
+        status, note = (
+            Status.undecided,
+            "the stiffness of a flex under this stress, or the count of flexes, is rounding",
+        )
     return Stability(
-        n_negative,
-        n_null,
-        len(affine),
-        Saddle(network).stable(sigma, critical.bond_vectors),
-        n_negative == 0 and n_null == len(affine) and _lengths_fix(affine, critical),
+        value=critical,
+        status=status,
+        stats=Stats("inertia", 1, residual=critical.residual),
+        note=note,
+        n_negative=n_negative,
+        n_null=n_null,
+        n_affine=len(affine),
+        prestress_stable=stable,
+        super_stable=best,
     )
 
 
@@ -166,17 +197,31 @@ def _loosening(
     return motion, np.flatnonzero(loosening > NO_SIGNED_STRESS), error
 
 
-def _affine_maps(network: Network) -> Array:
-    """Linear parts w (n, d) of the affine functions w·x + c that vanish on every pin; a cell admits none."""
+def _affine_maps(network: Network, coordinates: Array) -> Array:
+    """Linear parts w (n, d) of the affine functions w·x + c that vanish on every pin, but not on all vertices (N_v, d).
+
+    A cell admits none.
+    """
     if not network.pins:
         return np.zeros((0, network.dimension))
     if network.cell is not None and network.offsets.any():
         return np.zeros((0, network.dimension))
     pins = np.array(list(network.pins.values()))
-    pins = pins - pins.mean(axis=0)
-    _, values, right = np.linalg.svd(pins, full_matrices=True)
+    centre = pins.mean(axis=0)
+    across = _complement(pins - centre, network.dimension)
+    # Directions across the pins in which no vertex lies, either, are no part of the affine span.
+    reach = (coordinates - centre) @ across.T
+    values, right = np.linalg.svd(reach, full_matrices=False)[1:]
+    size = max(float(np.abs(pins - centre).max()), float(np.abs(coordinates - centre).max()))
+    spanned = int(np.count_nonzero(values > RANK * size))
+    return right[:spanned] @ across
+
+
+def _complement(vectors: Array, dimension: int) -> Array:
+    """An orthonormal basis of the directions orthogonal to vectors (n, d), of at most d rows."""
+    _, values, right = np.linalg.svd(vectors, full_matrices=True)
     rank = int(np.count_nonzero(values > RANK * max(float(values.max(initial=0.0)), 1e-300)))
-    return right[rank:]
+    return right[rank:dimension]
 
 
 def _lengths_fix(affine: Array, critical: CriticalConfiguration) -> bool:

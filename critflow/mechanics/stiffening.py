@@ -20,6 +20,7 @@ from critflow.mechanics.tolerances import CONSISTENT_RESPONSE, TRUSTED_ERROR
 from critflow.networks.network import Array, Network
 from critflow.precision.residual import exact_displacement
 from critflow.result import Solution, Stats, Status
+from critflow.rigidity.prestress import stabilises
 from critflow.rigidity.uniqueness import require_only_self_stress
 
 # Step, in units of a length, of difference quotients that need two digits.
@@ -70,6 +71,7 @@ def stiffening(
     vectors are amplified in C_B and C_G.
 
     `Status.unstable` and NaN where P(σ̂) is not positive on the zero modes, so that no response exists;
+    `Status.undecided` where rounding hides whether it is;
     `Status.ill_conditioned` and NaN where the bound exceeds a tenth of the largest coefficient.
     Raises `InputError` for configurations with several self-stresses.
     """
@@ -81,9 +83,11 @@ def _stiffening(manifold: CriticalManifold, critical: CriticalConfiguration, law
     network = critical.springs_of(manifold.network)
     require_only_self_stress(critical, "follow strain_path() and use fit_stiffening()")
     system = manifold.system(critical.sigma)
-    if not system.stable(critical.sigma, critical.bond_vectors):
-        note = "the stress does not stabilise all zero modes"
-        return Solution(_NO_STIFFENING, Status.unstable, Stats("exact", 1), note)
+    stable = stabilises(network, critical.coordinates, critical.bond_vectors, critical.sigma)
+    if not stable:
+        status = Status.unstable if stable is False else Status.undecided
+        note = "the stress does not stabilise all zero modes" if stable is False else ""
+        return Solution(_NO_STIFFENING, status, Stats("exact", 1), note)
 
     factor = manifold.prestress.factorize_signed(critical.sigma)
     balance = exact_displacement(network, critical.coordinates, lambda _: critical.sigma, factor.solve)

@@ -78,15 +78,17 @@ class SecondOrderRigidity:
 
 @checked
 def second_order_rigidity(
-    network: Network, coordinates: ArrayLike, tolerance: float = 1e-6
+    network: Network, coordinates: ArrayLike, tolerance: float | None = None
 ) -> Solution[SecondOrderRigidity]:
     """Order of rigidity of a configuration (N_v, d), with a certificate for each answer.
 
-    tolerance  singular values of R below it count as zero, as in `rigidity`
+    tolerance  singular values of R below it count as zero, as for configurations known to this accuracy only; None:
+               1e-6, and they must be zero to rounding, as in `rigidity`
 
-    `Status.floppy` for a configuration without self-stress, `Status.singular` where the counts cannot be trusted,
-    `Status.stalled` where second-order rigidity stays undecided; the note is the reason of the value.  Dense matrices
-    of zero modes are limited to 160 MB; a larger network is decided where one factorisation suffices.
+    `Status.floppy` for a configuration without self-stress, `Status.singular` where an edge has no length,
+    `Status.undecided` where the counts cannot be trusted, as next to a special position, or second-order rigidity stays
+    open; the note is the reason of the value.  Dense matrices of zero modes are limited to 160 MB; a larger network is
+    decided where one factorisation suffices.
     """
     counted = rigidity(network, coordinates, tolerance, vectors=False)
     counts = counted.value
@@ -102,7 +104,7 @@ def second_order_rigidity(
         return _answer(SecondOrderRigidity(counts, False, False, False, escape=escape, reason=reason), Status.floppy)
     if counts.n_self_stresses * network.n_edges > LARGEST_DENSE:
         reason = f"{counts.n_self_stresses} self-stresses are more than fit in memory: take a part of the network"
-        return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.stalled)
+        return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.undecided)
 
     counted = rigidity(network, coordinates, tolerance)
     counts = counted.value
@@ -114,10 +116,10 @@ def second_order_rigidity(
     if not fits:
         n_modes = counts.n_zero_modes - counts.n_trivial
         reason = f"{n_modes} zero modes are too many for a dense search: take a part of the network"
-        return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.stalled)
+        return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.undecided)
     modes = zero_modes(network, coordinates, tolerance).value.modes
     value = _by_forms(counts, modes, _forms(network, counts.self_stresses, modes))
-    return _answer(value, Status.stalled if value.second_order_rigid is None else Status.ok)
+    return _answer(value, Status.undecided if value.second_order_rigid is None else Status.ok)
 
 
 def _answer(value: SecondOrderRigidity, status: Status) -> Solution[SecondOrderRigidity]:
@@ -126,7 +128,7 @@ def _answer(value: SecondOrderRigidity, status: Status) -> Solution[SecondOrderR
 
 def _uncertain(counted: Solution[Rigidity]) -> Solution[SecondOrderRigidity]:
     value = SecondOrderRigidity(counted.value, None, None, None, reason=counted.note)
-    return _answer(value, Status.singular)
+    return _answer(value, Status.singular if np.isnan(counted.value.largest_zero) else Status.undecided)
 
 
 def _modes_fit(network: Network, counts: Rigidity) -> bool:

@@ -19,6 +19,7 @@ BALANCED         Unbalanced forces below this, relative to the mean tension, are
 UNKNOWN_ERROR    Relative error assumed for bond vectors without error bounds.
 DIRECTION_MARGIN, DIRECTION_ROUNDING
                  Two directions differ if they do by this number times their errors, plus the rounding of products.
+LARGEST_FORM     Most zero modes whose stiffness under one stress is found by all eigenvalues: some seconds.
 
 Second order, in units of the largest |q_I(z)|
 
@@ -44,6 +45,7 @@ LARGEST_DENSE = 20_000_000
 BALANCED = 1e-8
 UNKNOWN_ERROR = 1e-8
 DIRECTION_MARGIN, DIRECTION_ROUNDING = 10.0, 1e-14
+LARGEST_FORM = 2000
 
 POSITIVE = 1e-7
 ZERO = 1e-10

@@ -257,3 +257,46 @@ def test_bad_input(change, message):
     network, signs = snelson_x()
     with pytest.raises(InputError, match=message):
         signed_stress(**({"network": network, "coordinates": network.positions, "signs": signs} | change))
+
+
+@pytest.mark.parametrize("weak", [1e-8, 1e-10])
+def test_a_weak_tension_is_a_tension(weak):
+    # Two vertices connected to the rest by weak edges alone.
+    network = voronoi_network(40, seed=2)
+    sigma = np.ones(network.n_edges)
+    sigma[(network.edges < 2).any(axis=1)] = weak
+    inner = (network.edges < 2).all(axis=1)
+    sigma[inner] = 1.0
+    result = stability(CriticalManifold(network).configuration(sigma))
+    assert result.ok and result.super_stable and result.prestress_stable and result.n_null == 0
+
+
+def test_a_long_chain_in_tension_is_super_stable():
+    n = 20_000
+    chain = Network(np.stack([np.arange(n), np.arange(1, n + 1)], axis=1), pins={0: (0.0, 0.0), n: (1.0, 0.0)})
+    result = stability(CriticalManifold(chain).configuration(np.ones(n)))
+    # The distance from the line is an affine function that vanishes on the pins, and on all vertices.
+    assert result.ok and result.super_stable and result.n_affine == 0
+
+
+@pytest.mark.parametrize("distance", [1e-5, 3e-5, 1e-4])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_small_singular_value_is_no_flex(distance, sign):
+    # Three bars at a vertex, nearly in line: rigid to first order, so that no stress can make it unstable.
+    x = np.array([[0.0, distance], [-1.0, -distance / 3], [2.0, 0.0], [3.0, 0.0]])
+    network = Network([[0, 1], [0, 2], [0, 3]], pins={vertex: x[vertex] for vertex in (1, 2, 3)})
+    stress = rigidity(network, x).value.self_stresses[0]
+    result = stability(critical_configuration(network, sign * stress, x))
+    assert result.ok and result.prestress_stable
+    assert result.super_stable == (sign * stress.sum() > 0)
+
+
+def test_a_null_eigenvalue_without_an_affine_map_decides_nothing():
+    # A vertex between three pins whose stresses sum to zero, up to the margin.
+    x = np.array([[0.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    network = Network([[0, 1], [0, 2], [0, 3], [0, 4]], pins={vertex: x[vertex] for vertex in (1, 2, 3, 4)})
+    result = stability(critical_configuration(network, np.array([1.0, 1.0, -1.0, -1.0]), x))
+    assert result.status is Status.undecided
+    assert result.super_stable is None and result.prestress_stable
+    unbalanced = stability(critical_configuration(network, np.array([1.0, 2.0, -1.0, -1.0]), x))
+    assert unbalanced.status is Status.ill_conditioned

@@ -1,0 +1,47 @@
+"""Whether a given stress stabilises the zero modes of a configuration (prestress stability).
+
+P(σ) must be positive on the null space of the rigidity matrix R.  For σ > 0 it is positive everywhere, and nothing is
+computed.  Otherwise the inertia of one saddle matrix proves it at any size; where it does not, as its regularisation
+hides singular values of R that are small but not zero, the zero modes themselves decide.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from critflow.critical.tolerances import COLLAPSED
+from critflow.linalg.saddle import Saddle
+from critflow.linalg.tolerances import STABLE_MARGIN
+from critflow.networks.network import Array, Network
+from critflow.rigidity.spectrum import Spectrum
+from critflow.rigidity.tolerances import LARGEST_DENSE, LARGEST_FORM
+
+
+def stabilises(network: Network, coordinates: Array, L: Array, sigma: Array) -> bool | None:
+    """Whether P(σ) is positive on all zero modes of coordinates (N_v, d) with bond vectors L; None: undecided.
+
+    sigma  (N_b,), exact as given: a self-stress that was computed has components of rounding, whose signs say nothing
+    """
+    if (sigma > 0).all() or Saddle(network).stable(sigma, L):
+        return True
+    length = np.linalg.norm(L, axis=1)
+    if not length.min() > COLLAPSED * length.mean():
+        return None
+    spectrum = Spectrum(network, coordinates, L, length, None)
+    if spectrum.n_motions * spectrum.n_coordinates > LARGEST_DENSE or spectrum.n_motions > LARGEST_FORM:
+        return None
+    modes, gap = spectrum.null_space(spectrum.n_motions, of_stresses=False)
+    if spectrum.doubt(*gap):
+        return None
+    if not len(modes):
+        return True
+    least = float(np.linalg.eigvalsh(stiffness_on_modes(network, sigma, modes))[0])
+    margin = STABLE_MARGIN * float(np.mean(np.abs(sigma)))
+    return least > 0 if abs(least) > margin else None
+
+
+def stiffness_on_modes(network: Network, sigma: Array, modes: Array) -> Array:
+    """Zᵀ P(σ) Z, (n, n), on orthonormal motions Z (n, d·n_free) of the free vertices."""
+    g, d = network.free_incidence, network.dimension
+    stretch = np.concatenate([np.asarray(g @ modes[:, axis::d].T) for axis in range(d)])
+    return np.asarray(stretch.T @ (np.tile(sigma, d)[:, None] * stretch))
