@@ -39,13 +39,9 @@ from critflow.networks.lattices import (
 )
 from critflow.networks.network import Network
 from critflow.networks.pruning import Pruned, prune, pruned_network
-from critflow.networks.random_networks import (
-    foam_network,
-    three_bar_linkage,
-    voronoi_network,
-    voronoi_of,
-)
+from critflow.networks.random_networks import delaunay_network, foam_network, three_bar_linkage, voronoi_network
 from critflow.networks.random_points import random_sequential_addition
+from critflow.networks.tessellations import delaunay_of, voronoi_of
 from critflow.result import (
     CritflowError,
     EnvironmentFailure,
@@ -105,6 +101,8 @@ __all__ = [
     "critical_from_perimeters",
     "cubic_network",
     "deformation_of",
+    "delaunay_network",
+    "delaunay_of",
     "diamond_network",
     "diluted",
     "elastic_moduli",

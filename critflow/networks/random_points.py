@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from critflow.arguments import checked
+from critflow.networks.cells import near_images, short_cell
 from critflow.networks.network import Array
 from critflow.result import InputError
 
@@ -17,11 +18,12 @@ from critflow.result import InputError
 _SATURATED = {2: 0.834, 3: 0.902}
 # No packing at all is denser than the hexagonal one of discs and the face-centred one of spheres.
 _DENSEST = {2: np.sqrt(2 / np.sqrt(3)), 3: 2 ** (1 / 6)}
+_MAX_RESTARTS = 1000
 
 
 @checked
 def random_sequential_addition(
-    n_points: int, distance: float, rng: np.random.Generator, dimension: int = 2, max_restarts: int = 1000
+    n_points: int, distance: float, rng: np.random.Generator, dimension: int = 2, max_restarts: int = _MAX_RESTARTS
 ) -> Array:
     """Points (n_points, d) in the periodic unit cube, placed one by one and no two closer than `distance`.
 
@@ -41,8 +43,12 @@ def random_sequential_addition(
         if len(points) == n_points:
             cell = np.floor(points * n_points ** (1 / dimension)).astype(int)
             return points[np.lexsort(cell.T)]
-    raise InputError(
-        f"{n_points} points never fitted at a distance of {distance:.4g} in {max_restarts} tries: lower the hard core "
+    raise _no_space(n_points, distance, max_restarts, dimension)
+
+
+def _no_space(n_points: int, distance: float, tries: int, dimension: int) -> InputError:
+    return InputError(
+        f"{n_points} points never fitted at a distance of {distance:.4g} in {tries} tries: lower the hard core "
         f"(ρ = {_SATURATED.get(dimension, 0.9)} is the limit in {dimension} dimensions)"
     )
 
@@ -145,18 +151,80 @@ def _periodic_padding(grid: Array) -> list[Array]:
 
 def _first_come(trials: Array, distance: float) -> NDArray[np.bool_]:
     """The trials that remain when each, in order, must keep its distance to all that remain before it."""
-    taken = np.zeros(len(trials), bool)
     if len(trials) == 0:
-        return taken
+        return np.zeros(0, bool)
     tree = cKDTree(trials, boxsize=1.0, balanced_tree=False)
-    earlier, later = np.ascontiguousarray(tree.query_pairs(distance, output_type="ndarray").T)
-    refused = np.zeros(len(trials), bool)
+    return _accepted(len(trials), tree.query_pairs(distance, output_type="ndarray"))
+
+
+def _accepted(n_trials: int, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """The trials that remain when each, in order, excludes the later ones that it forms a pair with."""
+    earlier, later = np.ascontiguousarray(pairs.T)
+    taken = np.zeros(n_trials, bool)
+    refused = np.zeros(n_trials, bool)
     while len(earlier):
         # A trial that waits for no earlier one is taken, and refuses the later ones in its reach.
-        waiting = np.zeros(len(trials), bool)
+        waiting = np.zeros(n_trials, bool)
         waiting[later] = True
         taken |= ~waiting & ~refused
         refused[later[taken[earlier]]] = True
         open_ = ~refused[earlier] & ~refused[later] & ~taken[earlier]
         earlier, later = earlier[open_], later[open_]
     return ~refused
+
+
+def points_in_cell(n_points: int, hard_core: float, rng: np.random.Generator, cell: Array | None = None) -> Array:
+    """Random points (n_points, d) in units of the vectors of a cell (d, d), by default a square.
+
+    hard_core  least distance of two points in units of (V/n_points)^(1/d); zero for independent points
+    """
+    dimension = 2 if cell is None else len(cell)
+    if hard_core == 0:
+        return rng.random((n_points, dimension))
+    distance = hard_core / n_points ** (1 / dimension)
+    if cell is None or np.array_equal(cell, cell[0, 0] * np.eye(dimension)):
+        return random_sequential_addition(n_points, distance, rng, dimension)
+    if not distance > 0:
+        raise InputError(f"the hard core must be positive, or zero for independent points, not {hard_core}")
+    short, rows = short_cell(cell)
+    shape = short / abs(np.linalg.det(short)) ** (1 / dimension)
+    if np.linalg.norm(shape, axis=1).min() < 2 * distance:
+        raise InputError(f"{n_points} points are too few for so thin a cell: use more points, or a shorter cell")
+    crowded = hard_core > _DENSEST.get(dimension, np.inf)
+    for _ in range(0 if crowded else _MAX_RESTARTS):
+        points = _add_in_cell(n_points, distance, rng, shape)
+        if len(points) == n_points:
+            grid = np.floor(points * np.linalg.norm(shape, axis=1) * n_points ** (1 / dimension)).astype(int)
+            return (points[np.lexsort(grid.T)] @ rows) % 1.0
+    raise _no_space(n_points, distance, _MAX_RESTARTS, dimension)
+
+
+def _add_in_cell(n_points: int, distance: float, rng: np.random.Generator, shape: Array) -> Array:
+    """Random sequential addition in units of short cell vectors (d, d); fewer points if they saturate before."""
+    dimension = len(shape)
+    per_side = np.ceil(2 * np.sqrt(dimension) * np.linalg.norm(shape, axis=1) / distance).astype(int)
+    voxels, side = np.indices(per_side).reshape(dimension, -1).T / per_side, 1 / per_side
+    corners = np.array(list(product((0, 1), repeat=dimension)))
+    placed = np.empty((0, dimension))
+    while len(placed) < n_points and len(voxels):
+        trials = voxels[rng.integers(len(voxels), size=len(voxels))] + side * rng.random((len(voxels), dimension))
+        trials = trials[_gap(placed, trials, shape, distance) >= distance]
+        ids, images = near_images(trials, shape, distance)
+        pairs = cKDTree((trials[ids] + images) @ shape).query_pairs(distance, output_type="ndarray")
+        added = trials[_accepted(len(trials), np.sort(ids[pairs], axis=1))]
+        placed = np.concatenate([placed, added])[:n_points]
+        radius = np.linalg.norm((corners - 0.5) * side @ shape, axis=1).max()
+        voxels = voxels[_gap(placed, voxels + side / 2, shape, distance) > distance - radius]
+        if len(added) < 0.2 * max(len(voxels), 1):
+            side = side / 2
+            voxels = (voxels[:, None] + side * corners).reshape(-1, dimension)
+    return placed
+
+
+def _gap(points: Array, places: Array, shape: Array, limit: float) -> Array:
+    """Distance of each place from the nearest periodic image of the points, or infinity beyond the limit."""
+    if len(points) == 0:
+        return np.full(len(places), np.inf)
+    ids, images = near_images(points, shape, limit)
+    tree = cKDTree((points[ids] + images) @ shape)
+    return np.asarray(tree.query(places @ shape, distance_upper_bound=limit)[0])

@@ -1,0 +1,68 @@
+"""Periodic cells of any shape: short vectors of a lattice, and the images of points near a cell."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from critflow.networks.network import Array, IntArray
+from critflow.result import InputError
+
+# Cells thinner than this, relative to the lengths of their short vectors, have no volume within rounding.
+FLAT = 1e-10
+# Images of points beyond this number do not fit into memory.
+MOST_IMAGES = 20_000_000
+
+
+def checked_cell(cell: ArrayLike, dimension: int | None = None) -> Array:
+    """A copy of cell vectors as rows (d, d), else an `InputError`."""
+    try:
+        array = np.array(cell, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"cell must be a square matrix with the cell vectors as rows, not {cell!r:.60}") from None
+    size = array.shape[0] if array.ndim == 2 else 0
+    if array.shape != (size, size) or size not in ((2, 3) if dimension is None else (dimension,)):
+        wanted = "2 × 2 or 3 × 3" if dimension is None else f"{dimension} × {dimension}"
+        raise InputError(f"cell must be a {wanted} matrix with the cell vectors as rows, not {array.shape}")
+    if not np.isfinite(array).all() or not abs(np.linalg.det(array)) > 0:
+        raise InputError("the cell vectors must be finite and span a volume")
+    return array
+
+
+def short_cell(cell: Array) -> tuple[Array, IntArray]:
+    """Short vectors that span the same lattice, (d, d), and their whole components in the vectors of the cell.
+
+    Multiples of one vector are subtracted from another as long as this makes it shorter (Lagrange, Gauss).
+    Raises `InputError` for a cell that has no volume within rounding.
+    """
+    rows = np.eye(len(cell), dtype=int)
+    shortened = True
+    while shortened:
+        shortened = False
+        for i, j in product(range(len(cell)), repeat=2):
+            short = rows @ cell
+            share = (short[i] @ short[j]) / (short[j] @ short[j])
+            # At one half the vector would keep its length.
+            if i != j and abs(share) > 0.5 + 1e-9:
+                rows[i] -= int(np.round(share)) * rows[j]
+                shortened = True
+    short = rows @ cell
+    if not abs(np.linalg.det(short)) > FLAT * np.prod(np.linalg.norm(short, axis=1)):
+        raise InputError("the cell vectors are parallel within rounding: give vectors that span a volume")
+    return short, rows
+
+
+def near_images(points: Array, cell: Array, margin: float) -> tuple[IntArray, IntArray]:
+    """Periodic images, within `margin` of the cell, of points (n, d) in its units: point (m,) and image (m, d)."""
+    widths = margin * np.linalg.norm(np.linalg.inv(cell), axis=0)
+    if len(points) * np.prod(1 + 2 * widths) > MOST_IMAGES:
+        raise InputError(f"{len(points)} points are too few for so long a cell: use more points, or a shorter cell")
+    ids, images = [], []
+    for image in product(*(range(-layers, layers + 1) for layers in np.ceil(widths).astype(int))):
+        shifted = points + image
+        near = np.flatnonzero(((shifted > -widths) & (shifted < 1 + widths)).all(axis=1))
+        ids.append(near)
+        images.append(np.broadcast_to(image, (len(near), points.shape[1])))
+    return np.concatenate(ids), np.concatenate(images)
