@@ -17,9 +17,10 @@ from critflow.exchange.convert import network_from, write_network
 from critflow.exchange.repair import ImportedNetwork
 from critflow.mechanics.elasticity import Elasticity
 from critflow.mechanics.equilibrium import equilibrium
+from critflow.mechanics.fits import fit_stiffening
 from critflow.mechanics.hessian import bond_operator, geometric_split, hookean_split
 from critflow.mechanics.laws import Hookean, PowerLaw, SpringLaw, WormLike
-from critflow.mechanics.moduli import elastic_moduli, fit_stiffening, transition_moduli
+from critflow.mechanics.moduli import elastic_moduli, elasticity, transition_moduli
 from critflow.mechanics.moduli_bounds import transition_bounds
 from critflow.mechanics.perimeters import cells_of, critical_from_perimeters, perimeter_moduli, perimeter_state
 from critflow.mechanics.response import linear_response
@@ -106,6 +107,7 @@ __all__ = [
     "diamond_network",
     "diluted",
     "elastic_moduli",
+    "elasticity",
     "equilibrium",
     "face_modes",
     "fit_stiffening",

@@ -294,6 +294,13 @@ class Elasticity:
             raise InputError("a shear needs at least two dimensions")
 
 
+def no_elasticity(dimension: int, volume: float = np.nan) -> Elasticity:
+    """Tensors of NaN."""
+    m = dimension * (dimension + 1) // 2
+    unknown = np.full((m, m), np.nan)
+    return Elasticity(unknown, unknown, np.full((dimension, dimension), np.nan), volume, unknown)
+
+
 # Components of unit tensors below this are zero: they carry the errors of singular vectors.
 _UNIT_ROUNDING = 1e-7
 

@@ -1,4 +1,4 @@
-"""Elastic moduli by linear response at any strain, at the transition, and fits of their growth past it.
+"""Elastic moduli by linear response at any strain, at the transition.
 
 Conventions.  Strain γ is volumetric, V → V(1 + γ) with b → (1 + γ)^{1/d} b; strain ε is a pure shear, b → (1 + εA) b.
   bulk modulus                    B = V d²E/dV²
@@ -20,14 +20,15 @@ from critflow.arguments import checked
 from critflow.critical.backbone import Mask, taut_configurations, taut_edges, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import dilation, pure_shear, transition_modulus
-from critflow.mechanics.elasticity import FLOPPY, NO_MODULI, Moduli
+from critflow.mechanics.at_rest import joined_responses, response_at_rest, transition_elasticity
+from critflow.mechanics.elasticity import Elasticity, Moduli
 from critflow.mechanics.laws import HOOKEAN, SpringLaw
 from critflow.mechanics.response import linear_response
-from critflow.mechanics.springs import spring_state
+from critflow.mechanics.springs import ElasticState, SpringState, edge_directions, spring_state
 from critflow.networks.network import Array, Network, edge_values, validated_coordinates
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
-from critflow.rigidity.uniqueness import require_only_self_stress
+from critflow.rigidity.uniqueness import only_self_stress, require_only_self_stress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,16 +39,6 @@ class SelfStressModuli(Solution[Moduli]):
     """
 
     n_self_stresses: int
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A least-squares polynomial in strain: value and slope at the transition with their standard errors."""
-
-    value: float
-    slope: float
-    value_error: float
-    slope_error: float
 
 
 @checked
@@ -71,37 +62,6 @@ def transition_moduli(critical: CriticalConfiguration) -> Moduli:
 
 
 @checked
-def fit_stiffening(strains: ArrayLike, moduli: ArrayLike, window: float = np.inf, degree: int = 1) -> Fit:
-    """Least-squares polynomial of a modulus over 0 ≤ γ ≤ window; its slope at γ = 0 is C with a standard error.
-
-    A straight line over a window w has a bias of order w, a parabola of order w².  Raises `InputError` where fewer
-    points than degree + 2 lie in the window: their standard error would be undefined.
-    """
-    gamma, values = np.asarray(strains, dtype=float), np.asarray(moduli, dtype=float)
-    if gamma.ndim != 1 or gamma.shape != values.shape:
-        raise InputError(
-            f"strains and moduli must be lists of one length, not of shapes {gamma.shape} and {values.shape}"
-        )
-    inside = (gamma >= 0) & (gamma <= window * (1 + 1e-12))
-    gamma, values = gamma[inside], values[inside]
-    if degree < 1:
-        raise InputError(f"a fit needs a degree of at least 1 to have a slope, not {degree}")
-    count = len(np.unique(gamma))
-    if count < degree + 2:
-        raise InputError(f"a fit of degree {degree} needs {degree + 2} strains in its window, not {count}: widen it")
-    if not np.isfinite(values).all():
-        return Fit(np.nan, np.nan, np.nan, np.nan)
-    # Scaled strains keep the normal equations well conditioned.
-    scale = float(gamma.max())
-    design = np.vander(gamma / scale, degree + 1, increasing=True)
-    coefficients, *_ = np.linalg.lstsq(design, values, rcond=None)
-    residual = values - design @ coefficients
-    variance = float(residual @ residual) / (len(gamma) - degree - 1)
-    error = np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
-    return Fit(float(coefficients[0]), float(coefficients[1]) / scale, float(error[0]), float(error[1]) / scale)
-
-
-@checked
 def elastic_moduli(
     network: Network,
     coordinates: ArrayLike,
@@ -110,39 +70,122 @@ def elastic_moduli(
     *,
     law: SpringLaw = HOOKEAN,
     taut: ArrayLike | None = None,
+    volume: float | None = None,
 ) -> Solution[Moduli]:
     """Relaxed B and G of springs at coordinates (N_v, d) in equilibrium, on either side of the transition.
 
     rest_lengths  ℓ (N_b,); None: the springs are at rest
     taut          (N_b,) bool, the edges that resist; the others are slack cables.  None: all
+    tolerance     of forces and stresses in units of the stiffness; smaller ones are rounding of springs at rest
+    volume        V of a pinned network
 
-    Stressed springs respond linearly (`LinearResponse`).  Springs at rest resist through their self-stresses S,
-    μ_a = ḣ_aᵀ S (Sᵀ K⁻¹ S)⁻¹ Sᵀ ḣ_a/V (`SelfStressModuli`); without any the network is floppy: moduli exactly 0 and
+    Stressed springs respond linearly (`LinearResponse`).  Springs at rest resist through their self-stresses, whatever
+    their stiffnesses (`SelfStressModuli`, `response_at_rest`); without any the network is floppy: moduli exactly 0 and
     `Status.floppy`.  Raises `InputError` when the forces do not balance.
     """
     mask = np.ones(network.n_edges, bool) if taut is None else taut_edges(network, taut)
     if not mask.all():
-        return _moduli_of_taut(network, coordinates, rest_lengths, tolerance, law, mask)
-    x = validated_coordinates(network, coordinates)
-    at_rest = np.linalg.norm(network.bond_vectors(x), axis=1)
-    state = spring_state(network, at_rest if rest_lengths is None else rest_lengths, x, law)
-    stress = float(np.max(np.abs(state.sigma) / network.stiffness))
-    if state.max_force > tolerance * float(np.mean(network.stiffness) * np.mean(state.lengths)):
+        return _moduli_of_taut(network, coordinates, rest_lengths, tolerance, law, mask, volume)
+    state = spring_state(network, _rest_lengths(network, coordinates, rest_lengths), coordinates, law)
+    V = _volume(network, volume)
+    if _stressed(state, tolerance):
+        return linear_response(state, volume=V)
+    found = response_at_rest(network, state.coordinates, V)
+    return SelfStressModuli(
+        found.value.moduli,
+        found.status,
+        replace(found.stats, error_bound=_moduli_bounds(found.value)),
+        found.note,
+        n_self_stresses=found.n_self_stresses,
+    )
+
+
+@checked
+def elasticity(
+    springs: CriticalConfiguration | ElasticState | Network,
+    coordinates: ArrayLike | None = None,
+    rest_lengths: ArrayLike | None = None,
+    *,
+    law: SpringLaw = HOOKEAN,
+    volume: float | None = None,
+    tolerance: float = 1e-9,
+) -> Solution[Elasticity]:
+    """The elasticity tensor of a critical configuration, of a state, or of a network at coordinates (N_v, d).
+
+    rest_lengths  ℓ (N_b,) of a network; None: the springs are at rest
+    volume        V of a pinned network, whose pins move with the strain: the tensor is a stiffness per unit of V
+    tolerance     of forces and stresses, as for `elastic_moduli`
+
+    At the transition V C = S ⊗ S/D with S = Σ σ L ⊗ L and D = Σ σ²|L|²/k; `factors` is S/√D.  At rest any number of
+    self-stresses contributes (`response_at_rest`); slack edges, σ = 0, resist nothing.  Under stress vertices follow by
+    linear response.
+    Error bound (proof at the transition, else estimate): `bounds` of the tensor.
+    Raises `InputError` for a pinned network without a volume and where the forces do not balance.
+    """
+    if isinstance(springs, CriticalConfiguration):
+        V, parts = _volume(springs.network, volume), taut_configurations(springs)
+        found = [
+            transition_elasticity(part, V, roundings=1 if part is springs else 2)
+            if _one_self_stress(part)
+            else response_at_rest(part.network, part.coordinates, V)
+            for part in parts
+        ]
+        return found[0] if len(found) == 1 else joined_responses(found)
+    if isinstance(springs, Network):
+        if coordinates is None:
+            raise InputError("the elasticity of a network depends on its configuration: give coordinates")
+        rest = _rest_lengths(springs, coordinates, rest_lengths)
+        springs = spring_state(springs, rest, coordinates, law)
+    V = _volume(springs.network, volume)
+    if not _stressed(springs, tolerance):
+        if not isinstance(springs, SpringState):
+            raise InputError("cells at rest have moduli by perimeter_moduli(): strain them for a tensor")
+        return response_at_rest(springs.network, springs.coordinates, V)
+    response = linear_response(springs, volume=V)
+    return Solution(response.elasticity, response.status, response.stats, response.note)
+
+
+def _one_self_stress(critical: CriticalConfiguration) -> bool:
+    if only_self_stress(critical):
+        return True
+    network = critical.network
+    if network.n_edges - network.dimension * len(network.free) > 1:
+        return False
+    counts = rigidity(network, critical.coordinates, vectors=False)
+    return counts.ok and counts.value.n_self_stresses == 1
+
+
+def _rest_lengths(network: Network, coordinates: ArrayLike, rest_lengths: ArrayLike | None) -> ArrayLike:
+    """The rest lengths, or the lengths at the coordinates where they are None."""
+    return np.linalg.norm(edge_directions(network, coordinates)[1], axis=1) if rest_lengths is None else rest_lengths
+
+
+def _volume(network: Network, volume: float | None) -> float:
+    if volume is None:
+        if network.cell is None:
+            raise InputError(
+                "a pinned network has no volume: name the one that its stiffness refers to, such as volume=1.0"
+            )
+        return network.volume
+    if not 0 < volume < np.inf:
+        raise InputError(f"the volume must be positive and finite, not {volume}")
+    return float(volume)
+
+
+def _stressed(state: ElasticState, tolerance: float) -> bool:
+    """Whether springs in equilibrium are under stress.  Raises `InputError` when the forces do not balance."""
+    scale = state.stiffness_scale * state.length_scale
+    if state.max_force > tolerance * scale:
         raise InputError(
             f"the springs are not in equilibrium, a force of {state.max_force:.2g} is left: call equilibrium() first"
         )
-    if stress > tolerance:
-        return linear_response(state)
-    counts = rigidity(network, x)
-    n_stresses = counts.value.n_self_stresses
-    if not counts.ok:
-        value = FLOPPY if counts.status is Status.floppy else NO_MODULI
-        return SelfStressModuli(value, counts.status, counts.stats, counts.note, n_self_stresses=n_stresses)
-    L, S, d = state.bond_vectors, counts.value.self_stresses, network.dimension
-    rates = (np.einsum("ad,ad->a", L, L @ A) for A in (dilation(d), pure_shear(d)))
-    value = self_stress_moduli(S, np.sum(L**2, axis=1) / network.stiffness, rates, network.volume)
-    stats = Stats("self-stress", 1, residual=counts.stats.residual)
-    return SelfStressModuli(value, Status.ok, stats, n_self_stresses=n_stresses)
+    return bool((np.abs(state.sigma) > tolerance * state.edge_stiffness).any())
+
+
+def _moduli_bounds(tensors: Elasticity) -> Moduli:
+    d = tensors.dimension
+    shear = float(tensors.bounds[-1, -1])
+    return Moduli(float(tensors.bounds[:d, :d].sum()) / d**2, shear, shear)
 
 
 def _moduli_of_taut(
@@ -152,12 +195,13 @@ def _moduli_of_taut(
     tolerance: float,
     law: SpringLaw,
     mask: Mask,
+    volume: float | None,
 ) -> Solution[Moduli]:
     """The moduli of all connected parts of the taut edges, which add up; the first failure decides the status."""
     x = validated_coordinates(network, coordinates)
     rest = None if rest_lengths is None else edge_values(rest_lengths, network.n_edges, "rest_lengths")
     found = [
-        elastic_moduli(part, x[vertices], None if rest is None else rest[edges], tolerance, law=law)
+        elastic_moduli(part, x[vertices], None if rest is None else rest[edges], tolerance, law=law, volume=volume)
         for part, edges, vertices in taut_networks(network, mask)
     ]
     slack = f"{np.count_nonzero(~mask)} of {network.n_edges} edges are slack: the moduli are those of the taut part"

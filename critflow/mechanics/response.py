@@ -19,7 +19,7 @@ import numpy as np
 from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
-from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli
+from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli, no_elasticity
 from critflow.mechanics.springs import ElasticState
 from critflow.mechanics.tolerances import FLOPPY_SHIFT, TRUSTED_ERROR
 from critflow.networks.deformation import strain_basis
@@ -109,13 +109,6 @@ def linear_response(
     return LinearResponse(
         value, status, stats, note, elasticity=tensors, relaxations=relaxations, relaxation=relaxation, floppy=floppy
     )
-
-
-def no_elasticity(dimension: int, volume: float = np.nan) -> Elasticity:
-    """Tensors of NaN."""
-    m = dimension * (dimension + 1) // 2
-    unknown = np.full((m, m), np.nan)
-    return Elasticity(unknown, unknown, np.full((dimension, dimension), np.nan), volume, unknown)
 
 
 def _unstable(state: ElasticState, factor: Factor) -> LinearResponse:

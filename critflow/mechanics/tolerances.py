@@ -37,6 +37,14 @@ TRUSTED_ERROR          Largest error bound of a result, relative to the largest 
 CONSISTENT_RESPONSE    Largest relative residual of the linear system of the stiffening coefficients; a regular system
                        leaves 1e-14.
 
+Springs at rest
+
+GROUP_CONTRAST         Stiffnesses within this factor are compared directly; beyond it motions that stiffer edges resist
+                       are separated from those that they do not.  Its square root enters rounding errors.
+MODERATE_CONTRAST      Up to this contrast the self-stresses of a large network give its moduli with the rounding
+                       errors of their compliance, which grow with it.
+LARGEST_RESPONSE       Entries of the rigidity matrix up to which networks of larger contrast are decomposed densely.
+
 Cells
 
 COLLAPSED_EDGE         Edges below this part of the mean length are collapsed: ten times the accuracy of the cone
@@ -69,6 +77,10 @@ BALANCED_START, LOOSENING_WORK = 1e-6, 1e-9
 
 TRUSTED_ERROR = 0.1
 CONSISTENT_RESPONSE = 1e-9
+
+GROUP_CONTRAST = 1e3
+MODERATE_CONTRAST = 1e6
+LARGEST_RESPONSE = 6_000_000
 
 COLLAPSED_EDGE = 1e-5
 FITTED_PERIMETERS = 1e-11

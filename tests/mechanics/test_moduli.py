@@ -323,6 +323,11 @@ def test_fits_with_too_few_points_raise():
     with pytest.raises(InputError, match="length"):
         fit_stiffening([0.001, 0.002, 0.003], [1.0, 1.1])
     assert np.isnan(fit_stiffening([0.001, 0.002, 0.003], [1.0, np.nan, 1.1]).slope)
+    with pytest.raises(InputError, match="degree"):
+        fit_stiffening([0.001, 0.002, 0.003], [1.0, 1.1, 1.2], degree=0)
+    for strains in ([0.001] * 4, [0.0] * 4, [0.001, 0.001 * (1 + 1e-16), 0.001 * (1 - 1e-16)]):
+        with pytest.raises(InputError, match="different"):
+            fit_stiffening(strains, np.ones(len(strains)))
 
 
 def test_moduli_at_all_distances_from_the_transition():

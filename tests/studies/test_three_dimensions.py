@@ -23,7 +23,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.cli import main
-from critflow.mechanics.moduli import fit_stiffening
+from critflow.mechanics.fits import fit_stiffening
 
 FOAM = foam_network(100, seed=1)
 MANIFOLD = CriticalManifold(FOAM)
