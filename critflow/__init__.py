@@ -39,9 +39,11 @@ from critflow.networks.lattices import (
     triangular_network,
 )
 from critflow.networks.network import Network
+from critflow.networks.packings import packing_network
 from critflow.networks.pruning import Pruned, prune, pruned_network
 from critflow.networks.random_networks import delaunay_network, foam_network, three_bar_linkage, voronoi_network
 from critflow.networks.random_points import random_sequential_addition
+from critflow.networks.regular_networks import regular_network
 from critflow.networks.tessellations import delaunay_of, voronoi_of
 from critflow.result import (
     CritflowError,
@@ -124,6 +126,7 @@ __all__ = [
     "modulus_bound",
     "network_from",
     "optimize",
+    "packing_network",
     "perimeter_moduli",
     "perimeter_state",
     "phantom_network",
@@ -131,6 +134,7 @@ __all__ = [
     "prune",
     "pruned_network",
     "random_sequential_addition",
+    "regular_network",
     "rigidity",
     "second_order_rigidity",
     "signed_stress",
