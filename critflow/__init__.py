@@ -3,7 +3,8 @@
 from importlib.metadata import version
 
 from critflow.critical.backbone import Backbone, TautComponent, backbone
-from critflow.critical.curvature import StereographicChart, gaussian_curvature, principal_curvatures, surface_geometry
+from critflow.critical.curvature import StereographicChart, principal_curvatures, surface_geometry
+from critflow.critical.gaussian import gaussian_curvature
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import Objective
 from critflow.critical.stress_hessian import flat_directions, stress_hessian

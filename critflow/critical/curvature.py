@@ -23,10 +23,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.tolerances import COLLAPSED, CURVATURE_ERROR, DENSE_BYTES, SOFTNESS
-from critflow.linalg.factor import Factor
-from critflow.linalg.matrices import edge_blocks
-from critflow.linalg.tolerances import EPS
+from critflow.critical.tolerances import ARTEFACT, COLLAPSED, CURVATURE_ERROR, DENSE_BYTES
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, edge_values
 from critflow.result import InputError, Solution, Stats, Status
@@ -250,13 +247,17 @@ def _few(manifold: CriticalManifold, configuration: CriticalConfiguration, k: in
     radii = values if end == "flat" else 1 / values
     order = np.argsort(-np.abs(radii))
     w = vectors.T[order]
-    return PrincipalCurvatures(radii[order], w, _residuals(operator, w, values[order]))
+    residuals = _residuals(operator, w, values[order])
+    if end == "sharp":
+        # The regularisation of the inverse gives directions of infinite curvature a radius that B does not have.
+        forward = _residuals(-unit_response(manifold, configuration), w, radii[order])
+        residuals[forward > ARTEFACT] = np.inf
+    return PrincipalCurvatures(radii[order], w, residuals)
 
 
 def _residuals(operator: LinearOperator, vectors: Array, values: Array) -> Array:
-    return np.array(
-        [np.linalg.norm(operator @ w - value * w) / abs(value) for w, value in zip(vectors, values, strict=True)]
-    )
+    left = [np.linalg.norm(operator @ w - value * w) for w, value in zip(vectors, values, strict=True)]
+    return np.divide(left, np.abs(values), out=np.full(len(values), np.inf), where=values != 0)
 
 
 def inverse_response(manifold: CriticalManifold, configuration: CriticalConfiguration) -> LinearOperator:
@@ -276,51 +277,3 @@ def inverse_response(manifold: CriticalManifold, configuration: CriticalConfigur
 
     n = network.n_edges
     return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
-
-
-@dataclass(frozen=True)
-class GaussianCurvature:
-    """The product K of all N_b − 1 principal curvatures: log|K|, and how many of them are negative."""
-
-    log_size: float
-    n_negative: int
-
-
-@checked
-def gaussian_curvature(
-    manifold: CriticalManifold, sigma: ArrayLike, *, throw: bool = True
-) -> Solution[GaussianCurvature]:
-    """K = 1/det(−|σ|B on σ^⊥) at a stress (N_b,), by sparse factors.
-
-    Edges of softness δ add RᵀR/δ to the prestress, and det(P⊗1 + RᵀR/δ)/det(P⊗1) = Π(r_i + δ)/δ^(N_b − 1) with the
-    radii r_i, σ giving a factor of one: log K follows by extrapolation to δ = 0.  Inertia counts the signs: negative
-    curvatures and negative directions of the stiffened matrix together are the d times those of P.
-
-    Error bound (estimate): `stats.residual`, the last step of the extrapolation plus the rounding of determinants.
-    """
-    network = manifold.network
-    found = manifold.solve(sigma)
-    if not found.ok:
-        solution = Solution(GaussianCurvature(np.nan, 0), found.status, Stats("determinants"))
-        return solution.or_raise("no curvature for this stress") if throw else solution
-    stress, L, n = found.value.sigma, found.value.bond_vectors, network.n_edges
-    prestress = manifold.prestress.factorize(stress)
-    pattern = manifold.hessian
-    softness = SOFTNESS * float(np.mean(L**2) / np.mean(np.abs(stress)))
-    logs = []
-    for soft in softness * np.array([1.0, 2.0, 4.0]):
-        stiffened = pattern.factorize(edge_blocks(np.full(n, 1 / soft), L, stress))
-        logs.append(_log_size(stiffened) - network.dimension * _log_size(prestress) + (n - 1) * np.log(soft))
-    # Values at δ, 2δ and 4δ cancel the first two orders; the difference of the orders estimates the remainder.
-    linear, quadratic = 2 * logs[0] - logs[1], (8 * logs[0] - 6 * logs[1] + logs[2]) / 3
-    rounding = 4 * EPS / SOFTNESS * np.sqrt(n)
-    value = GaussianCurvature(
-        float(-quadratic - (n - 1) * np.log(np.linalg.norm(stress))),
-        network.dimension * prestress.n_negative - stiffened.n_negative,
-    )
-    return Solution(value, Status.ok, Stats("determinants", 3, residual=float(abs(quadratic - linear) + rounding)))
-
-
-def _log_size(factor: Factor) -> float:
-    """log|det| of a factorised matrix."""
-    return float(np.log(np.abs(factor.pivots)).sum())
