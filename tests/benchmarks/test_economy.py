@@ -54,8 +54,8 @@ def test_times_and_bytes_are_there(dataset):
     assert (dataset.bytes_of_all > 8 * 300).all() and (dataset.bytes_of_scalars < 8 * 25).all()
 
 
-def test_figure_claims_and_summary_are_written(folder):
-    assert (folder / "figures" / "economy.png").read_bytes().startswith(b"\x89PNG")
+def test_figure_claims_and_summary_are_written(folder, assert_picture):
+    assert_picture(folder / "figures" / "economy.png")
     claims = json.loads((folder / "claims.json").read_text())
     assert [claim["key"] for claim in claims] == ["growth", "member", "moduli", "configuration", "optimum", "bytes"]
     assert all(claim["because"] for claim in claims if claim["verdict"] == "differs")

@@ -153,10 +153,10 @@ def small(tmp_path_factory):
         return dataset.load(), folder
 
 
-def test_the_study_writes_its_figures_and_claims(small):
+def test_the_study_writes_its_figures_and_claims(small, assert_picture):
     dataset, folder = small
     for name in ("failure_map", "error_bounds", "assembly", "percolation"):
-        assert (folder / "figures" / f"{name}.png").stat().st_size > 10_000
+        assert_picture(folder / "figures" / f"{name}.png")
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
     wrong = int((dataset.outcome == Outcome.violation).sum())
     assert claims["violations"]["value"].startswith(f"{wrong} of ")

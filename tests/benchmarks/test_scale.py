@@ -55,9 +55,9 @@ def test_the_case_is_the_standard_network(scale, n_vertices):
     assert float(one.change_by_refinement) < 1e-12
 
 
-def test_the_report_has_its_figure_claims_and_profile(scale):
+def test_the_report_has_its_figure_claims_and_profile(scale, assert_picture):
     dataset, folder = scale
-    assert (folder / "figures" / "scale.png").stat().st_size > 20_000
+    assert_picture(folder / "figures" / "scale.png", 20_000)
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
     for key in ("Scale-memory", "Scale-certificate", "Scale-status"):
         assert claims[key]["verdict"] == "holds", claims[key]

@@ -231,10 +231,10 @@ def test_who_takes_part_and_who_is_missing(small):
     assert (beyond.presence == 0).all()
 
 
-def test_it_has_its_charts_claims_and_fronts(small):
+def test_it_has_its_charts_claims_and_fronts(small, assert_picture):
     dataset, folder = small
     for name in ("speed_accuracy", "speed_accuracy_sizes"):
-        assert (folder / "figures" / f"{name}.png").stat().st_size > 20_000
+        assert_picture(folder / "figures" / f"{name}.png", 20_000)
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
     assert {f"speed-accuracy-{word}" for word in dataset.task.values} < set(claims)
     assert claims["speed-accuracy-auto"]["verdict"] in ("holds", "differs")

@@ -228,7 +228,7 @@ def test_inverse_of_the_response():
     np.testing.assert_allclose(inverse @ normal, 0.0, rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("n_vertices", [1000, 10_000])
+@pytest.mark.parametrize("n_vertices", [1000, pytest.param(10_000, marks=pytest.mark.sweep)])
 def test_large_networks_use_no_dense_matrix(n_vertices):
     manifold = CriticalManifold(voronoi_network(n_vertices, seed=1))
     n = manifold.network.n_edges

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from problems import (
     NETWORKS,
@@ -333,7 +333,6 @@ def test_pull_back_equals_the_dense_formula(name):
 # Any stress on any network
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
 @given(
     n_cells=st.integers(4, 20),
     seed=st.integers(0, 50),

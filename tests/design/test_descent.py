@@ -34,6 +34,7 @@ def contracted(network: Network, collapsed: np.ndarray, centre: int) -> tuple[Ne
 COLLAPSING = voronoi_network(40, seed=47, hard_core=0.65)
 
 
+@pytest.mark.sweep
 def test_an_infimum_with_collapsed_edges_has_their_names_and_its_value():
     solution = optimize(COLLAPSING, "tension_variance", throw=False)
     assert solution.status is Status.edge_collapse
@@ -138,6 +139,7 @@ def test_fire_does_not_cross_the_barrier(seed):
     assert by_fire.objective == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.sweep
 def test_least_length_variance_of_slack_networks_has_a_value():
     # Where equal lengths would leave edges slack, the infimum still has a value, which descent finds.
     network = oblique(voronoi_network(40, seed=3))
@@ -244,7 +246,7 @@ def test_a_strain_that_only_rotates_has_a_modulus_of_zero(strain):
     assert optimize(ORDINARY, goal, signs="any").objective == 0.0
 
 
-@pytest.mark.parametrize("method", ["lbfgs", "newton", "fire"])
+@pytest.mark.parametrize("method", ["lbfgs", pytest.param("newton", marks=pytest.mark.sweep), "fire"])
 def test_an_ascent_over_both_signs_reports_its_path(method):
     network = voronoi_network(100, seed=1)
     path = []

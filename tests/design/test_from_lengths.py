@@ -55,7 +55,7 @@ def test_every_configuration_is_recovered_from_its_lengths():
     np.testing.assert_allclose(solution.value.bond_vectors, configuration.bond_vectors, rtol=0, atol=1e-9)
 
 
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=settings.default.max_examples // 2)
 @given(seed=st.integers(0, 100), n_cells=st.integers(10, 30))
 def test_uniqueness_on_any_network(seed, n_cells):
     network = voronoi_network(2 * n_cells, seed=seed)

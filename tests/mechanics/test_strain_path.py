@@ -205,7 +205,7 @@ def test_one_step_follows_the_branch_of_many_steps(end):
     assert np.abs(direct.bond_vectors - one.states[-1].bond_vectors).max() > 0.1
 
 
-@pytest.mark.parametrize("n_vertices, seed", [(12, 5), (40, 11)])
+@pytest.mark.parametrize("n_vertices, seed", [(12, 5), pytest.param(40, 11, marks=pytest.mark.sweep)])
 def test_end_of_a_branch_is_reported(n_vertices, seed):
     critical = partly_compressed(n_vertices, seed)
     # There are equilibria beyond, but no continuous path to them.
@@ -236,10 +236,13 @@ def test_coordinates_and_bond_vectors_stay_consistent(name):
         )
 
 
-def test_bounds_of_paths():
+SWEPT = [*10.0 ** -np.arange(12, 4, -1), 0.001, 0.002, 0.003, 0.05, 0.3]
+
+
+@pytest.mark.parametrize("strains", [[1e-12, 1e-7, 0.001, 0.3], pytest.param(SWEPT, marks=pytest.mark.sweep)], ids=len)
+def test_bounds_of_paths(strains):
     network = SMALL_NETWORKS["stiffness"]()
     critical = CriticalManifold(network).configuration(random_stress(18, 4))
-    strains = np.concatenate([10.0 ** -np.arange(12, 4, -1), [0.001, 0.002, 0.003, 0.05, 0.3]])
     path = strain_path(network, critical, strains).value
     found = []
     for n, state in enumerate(path.states):

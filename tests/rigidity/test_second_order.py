@@ -254,6 +254,7 @@ def test_undecided_rigidity_is_none():
     assert str(solution.value).startswith("not prestress stable, and undecided")
 
 
+@pytest.mark.sweep
 def test_more_modes_than_one_program():
     # 30 mostly compressed strings, two modes each: the subspace has to grow until all 30 stresses are found.
     strings = [chain([6 + 0.1 * k, -1, -2], shift=1.0 * k) for k in range(30)]

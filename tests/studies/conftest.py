@@ -60,3 +60,8 @@ def folder(request, runs):
 def dataset(request, runs):
     """The dataset of the small run of the study of this module; tests do not change it."""
     return runs(request.module.STUDY)[1]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick(undrawn):
+    """Studies are run without drawing their pictures, unless the sweeps run too."""

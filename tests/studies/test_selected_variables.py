@@ -31,7 +31,7 @@ STUDIES = {"ensemble": "n_vertices=60", "three_dimensions": "n_vertices=60"}
 LINEAR = ("seeds=1:3", "populations=bulk_modulus,random_stress")
 
 
-@pytest.fixture(scope="module", params=STUDIES)
+@pytest.fixture(scope="module", params=["ensemble", pytest.param("three_dimensions", marks=pytest.mark.sweep)])
 def whole(request, tmp_path_factory):
     """A study by name, and the dataset of all its variables."""
     name = request.param

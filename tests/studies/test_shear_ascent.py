@@ -38,8 +38,8 @@ def test_every_recorded_step_follows_from_its_stress(dataset):
     assert set(np.unique(dataset.status)) == {Status.step_limit}
 
 
-def test_the_ascent_has_its_figure_and_animation(folder):
-    assert (folder / "figures" / "shear_ascent.png").stat().st_size > 20_000
+def test_the_ascent_has_its_figure_and_animation(folder, assert_picture):
+    assert_picture(folder / "figures" / "shear_ascent.png", 20_000)
     assert (folder / "figures" / "shear_ascent.gif").read_bytes().startswith(b"GIF89a")
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
     assert claims["ShearModulusSteepestDescent-bound"]["verdict"] == "measured"

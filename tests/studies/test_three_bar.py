@@ -103,9 +103,9 @@ def test_claims_are_those_of_the_full_grids(folder):
     assert len(verdicts) == 18
 
 
-def test_figures_are_drawn(folder):
+def test_figures_are_drawn(folder, assert_picture):
     for name in ("manifold", "geometry", "curvature"):
-        assert 20_000 < (folder / "figures" / f"{name}.png").stat().st_size < 500_000
+        assert_picture(folder / "figures" / f"{name}.png", 20_000)
 
 
 @pytest.mark.parametrize("word", ["span=-1", "reach=1", "s=0:1:0.5"])

@@ -5,14 +5,30 @@ import subprocess
 import sys
 from pathlib import Path
 
+import dask.config
 import pytest
-from disturbed import contents_of, stamps_of
+from disturbed import contents_of, server, stamps_of
 
 from critflow.cli import main
 from critflow.workflow.load import load_file
 
 HERE = Path(__file__).parent
 COMMAND = "import sys; from critflow.cli import main; sys.exit(main())"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick(request):
+    """Pictures are drawn in the tests of reports only, unless the sweeps run too."""
+    if request.module.__name__ != "test_report":
+        request.getfixturevalue("undrawn")
+
+
+@pytest.fixture
+def forked():
+    """Local worker processes are forked from one that has loaded all libraries, not spawned as for users."""
+    server()
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+        yield
 
 
 @pytest.fixture

@@ -37,7 +37,7 @@ def listening(processes):
     return found
 
 
-def test_a_scheduler_with_certificates_gives_the_same_bits(tmp_path, run):
+def test_a_scheduler_with_certificates_gives_the_same_bits(tmp_path, run, forked):
     """Its worker has several threads, which must take turns with the libraries; one is killed during the run."""
     security = Security.temporary()
     texts = {"ca-file": security.tls_ca_file, "cert": security.tls_client_cert, "key": security.tls_client_key}
@@ -64,7 +64,7 @@ provenance.libraries.cache_clear()
 """
 
 
-def test_a_plain_scheduler_needs_a_flag_and_equal_libraries(tmp_path, run, capsys):
+def test_a_plain_scheduler_needs_a_flag_and_equal_libraries(tmp_path, run, capsys, forked):
     with LocalCluster(
         n_workers=1,
         threads_per_worker=1,
@@ -93,6 +93,7 @@ def test_a_scheduler_without_workers_is_reported(tmp_path, run, capsys, monkeypa
 JOBS = {"DASK_JOBQUEUE__LOCAL__CORES": "1", "DASK_JOBQUEUE__LOCAL__MEMORY": "2GB"}
 
 
+@pytest.mark.sweep
 def test_jobs_give_the_same_bits_listen_on_loopback_only_and_end_with_the_run(tmp_path, run, start):
     """Jobs of dask-jobqueue that are processes of this machine; its options come from dask's configuration."""
     process = start(
@@ -151,13 +152,13 @@ def accepts_a_stranger(port):
 
 def test_a_local_run_listens_on_loopback_and_answers_nobody_without_its_key(tmp_path, start):
     """Another user of the machine reaches the ports, and gets neither a connection nor a page."""
-    process = start(tmp_path, "seeds=0:60", workers=2, study="plain", environment={"CRITFLOW_TEST_PAUSE": "2"})
+    process = start(tmp_path, "seeds=0:60", workers=1, study="plain", environment={"CRITFLOW_TEST_PAUSE": "2"})
     while not list((tmp_path / "shards").glob("*.nc")):
         assert process.poll() is None, process.communicate()
         time.sleep(0.05)
     command = psutil.Process(process.pid)
     found = listening([command, *command.children(recursive=True)])
-    assert len(found) >= 3  # the scheduler and two workers at least
+    assert len(found) >= 2  # the scheduler and a worker at least
     assert {ip for ip, _ in found} == {"127.0.0.1"}
     pages = [f"http://127.0.0.1:{port}/{page}" for _, port in found for page in ("status", "health")]
     assert {answer(page) for page in pages} <= {"404", "none"}

@@ -176,7 +176,10 @@ def complaints():
     return check
 
 
-@pytest.mark.parametrize("sample", SAMPLES)
+@pytest.mark.parametrize(
+    "sample",
+    ["scalars", "a failed case", *(pytest.param(name, marks=pytest.mark.sweep) for name in list(SAMPLES)[1::2])],
+)
 def test_datasets_follow_the_conventions_that_they_state(tmp_path, run, source, complaints, sample):
     changes, settings = SAMPLES[sample]
     assert run(tmp_path / "out", *settings, study=source(*changes)) in (0, 3)

@@ -48,7 +48,19 @@ def assert_resumed(golden, tally):
     return check
 
 
-@pytest.mark.parametrize(("action", "stride"), [("kill", 1), ("terminate", 5), ("interrupt", 5), ("full", 3)])
+@pytest.mark.parametrize(
+    ("action", "stride"),
+    [
+        ("kill", 5),
+        ("terminate", 5),
+        ("interrupt", 13),
+        ("full", 7),
+        *(
+            pytest.param(action, stride, marks=pytest.mark.sweep)
+            for action, stride in (("kill", 1), ("interrupt", 5), ("full", 3))
+        ),
+    ],
+)
 def test_a_run_disturbed_at_any_step_is_resumed(tmp_path, assert_resumed, action, stride):
     """A process killed, asked to end, or refused disk space at the n-th step, for every n."""
     number = -SIGNALS.get(action, 0)
@@ -70,7 +82,9 @@ def test_a_run_disturbed_at_any_step_is_resumed(tmp_path, assert_resumed, action
     assert {"kill": -9, "terminate": 130, "interrupt": 130, "full": 6}[action] in seen
 
 
-@pytest.mark.parametrize("kills", [1, 1, 1, 1, 1, 2, 2, 3])
+@pytest.mark.parametrize(
+    "kills", [1, 2, *(pytest.param(kills, marks=pytest.mark.sweep) for kills in (1, 1, 1, 1, 2, 3))]
+)
 def test_a_run_killed_at_random_times_is_resumed(tmp_path, assert_resumed, request, kills):
     dice, folder = random.Random(request.node.name), tmp_path / "out"
     for _ in range(kills):
@@ -85,6 +99,7 @@ def test_a_run_killed_at_random_times_is_resumed(tmp_path, assert_resumed, reque
     assert_resumed(folder)
 
 
+@pytest.mark.sweep
 def test_a_run_with_workers_survives_the_death_of_one_and_its_own(tmp_path, assert_resumed, start):
     """One worker process is killed; then the command itself, which leaves no process behind."""
     folder = tmp_path / "out"

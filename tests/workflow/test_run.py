@@ -19,9 +19,11 @@ from disturbed import STUDY, begun, ended, messages, stored_whole, words_of
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from critflow.cli import main
-from critflow.result import Status
+from critflow.result import Status, StudyError
+from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
 from critflow.workflow.store import shard_path
+from critflow.workflow.tasks import Job
 
 NUMBERS = ("product", "solution", "eigenvalues", "status")
 
@@ -51,9 +53,11 @@ def serial(tmp_path_factory):
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("workers", [1, 2, 4])
-def test_any_number_of_workers_gives_the_same_bytes(tmp_path, run, serial, workers, monkeypatch):
+@pytest.mark.parametrize("workers", [2, pytest.param(3, marks=pytest.mark.sweep)])
+def test_any_number_of_workers_gives_the_same_bytes(tmp_path, run, serial, workers, monkeypatch, request):
     """The whole dataset, and in each worker one thread for the numerical libraries."""
+    if workers == 3:
+        request.getfixturevalue("forked")
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
     assert run(tmp_path, workers=workers, study="algebra") == 0
     assert bits(tmp_path) == bits(serial)
@@ -242,6 +246,7 @@ def test_a_second_interrupt_stops_at_once(tmp_path):
     assert "Traceback" not in messages(folder)
 
 
+@pytest.mark.sweep
 @pytest.mark.timeout(300)
 def test_a_second_interrupt_stops_the_workers_at_once(tmp_path, start):
     process = start(tmp_path, workers=2, study="plain", environment={"CRITFLOW_TEST_PAUSE": "200"})
@@ -263,6 +268,7 @@ def test_a_second_interrupt_stops_the_workers_at_once(tmp_path, start):
     assert psutil.wait_procs(family, timeout=60)[1] == []  # no worker outlives the command
 
 
+@pytest.mark.sweep
 def test_a_study_file_that_changes_during_the_run_does_not_mix_its_results(tmp_path, source, start):
     path = source(study="plain")
     settings = {"study": path, "workers": 1, "environment": {"CRITFLOW_TEST_PAUSE": "1"}}
@@ -278,6 +284,15 @@ def test_a_study_file_that_changes_during_the_run_does_not_mix_its_results(tmp_p
         if stored.exists():
             with netCDF4.Dataset(stored) as file:
                 assert float(file["total"][...]) < 100, err
+
+
+def test_a_study_file_that_changed_since_the_run_began_is_refused(tmp_path, source):
+    path = source(study="plain")
+    job = Job(str(path), load_file(path).digest, str(tmp_path), {}, (), ())
+    assert job.study().name == "plain"
+    path.write_text(path.read_text() + "# changed")
+    with pytest.raises(StudyError, match="changed"):
+        job.study()
 
 
 def record_sockets(path):

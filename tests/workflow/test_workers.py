@@ -67,7 +67,7 @@ DEADLY = {
 
 
 @pytest.mark.timeout(300)
-def test_whatever_a_case_does_to_its_worker_the_others_are_computed(tmp_path, run, capsys):
+def test_whatever_a_case_does_to_its_worker_the_others_are_computed(tmp_path, run, capsys, forked):
     limits = ("--time-limit=2", "--memory-limit=0.6")
     assert run(tmp_path, f"kinds={','.join(DEADLY)}", workers=2, more=limits, study="poisoned") == 3
     assert "Traceback" not in capsys.readouterr().err

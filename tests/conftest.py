@@ -1,0 +1,43 @@
+"""Two sizes of the test suite.
+
+`pytest` runs every test but the sweeps: repetitions of a test over many seeds, sizes or steps. `pytest -m ""` runs
+everything, with more examples of the properties and with all pictures drawn; `.ci/run` does that.
+"""
+
+import pytest
+from hypothesis import settings
+from matplotlib.figure import Figure
+
+EXAMPLES_OF_A_SWEEP = 5
+
+
+def pytest_configure(config):
+    for name, factor in (("default", 1), ("sweep", EXAMPLES_OF_A_SWEEP)):
+        settings.register_profile(name, max_examples=20 * factor, deadline=None, derandomize=True)
+    settings.load_profile("sweep" if everything(config) else "default")
+
+
+def everything(config):
+    """Whether the sweeps run too."""
+    return "not sweep" not in config.getoption("markexpr")
+
+
+@pytest.fixture(scope="module")
+def undrawn(request):
+    """Pictures are made but remain empty: drawing them takes most of the time of a small study."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not everything(request.config):
+            patch.setattr(Figure, "draw", lambda figure, renderer: None)
+        yield
+
+
+@pytest.fixture
+def assert_picture(request):
+    """`assert_picture(file)`: the file is a picture, and not an empty one if pictures are drawn."""
+
+    def check(file, least=10_000):
+        picture = file.read_bytes()
+        assert picture.startswith(b"\x89PNG")
+        assert not everything(request.config) or least < len(picture) < 500_000
+
+    return check
