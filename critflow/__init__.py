@@ -11,6 +11,7 @@ from critflow.critical.stress_hessian import flat_directions, stress_hessian
 from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.isogonal import face_modes, isogonal_modes
 from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound
+from critflow.design.onset import Onset, critical_strain
 from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
@@ -80,6 +81,7 @@ __all__ = [
     "Network",
     "NetworkError",
     "Objective",
+    "Onset",
     "Optimum",
     "PowerLaw",
     "Pruned",
@@ -103,6 +105,7 @@ __all__ = [
     "certify",
     "critical_from_lengths",
     "critical_from_perimeters",
+    "critical_strain",
     "cubic_network",
     "deformation_of",
     "delaunay_network",

@@ -28,6 +28,7 @@ class Status(IntEnum):
     missing = 9
     ill_conditioned = 10
     undecided = 11
+    rigid = 12
 
     @property
     def message(self) -> str:
@@ -46,6 +47,7 @@ _MESSAGES = {
     Status.unstable: "the equilibrium is a saddle of the energy: perturb it, or take smaller strain steps",
     Status.failed: "the case raised an error, which is stored with it",
     Status.missing: "not computed yet: run the study again",
+    Status.rigid: "the network is rigid already: lengthen its rest lengths, or begin at a smaller strain",
     Status.ill_conditioned: "rounding errors may exceed the answer: choose stresses of more similar magnitude",
     Status.undecided: "a number that decides is too near its limit: give another tolerance, or move the configuration",
 }

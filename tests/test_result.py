@@ -29,6 +29,7 @@ def test_stored_integers_never_change():
         "missing": 9,
         "ill_conditioned": 10,
         "undecided": 11,
+        "rigid": 12,
     }
     assert all(status.message for status in Status)
 

@@ -48,7 +48,7 @@ def polish(
             best = Polished(x, sigma, error, step)
         if last:
             break
-        u, change = saddle.factorize(sigma, L).solve_bordered(-force, scale * target - h, target)
+        u, change, _ = saddle.factorize(sigma, L).solve_bordered(-force, scale * target - h, -target[None])
         x, sigma = x.copy(), sigma + change
         x[network.free] += u
     return best

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.design.proportional_lengths import polish
+from critflow.design.taut_edges import without_hanging
 from critflow.design.tolerances import BALANCE_SHIFT, FITTED, NO_STRESS, WEAK_STRESS
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import edge_blocks
@@ -41,7 +42,7 @@ def polish_stressed(
     """
     network, candidate, weak_below, steps = manifold.network, guess, WEAK_STRESS, 0
     for _ in range(rounds):
-        candidate = _without_hanging(network, candidate)
+        candidate = without_hanging(network, candidate)
         fit = _fit(manifold, lengths, candidate, coordinates, sigma)
         steps += fit.steps
         if fit.value is not None:
@@ -119,19 +120,6 @@ def _with_slack(
     # Short edges would lose digits in the rounding of the coordinates.
     whole.bond_vectors[stressed], errors[stressed] = part.bond_vectors, part.bond_errors
     return replace(whole, bond_errors=errors)
-
-
-def _without_hanging(network: Network, kept: Mask) -> Mask:
-    """Remove edges that end at a free vertex with no other edge, repeatedly: they cannot carry tension."""
-    kept = kept.copy()
-    pinned = np.zeros(network.n_vertices, bool)
-    pinned[list(network.pins or {})] = True
-    while True:
-        degree = np.bincount(network.edges[kept].ravel(), minlength=network.n_vertices)
-        hanging = kept & ((degree == 1) & ~pinned)[network.edges].any(axis=1)
-        if not hanging.any():
-            return kept
-        kept &= ~hanging
 
 
 def balanced_part(

@@ -45,6 +45,21 @@ Cone program
 EXACT_CONE        Tolerances that distinguish slack edges from weakly stressed ones: nearly always, and always in tests.
 ROUGH_CONE        Tolerance from which Newton's method, which is far cheaper, converges if every edge is stressed.
                   Positive tensions in balance at the right lengths prove that every edge is.
+
+Onset of rigidity
+FLOPPY_CONE       Tolerance of the program that shows the start to be floppy, by coordinates with all |L| < ℓ.
+ONSET_CONE        Tolerance of the last program: tensions and slack are then known to about its root.
+ONSET_GAP         Largest gap of the bounds on a strain with status `ok`, relative to 1 + |γ|.
+RETREATS          Relative decreases of the lengths that show a strain to be floppy where rounding alone is not enough.
+ONSET_ROUNDS      Attempts to separate taut from slack edges; standard networks need one, diluted lattices up to four.
+DAMPING           Compliance of taut edges with several self-stresses, relative to their stress, far from the solution.
+ONSET_STEPS       Steps of Newton's method in one attempt; convergence is quadratic.
+VIOLATED          Excess of |L|/ℓ over 1 of a slack edge that becomes a candidate; errors of the program are smaller.
+NEARBY            Step of the strain, relative to 1 + |s|, after which the next program is the last one.
+MOST_PROGRAMS     Linear programs on one path; smooth paths need two to four.
+FLAT_STEPS        Programs in a row that end beyond a flat cell, after which the path counts as floppy to its end.
+FLAT              Relative distance from a flat cell, det F = 0, that counts as flat.
+INSIDE            Part of the distance to a limit that a step uses, to stay inside.
 """
 
 NO_STRESS = 1e-9
@@ -75,3 +90,16 @@ SELF_STRESS_SHIFT = 1e-12
 BALANCE_SHIFT = 1e-13
 EXACT_CONE = (1e-12, 1e-13)
 ROUGH_CONE = 1e-6
+FLOPPY_CONE = 1e-3
+ONSET_CONE = 1e-10
+ONSET_GAP = 1e-9
+RETREATS = (3e-11, 1e-10, 3e-10)
+ONSET_ROUNDS = 10
+DAMPING = 1e-3
+ONSET_STEPS = 16
+VIOLATED = 1e-8
+NEARBY = 0.01
+MOST_PROGRAMS = 24
+FLAT_STEPS = 5
+FLAT = 1e-9
+INSIDE = 0.9

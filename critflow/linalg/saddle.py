@@ -72,9 +72,9 @@ class Saddle:
         """Name of the sparse solver."""
         return self._pattern.backend
 
-    def factorize(self, sigma: Array, bond_vectors: Array) -> SaddleFactor:
-        """The factor at stresses σ (N_b,) and bond vectors L (N_b, d)."""
-        shift = self._shifts(sigma)
+    def factorize(self, sigma: Array, bond_vectors: Array, regularisation: float = REGULARISATION) -> SaddleFactor:
+        """The factor at stresses σ (N_b,) and bond vectors L (N_b, d), with δ in units of 1/⟨|σ|⟩."""
+        shift = self._shifts(sigma, regularisation)
         length = np.linalg.norm(bond_vectors, axis=1)
         scale = np.full(self._pattern.size, float(np.mean(length)))
         scale[: self._shape[0] * self._shape[1]] = float(np.mean(np.abs(sigma) * length))
@@ -94,9 +94,9 @@ class Saddle:
         factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift)
         return factor.sound and factor.n_negative == self._pattern.size - n_coordinates
 
-    def _shifts(self, sigma: Array) -> Array:
+    def _shifts(self, sigma: Array, regularisation: float = REGULARISATION) -> Array:
         shift = np.zeros(self._pattern.size)
-        shift[self._shape[0] * self._shape[1] :] = -REGULARISATION / (self._shape[1] * float(np.mean(np.abs(sigma))))
+        shift[self._shape[0] * self._shape[1] :] = -regularisation / (self._shape[1] * float(np.mean(np.abs(sigma))))
         return shift
 
     def _values(self, sigma: Array, bond_vectors: Array) -> Array:
@@ -143,30 +143,45 @@ class SaddleFactor:
                 break
         return solution[: forces.size].reshape(forces.shape), solution[forces.size :] / self.divisor, best
 
-    def solve_bordered(self, forces: Array, elongations: Array, target: Array) -> tuple[Array, Array]:
-        """u, λ of P u + Rᵀ λ = forces (n_free, d), R u − μ t = elongations (N_b,), tᵀ λ = 0.
+    def solve_bordered(
+        self,
+        forces: Array,
+        elongations: Array,
+        borders: Array,
+        corner: Array | None = None,
+        sums: Array | None = None,
+        max_refinements: int = MOST_REFINEMENTS,
+    ) -> tuple[Array, Array, Array]:
+        """u, λ, y of P u + Rᵀ λ = forces (n_free, d), R u + Bᵀ y = elongations (N_b,), B λ + C y = sums (k,).
 
-        These are the steps of Newton's method to lengths in the ratios of a target t (N_b,).  Before convergence R has
-        no left null vector, only a nearly null one; the factor μ of the target then keeps the system well-conditioned.
+        These are steps of Newton's method with k further unknowns y, such as a factor of the lengths or a strain, whose
+        changes of |L|²/2 are the borders B (k, N_b).  Before convergence R has no left null vector, only a nearly null
+        one; the borders then keep the system well-conditioned.  The corner C (k, k) and the sums are zero if not given.
+        One refinement alone leaves the regularisation in place.
         """
-        border = np.concatenate([np.zeros(forces.size), -target / self.divisor])
+        k, n_coordinates = len(borders), forces.size
+        border = np.zeros((k, n_coordinates + len(elongations)))
+        border[:, n_coordinates:] = borders / self.divisor
         right = np.concatenate([forces.ravel(), elongations / self.divisor])
-        through = self.factor.solve(border)
-        solution, ratio, best = np.zeros_like(right), 0.0, np.inf
-        residual, ratio_residual = right, 0.0
-        for _ in range(MOST_REFINEMENTS):
+        corner = np.zeros((k, k)) if corner is None else corner
+        through = np.array([self.factor.solve(row) for row in border])
+        schur = border @ through.T - corner
+        solution, y, best = np.zeros_like(right), np.zeros(k), np.inf
+        sums = np.zeros(k) if sums is None else sums
+        residual, sum_residual = right, sums
+        for _ in range(max_refinements):
             change = self.factor.solve(residual)
-            change_of_ratio = float((border @ change - ratio_residual) / (border @ through))
-            trial, trial_ratio = solution + change - change_of_ratio * through, ratio + change_of_ratio
-            residual = right - self.factor.multiply(trial) + self.shift * trial - trial_ratio * border
-            ratio_residual = -float(border @ trial)
+            step = np.linalg.solve(schur, border @ change - sum_residual)
+            trial, trial_y = solution + change - step @ through, y + step
+            residual = right - self.factor.multiply(trial) + self.shift * trial - trial_y @ border
+            sum_residual = sums - border @ trial - corner @ trial_y
             error = float(np.max(np.abs(residual) / self.scale))
             if not error < CONTRACTION * best:
                 break
-            solution, ratio, best = trial, trial_ratio, error
+            solution, y, best = trial, trial_y, error
             if error < REFINED:
                 break
-        return solution[: forces.size].reshape(forces.shape), solution[forces.size :] / self.divisor
+        return solution[:n_coordinates].reshape(forces.shape), solution[n_coordinates:] / self.divisor, y
 
 
 class CondensedSaddle:

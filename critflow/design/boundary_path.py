@@ -1,0 +1,86 @@
+"""The boundary of a network on a path of deformations: F(s, q) = (1 + Σ_m q_m E_m) F(±s) with free components q.
+
+Paths run from s = 0 in the direction of positive or negative strain γ = ±s; derivatives are by (q, s), the strain last.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from critflow.networks.deformation import Deformation
+from critflow.networks.network import Array, Network
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryPath:
+    """A network, a deformation and the sign of its strain γ = direction · s."""
+
+    network: Network
+    deformation: Deformation
+    direction: int = 1
+
+    @cached_property
+    def free_strains(self) -> Array:
+        """E_m of the free components, (m, d, d)."""
+        return self.deformation.free_strains
+
+    @property
+    def n_free(self) -> int:
+        """Number m of free components."""
+        return len(self.deformation.free)
+
+    @cached_property
+    def determined(self) -> Array:
+        """Indices of the free components that the balance of cables determines, others follow from inequalities.
+
+        Where a normal stress Σσ L_i² vanishes and σ ≥ 0, stressed edges have no component along that axis: the boundary
+        then moves along it, and in shear with it, without any change of their lengths.
+        """
+        unstressed = {name[0] for name in self.deformation.free if name[0] == name[1]}
+        return np.array([m for m, name in enumerate(self.deformation.free) if unstressed.isdisjoint(name)], dtype=int)
+
+    @cached_property
+    def has_free_sides(self) -> bool:
+        """Whether a normal component of the cell is free."""
+        return any(name[0] == name[1] for name in self.deformation.free)
+
+    @cached_property
+    def linear(self) -> bool:
+        """Whether F is linear in (q, s) together."""
+        A = self.deformation.rate(0.0)
+        return self.deformation.linear_in_strain and not (self.free_strains @ A).any()
+
+    def gradient(self, s: float, q: Array) -> Array:
+        """F(s, q), (d, d); raises `InputError` where det F(s) ≤ 0."""
+        return self._free(q) @ self.deformation.gradient(self.direction * s)
+
+    def rates(self, s: float, q: Array) -> Array:
+        """Derivatives of F(s, q) by (q, s), (m + 1, d, d)."""
+        F = self.deformation.gradient(self.direction * s)
+        along = self.direction * self.deformation.rate(self.direction * s)
+        return np.concatenate([self.free_strains @ F, (self._free(q) @ along)[None]])
+
+    def second_rates(self, s: float) -> Array:
+        """Mixed second derivatives of F(s, q) by the components of q, with s, (m, d, d); those by q alone vanish."""
+        return self.free_strains @ (self.direction * self.deformation.rate(self.direction * s))
+
+    def boundary_vectors(self, F: Array) -> Array:
+        """F b, (N_b, d)."""
+        return self.network.boundary_vectors @ F.T
+
+    def flat_strain(self, s: float, q: Array) -> float:
+        """Distance on the line F + r F' at which det F vanishes first; infinite if it does nowhere."""
+        F, along = self.gradient(s, q), self.rates(s, q)[-1]
+        roots = np.linalg.eigvals(np.linalg.solve(F, along))
+        closing = -roots.real[(np.abs(roots.imag) < _REAL * (np.abs(roots).max() or 1.0)) & (roots.real < 0)]
+        return float(1 / closing.max()) if len(closing) else np.inf
+
+    def _free(self, q: Array) -> Array:
+        return np.eye(self.network.dimension) + np.einsum("m,mij->ij", q, self.free_strains)
+
+
+# Imaginary part, relative to the largest root, of a real double root after rounding.
+_REAL = 1e-7

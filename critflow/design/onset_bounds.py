@@ -1,0 +1,179 @@
+"""Bounds on the strain at which cables become rigid: a floppy configuration below, balanced forces above.
+
+A configuration with |L_α| < ℓ_α at some strain proves that the network is floppy there.  Forces f = σ L in balance
+prove that it is rigid where Σ f·F b > Σ |f| ℓ: no coordinates can make every |L_α| ≤ ℓ_α.  Rounding enters both as
+bounds on lengths, on sums, and on the unbalanced forces times the size of any admissible configuration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import dijkstra
+
+from critflow.design.boundary_path import BoundaryPath
+from critflow.design.onset_search import settled
+from critflow.design.taut_edges import OnsetState, newton_taut
+from critflow.design.tolerances import RETREATS
+from critflow.linalg.tolerances import EPS
+from critflow.networks.network import Array
+from critflow.result import InputError
+
+
+@dataclass(frozen=True)
+class StrainBounds:
+    """Floppy at strain `lower`, rigid at `upper`; each is a proof, or an estimate where no proof was found."""
+
+    lower: float
+    upper: float
+    proven: tuple[bool, bool]
+
+
+def onset_bounds(
+    path: BoundaryPath, lengths: Array, state: OnsetState, start: OnsetState, interior: tuple[Array, Array]
+) -> StrainBounds:
+    """Bounds on the onset strain s from a state at or close to it.
+
+    start     solution of the cone program
+    interior  free components and coordinates at strain zero with all |L| < ℓ
+    """
+    lower = _retreat(path, lengths, state)
+    if lower is None and path.linear:
+        found = (_mixed(path, lengths, near, interior) for near in (state, start))
+        lower = max((s for s in found if s is not None), default=None)
+    forces = _Forces(path, lengths, state)
+    upper = forces.rigid_strain()
+    # Without a proof: the error of the lengths over their rate.
+    estimate = 2 * max(state.error, EPS) / forces.rate * forces.virtual_length if np.isfinite(state.error) else np.inf
+    return StrainBounds(
+        lower if lower is not None else state.strain - estimate,
+        upper if upper is not None else state.strain + estimate,
+        (lower is not None, upper is not None),
+    )
+
+
+def _admissible(path: BoundaryPath, lengths: Array, s: float, q: Array, x: Array) -> bool:
+    """Whether all |L| < ℓ, with the rounding of L."""
+    L = path.boundary_vectors(path.gradient(s, q)) + path.network.free_incidence @ x
+    return bool((np.linalg.norm(L, axis=1) * (1 + 4 * EPS) + _rounding(path, s, q, x) < lengths).all())
+
+
+def _rounding(path: BoundaryPath, s: float, q: Array, x: Array) -> Array:
+    """Bound on the rounding error of |L|, (N_b,)."""
+    d, F = path.network.dimension, path.gradient(s, q)
+    size = abs(path.network.free_incidence) @ np.abs(x) + np.abs(path.network.boundary_vectors) @ np.abs(F).T
+    return np.asarray((d + 4) * EPS * np.linalg.norm(size, axis=1))
+
+
+def _retreat(path: BoundaryPath, lengths: Array, state: OnsetState) -> float | None:
+    """The onset of slightly shorter lengths, whose taut edges are all shorter than ℓ.
+
+    Slack edges that are exactly as long as ℓ without tension, as in lattices, need more than rounding.
+    """
+    if not np.isfinite(state.error):
+        return None
+    rounding = float((_rounding(path, state.strain, state.free, state.coordinates) / lengths).max())
+    for margin in (4 * max(rounding, state.error), *RETREATS):
+        shorter = newton_taut(path, (1 - margin) * lengths, state)
+        try:
+            if shorter is None or shorter.strain > state.strain:
+                return None
+            shorter = settled(path, lengths, shorter)
+            if _admissible(path, lengths, shorter.strain, shorter.free, shorter.coordinates):
+                return shorter.strain
+        except InputError:
+            return None
+    return None
+
+
+def _mixed(path: BoundaryPath, lengths: Array, state: OnsetState, interior: tuple[Array, Array]) -> float | None:
+    """A convex combination with the interior point at strain zero, where bond vectors are linear in the unknowns."""
+    size = np.linalg.norm(state.bond_vectors(path), axis=1) / lengths
+    q_0, x_0 = interior
+    inner = np.linalg.norm(path.boundary_vectors(path.gradient(0.0, q_0)) + path.network.free_incidence @ x_0, axis=1)
+    slack = 1 - float((inner / lengths).max())
+    rounding = float((_rounding(path, state.strain, state.free, state.coordinates) / lengths).max())
+    weight = 2 * (max(float(size.max()) - 1, 0.0) + rounding) / slack
+    for _ in range(3):
+        if not weight < 1:
+            return None
+        s, q = (1 - weight) * state.strain, (1 - weight) * state.free + weight * q_0
+        if _admissible(path, lengths, s, q, (1 - weight) * state.coordinates + weight * x_0):
+            return s
+        weight *= 4
+    return None
+
+
+class _Forces:
+    """Forces f = σ L of a state, nearly in balance."""
+
+    def __init__(self, path: BoundaryPath, lengths: Array, state: OnsetState):
+        network, sigma = path.network, np.maximum(state.sigma, 0.0)
+        self.path, self.state, self.used = path, state, sigma > 0
+        L = state.bond_vectors(path)[self.used]
+        self.force = sigma[self.used, None] * L
+        self.boundary = network.boundary_vectors[self.used]
+        size = np.linalg.norm(self.force, axis=1)
+        self.virtual_length = float(np.sum(size * lengths[self.used]))
+        rates = path.rates(state.strain, state.free)
+        self.rate = float(np.einsum("ai,ij,aj->", self.force, rates[-1], self.boundary))
+        g = network.free_incidence[self.used]
+        unbalanced = np.abs(g.T @ self.force).sum(axis=1) + 8 * network.dimension * EPS * (abs(g).T @ size)
+        reach = _reach(path, lengths, state)
+        # Vertices without stressed edges have neither force nor, where nothing joins them, a bound.
+        met = unbalanced > 0
+        self.margin = float(unbalanced[met] @ reach[met])
+        free = np.abs(np.einsum("ai,mij,aj->m", self.force, rates[:-1], self.boundary))
+        free += 8 * network.dimension * EPS * float(size @ np.linalg.norm(self.boundary, axis=1))
+        self.margin += float(free.sum()) * _largest_change(path, lengths)
+
+    def excess(self, s: float) -> float:
+        """Σ f·F b − Σ |f| ℓ less all rounding: positive only where no admissible coordinates exist."""
+        moved = self.boundary @ self.path.gradient(s, self.state.free).T
+        terms = self.force * moved
+        size = float(np.abs(terms).sum()) + self.virtual_length
+        # Sums are pairwise over blocks of at most 16 additions.
+        return float(terms.sum()) - self.virtual_length - self.margin - 64 * EPS * size
+
+    def rigid_strain(self) -> float | None:
+        """A strain close above that of the state where the forces prove the network rigid."""
+        if not self.rate > 0:
+            return None
+        s = self.state.strain
+        step = max(2 * abs(self.excess(s)) / self.rate, EPS)
+        for _ in range(4):
+            try:
+                if self.excess(s + step) > 0:
+                    return s + step
+            except InputError:
+                return None
+            step *= 4
+        return None
+
+
+def _reach(path: BoundaryPath, lengths: Array, state: OnsetState) -> Array:
+    """Bound on the coordinates |x_i| (n_free,) of all admissible configurations at strains near that of the state.
+
+    Along a path of edges from a fixed vertex coordinates change by less than Σ (ℓ + |F b|).
+    """
+    network = path.network
+    F = np.linalg.norm(path.gradient(state.strain, state.free), 2)
+    weight = lengths + 2 * F * np.linalg.norm(network.boundary_vectors, axis=1)
+    tail, head = network.edges.T
+    graph = sp.coo_array((weight, (tail, head)), shape=(network.n_vertices,) * 2)
+    # Of parallel edges a coordinate format adds the weights, which keeps the bound valid.
+    fixed = np.setdiff1d(np.arange(network.n_vertices), network.free)
+    distance = dijkstra(graph.tocsr(), directed=False, indices=fixed, min_only=True)
+    return np.asarray(distance[network.free])
+
+
+def _largest_change(path: BoundaryPath, lengths: Array) -> float:
+    """Bound on free components of the cell of admissible configurations: no loop is longer than Σ ℓ."""
+    if path.n_free == 0:
+        return 0.0
+    network = path.network
+    spans = network.cell if network.cell is not None else np.array(list(network.pins.values()))
+    least = float(np.linalg.svd(spans, compute_uv=False).min())
+    return 1 + float(lengths.sum()) / least if least > 0 else np.inf

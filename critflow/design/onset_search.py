@@ -1,0 +1,162 @@
+"""Cone programs for the onset of rigidity: a floppy start, and the largest strain on linearised boundaries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from critflow.design.boundary_path import BoundaryPath
+from critflow.design.taut_edges import OnsetState
+from critflow.design.tolerances import (
+    EXACT_CONE,
+    FLAT,
+    FLAT_STEPS,
+    FLOPPY_CONE,
+    INSIDE,
+    MOST_PROGRAMS,
+    NEARBY,
+    ONSET_CONE,
+    ROUGH_CONE,
+)
+from critflow.networks.network import Array
+from critflow.result import InputError, Status
+from critflow.solvers.cone import Reach, farthest, fit_lengths, nearest
+
+Interior = tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The state of the last program, or None with the reason; programs and their interior-point iterations."""
+
+    state: OnsetState | None
+    status: Status = Status.ok
+    note: str = ""
+    programs: int = 0
+    steps: int = 0
+
+
+def floppy_start(path: BoundaryPath, lengths: Array) -> Interior | None:
+    """Free components q and coordinates (n_free, d) at strain zero with all |L| < ℓ; None where they do not exist."""
+    network, q = path.network, np.zeros(path.n_free)
+    g, b = network.free_incidence, network.boundary_vectors
+
+    def floppy(x: Array, b: Array) -> bool:
+        return bool((np.linalg.norm(g @ x + b, axis=1) < lengths).all())
+
+    if network.positions is not None:
+        x = network.positions if network.pins else network.positions - network.positions[0]
+        if floppy(x[network.free], b):
+            return q, x[network.free]
+    for tolerance in (FLOPPY_CONE, ONSET_CONE):
+        x = fit_lengths(g, b, lengths, tolerance).coordinates
+        if floppy(x, b):
+            return q, x
+    if path.n_free:
+        rates = np.einsum("mij,aj->mai", path.free_strains, b)
+        fit = fit_lengths(g, b, lengths, ONSET_CONE, rates)
+        if floppy(fit.coordinates, b + np.einsum("mai,m->ai", rates, fit.parameters)):
+            return fit.parameters, fit.coordinates
+    return None
+
+
+def search_onset(path: BoundaryPath, lengths: Array) -> Search:
+    """Programs at linearised boundaries, Newton's method for the strain; the last one is accurate."""
+    s, q = 0.0, np.zeros(path.n_free)
+    steps, flat, near = 0, 0, path.linear
+    for program in range(1, MOST_PROGRAMS + 1):
+        reach = _program(path, lengths, s, q, ONSET_CONE if near else ROUGH_CONE)
+        steps += reach.steps
+        if reach.outcome == "unbounded":
+            note = "no strain makes an edge taut, because the edges do not span the cell: choose another deformation"
+            return Search(None, Status.floppy, note, program, steps)
+        if reach.outcome == "infeasible" or not np.isfinite(reach.parameters).all():
+            if s == 0.0:
+                return Search(None, Status.stalled, "the cone program did not converge", program, steps)
+            s *= 0.5
+            continue
+        step, limit = float(reach.parameters[-1]), path.flat_strain(s, q)
+        flat = flat + 1 if step >= (1 - FLAT) * limit else 0
+        if flat and (path.linear or flat == FLAT_STEPS):
+            return Search(None, Status.floppy, _flat_note(path, s + limit), program, steps)
+        if path.linear or (near and not flat and abs(step) < NEARBY * (1 + s)):
+            return _finished(path, lengths, s, q, reach, program, steps)
+        before, s = s, _valid(path, s, max(s + min(step, INSIDE * limit), 0.0))
+        near = abs(s - before) < NEARBY * (1 + s)
+        if not path.has_free_sides:
+            q = q + reach.parameters[:-1]
+    note = f"no onset was found up to strain {path.direction * s:.3g}: follow the path in another direction"
+    return Search(None, Status.floppy, note, MOST_PROGRAMS, steps)
+
+
+def settled(path: BoundaryPath, lengths: Array, state: OnsetState) -> OnsetState:
+    """The state with coordinates of the vertices off the taut edges that shorten the longest slack edge, |L|/ℓ > 1.
+
+    They are those of a program that was less accurate than the taut part.
+    """
+    network = path.network
+    L = state.bond_vectors(path)
+    longest = float((np.linalg.norm(L, axis=1) / lengths)[~state.taut].max(initial=0.0))
+    if longest <= 1 or not np.isfinite(state.error):
+        return state
+    on = np.zeros(network.n_vertices, bool)
+    on[network.edges[state.taut]] = True
+    columns = ~on[network.free]
+    moving = sp.csr_array(network.free_incidence[:, columns])
+    edges = np.diff(moving.indptr) > 0
+    if not edges.any():
+        return state
+    g = sp.csr_array(moving[edges])
+    fit = fit_lengths(g, L[edges] - g @ state.coordinates[columns], lengths[edges], EXACT_CONE[0])
+    x = state.coordinates.copy()
+    x[columns] = fit.coordinates
+    return replace(state, coordinates=x) if fit.ratio < longest else state
+
+
+def _program(path: BoundaryPath, lengths: Array, s: float, q: Array, tolerance: float) -> Reach:
+    network = path.network
+    b, offsets = network.boundary_vectors, path.boundary_vectors(path.gradient(s, q))
+    rates = np.einsum("mij,aj->mai", path.rates(s, q), b)
+    return farthest(network.free_incidence, offsets, rates, lengths, tolerance)
+
+
+def _valid(path: BoundaryPath, s: float, trial: float) -> float:
+    """The strain nearest to a trial, by halving the step from s, that preserves the orientation of the cell."""
+    for _ in range(60):
+        try:
+            path.deformation.gradient(path.direction * trial)
+        except InputError:
+            trial = 0.5 * (s + trial)
+        else:
+            return trial
+    return s
+
+
+def _flat_note(path: BoundaryPath, strain: float) -> str:
+    return (
+        f"the network stays floppy until the cell is flat, at strain {path.direction * strain:.3g}: "
+        "choose a deformation that extends it"
+    )
+
+
+def _finished(
+    path: BoundaryPath, lengths: Array, s: float, q: Array, reach: Reach, programs: int, steps: int
+) -> Search:
+    """The state of the last program; where sides are free, with the cell changed as little as the strain permits."""
+    strain, q_new, x = s + float(reach.parameters[-1]), q + reach.parameters[:-1], reach.coordinates
+    if path.has_free_sides:
+        b = path.boundary_vectors(path.gradient(s, q)) + (strain - s) * path.boundary_vectors(path.rates(s, q)[-1])
+        rates = np.einsum("mij,aj->mai", path.rates(s, q)[:-1], path.network.boundary_vectors)
+        least = nearest(path.network.free_incidence, b, rates, lengths * (1 + ROUGH_CONE), ROUGH_CONE)
+        steps, programs = steps + least.steps, programs + 1
+        if least.outcome == "solved":
+            q_new = INSIDE * (q + least.parameters) + (1 - INSIDE) * q_new
+            x = INSIDE * least.coordinates + (1 - INSIDE) * x
+        if not np.linalg.det(path.gradient(strain, q_new)) > FLAT:
+            note = "cables stay floppy until the free sides of the cell meet: fix a side"
+            return Search(None, Status.floppy, note, programs, steps)
+    # Taut edges are as long as their rest lengths.
+    state = OnsetState(strain, q_new, x, np.where(reach.taut, reach.tensions / lengths, 0.0), reach.taut)
+    return Search(state, programs=programs, steps=steps)

@@ -1,0 +1,224 @@
+"""Newton's method for the onset of rigidity on the taut edges of a network, whatever the others do.
+
+The unknowns are coordinates x, stresses σ of the taut edges, the strain s and the determined free components q of
+the boundary:  gᵀ(σ ∘ L) = 0,  |L| = ℓ on taut edges,  Σ σ L·E_m L = 0,  with L = F(s, q) b + g x.  Coordinates move
+with the boundary, so that forces change by second order only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from critflow.critical.backbone import connected_parts
+from critflow.design.boundary_path import BoundaryPath
+from critflow.design.tolerances import DAMPING, FITTED, NO_STRESS, ONSET_ROUNDS, ONSET_STEPS, VIOLATED, WEAK_STRESS
+from critflow.linalg.saddle import Saddle
+from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION
+from critflow.networks.network import Array, IntArray, Network
+from critflow.result import InputError, NetworkError
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class OnsetState:
+    """A boundary (s, q), coordinates and stresses.
+
+    strain       s ≥ 0
+    free         q of the free components, (m,)
+    coordinates  of the free vertices, (n_free, d)
+    sigma        σ (N_b,), zero on slack edges
+    taut         (N_b,)
+    error        largest relative error of lengths, forces and free stresses; infinite where it is unknown
+    steps        steps of Newton's method so far
+    """
+
+    strain: float
+    free: Array
+    coordinates: Array
+    sigma: Array
+    taut: Mask
+    error: float = np.inf
+    steps: int = 0
+
+    def bond_vectors(self, path: BoundaryPath) -> Array:
+        """L = F b + g x, (N_b, d)."""
+        F = path.gradient(self.strain, self.free)
+        return path.boundary_vectors(F) + path.network.free_incidence @ self.coordinates
+
+
+def polish_taut(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetState:
+    """The onset on the taut edges, to rounding, from a solution of the cone program with a guess of those edges.
+
+    After each attempt edges without stress are released, other edges longer than ℓ become candidates, and where
+    Newton's method fails the weakest edges are released.  The error is infinite where no attempt succeeds.
+    """
+    network, state, weak_below = path.network, start, WEAK_STRESS
+    released = np.zeros(network.n_edges, bool)
+    for _ in range(ONSET_ROUNDS):
+        candidate = without_hanging(network, state.taut)
+        if not candidate.any():
+            break
+        found = newton_taut(path, lengths, replace(state, taut=candidate))
+        if found is not None and not found.error < FITTED:
+            damped = newton_taut(path, lengths, replace(state, taut=candidate), damping=DAMPING)
+            found = damped and newton_taut(path, lengths, damped)
+        if found is None or not found.error < FITTED:
+            mean = float(start.sigma[candidate].mean())
+            weak = candidate & (start.sigma < weak_below * mean)
+            weak_below, released = 10 * weak_below, released | weak
+            steps = state.steps if found is None else found.steps
+            state = replace(start, taut=candidate & ~weak, steps=steps)
+            continue
+        L = found.bond_vectors(path)
+        unstressed = candidate & (found.sigma <= NO_STRESS * found.sigma[candidate].mean())
+        released |= unstressed
+        longer = ~candidate & ~released & (np.linalg.norm(L, axis=1) > (1 + VIOLATED) * lengths)
+        if not (unstressed.any() or longer.any()):
+            return found
+        # An edge that is longer once more after its trial is not part of the balance.
+        released |= longer
+        sigma = np.where(longer, WEAK_STRESS * found.sigma[candidate].mean(), np.where(unstressed, 0.0, found.sigma))
+        state = replace(found, taut=(candidate & ~unstressed) | longer, sigma=sigma)
+    return replace(start, steps=state.steps)
+
+
+def newton_taut(path: BoundaryPath, lengths: Array, start: OnsetState, damping: float = 0.0) -> OnsetState | None:
+    """Newton's method with the given taut edges, to the smallest residual; None where they cannot be in balance.
+
+    damping  compliance of the edges, relative to their stress, for parts with several self-stresses: far from the
+             solution their equations of lengths contradict each other, and stresses would grow without bound
+    """
+    part = _part(path, start.taut)
+    if part is None:
+        return None
+    misses = 0
+    best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf)
+    for _ in range(ONSET_STEPS):
+        try:
+            residuals = part.residuals(path, lengths, state)
+        except InputError:
+            break
+        misses = 0 if residuals.error < 0.5 * best.error else misses + 1
+        state = replace(state, error=residuals.error)
+        # Of two iterates whose residuals are rounding the later is closer.
+        if residuals.error < 2 * best.error:
+            best = state
+        if misses > (best.error > FITTED) or not np.isfinite(residuals.error):
+            break
+        try:
+            state = part.step(path, state, residuals, damping)
+        except (InputError, np.linalg.LinAlgError):
+            break
+    return replace(best, steps=state.steps)
+
+
+@dataclass(frozen=True, eq=False)
+class _Residuals:
+    """Bond vectors L, forces, ½(ℓ² − |L|²) and changes of |L|²/2 by (q, s) of the taut edges, and the largest error."""
+
+    L: Array
+    force: Array
+    elongation: Array
+    changes: Array
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The taut edges as a network whose components are grounded at one vertex each.
+
+    taut  its edges in the whole network, (N_b,)
+    rows  of its free vertices among the free vertices of the whole network
+    """
+
+    network: Network
+    saddle: Saddle
+    taut: Mask
+    rows: IntArray
+
+    def residuals(self, path: BoundaryPath, lengths: Array, state: OnsetState) -> _Residuals:
+        """The equations at a state."""
+        L, sigma = state.bond_vectors(path)[self.taut], state.sigma[self.taut]
+        inverse = np.linalg.inv(path.gradient(state.strain, state.free))
+        used = [*path.determined, path.n_free]
+        velocities = path.rates(state.strain, state.free)[used] @ inverse
+        changes = np.einsum("ai,kij,aj->ka", L, velocities, L)
+        target, h = 0.5 * lengths[self.taut] ** 2, 0.5 * np.einsum("ad,ad->a", L, L)
+        force = self.network.divergence @ (sigma[:, None] * L)
+        tension = np.abs(sigma) * np.sqrt(2 * h)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            error = max(
+                float(np.abs(h / target - 1).max()) / 2,
+                float(np.abs(force).max(initial=0.0) / tension.mean()),
+                float(np.abs(changes[:-1] @ sigma).max(initial=0.0) / (np.abs(sigma) @ (2 * h))),
+            )
+        return _Residuals(L, force, target - h, changes, error if np.isfinite(error) else np.inf)
+
+    def step(self, path: BoundaryPath, state: OnsetState, at: _Residuals, damping: float) -> OnsetState:
+        """One step: displacements on top of the affine motion with the boundary, stresses, q and s."""
+        sigma, determined = state.sigma[self.taut], path.determined
+        factor = self.saddle.factorize(sigma, at.L, damping or REGULARISATION)
+        corner = np.zeros((len(determined) + 1,) * 2)
+        corner[:-1] = self._corner(path, state, at.L, sigma)
+        sums = np.append(-at.changes[:-1] @ sigma, 0.0)
+        u, dsigma, y = factor.solve_bordered(
+            -at.force, at.elongation, at.changes, corner, sums, 1 if damping else MOST_REFINEMENTS
+        )
+        s, q = state.strain + float(y[-1]), state.free.copy()
+        q[determined] += y[:-1]
+        before = path.gradient(state.strain, state.free)
+        x = state.coordinates @ np.linalg.solve(before.T, path.gradient(s, q).T)
+        x[self.rows] += u
+        changed = state.sigma.copy()
+        changed[self.taut] += dsigma
+        return replace(state, strain=s, free=q, coordinates=x, sigma=changed, steps=state.steps + 1)
+
+    @staticmethod
+    def _corner(path: BoundaryPath, state: OnsetState, L: Array, sigma: Array) -> Array:
+        """Derivatives of the free stresses Σ σ L·A_m L by (q, s) at affine motion, (m, m + 1)."""
+        inverse = np.linalg.inv(path.gradient(state.strain, state.free))
+        used = [*path.determined, path.n_free]
+        velocities = path.rates(state.strain, state.free)[used] @ inverse
+        stress = np.einsum("a,ai,aj->ij", sigma, L, L)
+        corner = np.einsum("mik,nil,kl->mn", velocities[:-1], velocities, stress)
+        mixed = path.second_rates(state.strain)[path.determined] @ inverse
+        corner[:, -1] += np.einsum("mij,ij->m", mixed, stress)
+        return corner
+
+
+def _part(path: BoundaryPath, taut: Mask) -> _Part | None:
+    network = path.network
+    edges = network.edges[taut]
+    vertices = np.unique(edges)
+    fixed = set(network.pins)
+    for component in connected_parts(network, taut):
+        ends = np.unique(network.edges[component])
+        if fixed.isdisjoint(ends.tolist()):
+            fixed.add(int(ends[0]))
+    index = np.full(network.n_vertices, -1)
+    index[vertices] = np.arange(len(vertices))
+    pins = {int(index[i]): np.zeros(network.dimension) for i in sorted(fixed) if index[i] >= 0}
+    try:
+        part = Network(index[edges], network.offsets[taut], network.cell, pins=pins, n_vertices=len(vertices))
+    except NetworkError:
+        return None
+    row = np.full(network.n_vertices, -1)
+    row[network.free] = np.arange(len(network.free))
+    return _Part(part, Saddle(part), taut, row[vertices[part.free]])
+
+
+def without_hanging(network: Network, kept: Mask) -> Mask:
+    """Remove edges that end at a free vertex with no other edge, repeatedly: they cannot carry tension."""
+    kept = kept.copy()
+    pinned = np.zeros(network.n_vertices, bool)
+    pinned[list(network.pins or {})] = True
+    while True:
+        degree = np.bincount(network.edges[kept].ravel(), minlength=network.n_vertices)
+        hanging = kept & ((degree == 1) & ~pinned)[network.edges].any(axis=1)
+        if not hanging.any():
+            return kept
+        kept &= ~hanging

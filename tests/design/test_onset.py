@@ -1,0 +1,213 @@
+"""Onset of rigidity: cables by hand, cone programs of single strains, differences, lattices with parallel chains."""
+
+import numpy as np
+import pytest
+from problems import oblique, slack_lattice, taut_rows, voronoi_3d
+
+from critflow import (
+    Deformation,
+    InputError,
+    Network,
+    SolveError,
+    Status,
+    critical_from_lengths,
+    critical_strain,
+    deformation_of,
+    diluted,
+    triangular_network,
+    voronoi_network,
+)
+from critflow.solvers.cone import fit_lengths
+
+NETWORK = voronoi_network(60, seed=3)
+# Between 5 % and 10 % longer than at the isotropic transition, without any symmetry.
+LENGTHS = critical_from_lengths(NETWORK, np.ones(90)).ratio * np.random.default_rng(1).uniform(1.05, 1.1, 90)
+PATHS = {
+    "dilation": "dilation",
+    "simple_shear": "simple_shear",
+    "pure_shear": "pure_shear",
+    "uniaxial": "uniaxial",
+    "matrix": [[0.3, 0.5], [-0.2, 0.1]],
+    "function": lambda strain: np.array([[1 + strain, strain], [0.0, 1 + strain**2]]),
+    "free shear": Deformation.uniaxial(2).freeing("xy"),
+}
+
+
+def ratio(network, lengths, F):
+    """t(F) = min max |L|/ℓ by a cone program of that boundary alone."""
+    deformed = network.deformed(F)
+    return fit_lengths(deformed.free_incidence, deformed.boundary_vectors, lengths, 1e-12).ratio
+
+
+def check(onset, lengths):
+    """Critical to rounding on the taut edges, no other edge longer than ℓ, and bounds on both sides."""
+    value = onset.value
+    assert onset.ok
+    assert value.lower < value.strain < value.upper
+    assert value.upper - value.lower < 1e-9
+    assert all(value.proven)
+    critical = value.configuration
+    np.testing.assert_allclose(critical.lengths[value.taut], lengths[value.taut], rtol=1e-12)
+    assert (critical.lengths < lengths * (1 + 1e-9)).all()
+    assert critical.residual < 1e-11
+    assert (critical.sigma[value.taut] > 0).all()
+    assert (critical.sigma[~value.taut] == 0).all()
+    assert np.trace(onset.stress) == pytest.approx(1, rel=1e-12)
+    assert value.exact_for == ("springs" if value.taut.all() else "cables")
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_the_onset_on_a_path(name):
+    onset = critical_strain(NETWORK, LENGTHS, PATHS[name])
+    check(onset, LENGTHS)
+    assert ratio(NETWORK, LENGTHS, onset.value.deformation_gradient) == pytest.approx(1, abs=1e-9)
+    if name == "free shear":
+        # ∂/∂q of b → (1 + q E) F b is E (1 + q E)⁻¹ per current bond vector.
+        E = np.array([[0, 0.5], [0.5, 0]])
+        assert abs(np.sum(onset.stress * (E @ np.linalg.inv(np.eye(2) + onset.value.free * E)))) < 1e-12
+        assert onset.strain > critical_strain(NETWORK, LENGTHS, "uniaxial").strain
+
+
+@pytest.mark.parametrize("name", ["simple_shear", "pure_shear", "matrix"])
+def test_negative_strains_are_those_of_the_reversed_path(name):
+    path = deformation_of(PATHS[name], 2)
+    onset = critical_strain(NETWORK, LENGTHS, path, direction=-1)
+    check(onset, LENGTHS)
+    assert onset.strain < 0
+    reversed_path = critical_strain(NETWORK, LENGTHS, lambda strain: path.gradient(-strain))
+    assert reversed_path.strain == pytest.approx(-onset.strain, abs=1e-12)
+    np.testing.assert_allclose(reversed_path.length_gradient, -onset.length_gradient, rtol=1e-8, atol=1e-10)
+
+
+def test_dilation_leads_to_the_critical_configuration_of_the_lengths():
+    onset, critical = critical_strain(NETWORK, LENGTHS), critical_from_lengths(NETWORK, LENGTHS, throw=False)
+    assert onset.strain == pytest.approx(critical.ratio**-2 - 1, rel=1e-12)
+    np.testing.assert_allclose(onset.configuration.sigma, critical.value.sigma, rtol=1e-7, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["simple_shear", "pure_shear", "free shear"])
+def test_length_gradient_and_stress_against_differences(name):
+    onset, step = critical_strain(NETWORK, LENGTHS, PATHS[name]), 1e-4
+    for edge in (0, 17, 60):
+        change = step * np.eye(90)[edge]
+        ends = [critical_strain(NETWORK, LENGTHS + sign * change, PATHS[name]).strain for sign in (1, -1)]
+        assert onset.length_gradient[edge] == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-6)
+
+
+def test_the_stress_is_the_normal_of_the_rigidity_surface():
+    value, step = critical_strain(NETWORK, LENGTHS, "simple_shear").value, 1e-4
+    for i, j in np.ndindex(2, 2):
+        change = np.zeros((2, 2))
+        change[i, j] = step
+        ends = [ratio(NETWORK, LENGTHS, value.deformation_gradient + sign * change) for sign in (1, -1)]
+        assert value.normal[i, j] == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-6)
+
+
+# Two cables in a row, of the lengths 0.5 and 0.7, between pins at distance 1: taut at a distance of 1.2.
+CHAIN = {
+    "uniaxial": ([1.0, 0.0], 0.2, [1.0, 1.0]),
+    # √(1 + γ²) = 1.2, and dγ/dℓ = 1.2/γ.
+    "simple_shear": ([0.0, 1.0], np.sqrt(0.44), [1.2 / np.sqrt(0.44)] * 2),
+    # 1 + γ = 1.2².
+    "dilation": ([1.0, 0.0], 0.44, [2.4, 2.4]),
+}
+
+
+@pytest.mark.parametrize("name", CHAIN)
+def test_two_cables_between_pins_by_hand(name):
+    end, strain, gradient = CHAIN[name]
+    onset = critical_strain(Network([[0, 1], [1, 2]], pins={0: [0, 0], 2: end}), [0.5, 0.7], name)
+    check(onset, np.array([0.5, 0.7]))
+    assert onset.strain == pytest.approx(strain, rel=1e-13)
+    np.testing.assert_allclose(onset.length_gradient, gradient, rtol=1e-12)
+    assert onset.backbone.n_cables == 1
+
+
+def test_free_sides_leave_the_shortest_chain_taut():
+    # Cables without lateral tension are taut along the axis only: the chain of fewest edges around the cell.
+    onset = critical_strain(NETWORK, np.full(90, LENGTHS.mean()), "uniaxial_free")
+    around = onset.value.network.bond_vectors(onset.configuration.coordinates)[onset.taut_edges]
+    assert np.abs(around[:, 1]).max() < 1e-6
+    width = NETWORK.cell[0, 0]
+    # Parallel chains share the vertices where they part, so the shortest one has at most as many edges as are taut.
+    n_edges = (1 + onset.strain) * width / LENGTHS.mean()
+    assert n_edges == pytest.approx(round(n_edges), abs=1e-8)
+    assert onset.taut_edges.size >= round(n_edges)
+    assert onset.exact_for == "cables"
+
+
+def test_a_lattice_with_slack_edges_and_parallel_chains():
+    network = diluted(triangular_network(12, 12), 3.6, seed=3)
+    lengths = np.full(network.n_edges, 1.01)
+    for direction in (1, -1):
+        onset = critical_strain(network, lengths, "simple_shear", direction=direction)
+        check(onset, lengths)
+        assert 0 < onset.value.taut.sum() < network.n_edges
+        np.testing.assert_array_equal(onset.backbone.taut, onset.value.taut)
+        assert (np.diff(onset.configuration.tensions[onset.taut_edges]) <= 0).all()
+
+
+def test_rows_of_a_square_lattice_are_taut_together():
+    network = taut_rows().network
+    onset = critical_strain(network, np.full(network.n_edges, 1.1), "uniaxial")
+    assert onset.strain == pytest.approx(0.1, rel=1e-12)
+    assert onset.value.taut.sum() == 9
+    assert len(onset.backbone.components) == 3
+
+
+def test_three_dimensions():
+    network = voronoi_3d()
+    lengths = np.full(
+        network.n_edges, 1.05 * critical_from_lengths(network, np.ones(network.n_edges), throw=False).ratio
+    )
+    for name in ("simple_shear", "dilation", Deformation.uniaxial(3, "z").freeing("xy")):
+        check(critical_strain(network, lengths, name), lengths)
+
+
+def test_units_and_the_choice_of_the_cell_do_not_matter():
+    onset = critical_strain(NETWORK, LENGTHS, "uniaxial")
+    small = Network(NETWORK.edges, NETWORK.offsets, 1e-9 * NETWORK.cell)
+    assert critical_strain(small, 1e-9 * LENGTHS, "uniaxial").strain == pytest.approx(onset.strain, abs=1e-12)
+    offsets = NETWORK.offsets @ np.array([[1, -2], [0, 1]])
+    other = Network(NETWORK.edges, offsets, np.array([[1, 2], [0, 1]]) @ NETWORK.cell)
+    assert critical_strain(other, LENGTHS, "uniaxial").strain == pytest.approx(onset.strain, abs=1e-12)
+
+
+def test_an_oblique_cell():
+    network = oblique(NETWORK)
+    check(critical_strain(network, 1.5 * LENGTHS, "simple_shear"), 1.5 * LENGTHS)
+
+
+ENDS = {
+    "compression": (NETWORK, LENGTHS, "dilation", -1, Status.floppy, "flat"),
+    "uniaxial compression": (NETWORK, LENGTHS, "uniaxial", -1, Status.floppy, "flat"),
+    "rigid": (NETWORK, 0.5 * LENGTHS, "simple_shear", 1, Status.rigid, "rigid"),
+    "no strain": (NETWORK, LENGTHS, np.zeros((2, 2)), 1, Status.floppy, "taut"),
+    "rotation": (NETWORK, LENGTHS, Deformation.exponential([[0, 1], [-1, 0]]), 1, Status.floppy, "onset"),
+}
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_paths_without_an_onset(name):
+    network, lengths, path, direction, status, word = ENDS[name]
+    onset = critical_strain(network, lengths, path, direction=direction, throw=False)
+    assert onset.status is status
+    assert word in onset.reason
+    assert np.isnan(onset.strain)
+    assert np.isnan(onset.length_gradient).all()
+    with pytest.raises(SolveError, match=word):
+        critical_strain(network, lengths, path, direction=direction)
+
+
+def test_bad_arguments():
+    with pytest.raises(InputError, match="direction"):
+        critical_strain(NETWORK, LENGTHS, direction=2)
+    with pytest.raises(InputError, match=r"rest_lengths\[3\]"):
+        critical_strain(NETWORK, np.where(np.arange(90) == 3, 0.0, LENGTHS))
+    with pytest.raises(InputError, match="called"):
+        critical_strain(NETWORK, LENGTHS, "twist")
+
+
+def test_slack_edges_of_random_lengths():
+    network, lengths, _ = slack_lattice()
+    check(critical_strain(network, lengths * 1.2, "pure_shear"), lengths * 1.2)
