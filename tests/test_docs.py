@@ -189,7 +189,7 @@ def test_error_bounds_have_the_kind_that_their_modules_state():
     assert len(rows) == 10
     for names, kinds in rows:
         for name in re.findall(r"`(\w+)`", names):
-            stated = Path(inspect.getfile(getattr(critflow, name))).read_text(encoding="utf-8")
+            stated = Path(inspect.getfile(inspect.unwrap(getattr(critflow, name)))).read_text(encoding="utf-8")
             stated += "".join(source_of(module) for module in DELEGATES.get(name, ()))
             for kind in ("proof", "estimate"):
                 assert (f"rror bound ({kind}" in stated or f"rror bounds ({kind}" in stated) == (kind in kinds), name
