@@ -14,6 +14,7 @@ from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound
 from critflow.design.onset import Onset, critical_strain
 from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
+from critflow.design.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
 from critflow.exchange.convert import network_from, write_network
 from critflow.exchange.repair import ImportedNetwork
@@ -85,6 +86,7 @@ __all__ = [
     "Optimum",
     "PowerLaw",
     "Pruned",
+    "RigiditySurface",
     "SignedStress",
     "Solution",
     "SolveError",
@@ -140,6 +142,7 @@ __all__ = [
     "random_sequential_addition",
     "regular_network",
     "rigidity",
+    "rigidity_surface",
     "second_order_rigidity",
     "signed_stress",
     "spring_state",
@@ -147,6 +150,7 @@ __all__ = [
     "stability",
     "stiffening",
     "strain_path",
+    "strain_plane",
     "stress_hessian",
     "stresses_of",
     "surface_geometry",
