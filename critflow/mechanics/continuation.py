@@ -12,12 +12,12 @@ import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
-from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli, strain_components
+from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli
 from critflow.mechanics.equilibrium import Equilibrium, relaxed
 from critflow.mechanics.free_cell import FreeCellState, relaxed_with_cell, stretched
 from critflow.mechanics.response import LinearResponse, linear_response
 from critflow.mechanics.springs import SpringState
-from critflow.mechanics.tangent import Tangent, path_rates, relaxations_to, tangent
+from critflow.mechanics.tangent import Tangent, path_rates, relaxations_to, tangent, tangent_of_response
 from critflow.mechanics.tolerances import (
     DOUBTED_DISTANCE,
     EXPECTED_DISTANCE,
@@ -108,6 +108,7 @@ class Continuation:
     reference: Network = field(init=False)
     stretch: Array = field(init=False)
     predictor: _Predictor = field(init=False)
+    _gradients: dict[float, Array] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self.reference, self.stretch = self.state.network, np.zeros(len(self.deformation.free))
@@ -128,7 +129,7 @@ class Continuation:
     def advance(self, strain: float) -> Arrival:
         """Proceed to a strain by steps that halve after failures and double after successes."""
         whole = abs(strain - self.strain)
-        if np.array_equal(self.deformation.gradient(strain), self.deformation.gradient(self.strain)):
+        if np.array_equal(self._affine(strain), self._affine(self.strain)):
             return self.refused(strain, Status.ill_conditioned, _UNRESOLVED)
         # F(γ) does not resolve smaller strains.
         smallest = max(_SMALLEST_PART * whole, EPS)
@@ -200,24 +201,21 @@ class Continuation:
         if not len(q):
             return *relaxed(start, relaxer.pattern, relaxer.method, relaxer.tolerance), q
         free = FreeCellState.of(start, q, self.deformation.free_strains)
-        gradient = self.deformation.gradient(strain)
+        gradient = self._affine(strain)
         return relaxed_with_cell(free, self.reference, gradient, relaxer.pattern, relaxer.tolerance)
 
     def _tangent(
         self, state: SpringState, strain: float, q: Array, factor: Factor | None, response: LinearResponse | None
     ) -> Tangent | None:
         """The tangent of the path, or None where the response is not determined."""
-        rates, second_rates = path_rates(self.deformation, strain, q)
-        relaxations: Array | None
+        rates, second_rates = path_rates(self.deformation, strain, self._affine(strain), q)
         if response is not None:
-            weights = np.array([strain_components(0.5 * (A + A.T)) for A in rates])
-            relaxations = np.tensordot(weights, response.relaxations, 1)
-        else:
-            if factor is None:
-                factor = state.factorize(self.relaxer.pattern)
-                if factor.indefinite:
-                    factor = state.factorize(self.relaxer.pattern, FLOPPY_SHIFT * state.stiffness_scale)
-            relaxations = relaxations_to(state, factor, rates)
+            return tangent_of_response(response, rates, second_rates)
+        if factor is None:
+            factor = state.factorize(self.relaxer.pattern)
+            if factor.indefinite:
+                factor = state.factorize(self.relaxer.pattern, FLOPPY_SHIFT * state.stiffness_scale)
+        relaxations = relaxations_to(state, factor, rates)
         return None if relaxations is None else tangent(state, rates, second_rates, relaxations)
 
     def _accept(self, step: Step) -> None:
@@ -226,8 +224,15 @@ class Continuation:
 
     def _gradient(self, strain: float, q: Array) -> Array:
         """(1 + Σ q E) F(γ), (d, d)."""
-        F = self.deformation.gradient(strain)
+        F = self._affine(strain)
         return stretched(q, self.deformation.free_strains) @ F if len(q) else F
+
+    def _affine(self, strain: float) -> Array:
+        """F(γ) (d, d), of which a step needs those at its two ends many times."""
+        if strain not in self._gradients:
+            kept = {self.strain: self._gradients.get(self.strain, self.deformation.gradient(self.strain))}
+            self._gradients = kept | {strain: self.deformation.gradient(strain)}
+        return self._gradients[strain]
 
     def _point(self, state: SpringState, strain: float, q: Array) -> Array:
         """(y, q) of a state, (n_free·d + m,)."""

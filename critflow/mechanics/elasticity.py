@@ -166,13 +166,13 @@ class Elasticity:
         """
         path = deformation_of(deformation, self.dimension)
         A, W = path.velocity(0.0), path.acceleration(0.0)
-        value = self._second(A, A) + float(np.vdot(self.stress, W))
+        value = self.second(A, A) + float(np.vdot(self.stress, W))
         free = path.free_strains
         if not len(free):
             return value
         # The free components multiply F from the left: ∂²F/∂q∂γ = E_m A.
-        coupling = np.array([self._second(E, A) + float(np.vdot(self.stress, E @ A)) for E in free])
-        resistance = np.array([[self._second(E, F) for F in free] for E in free])
+        coupling = np.array([self.second(E, A) + float(np.vdot(self.stress, E @ A)) for E in free])
+        resistance = np.array([[self.second(E, F) for F in free] for E in free])
         return value - float(coupling @ np.linalg.pinv(resistance, hermitian=True) @ coupling)
 
     def youngs_modulus(self, direction: ArrayLike) -> float:
@@ -270,7 +270,7 @@ class Elasticity:
         null, conjugate = right[rank:].T, left[:, rank:]
         return inverse, null @ np.linalg.pinv(conjugate.T @ null) @ conjugate.T
 
-    def _second(self, A: Array, B: Array) -> float:
+    def second(self, A: Array, B: Array) -> float:
         """(1/V) ∂²E/∂α∂β of F = 1 + αA + βB."""
         symmetric, other = 0.5 * (A + A.T), 0.5 * (B + B.T)
         a, b = (strain_components(strain) for strain in (symmetric, other))

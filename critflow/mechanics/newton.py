@@ -18,7 +18,7 @@ import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.mechanics.springs import State
-from critflow.mechanics.tolerances import FLOPPY_SHIFT, NO_COMPRESSION, ROUNDING_FORCE, SADDLE_SHIFT
+from critflow.mechanics.tolerances import FLOPPY_SHIFT, NO_COMPRESSION, ROUNDING_FORCE, SADDLE_SHIFT, TAUT
 from critflow.networks.network import Array
 from critflow.result import Status
 
@@ -119,6 +119,12 @@ class _Iterate(Generic[State]):
     def compressed(self) -> bool:
         return bool((self.state.sigma < -NO_COMPRESSION * self.stiffness).any())
 
+    @property
+    def taut(self) -> bool:
+        """Whether the Hessian is certainly positive definite: it is not less than P(σ), of a connected network."""
+        state = self.state
+        return bool(state.sigma.min() > TAUT * self.stiffness and state.edge_stiffness.min() >= 0)
+
     def improves_on(self, other: _Iterate[State]) -> bool:
         decreased = self.energy < other.energy * (1 - _ENERGY_ROUNDING)
         return decreased or self.force < _FORCE_DECREASE * other.force
@@ -185,7 +191,9 @@ class _Damping:
     def _factorize_hessian(self, here: _Iterate[State]) -> bool:
         """Factorise the Hessian; False where it is indefinite."""
         self._factor = here.state.factorize(self._pattern, max(self._shift, self._floppy_shift))
-        if self._factor.indefinite and self._floppy_shift == 0.0:
+        if here.taut or not self._factor.indefinite:
+            return True
+        if self._floppy_shift == 0.0:
             # A part may be floppy only, as one of slack edges is.
             self._floppy_shift = FLOPPY_SHIFT * here.stiffness
             self._factor = here.state.factorize(self._pattern, max(self._shift, self._floppy_shift))

@@ -16,8 +16,9 @@ import numpy as np
 
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
+from critflow.mechanics.elasticity import strain_components
 from critflow.mechanics.free_cell import stretched
-from critflow.mechanics.response import accumulated_rounding
+from critflow.mechanics.response import LinearResponse, accumulated_rounding
 from critflow.mechanics.springs import SpringState
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
@@ -41,9 +42,13 @@ class Tangent:
     second_error: float
 
 
-def path_rates(deformation: Deformation, strain: float, stretch: Array) -> tuple[Array, Array]:
-    """Rates (1 + m, d, d) of γ and of the free components, and L̈_γb/L for all b, (1 + m, d, d)."""
-    velocity, acceleration = deformation.velocity(strain), deformation.acceleration(strain)
+def path_rates(deformation: Deformation, strain: float, gradient: Array, stretch: Array) -> tuple[Array, Array]:
+    """Rates (1 + m, d, d) of γ and of the free components, and L̈_γb/L for all b, (1 + m, d, d).
+
+    gradient  F(γ), (d, d)
+    """
+    back = np.linalg.inv(gradient)
+    velocity, acceleration = deformation.rate(strain) @ back, deformation.second_rate(strain) @ back
     E = deformation.free_strains
     if not len(E):
         return velocity[None], acceleration[None]
@@ -53,26 +58,40 @@ def path_rates(deformation: Deformation, strain: float, stretch: Array) -> tuple
     return rates, np.concatenate([(S @ acceleration @ G)[None], E @ velocity @ G])
 
 
+def tangent_of_response(response: LinearResponse, rates: Array, second_rates: Array) -> Tangent:
+    """The tangent from the responses to all strains: no sums over edges."""
+    tensors, weights = response.elasticity, np.array([strain_components(0.5 * (A + A.T)) for A in rates])
+    E = np.array([[tensors.second(A, B) for B in rates] for A in rates])
+    E[0] += [float(np.vdot(tensors.stress, A)) for A in second_rates]
+    E[1:, 0] = E[0, 1:]
+    path = _with_free(E)
+    # Errors of q̇ enter squared only.
+    size = np.abs(path @ weights)
+    error = float(size @ tensors.bounds @ size)
+    V = tensors.volume
+    return Tangent(np.tensordot(path @ weights, response.relaxations, 1), path[1:], float(V * (E[0] @ path)), V * error)
+
+
 def tangent(state: SpringState, rates: Array, second_rates: Array, relaxations: Array) -> Tangent:
     """The tangent from the rates of the cell and the relaxations u (1 + m, n_free, d) to each of them."""
-    network, L, sigma, m = state.network, state.bond_vectors, state.sigma, len(rates) - 1
-    speeds = [L @ A.T + network.free_incidence @ u for A, u in zip(rates, relaxations, strict=True)]
-    hdots = [np.einsum("ad,ad->a", L, speed) for speed in speeds]
-    E = np.empty((1 + m, 1 + m))
-    for a in range(1 + m):
-        stress = state.resistance(hdots[a])
-        for b in range(1 + m):
-            E[a, b] = stress @ hdots[b] + sigma @ np.einsum("ad,ad->a", speeds[a], speeds[b])
-    curved = [sigma * np.einsum("ad,ad->a", L, L @ A.T) for A in second_rates]
-    E[0] += [float(np.sum(one)) for one in curved]
+    network, L, sigma = state.network, state.bond_vectors, state.sigma
+    speeds = np.array([L @ A.T + network.free_incidence @ u for A, u in zip(rates, relaxations, strict=True)])
+    hdots = np.einsum("ei,aei->ae", L, speeds)
+    E = hdots @ state.resistance(hdots).T + np.einsum("aei,e,bei->ab", speeds, sigma, speeds)
+    curved = np.einsum("e,ei,aij,ej->ae", sigma, L, second_rates, L)
+    E[0] += curved.sum(axis=1)
     E[1:, 0] = E[0, 1:]
-    rate = -_solved(E[1:, 1:], E[1:, 0]) if m else np.zeros(0)
-    weights = np.concatenate([[1.0], rate])
-    relaxation = np.tensordot(weights, relaxations, 1)
-    speed = np.tensordot(weights, np.array(speeds), 1)
-    second = float(E[0] @ weights)
-    error = accumulated_rounding(_edge_rounding(state, speed, relaxation) + 4 * EPS * np.abs(curved[0]))
-    return Tangent(relaxation, rate, second, error + 4 * EPS * abs(second))
+    path = _with_free(E)
+    relaxation, second = np.tensordot(path, relaxations, 1), float(E[0] @ path)
+    noise = _edge_rounding(state, np.tensordot(path, speeds, 1), relaxation) + 4 * EPS * np.abs(curved[0])
+    return Tangent(relaxation, path[1:], second, accumulated_rounding(noise) + 4 * EPS * abs(second))
+
+
+def _with_free(E: Array) -> Array:
+    """(1, q̇) from the second derivatives E_ab, (1 + m,); free components that no stress resists do not follow."""
+    if len(E) == 1:
+        return np.ones(1)
+    return np.concatenate([[1.0], -np.linalg.lstsq(E[1:, 1:], E[1:, 0], rcond=None)[0]])
 
 
 def relaxations_to(state: SpringState, factor: Factor, rates: Array) -> Array | None:
@@ -106,11 +125,6 @@ def _response_force(state: SpringState, affine: Array, u: Array) -> Array:
     speed = affine + network.free_incidence @ u
     stress = state.resistance(np.einsum("ad,ad->a", L, speed))
     return -np.asarray(network.divergence @ (stress[:, None] * L + sigma[:, None] * speed))
-
-
-def _solved(matrix: Array, right_side: Array) -> Array:
-    """The least solution: free components that no stress resists do not follow."""
-    return np.asarray(np.linalg.lstsq(matrix, right_side, rcond=None)[0])
 
 
 def _edge_rounding(state: SpringState, speed: Array, u: Array) -> Array:
