@@ -18,6 +18,7 @@ from critflow.networks.dilution import diluted, with_coordination
 from critflow.networks.lattices import periodic_network, triangular_network
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import CarryingPart, carrying_part, pruned_network
+from critflow.networks.support import check_size
 from critflow.result import InputError
 
 
@@ -65,6 +66,7 @@ def mikado_network(n_vertices: int = 1000, z: float = 3.6, seed: int | np.random
         raise InputError(f"n_vertices must be a positive whole number, not {n_vertices}")
     if not 2 < z < 4:
         raise InputError(f"z of a Mikado network must be between 2 and 4, not {z}: two rods cross at a vertex")
+    check_size(n_vertices)
     n_rods = round(n_vertices * (4 - z) / 2)
     if n_rods < 2:
         raise InputError(f"a Mikado network of z = {z:g} needs at least {int(np.ceil(4 / (4 - z)))} vertices")

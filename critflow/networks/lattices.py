@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked
 from critflow.networks.faces import PlanarFaces
 from critflow.networks.network import Array, IntArray, Network
+from critflow.networks.support import check_size
 from critflow.result import InputError
 
 # The side 2 and height √3 of the rhombus that triangular lattices of every kind repeat.
@@ -90,6 +91,7 @@ def _repeated(
         raise InputError(f"a lattice needs whole numbers of at least 1 of unit cells in every direction, not {shown}")
     if not (np.isfinite(edge_length) and edge_length > 0):
         raise InputError(f"the edge length of a lattice must be positive and finite, not {edge_length}")
+    check_size(int(np.prod(repeats, dtype=float)) * len(basis))
     vectors, vertices = edge_length * np.asarray(lattice), edge_length * np.asarray(basis)
     cells = np.array(list(np.ndindex(*repeats)))
     if len(cells) * len(vertices) == 1:

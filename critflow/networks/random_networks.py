@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked, generator
 from critflow.networks.cells import checked_cell
 from critflow.networks.network import Network
-from critflow.networks.random_points import points_in_cell, random_sequential_addition
+from critflow.networks.random_points import check_addition, points_in_cell, random_sequential_addition
+from critflow.networks.support import check_size
 from critflow.networks.tessellations import count_simplices, delaunay_of, voronoi_of
 from critflow.result import InputError
 
@@ -36,13 +37,21 @@ def voronoi_network(
     network, always.  Raises `InputError` for an odd or too small n_vertices and for a hard core (ρ, in units of the
     mean spacing 1/√n_cells) that leaves too little space for all points; ρ = 0 places them independently.
     """
-    if int(n_vertices) != n_vertices or n_vertices < 4 or n_vertices % 2:
+    check_voronoi(n_vertices, hard_core)
+    shape = None if cell is None else checked_cell(cell, 2)
+    points = points_in_cell(n_vertices // 2, hard_core, generator(seed), shape)
+    return voronoi_of(points, cell=None if shape is None else shape * np.sqrt(n_vertices / abs(np.linalg.det(shape))))
+
+
+def check_voronoi(n_vertices: int, hard_core: float = STANDARD_HARD_CORE) -> None:
+    """Raise `InputError` for arguments without a `voronoi_network`, without making one."""
+    if n_vertices < 4 or n_vertices % 2:
         raise InputError(
             f"n_vertices must be an even number of at least 4, not {n_vertices}: a Voronoi network has two a cell"
         )
-    shape = None if cell is None else checked_cell(cell, 2)
-    points = points_in_cell(int(n_vertices) // 2, hard_core, generator(seed), shape)
-    return voronoi_of(points, cell=None if shape is None else shape * np.sqrt(n_vertices / abs(np.linalg.det(shape))))
+    check_size(n_vertices)
+    if hard_core != 0:
+        check_addition(n_vertices // 2, hard_core / np.sqrt(n_vertices // 2), dimension=2)
 
 
 @checked
@@ -59,11 +68,11 @@ def delaunay_network(
     Raises `InputError` for too few vertices, and for a hard core (ρ, in units of 1/n_vertices^(1/d)) that leaves too
     little space for all points.
     """
-    if int(n_vertices) != n_vertices or n_vertices < 4:
+    if n_vertices < 4:
         raise InputError(f"n_vertices must be a whole number of at least 4, not {n_vertices}")
     shape = np.eye(2) if cell is None else checked_cell(cell)
     scale = (n_vertices / abs(np.linalg.det(shape))) ** (1 / len(shape))
-    points = points_in_cell(int(n_vertices), hard_core, generator(seed), shape)
+    points = points_in_cell(n_vertices, hard_core, generator(seed), shape)
     return delaunay_of(points, cell=scale * shape)
 
 
@@ -78,11 +87,7 @@ def foam_network(
     same network, always.  Raises `InputError` for too few vertices and for a hard core (ρ, in units of 1/n_cells^(1/3))
     that leaves too little space for all points.
     """
-    if int(n_vertices) != n_vertices or n_vertices < _FEWEST_CELLS * _VERTICES_A_CELL:
-        raise InputError(
-            f"n_vertices must be a whole number of at least {int(np.ceil(_FEWEST_CELLS * _VERTICES_A_CELL))}, "
-            f"not {n_vertices}: a foam of fewer cells meets its own images"
-        )
+    check_foam(n_vertices, hard_core)
     n_cells = round(n_vertices / _VERTICES_A_CELL)
     rng = generator(seed)
     for _ in range(_MAX_DRAWS):
@@ -93,6 +98,18 @@ def foam_network(
         f"{n_cells} cells never had {n_vertices} vertices in {_MAX_DRAWS} draws: hard_core={hard_core:g} is far from "
         f"its standard {FOAM_HARD_CORE}, so make the network by voronoi_of(points)"
     )
+
+
+def check_foam(n_vertices: int, hard_core: float = FOAM_HARD_CORE) -> None:
+    """Raise `InputError` for arguments without a `foam_network`, without making one."""
+    if n_vertices < _FEWEST_CELLS * _VERTICES_A_CELL:
+        raise InputError(
+            f"n_vertices must be a whole number of at least {int(np.ceil(_FEWEST_CELLS * _VERTICES_A_CELL))}, "
+            f"not {n_vertices}: a foam of fewer cells meets its own images"
+        )
+    check_size(n_vertices)
+    n_cells = round(n_vertices / _VERTICES_A_CELL)
+    check_addition(n_cells, hard_core / n_cells ** (1 / 3), dimension=3)
 
 
 # Mean number of vertices of a cell at the standard hard core, each counted in the four cells that share it.

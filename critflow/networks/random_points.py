@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from critflow.arguments import checked
 from critflow.networks.cells import near_images, short_cell
 from critflow.networks.network import Array
+from critflow.networks.support import check_size
 from critflow.result import InputError
 
 # Random sequential addition saturates here, for distances ρ in units of 1/n_points^(1/d): at coverages of 0.547 in the
@@ -31,14 +32,8 @@ def random_sequential_addition(
     distribution and makes the cost linear.  A packing that saturates early starts again.  The points are returned
     sorted by grid cell, so that neighbours lie near each other in memory.
     """
-    if n_points < 1 or not distance > 0:
-        raise InputError(
-            f"random sequential addition needs points and a positive distance, not {n_points} and {distance}"
-        )
-    if dimension < 1:
-        raise InputError(f"points need a dimension of at least 1, not {dimension}")
-    crowded = distance * n_points ** (1 / dimension) > _DENSEST.get(dimension, np.inf)
-    for _ in range(0 if crowded else max_restarts):
+    check_addition(n_points, distance, dimension)
+    for _ in range(max_restarts):
         points = _add_until_saturated(n_points, distance, rng, dimension)
         if len(points) == n_points:
             cell = np.floor(points * n_points ** (1 / dimension)).astype(int)
@@ -46,7 +41,20 @@ def random_sequential_addition(
     raise _no_space(n_points, distance, max_restarts, dimension)
 
 
-def _no_space(n_points: int, distance: float, tries: int, dimension: int) -> InputError:
+def check_addition(n_points: int, distance: float, dimension: int) -> None:
+    """Raise `InputError` for points that cannot be placed, without placing any."""
+    if n_points < 1 or not distance > 0:
+        raise InputError(
+            f"random sequential addition needs points and a positive distance, not {n_points} and {distance}"
+        )
+    if dimension < 1:
+        raise InputError(f"points need a dimension of at least 1, not {dimension}")
+    check_size(n_points)
+    if distance * n_points ** (1 / dimension) > _DENSEST.get(dimension, np.inf):
+        raise _no_space(n_points, distance, "any number of", dimension)
+
+
+def _no_space(n_points: int, distance: float, tries: int | str, dimension: int) -> InputError:
     return InputError(
         f"{n_points} points never fitted at a distance of {distance:.4g} in {tries} tries: lower the hard core "
         f"(ρ = {_SATURATED.get(dimension, 0.9)} is the limit in {dimension} dimensions)"
@@ -179,6 +187,7 @@ def points_in_cell(n_points: int, hard_core: float, rng: np.random.Generator, ce
     hard_core  least distance of two points in units of (V/n_points)^(1/d); zero for independent points
     """
     dimension = 2 if cell is None else len(cell)
+    check_size(n_points)
     if hard_core == 0:
         return rng.random((n_points, dimension))
     distance = hard_core / n_points ** (1 / dimension)

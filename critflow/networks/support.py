@@ -15,6 +15,18 @@ from critflow.result import NetworkError
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+# Most vertices of a network that is made from a number alone, which may be a typing error: 1 kB a vertex is 20 GB.
+MOST_VERTICES = 20_000_000
+
+
+def check_size(n_vertices: float) -> None:
+    """Raise `NetworkError` before a network of this size is made if it is out of reach."""
+    if not n_vertices <= MOST_VERTICES:
+        raise NetworkError(
+            f"a network of {n_vertices:,} vertices needs about {n_vertices / 1e6:,.0f} GB to make: choose at most "
+            f"{MOST_VERTICES:,} vertices"
+        )
+
 
 def check_support(
     edges: IntArray, offsets: IntArray, cell: Array | None, pins: Mapping[int, Array], n_vertices: int

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from problems import voronoi_3d
 
-from critflow import InputError, foam_network, random_sequential_addition, voronoi_network, voronoi_of
+from critflow import (
+    InputError,
+    foam_network,
+    honeycomb_network,
+    mikado_network,
+    random_sequential_addition,
+    voronoi_network,
+    voronoi_of,
+)
+from critflow.networks.random_networks import check_foam, check_voronoi
 
 
 def digest(*arrays: np.ndarray) -> str:
@@ -153,3 +162,31 @@ def test_impossible_foams_raise(words, message):
 def test_degenerate_points_raise(points):
     with pytest.raises(InputError, match="lattice"):
         voronoi_of(np.asarray(points))
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: voronoi_network(10**9),
+        lambda: foam_network(10**9),
+        lambda: honeycomb_network(10**5, 10**5),
+        lambda: mikado_network(10**9),
+        lambda: random_sequential_addition(10**9, 1e-5, np.random.default_rng(0)),
+    ],
+    ids=["voronoi", "foam", "lattice", "mikado", "points"],
+)
+def test_sizes_beyond_any_memory_are_refused_before_they_are_allocated(make):
+    with pytest.raises(InputError, match="at most 20,000,000"):
+        make()
+
+
+def test_arguments_are_checked_without_a_network():
+    check_voronoi(10**7, 0.82)
+    check_foam(10**7, 0.87)
+    for check, words, message in (
+        (check_voronoi, (61,), "even"),
+        (check_voronoi, (60, 1.2), "hard core"),
+        (check_foam, (40,), "52"),
+    ):
+        with pytest.raises(InputError, match=message):
+            check(*words)

@@ -187,7 +187,16 @@ def test_show_prints_a_certificate(folder, tmp_path, capsys, assert_picture):
 
 
 @pytest.mark.parametrize(
-    "setting", ["n_vertices=61", "n_vertices=2", "hard_core=1.2", "strains=0", "threshold=0.0", "protocol=quick"]
+    "setting",
+    [
+        "n_vertices=61",
+        "n_vertices=2",
+        "n_vertices=1000000000",
+        "hard_core=1.2",
+        "strains=0",
+        "threshold=0.0",
+        "protocol=quick",
+    ],
 )
 def test_settings_that_could_only_fail_are_refused(setting, tmp_path, capsys):
     assert main(["run", STUDY, "--workers", "0", "--out", str(tmp_path / "out"), "--set", setting]) == 2

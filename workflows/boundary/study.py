@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from critflow import CriticalManifold, Status, voronoi_network
+from critflow.networks.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
 from ..shared.checks import check_network
@@ -62,7 +63,7 @@ def case(parameters, *, seed):
 
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
-    check_network(voronoi_network, parameters["n_vertices"], axes["seed"][0])
+    check_network(check_voronoi, parameters["n_vertices"])
 
 
 def table():

@@ -7,8 +7,9 @@ edge of these networks stressed (0.1, `random_lengths`).
 
 from __future__ import annotations
 
-from critflow import StudyError, voronoi_network
+from critflow import StudyError
 from critflow.mechanics.strain_path import check_strains
+from critflow.networks.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from ..shared.checks import check_network, check_positive
@@ -30,7 +31,7 @@ def check(parameters, axes):
     check_positive(parameters, "threshold", "spread", "spread_wide", "hard_core", "fit_window")
     if parameters["protocol"] not in ("conic", "strain"):
         raise StudyError(f"protocol={parameters['protocol']} must be conic (exact) or strain (the paper's steps)")
-    check_network(voronoi_network, parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
+    check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
 
 
 study = Study(

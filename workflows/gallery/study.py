@@ -28,6 +28,7 @@ from critflow import (
 )
 from critflow.design.from_lengths import stressed_fraction
 from critflow.design.isogonal import affine_bulk_modulus
+from critflow.networks.random_networks import check_voronoi
 from critflow.result import Status
 from critflow.rigidity.structure import length_variance, tension_variance
 from critflow.workflow import Axis, Study, Variable, stable_rng
@@ -148,7 +149,7 @@ def check(parameters, axes):
     if not 0 < parameters["fraction"] < 1:
         raise StudyError(f"fraction={parameters['fraction']} must lie between 0 and 1, where the first edge vanishes")
     check_positive(parameters, "spread", "spread_wide", "shortest", "starts", "hard_core")
-    check_network(voronoi_network, parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
+    check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
 
 
 def table():

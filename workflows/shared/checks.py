@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import os
+
 from critflow import InputError, StudyError
+
+# Peak memory of a network with the analysis of its matrices, measured at 100,000 and 400,000 vertices.
+BYTES_A_VERTEX = 1600
 
 
 def check_positive(parameters, *names):
@@ -12,9 +17,18 @@ def check_positive(parameters, *names):
             raise StudyError(f"{name}={parameters[name]} must be positive")
 
 
-def check_network(make, *arguments):
-    """Raise `StudyError` for sizes and hard cores without a network."""
+def check_network(check, n_vertices, *arguments):
+    """Raise `StudyError` for sizes and hard cores without a network, and for networks beyond the memory.
+
+    check  `check_voronoi` or `check_foam`: a check of all arguments that makes no network
+    """
     try:
-        make(*arguments)
+        check(n_vertices, *arguments)
     except InputError as error:
         raise StudyError(str(error)) from error
+    needed, present = n_vertices * BYTES_A_VERTEX, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed > present:
+        raise StudyError(
+            f"n_vertices={n_vertices} needs about {needed / 1e9:.0f} GB for each worker process, and this machine has "
+            f"{present / 1e9:.0f} GB: choose fewer vertices"
+        )

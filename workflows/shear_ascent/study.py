@@ -11,6 +11,7 @@ import numpy as np
 from critflow import CriticalManifold, StudyError, voronoi_network
 from critflow.critical.objectives import pure_shear
 from critflow.design.modulus_bounds import largest_modulus, least_compressed_length
+from critflow.networks.random_networks import check_voronoi
 from critflow.result import Status
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
@@ -62,7 +63,7 @@ def check(parameters, axes):
     check_ascent(parameters)
     if list(parameters["steps"]) != sorted(set(parameters["steps"])) or parameters["steps"][0] < 0:
         raise StudyError("steps must be increasing whole numbers from 0 on, such as 0,1,10,100")
-    check_network(voronoi_network, parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
+    check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
 
 
 def table():

@@ -9,6 +9,7 @@ from __future__ import annotations
 from critflow import CriticalManifold, StudyError, voronoi_network
 from critflow.critical.objectives import pure_shear
 from critflow.design.modulus_bounds import least_compressed_length
+from critflow.networks.random_networks import check_voronoi
 from critflow.result import Status
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
@@ -45,7 +46,7 @@ def check(parameters, axes):
     if parameters["n_steps"] < 1:
         raise StudyError(f"n_steps={parameters['n_steps']} must be at least 1")
     for n_vertices in axes["n_vertices"]:
-        check_network(voronoi_network, n_vertices, axes["seed"][0], parameters["hard_core"])
+        check_network(check_voronoi, n_vertices, parameters["hard_core"])
 
 
 EACH = ("algorithm", "n_vertices", "seed")

@@ -10,6 +10,7 @@ import numpy as np
 
 from critflow import Status, StudyError, modulus_bound, optimize, transition_moduli, voronoi_network
 from critflow.critical.objectives import pure_shear
+from critflow.networks.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ..shared.checks import check_network
@@ -63,7 +64,7 @@ def check(parameters, axes):
     if parameters["n_starts"] < 1:
         raise StudyError(f"n_starts={parameters['n_starts']} must be at least 1")
     for n_vertices in axes["n_vertices"]:
-        check_network(voronoi_network, n_vertices, axes["seed"][0], parameters["hard_core"])
+        check_network(check_voronoi, n_vertices, parameters["hard_core"])
 
 
 EACH = ("n_vertices", "seed")

@@ -13,7 +13,7 @@ import numpy as np
 
 from critflow import foam_network
 from critflow.mechanics.strain_path import check_strains
-from critflow.networks.random_networks import FOAM_HARD_CORE
+from critflow.networks.random_networks import FOAM_HARD_CORE, check_foam
 from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from ..shared.checks import check_network, check_positive
@@ -39,7 +39,7 @@ def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_strains(parameters["strains"])
     check_positive(parameters, "threshold", "spread", "hard_core", "fit_window")
-    check_network(foam_network, parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
+    check_network(check_foam, parameters["n_vertices"], parameters["hard_core"])
 
 
 study = Study(

@@ -22,6 +22,7 @@ from critflow import (
 )
 from critflow.linalg.matrices import edge_blocks
 from critflow.mechanics.strain_path import check_strains
+from critflow.networks.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
 from ...shared.checks import check_network, check_positive
@@ -122,7 +123,7 @@ def check(parameters, axes):
     if len(check_strains(parameters["strains"])) < 3:
         raise StudyError("a fit with an error needs at least three strains")
     check_positive(parameters, "hard_core", "past", "repeats")
-    check_network(voronoi_network, parameters["n_vertices"], axes["seed"][0], parameters["hard_core"])
+    check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
 
 
 EACH = ("seed", "question")

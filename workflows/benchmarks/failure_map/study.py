@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from critflow import Status, StudyError, voronoi_network
+from critflow.networks.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network
@@ -87,7 +88,7 @@ def check(parameters, axes):
     if unknown := sorted(set(parameters["assemblies"]) - set(ASSEMBLIES)):
         raise StudyError(f"there is no assembly {unknown[0]!r}: choose among {', '.join(ASSEMBLIES)}")
     for n_vertices in (parameters["n_vertices"], parameters["timed_vertices"], *parameters["sizes"]):
-        check_network(voronoi_network, n_vertices, axes["seed"][0], 0.82)
+        check_network(check_voronoi, n_vertices, 0.82)
 
 
 POINT = ("difficulty", "seed", "quantity", "step")

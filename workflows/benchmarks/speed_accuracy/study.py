@@ -14,7 +14,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from critflow import Status, StudyError, voronoi_network
+from critflow import Status, StudyError
+from critflow.networks.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network, check_positive
@@ -92,7 +93,7 @@ def check(parameters, axes):
         raise StudyError(f"there is no method {unknown[0]!r}: choose among {', '.join(METHODS)}")
     for n_vertices in axes["n_vertices"]:
         if n_vertices < 1_000:
-            check_network(voronoi_network, n_vertices, parameters["seed"])
+            check_network(check_voronoi, n_vertices)
 
 
 EACH = ("task", "n_vertices")
