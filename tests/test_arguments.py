@@ -43,6 +43,7 @@ RIGHT = {
     "strain": np.eye(2),
     "objective": "bulk_modulus",
     "state": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
+    "springs": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
     "cells": CELLS,
     "targets": np.full(4, 5.0),
     "moduli": [1.0, 2.0],
@@ -92,6 +93,8 @@ def arguments_of(name):
     """Arguments of a public function by name."""
     right = RIGHT | OF_FUNCTION.get(name, {})
     parameters = inspect.signature(FUNCTIONS[name]).parameters.values()
+    unknown = [p.name for p in parameters if p.default is p.empty and p.name not in right]
+    assert not unknown, f"add right arguments {unknown} of {name} to RIGHT"
     return {p.name: right[p.name] if p.default is p.empty or p.name in right else p.default for p in parameters}
 
 

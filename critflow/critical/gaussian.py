@@ -20,6 +20,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.tolerances import COLLAPSED, DENSE_SADDLE, SOFTNESS, UNCERTAIN_LOGARITHM
 from critflow.linalg.factor import Factor
@@ -37,6 +38,7 @@ class GaussianCurvature:
     n_negative: int
 
 
+@checked
 def gaussian_curvature(
     manifold: CriticalManifold, sigma: ArrayLike, *, throw: bool = True
 ) -> Solution[GaussianCurvature]:
