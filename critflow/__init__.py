@@ -1,6 +1,8 @@
 """critflow: design spring networks that sit exactly at the rigidity transition."""
 
+from importlib import import_module
 from importlib.metadata import version
+from typing import Any
 
 from critflow.critical.backbone import Backbone, TautComponent, backbone
 from critflow.critical.curvature import StereographicChart, principal_curvatures, surface_geometry
@@ -11,11 +13,13 @@ from critflow.critical.stress_hessian import flat_directions, stress_hessian
 from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.isogonal import face_modes, isogonal_modes
 from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound
+from critflow.design.nearest import Nearest, nearest_critical
 from critflow.design.onset import Onset, critical_strain
 from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
 from critflow.design.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
+from critflow.examination.examine import Examination, examine
 from critflow.exchange.convert import network_from, write_network
 from critflow.exchange.repair import ImportedNetwork
 from critflow.mechanics.elasticity import Elasticity
@@ -75,10 +79,12 @@ __all__ = [
     "Deformation",
     "Elasticity",
     "EnvironmentFailure",
+    "Examination",
     "Hookean",
     "ImportedNetwork",
     "InputError",
     "IntegrityError",
+    "Nearest",
     "Network",
     "NetworkError",
     "Objective",
@@ -114,9 +120,11 @@ __all__ = [
     "delaunay_of",
     "diamond_network",
     "diluted",
+    "draw",
     "elastic_moduli",
     "elasticity",
     "equilibrium",
+    "examine",
     "face_modes",
     "fit_stiffening",
     "flat_directions",
@@ -130,6 +138,7 @@ __all__ = [
     "linear_response",
     "mikado_network",
     "modulus_bound",
+    "nearest_critical",
     "network_from",
     "optimize",
     "packing_network",
@@ -161,5 +170,16 @@ __all__ = [
     "voronoi_network",
     "voronoi_of",
     "write_network",
+    "write_page",
     "zero_modes",
 ]
+
+# Functions that draw: matplotlib takes most of the time of an import.
+_DRAWING = {"draw": "critflow.drawing", "write_page": "critflow.examination.page"}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a function that draws at its first use."""
+    if name in _DRAWING:
+        return getattr(import_module(_DRAWING[name]), name)
+    raise AttributeError(f"module 'critflow' has no attribute {name!r}")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from critflow.network_cli import convert
+from critflow.network_cli import convert, examine_file, make
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
 from critflow.workflow.load import StudyFile, load_study, named_studies
@@ -291,6 +291,10 @@ def show(
 
 
 app.command(help="Read a network, report each repair, and write it in another format.")(convert)
+app.command("examine", help="Print whether and why a network is rigid, its critical strains, and what to do next.")(
+    examine_file
+)
+app.command(help="Read a network, find its best critical configuration, certify it and write it.")(make)
 
 
 def _print_report(folder: Folder, report: Report) -> None:

@@ -1,15 +1,26 @@
-"""The commands on a user's own network: arguments and messages only."""
+"""The commands on a user's own network: arguments and messages only.
+
+A command imports inside its function the modules that draw, as in `critflow.cli`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
+from critflow.critical.manifold import CriticalConfiguration
+from critflow.critical.objectives import OBJECTIVES
+from critflow.design.optimize import optimize
+from critflow.examination.examine import examine
 from critflow.exchange.convert import network_from, write_network
+from critflow.exchange.formats import format_of
 from critflow.exchange.repair import ImportedNetwork
 from critflow.result import InputError
+from critflow.rigidity.counts import certify
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A network; its ending names the format.")]
 CellOption = Annotated[
@@ -64,6 +75,77 @@ def convert(
     )
     print(f"  written to {out}")
     return 0
+
+
+def examine_file(
+    file: FileArgument,
+    out: Annotated[
+        Path | None, typer.Option(metavar="PAGE", help="Also write a page with pictures, .html or .md.")
+    ] = None,
+    cell: CellOption = "",
+    pins: PinsOption = "",
+    nearest: NearestOption = False,
+    strict: StrictOption = False,
+    contract: ContractOption = False,
+) -> int:
+    """Read a network and print whether and why it is rigid, its critical strains and moduli, and what to do next."""
+    found = examine(read(file, cell, pins, nearest, strict, contract))
+    print("\n" + str(found))
+    if out is not None:
+        from critflow.examination.page import write_page
+
+        write_page(found, out)
+        print(f"\nwritten to {out}")
+    return 0
+
+
+def make(
+    file: FileArgument,
+    out: Annotated[Path, typer.Option(metavar="OUT", help="The file to write; its ending names the format.")],
+    objective: Annotated[str, typer.Option(metavar="NAME", help=f"One of {', '.join(OBJECTIVES)}.")] = "bulk_modulus",
+    picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the configuration.")] = None,
+    cell: CellOption = "",
+    pins: PinsOption = "",
+    nearest: NearestOption = False,
+    strict: StrictOption = False,
+    contract: ContractOption = False,
+) -> int:
+    """Read a network, find its best critical configuration, certify it and write it.
+
+    Many parameters: each is an option of the command.
+    """
+    imported = read(file, cell, pins, nearest, strict, contract)
+    write = writer(out)
+    optimum = optimize(imported.network, objective, throw=False)
+    found = optimum.value
+    certificate = certify(found)
+    print(f"  {objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})")
+    rigid = "rigid to second order" if certificate.rigid else "not certified as rigid"
+    print(
+        f"  certificate: {rigid}, {certificate.n_self_stresses} self-stresses, unbalanced force "
+        f"{certificate.residual:.1e} of the mean tension, least tension {certificate.least_tension:.2g} of it"
+    )
+    if not np.isfinite(found.coordinates).all():
+        return 3
+    write(found)
+    print(f"  written to {out}")
+    if picture is not None:
+        from critflow.drawing import draw, saved
+
+        saved(draw(found, title=f"{objective} {optimum.objective:.6g}").figure, picture)
+        print(f"  drawn in {picture}")
+    return 0 if optimum.ok else 3
+
+
+def writer(out: Path) -> Callable[[CriticalConfiguration], None]:
+    """A function that writes a configuration to a file, whose ending is checked now."""
+    if format_of(out).write is None:
+        raise InputError(f"{out.name} cannot be written: choose another ending")
+
+    def write(found: CriticalConfiguration) -> None:
+        write_network(found.network, out, found.coordinates, rest_lengths=found.lengths, force_densities=found.sigma)
+
+    return write
 
 
 def _cell(text: str) -> Any:

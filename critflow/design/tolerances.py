@@ -60,7 +60,26 @@ MOST_PROGRAMS     Linear programs on one path; smooth paths need two to four.
 FLAT_STEPS        Programs in a row that end beyond a flat cell, after which the path counts as floppy to its end.
 FLAT              Relative distance from a flat cell, det F = 0, that counts as flat.
 INSIDE            Part of the distance to a limit that a step uses, to stay inside.
+Nearest configuration
+NEAREST_CONVERGED Change of log σ in a step of Gauss and Newton below which it has converged.
+NEAREST_DAMPING   First damping of these steps, in units of the mean square of the coordinates.
+NEAREST_REGULARISATION
+                  Regularises the multipliers of balance, relative to the mean stress: pivots of both signs stay apart.
+NEAREST_RIDGE     First regularisation of log σ, relative to the mean square length: an infimum that is not attained
+                  then has a minimiser.
+NEAREST_STALLED   Relative gradient that shows a stalled descent to have reached its infimum.
+WIDEST_STRESS     |log σ| relative to the mean beyond which an edge counts as collapsed or slack.
+SMALLEST_START    Smallest stress that a descent starts from, relative to the mean: stresses in balance at noisy
+                  positions may be negative.
 """
+
+NEAREST_CONVERGED = 1e-9
+NEAREST_DAMPING = 1e-9
+NEAREST_REGULARISATION = 1e-12
+SMALLEST_START = 0.05
+NEAREST_RIDGE = 1e-8
+NEAREST_STALLED = 1e-7
+WIDEST_STRESS = 9.2
 
 NO_STRESS = 1e-9
 WEAK_STRESS = 1e-5

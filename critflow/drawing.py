@@ -1,0 +1,153 @@
+"""Draw any network, configuration or state: periodic or with fixed vertices, in two or three dimensions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure, SubFigure
+from numpy.typing import ArrayLike
+
+from critflow.networks.network import Array, Network
+from critflow.plot import COLOURS, COMPRESSED, TENSION_MAP, draw_in_depth, periodic_segments
+from critflow.result import InputError, Solution
+
+_SLACK, _PLAIN = "0.8", "0.35"
+# Edges with less than this part of the mean |tension| carry none.
+_NO_TENSION = 1e-9
+
+
+def draw(
+    thing: Any,
+    ax: Axes | None = None,
+    *,
+    color: ArrayLike | None = None,
+    cmap: Any = None,
+    vertices: ArrayLike | None = None,
+    width: float = 1.4,
+    title: str = "",
+) -> Axes:
+    """Draw a `Network`, `CriticalConfiguration`, spring state, or a `Solution` that holds one; returns the axes.
+
+    color     values (N_b,) that colour the edges; by default the tensions of a configuration or state
+    cmap      a matplotlib colour map
+    vertices  values (N_v,) drawn as discs, such as the participation in floppy motions
+    width     line width in points
+
+    Compressed edges are orange and dashed, edges without tension thin and grey, fixed vertices black squares.
+    Raises `InputError` for a network without positions.
+    """
+    network, x, tensions = _parts(thing)
+    values = tensions if color is None else np.asarray(color, dtype=float)
+    if values is not None and values.shape != (network.n_edges,):
+        raise InputError(f"color must have one value per edge, shape ({network.n_edges},), not {values.shape}")
+    if ax is None:
+        ax = plt.figure(figsize=(6.0, 5.4), layout="constrained").add_subplot()
+    if network.dimension == 3 and network.cell is not None:
+        shown = np.ones(network.n_edges) if values is None else values
+        draw_in_depth(ax, network.edges, network.offsets, network.cell, x, shown)
+    elif network.dimension == 3:
+        _draw_plane(ax, network, x[:, [0, 2]], values, cmap, width)
+    else:
+        _draw_plane(ax, network, x, values, cmap, width)
+        if vertices is not None:
+            _discs(ax, network, x, np.asarray(vertices, dtype=float))
+    ax.set_title(title, fontsize=10)
+    return ax
+
+
+def _parts(thing: Any) -> tuple[Network, Array, Array | None]:
+    """Network, coordinates and tensions, if any."""
+    if isinstance(thing, Solution):
+        thing = thing.value
+    network = thing if isinstance(thing, Network) else getattr(thing, "network", None)
+    if not isinstance(network, Network):
+        raise InputError(f"a {type(thing).__name__} cannot be drawn: give a network, a configuration or a state")
+    x = network.positions if thing is network else thing.coordinates
+    if x is None:
+        raise InputError("the network has no positions: draw a configuration of it, or give it positions")
+    x = np.array(x)
+    for vertex, position in network.pins.items():
+        x[vertex] = position
+    tensions = None if thing is network else np.asarray(thing.sigma) * np.asarray(thing.lengths)
+    return network, x, tensions
+
+
+def _draw_plane(ax: Axes, network: Network, x: Array, values: Array | None, cmap: Any, width: float) -> None:
+    if network.cell is not None:
+        segments, owners = periodic_segments(network.edges, network.offsets, network.cell, x)
+    else:
+        segments, owners = x[network.edges], np.arange(network.n_edges, dtype=float)
+    clip = _frame(ax, network, x)
+    if values is None:
+        collections = [LineCollection(list(segments), colors=_PLAIN, linewidths=width, capstyle="round")]
+    else:
+        collections = _coloured(segments, values[owners.astype(int)], cmap, width)
+    for collection in collections:
+        ax.add_collection(collection)
+        if clip is not None:
+            collection.set_clip_path(clip)
+    if network.pins:
+        fixed = x[list(network.pins)]
+        ax.plot(*fixed.T, "s", color="black", markersize=3.5, zorder=4)
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+
+
+def _coloured(segments: Array, values: Array, cmap: Any, width: float) -> list[LineCollection]:
+    scale = float(np.abs(values).mean()) or 1.0
+    none, negative = np.abs(values) <= _NO_TENSION * scale, values < -_NO_TENSION * scale
+    positive = ~none & ~negative
+    norm = Normalize(0.0, float(np.percentile(np.abs(values), 99)) or 1.0, clip=True)
+    widths = width * (0.45 + 1.1 * np.asarray(norm(np.abs(values))))
+    order = np.flatnonzero(positive)[np.argsort(values[positive], kind="stable")]
+    slack = LineCollection(list(segments[none]), colors=_SLACK, linewidths=0.5 * width)
+    tense = LineCollection(
+        list(segments[order]), cmap=cmap or TENSION_MAP, norm=norm, linewidths=widths[order], capstyle="round"
+    )
+    tense.set_array(values[order])
+    compressed = LineCollection(
+        list(segments[negative]),
+        colors=COMPRESSED,
+        linewidths=np.maximum(widths[negative], width),
+        linestyles=(0, (2, 1)),
+    )
+    return [slack, tense, compressed]
+
+
+def _frame(ax: Axes, network: Network, x: Array) -> Any:
+    """Set the limits; the outline of the cell, or None."""
+    if network.cell is None:
+        margin = 0.03 * float(np.ptp(x, axis=0).max())
+        ax.set_xlim(x[:, 0].min() - margin, x[:, 0].max() + margin)
+        ax.set_ylim(x[:, 1].min() - margin, x[:, 1].max() + margin)
+        return None
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ network.cell
+    outline = plt.Polygon(corners, closed=True, fill=False, edgecolor="0.6", linewidth=0.6)
+    ax.add_patch(outline)
+    margin = 0.01 * np.ptp(corners, axis=0)
+    ax.set_xlim(corners[:, 0].min() - margin[0], corners[:, 0].max() + margin[0])
+    ax.set_ylim(corners[:, 1].min() - margin[1], corners[:, 1].max() + margin[1])
+    return outline
+
+
+def _discs(ax: Axes, network: Network, x: Array, values: Array) -> None:
+    if not np.isfinite(values).all():
+        return
+    places = x
+    if network.cell is not None:
+        fraction = x @ np.linalg.inv(network.cell)
+        places = (fraction - np.floor(fraction)) @ network.cell
+    size = 60.0 * np.clip(values, 0, 1)
+    ax.scatter(places[:, 0], places[:, 1], s=size, color=COLOURS[4], alpha=0.75, linewidths=0, zorder=3)
+
+
+def saved(figure: Figure | SubFigure, path: Any) -> None:
+    """Save a figure and release it."""
+    whole = figure.figure if isinstance(figure, SubFigure) else figure
+    whole.savefig(path, dpi=160)
+    plt.close(whole)

@@ -1,0 +1,1 @@
+"""One page about a network: rigid or floppy, why, how stiff, and how to make it critical."""

@@ -1,0 +1,103 @@
+"""The page of an examination, to paste into a lab book: Markdown or HTML with pictures."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from critflow.drawing import draw, saved
+from critflow.examination.examine import Examination, report_lines
+from critflow.result import InputError
+
+_STYLE = (
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:52em;margin:2em auto;padding:0 1em;color:#222}"
+    "table{border-collapse:collapse}td,th{border:1px solid #bbb;padding:.2em .6em}img{max-width:100%}"
+)
+
+
+def write_page(found: Examination, path: str | PathLike[str]) -> None:
+    """Write a page with pictures; the ending is .html, or .md with a PNG file next to it."""
+    target = Path(path)
+    figure = pictures(found)
+    if target.suffix == ".md":
+        picture = target.with_suffix(".png")
+        saved(figure, picture)
+        lines = report_lines(found)
+        target.write_text(
+            "\n".join([*lines[:2], f"![The network]({picture.name})", "", *lines[2:], ""]), encoding="utf-8"
+        )
+    elif target.suffix in (".html", ".htm"):
+        image = io.BytesIO()
+        saved(figure, image)
+        target.write_text(_html(report_lines(found), image.getvalue()), encoding="utf-8")
+    else:
+        plt.close(figure)
+        raise InputError(f"a page has the ending .html or .md, not {target.suffix!r}")
+
+
+def pictures(found: Examination) -> Figure:
+    """The network with its floppy motions, and the nearest critical configuration with its tensions."""
+    panels = 1 + (found.nearest is not None)
+    figure = plt.figure(figsize=(5.4 * panels, 5.0), layout="constrained")
+    axes = figure.subplots(1, panels, squeeze=False)[0]
+    moving = found.participation if np.nanmax(found.participation, initial=0.0) > 1e-6 else None
+    name = "as given" + (" (discs: floppy motions)" if moving is not None else "")
+    draw(replace(found.network, positions=found.coordinates), axes[0], vertices=moving, title=f"{name}: {found.order}")
+    if found.nearest is not None:
+        # In the frame of the observed positions.
+        draw(_Shifted(found), axes[1], title="nearest critical configuration, colour: tension")
+    return figure
+
+
+class _Shifted:
+    """The nearest critical configuration, translated onto the observed positions."""
+
+    def __init__(self, found: Examination):
+        assert found.nearest is not None
+        critical = found.nearest.value
+        self.network, self.sigma, self.lengths = critical.network, critical.sigma, critical.lengths
+        self.coordinates = critical.coordinates + found.nearest.translation
+
+
+def _html(lines: list[str], image: bytes) -> str:
+    """The lines of Markdown that the report uses, as HTML."""
+    body: list[str] = []
+    rows: list[str] = []
+
+    def flush() -> None:
+        if rows:
+            cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows if not row.startswith("|---")]
+            head, *rest = cells
+            table = ["<table><tr>", *(f"<th>{cell}</th>" for cell in head), "</tr>"]
+            for row in rest:
+                table += ["<tr>", *(f"<td>{cell}</td>" for cell in row), "</tr>"]
+            body.append("".join([*table, "</table>"]))
+            rows.clear()
+
+    for line in lines:
+        text = html.escape(line).replace("**", "")
+        if line.startswith("|"):
+            rows.append(text)
+            continue
+        flush()
+        if line.startswith("# "):
+            picture = base64.b64encode(image).decode()
+            body.append(f'<h1>{text[2:]}</h1><img alt="The network" src="data:image/png;base64,{picture}">')
+        elif line.startswith("## "):
+            body.append(f"<h2>{text[3:]}</h2>")
+        elif line.startswith("- "):
+            body.append(f"<p>{text[2:]}</p>")
+    flush()
+    title = html.escape(lines[0][2:])
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
+        f"<body>{''.join(body)}</body></html>\n"
+    )

@@ -1,0 +1,111 @@
+"""The nearest critical configuration: exact recovery, first-order conditions, standard errors, bad input."""
+
+import numpy as np
+import pytest
+from problems import random_stress
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    SolveError,
+    Status,
+    honeycomb_network,
+    nearest_critical,
+    network_from,
+    voronoi_network,
+)
+
+
+def pinned_network():
+    whole = voronoi_network(n_vertices=100, seed=2)
+    inner = (whole.offsets == 0).all(axis=1)
+    return network_from(edges=whole.edges[inner], positions=whole.positions, pins="hull").network
+
+
+NETWORKS = {
+    "periodic": voronoi_network(n_vertices=60, seed=1),
+    "sheared": voronoi_network(n_vertices=60, seed=2).deformed([[1.0, 0.7], [0.0, 1.0]]),
+    "pinned": pinned_network(),
+}
+
+
+@pytest.mark.parametrize("network", NETWORKS.values(), ids=NETWORKS)
+@pytest.mark.parametrize("decimals", [None, 6])
+def test_a_critical_configuration_is_restored_from_its_digits(network, decimals):
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed=3))
+    x = critical.coordinates + (0 if network.pins else [0.3, -1.2])
+    observed = x if decimals is None else np.round(x, decimals)
+    found = nearest_critical(network, observed)
+    assert found.ok and found.distance < (1e-13 if decimals is None else 4e-7)
+    scale = np.exp(np.mean(np.log(critical.sigma / found.value.sigma)))
+    accuracy = 1e-11 if decimals is None else 1e-4
+    np.testing.assert_allclose(scale * found.value.sigma, critical.sigma, rtol=accuracy, atol=0)
+    np.testing.assert_allclose(found.value.coordinates + found.translation, observed + found.displacement, atol=1e-12)
+
+
+@pytest.mark.parametrize("network", NETWORKS.values(), ids=NETWORKS)
+def test_no_small_change_of_the_stress_is_nearer(network):
+    rng = np.random.default_rng(5)
+    manifold = CriticalManifold(network)
+    x = manifold.configuration(random_stress(network.n_edges, seed=3)).coordinates
+    observed = x + 0.02 * rng.normal(size=x.shape)
+    found = nearest_critical(manifold, observed)
+    assert found.stats.residual < 1e-8
+
+    def cost(sigma):
+        apart = manifold.configuration(sigma).coordinates - observed
+        apart[list(network.pins)] = 0
+        return np.sum((apart - (0 if network.pins else apart.mean(axis=0))) ** 2)
+
+    best = cost(found.value.sigma)
+    assert best == pytest.approx(found.distance**2 * network.n_vertices, rel=1e-9)
+    for _ in range(5):
+        change = 1e-3 * rng.normal(size=network.n_edges)
+        assert cost(found.value.sigma * np.exp(change)) > best
+
+
+def test_standard_errors_are_those_of_repeated_observations():
+    network = voronoi_network(n_vertices=30, seed=1)
+    manifold = CriticalManifold(network)
+    critical = manifold.configuration(random_stress(network.n_edges, seed=3))
+    rng, error = np.random.default_rng(8), 1e-4
+    found = [
+        nearest_critical(manifold, critical.coordinates + error * rng.normal(size=critical.coordinates.shape), error)
+        for _ in range(16)
+    ]
+    logs = np.log([one.value.sigma / critical.sigma for one in found])
+    logs -= logs.mean(axis=1, keepdims=True)
+    ratio = np.sqrt(np.mean(logs**2, axis=0) / np.mean([one.stress_error**2 for one in found], axis=0))
+    # Sampling errors of 16 observations are 18 % an edge.
+    assert np.mean(ratio) == pytest.approx(1, abs=0.08) and 0.45 < ratio.min() and ratio.max() < 1.7
+    one = nearest_critical(manifold, critical.coordinates + error * rng.normal(size=critical.coordinates.shape))
+    assert one.error == pytest.approx(error, rel=0.4)
+    assert np.linalg.norm(found[0].undetermined) == pytest.approx(1)
+
+
+def test_a_honeycomb_has_equal_stresses():
+    found = nearest_critical(network := honeycomb_network(4, 4), network.positions)
+    np.testing.assert_allclose(found.value.sigma, 1, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({"coordinates": np.zeros((3, 2))}, "shape"),
+        ({"error": -1.0}, "positive"),
+        ({"start": -np.ones(90)}, "positive"),
+        ({"max_steps": -1}, "max_steps"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments, word):
+    network = NETWORKS["periodic"]
+    with pytest.raises(InputError, match=word):
+        nearest_critical(network, **{"coordinates": network.positions, **arguments})
+
+
+def test_a_step_limit_is_a_status():
+    network = NETWORKS["periodic"]
+    observed = network.positions + 0.05 * np.random.default_rng(1).normal(size=network.positions.shape)
+    assert nearest_critical(network, observed, max_steps=1, throw=False).status is Status.step_limit
+    with pytest.raises(SolveError):
+        nearest_critical(network, observed, max_steps=1)

@@ -1,0 +1,114 @@
+"""Examinations of networks with known answers, their pages, and the commands."""
+
+import numpy as np
+import pytest
+
+import critflow
+from critflow import (
+    InputError,
+    critical_from_lengths,
+    draw,
+    equilibrium,
+    examine,
+    honeycomb_network,
+    network_from,
+    spring_state,
+    triangular_network,
+    voronoi_network,
+    write_network,
+    write_page,
+)
+from critflow.cli import main
+
+VORONOI = voronoi_network(n_vertices=40, seed=1)
+
+
+@pytest.fixture(scope="module")
+def floppy():
+    rng = np.random.default_rng(0)
+    return examine(VORONOI, VORONOI.positions + 0.02 * rng.normal(size=(40, 2)), 1.2 * np.ones(60))
+
+
+def test_a_critical_design_in_six_decimals_is_recognised(tmp_path):
+    critical = critical_from_lengths(VORONOI, np.ones(60)).value
+    write_network(VORONOI, tmp_path / "c.csv", np.round(critical.coordinates, 6))
+    found = examine(network_from(tmp_path / "c.csv"))
+    assert found.order == "critical" and found.counts.n_self_stresses == 1 and found.tension > 0.05
+    assert found.nearest.distance < 1e-6 and found.onsets == {}
+    exact = critflow.transition_moduli(critical).bulk
+    assert found.critical_moduli.bulk == pytest.approx(exact, rel=1e-5)
+    # By the default tolerance the count would be uncertain, and all digits of the file are in the report.
+    assert "6 decimals" in str(found)
+
+
+def test_a_floppy_network_has_onsets_and_advice(floppy):
+    assert floppy.order == "floppy" and floppy.tension == 0 and floppy.moduli.value.bulk == 0
+    onset = floppy.onsets["dilation"]
+    assert floppy.order in str(floppy) and f"{onset.strain:.8g}" in str(floppy)
+    assert set(floppy.onsets) == {"dilation", "simple_shear", "pure_shear", "uniaxial"}
+    assert "critical configuration" in floppy.advice[0]
+    # The floppy modes are orthonormal: their parts add up to their number.
+    n_modes = floppy.counts.n_zero_modes - floppy.counts.n_trivial
+    assert 2 * floppy.participation.sum() == pytest.approx(n_modes)
+
+
+def test_a_lattice_is_rigid_to_first_order():
+    found = examine(triangular_network(4, 4))
+    assert found.order == "first-order rigid"
+    assert found.moduli.value.bulk == pytest.approx(np.sqrt(3) / 2)
+    assert found.tension == pytest.approx(1)
+    assert found.onsets == {}
+
+
+def test_pages_have_the_report_and_the_picture(floppy, tmp_path):
+    write_page(floppy, tmp_path / "page.md")
+    text = (tmp_path / "page.md").read_text()
+    assert "![The network](page.png)" in text and (tmp_path / "page.png").stat().st_size > 10_000
+    write_page(floppy, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("<tr>") == 5 and "data:image/png;base64," in page
+    with pytest.raises(InputError, match="ending"):
+        write_page(floppy, tmp_path / "page.docx")
+
+
+def test_anything_can_be_drawn():
+    critical = critical_from_lengths(VORONOI, np.ones(60))
+    state = equilibrium(spring_state(VORONOI, 0.9 * critical.value.lengths, critical.value.coordinates))
+    for thing in (VORONOI, critical, critical.value, state, critflow.diamond_network(2, 2, 2)):
+        axes = draw(thing)
+        assert axes.collections
+        axes.figure.clear()
+    with pytest.raises(InputError, match="drawn"):
+        draw(3)
+    with pytest.raises(InputError, match="color"):
+        draw(VORONOI, color=[1, 2])
+
+
+def test_commands(tmp_path, capsys):
+    write_network(honeycomb_network(4, 4), tmp_path / "h.csv")
+    assert main(["convert", str(tmp_path / "h.csv"), str(tmp_path / "h.svg"), "--size", "40"]) == 0
+    assert "32 vertices, 48 edges" in capsys.readouterr().out
+    assert main(["examine", str(tmp_path / "h.csv"), "--out", str(tmp_path / "h.html")]) == 0
+    assert "**critical**" in capsys.readouterr().out and (tmp_path / "h.html").exists()
+    made = ["make", str(tmp_path / "h.csv"), "--out", str(tmp_path / "m.csv"), "--picture", str(tmp_path / "m.png")]
+    assert main(made) == 0
+    assert "bulk_modulus 0.2886751346" in capsys.readouterr().out
+    assert network_from(tmp_path / "m.csv").force_densities == pytest.approx(np.ones(48))
+
+
+@pytest.mark.parametrize(
+    ("words", "word"),
+    [
+        (["convert", "h.csv", "h.png"], "ending"),
+        (["convert", "missing.csv", "h.svg"], "no file"),
+        (["make", "h.csv", "--out", "m.svg", "--objective", "colour"], "objective"),
+        (["convert", "h.csv", "h.svg", "--cell", "wide"], "numbers"),
+        (["convert", "h.csv", "h.compas"], "cell"),
+    ],
+)
+def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, word):
+    write_network(honeycomb_network(4, 4), tmp_path / "h.csv")
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert word in error and error.count("\n") == 1
