@@ -37,7 +37,8 @@ class CriticalConfiguration:
     σ is the force density (tension per length) with Σσ² = N_b; it is defined up to that scale.
 
     error_bound  bound on the error of every coordinate, against the exact configuration of the given stress before
-                 scaling; NaN if unknown.  A proof for stresses of one sign, else an estimate (`Refined`)
+                 scaling, for the boundary vectors b as rounded from the cell; NaN if unknown.  A proof for stresses of
+                 one sign, else an estimate (`Refined`)
     bond_errors  (N_b,) bounds on |δL_α| likewise, relative to the length of the edge and not of the cell
     """
 

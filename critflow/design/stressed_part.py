@@ -79,7 +79,7 @@ def _fit(manifold: CriticalManifold, lengths: Array, candidate: Mask, coordinate
     except NetworkError:
         return _Fit(None, none)
     # A part without pins is grounded at its first vertex, which lies at the origin there.
-    origin = 0.0 if network.pins else coordinates[vertices[0]]
+    origin = 0.0 if part.network.pins else coordinates[vertices[0]]
     start = coordinates[vertices] - origin
     _, s, error, steps = polish(part.saddle, part.network, lengths[candidate], start, sigma[candidate])
     if not error < FITTED:

@@ -12,6 +12,7 @@ three in the plane not in line): with fewer the coordinates are given and checke
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -59,39 +60,35 @@ def signed_stress(
 
     If the maximum is t = 0, no such self-stress exists, `Status.floppy`: by Stiemke's lemma there is then a motion u
     with s_α L_α·(g u)_α ≤ 0 on every cable and strut, not zero on all, and 0 on bars; it is returned as the proof.
+    Where lengths span decades, so that t is too small for a linear program, the tensions σ|L| take the place of σ.
     Raises `InputError` for wrong signs or coordinates, or an edge of no length.
     """
     x, s = _checked(network, coordinates, signs)
     L = network.bond_vectors(x)
-    R = spread_columns(network, L)
     n, signed = network.n_edges, np.flatnonzero(s)
     length = np.linalg.norm(L, axis=1)
     if not length.min() > 0:
         raise InputError(f"edge {int(length.argmin())} has no length, so no direction: move its ends apart")
-    # Unknowns (σ, t).
-    balance = sp.hstack([R.T / length.mean(), sp.csr_array((R.shape[1], 1))])
-    at_least = sp.csr_array((-s[signed], (np.arange(len(signed)), signed)), shape=(len(signed), n))
-    answer = linprog(
-        np.append(np.zeros(n), -1.0),
-        A_ub=sp.hstack([at_least, np.ones((len(signed), 1))]),
-        b_ub=np.zeros(len(signed)),
-        A_eq=balance,
-        b_eq=np.zeros(R.shape[1]),
-        bounds=[(-1.0, 1.0)] * n + [(None, 1.0)],
-        method="highs",
-    )
+    weight = np.full(n, float(length.mean()))
+    R = spread_columns(network, L / weight[:, None])
+    answer = _largest_least(R, s)
+    if answer.status == 0 and not answer.x[-1] > NO_SIGNED_STRESS:
+        weight, R = length, spread_columns(network, L / length[:, None])
+        answer = _largest_least(R, s)
     note = ""
     if answer.status != 0:
         value, status, error = SignedStress(None, np.nan, None, signed[:0]), Status.stalled, np.nan
         note = f"the linear program failed: {answer.message}"
     elif answer.x[-1] > NO_SIGNED_STRESS:
-        shift = SELF_STRESS_SHIFT * float(np.mean(L**2))
-        sigma = balanced_part(network, L, answer.x[:-1], block_laplacian(network), shift)
+        scaled = L / weight[:, None]
+        shift = SELF_STRESS_SHIFT * float(np.mean(scaled**2))
+        tension = balanced_part(network, scaled, answer.x[:-1], block_laplacian(network), shift)
+        sigma = tension * (weight.mean() / weight)
         critical = critical_configuration(network, sigma, x)
         least = float(np.min(s[signed] * sigma[signed]) / np.abs(sigma).max())
         value, status, error = SignedStress(critical, least, None, signed[:0]), Status.ok, critical.residual
     else:
-        motion, loosened, error = _loosening(network, R, s, answer.eqlin.marginals)
+        motion, loosened, error = _loosening(network, spread_columns(network, L), s, answer.eqlin.marginals)
         value, status = SignedStress(None, 0.0, motion, loosened), Status.floppy
         note = (
             f"no self-stress has these signs: a motion loosens {len(loosened)} of {n} edges, edge {int(loosened[0])} "
@@ -99,6 +96,21 @@ def signed_stress(
         )
     solution = Solution(value, status, Stats("linear program", int(answer.nit), residual=error), note)
     return solution.or_raise("no tensegrity") if throw else solution
+
+
+def _largest_least(R: sp.csr_array, signs: Array) -> Any:
+    """SciPy's result for unknowns (τ, t): maximise t with Rᵀτ = 0, s_α τ_α ≥ t and |τ_α| ≤ 1."""
+    n, signed = len(signs), np.flatnonzero(signs)
+    at_least = sp.csr_array((-signs[signed], (np.arange(len(signed)), signed)), shape=(len(signed), n))
+    return linprog(
+        np.append(np.zeros(n), -1.0),
+        A_ub=sp.hstack([at_least, np.ones((len(signed), 1))]),
+        b_ub=np.zeros(len(signed)),
+        A_eq=sp.hstack([R.T, sp.csr_array((R.shape[1], 1))]),
+        b_eq=np.zeros(R.shape[1]),
+        bounds=[(-1.0, 1.0)] * n + [(None, 1.0)],
+        method="highs",
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import dense_free, random_stress
 
-from critflow import CriticalManifold, voronoi_network
+from critflow import CriticalManifold, Network, critical_from_lengths, voronoi_network
 from critflow.design.stressed_part import balanced_part, polish_stressed, unknown_configuration
 
 NETWORK = voronoi_network(40, seed=1)
@@ -60,3 +60,20 @@ def test_the_balanced_part_of_a_stress_is_the_self_stress():
     np.testing.assert_allclose(found, (sigma @ null) * null, rtol=0, atol=1e-9)
     force = g.T @ (found[:, None] * L)
     assert np.abs(force).max() < 1e-12
+
+
+@pytest.mark.parametrize("method", ["conic", "auto"])
+def test_a_pin_outside_the_stressed_part_leaves_it_in_place(method):
+    # Two cables, twice as long as needed, from a pin far from the origin to a network that is periodic.
+    inner = voronoi_network(12, seed=1)
+    network = Network(
+        np.concatenate([inner.edges, [[12, 2], [12, 7]]]),
+        np.concatenate([inner.offsets, np.zeros((2, 2), int)]),
+        inner.cell,
+        pins={12: (300.0, 400.0)},
+    )
+    rest = np.append(np.ones(inner.n_edges), [6.0, 6.0])
+    found = critical_from_lengths(network, rest, method, throw=False)
+    np.testing.assert_array_equal(found.slack_edges, [18, 19])
+    strain = found.value.lengths / rest
+    assert strain[18:].max() < strain[:18].max()

@@ -300,3 +300,13 @@ def test_a_null_eigenvalue_without_an_affine_map_decides_nothing():
     assert result.super_stable is None and result.prestress_stable
     unbalanced = stability(critical_configuration(network, np.array([1.0, 2.0, -1.0, -1.0]), x))
     assert unbalanced.status is Status.ill_conditioned
+
+
+@pytest.mark.parametrize("short", [1e-6, 1e-8, 1e-12])
+def test_a_taut_chain_of_any_lengths_has_a_stress(short):
+    x = np.array([[0.0, 0.0], [1.0, 0.0], [1.0 + short, 0.0]])
+    chain = Network([[0, 1], [1, 2]], pins={0: x[0], 2: x[2]})
+    found = signed_stress(chain, x, [1, 1])
+    np.testing.assert_allclose(found.value.critical.tensions, found.value.critical.tensions[0], rtol=1e-12)
+    assert found.value.least == pytest.approx(x[2, 0] - x[1, 0], rel=1e-9)
+    assert signed_stress(chain, x, [1, -1], throw=False).status is Status.floppy

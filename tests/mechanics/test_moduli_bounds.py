@@ -1,6 +1,7 @@
 """Error bounds of moduli at the transition."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from problems import NETWORKS
 
 from critflow import (
     CriticalManifold,
+    Network,
     honeycomb_network,
     transition_bounds,
     transition_moduli,
@@ -52,3 +54,18 @@ def test_configurations_without_bounds_have_nan():
     plain = type(critical)(NETWORK, critical.sigma, critical.coordinates, critical.bond_vectors)
     assert np.isnan(plain.error_bound) and np.isnan(plain.bond_errors).all()
     assert np.isnan(transition_bounds(plain).bulk)
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1.3e-9, 1.0, 7.0, 1e9])
+def test_bounds_hold_in_any_unit_of_length(unit):
+    # Of unit length B_0 is the same number; V is the determinant in exact arithmetic.
+    network = Network(NETWORK.edges, NETWORK.offsets, unit * NETWORK.cell)
+    critical = CriticalManifold(network).configuration(np.ones(18))
+    (a, b), (c, d) = [[Fraction(float(entry)) for entry in row] for row in network.cell]
+    sigma = [Fraction(float(s)) for s in critical.sigma]
+    square = [sum(Fraction(float(x)) ** 2 for x in L) for L in critical.bond_vectors]
+    work = sum(s * h for s, h in zip(sigma, square, strict=True))
+    cost = sum(s**2 * h for s, h in zip(sigma, square, strict=True))
+    exactly = work**2 / (4 * abs(a * d - b * c) * cost)
+    error = abs(Fraction(transition_moduli(critical).bulk) - exactly)
+    assert error <= transition_bounds(critical).bulk < 1e-14
