@@ -1,4 +1,5 @@
-"""Comparisons with other packages: LAMMPS relaxes the same springs, PyRigi counts the same stresses and flexes.
+"""Comparisons with other packages: LAMMPS relaxes the same springs, matscipy has the same elasticity tensors, PyRigi
+counts the same stresses and flexes.
 
 LAMMPS's `harmonic` bonds are Hookean; its `class2` bonds, K2 e² + K3 e³ + K4 e⁴, are power laws of exponent four.
 
@@ -17,6 +18,7 @@ from critflow import (
     Hookean,
     Network,
     PowerLaw,
+    elasticity,
     equilibrium,
     foam_network,
     optimize,
@@ -24,10 +26,12 @@ from critflow import (
     second_order_rigidity,
     spring_state,
     strain_path,
+    triangular_network,
     voronoi_network,
     write_network,
     zero_modes,
 )
+from critflow.networks.deformation import strain_basis
 
 
 @pytest.fixture(scope="module")
@@ -299,3 +303,82 @@ def test_lammps_reads_written_networks_and_finds_their_energy_and_forces(tmp_pat
     assert energy == pytest.approx(state.energy, rel=1e-12)
     ours = -np.asarray(network.incidence.T @ (state.sigma[:, None] * state.bond_vectors))
     np.testing.assert_allclose(forces, ours, rtol=0, atol=1e-12)
+
+
+# Elasticity tensors
+
+
+def lattice_with_vacancies(d, F):
+    """Bonds of unit rest length between near neighbours of a deformed close-packed lattice with vacancies, relaxed."""
+    if d == 2:
+        lattice = triangular_network(4, 4)
+        cell, x = np.array(lattice.cell), np.array(lattice.positions)
+    else:
+        cell = 2 * np.sqrt(2) * np.eye(3)
+        corners = np.array(np.meshgrid(*[np.arange(2)] * 3)).reshape(3, -1).T
+        base = np.array([[0, 0, 0], [0, 1, 1], [1, 0, 1], [1, 1, 0]]) / 2
+        x = np.sqrt(2) * (corners[:, None] + base).reshape(-1, 3)
+    x = np.delete(x, [3, 9] if d == 2 else [5], axis=0) @ F.T
+    cell = cell @ F.T
+    edges, offsets = [], []
+    for i, j in np.ndindex(len(x), len(x)):
+        for offset in np.array(np.meshgrid(*[[-1, 0, 1]] * d)).reshape(d, -1).T:
+            length = np.linalg.norm(x[j] - x[i] + offset @ cell)
+            if 0.1 < length < 1.3 and (i, *np.zeros(d)) < (j, *offset):
+                edges.append([i, j])
+                offsets.append(offset)
+    network = Network(edges, offsets, cell=cell, positions=x)
+    return equilibrium(spring_state(network, np.ones(len(edges)), x), tolerance=1e-15).value
+
+
+STRAINED = {
+    "tension": np.diag([1.05, 1.03, 1.04]),
+    "compression": np.diag([0.98, 0.99, 0.985]),
+    "shear": np.array([[1.02, 0.06, 0.02], [0.01, 0.99, 0.03], [0.0, 0.02, 1.01]]),
+}
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("strain", STRAINED)
+def test_matscipy_finds_the_same_elasticity_tensor(strain, d):
+    pair_potential = pytest.importorskip("matscipy.calculators.pair_potential")
+    ase = pytest.importorskip("ase")
+    state = lattice_with_vacancies(d, STRAINED[strain][:d, :d])
+    assert np.abs(state.coordinates - state.network.positions).max() > 1e-3
+    height = 10.0
+
+    class Harmonic(pair_potential.calculator.CutoffInteraction):
+        def __init__(self):
+            super().__init__(1.35)
+
+        def __call__(self, r, *charges):
+            return 0.5 * (r - 1) ** 2
+
+        def first_derivative(self, r, *charges):
+            return r - 1
+
+        def second_derivative(self, r, *charges):
+            return np.ones_like(r)
+
+    cell, x = height * np.eye(3), np.zeros((len(state.coordinates), 3))
+    cell[:d, :d], x[:, :d] = state.network.cell, state.coordinates
+    atoms = ase.Atoms(f"H{len(x)}", positions=x, cell=cell, pbc=[True, True, d == 3])
+    atoms.calc = calculator = pair_potential.PairPotential({(1, 1): Harmonic()})
+    assert np.abs(atoms.get_forces()).max() < 1e-13
+    assert atoms.get_potential_energy() == pytest.approx(state.energy, rel=1e-11)
+    thickness = height if d == 2 else 1.0
+    forces = calculator.get_nonaffine_forces(atoms).reshape(3 * len(x), 3, 3)
+    hessian = calculator.get_hessian(atoms).toarray()
+    relaxed = np.einsum("nab,nm,mcd->abcd", forces, np.linalg.pinv(hessian, rcond=1e-12), forces, optimize=True)
+    affine = calculator.get_born_elastic_constants(atoms)
+    stress = calculator.get_stress_contribution_to_elastic_constants(atoms)
+    tensors, basis = elasticity(state).value, strain_basis(d)[1]
+
+    def components(tensor):
+        return thickness * np.einsum("aij,bkl,ijkl->ab", basis, basis, tensor[:d, :d, :d, :d])
+
+    scale = 1e-9 * np.abs(tensors.affine_energy).max()
+    np.testing.assert_allclose(tensors.affine_stress_corrected, components(affine), rtol=0, atol=scale)
+    expected = components(affine - relaxed / atoms.get_volume())
+    np.testing.assert_allclose(tensors.stress_corrected, expected, rtol=0, atol=scale)
+    np.testing.assert_allclose(tensors.stress_strain, expected + components(stress), rtol=0, atol=scale)
