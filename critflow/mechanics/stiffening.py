@@ -1,32 +1,34 @@
-"""Stiffening coefficients C_B and C_G: growth of the moduli past the transition, from the critical configuration alone.
+"""Stiffening coefficients: growth of the moduli past the transition, from the critical configuration alone.
 
-The conventions are those of `moduli`.
+Along a path F(γ) with A = F'(0) and M = F''(0) (`Deformation`) the moduli of the strained network are, with volume V(γ)
+and relaxed energy E, and to first order
+    B = V d²E/dV²                     of a dilation b → (1 + δ)^{1/d} F(γ) b,        B = B_0 + C_B γ
+    G = (1/V) d²E/dε²                 of the shear b → (1 + ε ½(e_x e_yᵀ + e_y e_xᵀ)) F(γ) b,   G = G_0 + C_G γ
+    G − ½ dE/dV  (stress-corrected)
+    M = (1/V) d²E/dγ²                 along the path itself,                         M = M_0 + C γ
+Those of dilation are the C_B and C_G of `moduli`, with M = B/(1 + γ)² and so C = C_B − 2 B_0.
 """
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
 from critflow.arguments import checked
+from critflow.critical.backbone import taut_configurations
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import dilation, pure_shear
-from critflow.linalg.saddle import CondensedFactor, CondensedSaddle, Saddle, SaddleFactor
-from critflow.linalg.tolerances import EPS
-from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
-from critflow.mechanics.response import accumulated_rounding
-from critflow.mechanics.tolerances import CONSISTENT_RESPONSE, TRUSTED_ERROR
+from critflow.linalg.saddle import CondensedSaddle, Saddle
+from critflow.mechanics.laws import HOOKEAN, SpringLaw
+from critflow.mechanics.third_order import ThirdOrderEnergy, Triple
+from critflow.mechanics.tolerances import CONSISTENT_RESPONSE, NO_WORK, TRUSTED_ERROR
+from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.precision.residual import exact_displacement
-from critflow.result import Solution, Stats, Status
+from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises
 from critflow.rigidity.uniqueness import require_only_self_stress
-
-# Step, in units of a length, of difference quotients that need two digits.
-_STEP = 1e-5
-# Relative residual of a first solution, which a second one corrects.
-_FIRST = 1e-12
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,30 @@ class Stiffening:
     C_G_stress_corrected: float
 
 
+@dataclass(frozen=True)
+class PathStiffening:
+    """The modulus (1/V) d²E/dγ² along the path at the transition, M_0, and its first derivative with strain, C."""
+
+    modulus_0: float
+    C: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class StiffeningSolution(Solution[Stiffening]):
+    """Coefficients of the moduli, and of the modulus along the path, with error bounds (estimates) of the latter.
+
+    loosening  whether positive strains loosen the network: it is then rigid at negative ones, where the coefficients
+               hold as well
+    """
+
+    along: PathStiffening
+    along_error: PathStiffening
+    loosening: bool = False
+
+
 _NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
 _UNBOUNDED = Stiffening(np.inf, np.inf, np.inf, np.inf, np.inf)
+_NO_PATH, _UNBOUNDED_PATH = PathStiffening(np.nan, np.nan), PathStiffening(np.inf, np.inf)
 
 
 @checked
@@ -51,217 +75,211 @@ def stiffening(
     throw: bool = True,
     *,
     law: SpringLaw = HOOKEAN,
-) -> Solution[Stiffening]:
-    """C_B and C_G of a network exactly, from its critical configuration alone: no strain path.
+    deformation: Deformable = "dilation",
+) -> StiffeningSolution:
+    """Growth of the moduli along a path exactly, from the critical configuration alone: no strain path.
 
-    With σ̂ the unit self-stress, K⁻¹ = |L|²/k, D = σ̂ᵀK⁻¹σ̂ and, for each strain a, affine change A_a L and c_a = σ̂·ḣ_a/D:
-    the response is ḣ_a = c_a K⁻¹ σ̂, and the zero modes relax to the minimum of P(σ̂),
-        P̂ u + Rᵀ λ = −gᵀ(σ̂ ∘ A_a L),   R u = c_a K⁻¹ σ̂ − ḣ_a(affine),   L̇_a = A_a L + g u.
-    Third derivatives of the energy follow from these first-order responses,
-        E_abc = Σ φ''' ḣ_a ḣ_b ḣ_c + Σ_cyc c_a Σ σ̂ (L̇_b·L̇_c + L·b̈_bc),   φ''' = E'''/|L|³ − 3k/|L|⁴,
-    and B_0 = E_γγ/V, C_B = (E_γγ + E_γγγ)/V, G_0 = E_εε/V, C_G = (E_γεε − E_εε)/V.
-    So a law adds Σ E''' e_γ³/V to the C_B of Hookean springs and Σ E''' e_γ e_ε²/V to C_G, with the elongations
-    e_a = ḣ_a/|L| = c_a σ̂|L|/k; B_0 and G_0 are the same for all laws.
+    The module's docstring defines the moduli and coefficients, `third_order` the derivatives E_abc of the energy; with
+    t = tr A, dilation δ, shear ε and the path γ,
+        C_B = E_δδγ/V − t B_0,   C_G = E_εεγ/V − t G_0,   C = E_γγγ/V − t M_0,   stress-corrected C_G − ½ E_δγ/V.
+    A law adds Σ E''' e_δ² e_γ/V to the C_B of Hookean springs, and likewise to the others, with the elongations
+    e_a = ḣ_a/|L| = c_a σ̂|L|/k; the moduli at the transition are the same for all laws.
 
-    The value is that of the configuration in exact balance under the floating-point σ, found from the given
-    coordinates in extended precision.
+    deformation  what `deformation_of` accepts; antisymmetric parts of A rotate the network and change no modulus
+                 to first order but G, whose axes do not rotate
+
+    Slack edges, σ = 0, resist nothing; disconnected taut parts add up.  The value is that of the configuration in exact
+    balance under the floating-point σ, found from the given coordinates in extended precision.
 
     Error bound (estimate): `stats.error_bound` limits the errors against it; errors of first order are exact, roundings
     are summed by `accumulated_rounding`.  `stats.condition` is the largest factor by which relative errors of bond
-    vectors are amplified in C_B and C_G.
+    vectors are amplified in the coefficients.
 
     `Status.unstable` and NaN where P(σ̂) is not positive on the zero modes, so that no response exists;
     `Status.undecided` where rounding hides whether it is;
-    `Status.ill_conditioned` and NaN where the bound exceeds a tenth of the largest coefficient.
-    Raises `InputError` for configurations with several self-stresses.
+    `Status.ill_conditioned` and NaN where the bound exceeds a tenth of the largest coefficient;
+    `Status.floppy` and NaN where the strain does no work on the self-stress, or free components of the cell relax it.
+    Raises `InputError` for configurations with several self-stresses, and for free components that leave it as it is.
     """
-    solution = _stiffening(CriticalManifold.of(network), critical, law)
+    manifold = CriticalManifold.of(network)
+    critical = replace(critical, network=critical.springs_of(manifold.network))
+    path = deformation_of(deformation, manifold.network.dimension)
+    relaxing = _relaxing(critical, path)
+    if relaxing:
+        solution = _failed(Status.floppy, relaxing)
+    else:
+        parts = taut_configurations(critical)
+        found = [
+            _stiffening(manifold if part is critical else CriticalManifold(part.network), part, law, path)
+            for part in parts
+        ]
+        solution = found[0] if len(found) == 1 else _total(found)
     return solution.or_raise("no stiffening coefficients") if throw else solution
 
 
-def _stiffening(manifold: CriticalManifold, critical: CriticalConfiguration, law: SpringLaw) -> Solution[Stiffening]:
-    network = critical.springs_of(manifold.network)
+def _stiffening(
+    manifold: CriticalManifold, critical: CriticalConfiguration, law: SpringLaw, path: Deformation
+) -> StiffeningSolution:
+    """The coefficients of a configuration without slack edges."""
+    network = manifold.network
     require_only_self_stress(critical, "follow strain_path() and use fit_stiffening()")
     system = manifold.system(critical.sigma)
     stable = stabilises(network, critical.coordinates, critical.bond_vectors, critical.sigma)
     if not stable:
-        status = Status.unstable if stable is False else Status.undecided
-        note = "the stress does not stabilise all zero modes" if stable is False else ""
-        return Solution(_NO_STIFFENING, status, Stats("exact", 1), note)
-
+        undecided = stable is not False
+        note = "" if undecided else "the stress does not stabilise all zero modes"
+        return _failed(Status.undecided if undecided else Status.unstable, note)
     factor = manifold.prestress.factorize_signed(critical.sigma)
     balance = exact_displacement(network, critical.coordinates, lambda _: critical.sigma, factor.solve)
     if not np.isfinite(balance.remainder):
-        note = "rounding hides which configuration balances this stress exactly"
-        stats = Stats("exact", 1, error_bound=_UNBOUNDED)
-        return Solution(_NO_STIFFENING, Status.ill_conditioned, stats, note)
+        return _failed(Status.ill_conditioned, "rounding hides which configuration balances this stress exactly")
 
-    energy = _ThirdOrderEnergy(network, critical.sigma, balance.bond_vectors, system, law)
-    value, bound = energy.coefficients(), energy.error_bounds()
+    growth = (_of_dilation if _dilates(path) else _of_path)(
+        network, critical.sigma, balance.bond_vectors, system, law, path
+    )
+    energy, value, along = growth.energy, growth.value, growth.along
     residual = max(response.residual for response in energy.responses)
-    stats = Stats("exact", 1, residual=residual, condition=energy.condition(), error_bound=bound)
+    coefficients = [value.C_B, value.C_G] if _dilates(path) else [value.C_B, value.C_G, along.C]
+    condition = max(
+        change / network.volume / max(abs(C), 1e-300)
+        for change, C in zip(energy.sensitivity, coefficients, strict=True)
+    )
+    stats = Stats("exact", 1, residual=residual, condition=condition, error_bound=growth.bound)
     if not residual < CONSISTENT_RESPONSE:
-        return Solution(_NO_STIFFENING, Status.singular, stats)
-    if not max(astuple(bound)) < TRUSTED_ERROR * max(abs(value.bulk_0), abs(value.C_B), abs(value.C_G)):
+        return _failed(Status.singular, "", stats)
+    work, rounding = energy.work(growth.gamma)
+    if not work > NO_WORK * rounding:
+        return _failed(
+            Status.floppy, "the strain does no work on the self-stress, so nothing resists it to first order"
+        )
+    largest = max(abs(value.bulk_0), *(abs(C) for C in coefficients))
+    if not max(*astuple(growth.bound), *astuple(growth.along_bound)) < TRUSTED_ERROR * largest:
         note = "rounding errors may exceed the coefficients: choose stresses of more similar magnitude"
-        return Solution(_NO_STIFFENING, Status.ill_conditioned, stats, note)
-    return Solution(value, Status.ok, stats)
+        return _failed(Status.ill_conditioned, note, stats)
+    loosening = energy.responses[growth.gamma].amplitude < 0
+    note = "positive strains loosen the network: the coefficients hold at negative ones" if loosening else ""
+    return StiffeningSolution(
+        value, Status.ok, stats, note, along=along, along_error=growth.along_bound, loosening=loosening
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Response:
-    """First-order response to one strain.
+class _Growth:
+    """Coefficients with their bounds, the energy behind them, and the index of γ among its strains."""
 
-    strain        A (d, d)
-    amplitude     c, the strain's amplitude of the self-stress
-    displacement  u (n_free, d), and its bond vectors g u (N_b, d)
-    multipliers   λ (N_b,) orthogonal to σ̂, along which they are free
-    error         product of the remaining errors of u and λ, by which the energy may be off
-    residual      relative residual of the first solution
-    """
-
-    strain: Array
-    amplitude: float
-    displacement: Array
-    bond_displacement: Array
-    multipliers: Array
-    error: float
-    residual: float
+    energy: ThirdOrderEnergy
+    gamma: int
+    value: Stiffening
+    bound: Stiffening
+    along: PathStiffening
+    along_bound: PathStiffening
 
 
-class _ThirdOrderEnergy:
-    """Derivatives of the energy up to third order, from the responses to dilation (0) and shear (1).
+def _dilates(path: Deformation) -> bool:
+    """Whether the path is the dilation whose coefficients are C_B and C_G of the paper."""
+    d, unit = path.dimension, np.eye(path.dimension)
+    return bool(
+        np.allclose(path.rate(0.0), dilation(d), rtol=0, atol=1e-15)
+        and np.allclose(path.second_rate(0.0), (1 / d) * (1 / d - 1) * unit, rtol=0, atol=1e-15)
+    )
 
-    Each third derivative is stationary in u and λ when λ times the residual of R u = c K⁻¹σ̂ − ḣ is added to it, so the
-    errors of both enter by their product alone, and its derivative by L at fixed u and λ is the effect of errors of
-    the bond vectors.
-    """
 
-    def __init__(self, network: Network, sigma: Array, L: Array, system: Saddle | CondensedSaddle, law: SpringLaw):
-        self._network, self._L, self._k, self._V = network, L, network.stiffness, network.volume
-        self._norm = float(np.linalg.norm(sigma))
-        self._s = sigma / self._norm
-        lengths = np.linalg.norm(L, axis=1)
-        checked = checked_law(law, lengths, self._k)
-        self._third_of_law = checked.stiffening(np.zeros_like(lengths), lengths, self._k)
-        self._flexibility = lengths**2 / self._k
-        self._D = float(self._s**2 @ self._flexibility)
-        # The system of σ instead of σ̂: lengths are of order one, so its two kinds of rows then have similar magnitude.
-        factor = system.factorize(sigma, L)
-        d = network.dimension
-        self.responses = tuple(self._respond(A, sigma, factor) for A in (dilation(d), pure_shear(d)))
-        self._parts = self._edge_parts(L, *(response.amplitude for response in self.responses))
-        self._sensitivity = [np.linalg.norm(gradient, axis=1) * lengths for gradient in self._gradients()]
+def _of_dilation(
+    network: Network, sigma: Array, L: Array, system: Saddle | CondensedSaddle, law: SpringLaw, path: Deformation
+) -> _Growth:
+    """δ is γ itself, with E_δδγ = E_γγγ + 2 E_γγ since volumes multiply."""
+    d, V, A = network.dimension, network.volume, pure_shear(network.dimension)
+    triples = (
+        Triple.cubed(0, (1 / d) * (1 / d - 1) * np.eye(d)),
+        Triple.squared(1, 0, 0 * A, A / d),
+    )
+    energy = ThirdOrderEnergy(network, sigma, L, system, law, (dilation(d), A), triples)
+    (bulk, shear), (bulk_error, shear_error) = energy.third, energy.third_error
+    bulk_0, shear_0 = (energy.second(a, a) / V for a in (0, 1))
+    error_0, shear_error_0 = (energy.second_error(a, a) / V for a in (0, 1))
+    C_B, C_G = (energy.second(0, 0) + bulk) / V, (shear - energy.second(1, 1)) / V
+    C_B_error, C_G_error = bulk_error / V + error_0, shear_error / V + shear_error_0
+    return _Growth(
+        energy,
+        0,
+        Stiffening(bulk_0, shear_0, C_B, C_G, C_G - 0.5 * bulk_0),
+        Stiffening(error_0, shear_error_0, C_B_error, C_G_error, C_G_error + 0.5 * error_0),
+        PathStiffening(bulk_0, C_B - 2 * bulk_0),
+        PathStiffening(error_0, C_B_error + 2 * error_0),
+    )
 
-    def _respond(self, A: Array, sigma: Array, factor: SaddleFactor | CondensedFactor) -> _Response:
-        network, L, s = self._network, self._L, self._s
-        affine = L @ A
-        hdot = np.einsum("ad,ad->a", L, affine)
-        c = float(s @ hdot) / self._D
-        goal = c * s * self._flexibility
-        pull = -(network.divergence @ (sigma[:, None] * affine))
-        u, multiplier, residual = factor.solve(pull, goal - hdot, _FIRST)
-        rate = affine + network.free_incidence @ u
-        force = -(network.divergence @ (sigma[:, None] * rate + multiplier[:, None] * L))
-        rest = goal - np.einsum("ad,ad->a", L, rate)
-        change, correction, _ = factor.solve(force, rest)
-        error = (abs(float(np.vdot(force, change))) + abs(float(rest @ correction))) / self._norm
-        u, multiplier = u + change, (multiplier + correction) / self._norm
-        multiplier = multiplier - (s @ multiplier) * s
-        return _Response(A, c, u, network.free_incidence @ u, multiplier, error, residual)
 
-    def _edge_parts(self, L: Array, c: float, e: float) -> tuple[Array, Array]:
-        """Contributions of the edges to E_γγγ and to E_γεε, (N_b,), at other bond vectors and amplitudes c, e."""
-        s, d, amplitudes = self._s, self._network.dimension, (c, e)
-        square = np.einsum("ad,ad->a", L, L)
-        third = self._third_of_law / square**1.5 - 3 * self._k / square**2
-        rates = [L @ response.strain + response.bond_displacement for response in self.responses]
-        goals = [amplitude * s * square / self._k for amplitude in amplitudes]
-        rests = [np.einsum("ad,ad->a", L, rate) - goal for rate, goal in zip(rates, goals, strict=True)]
-        # b̈ of γγ and γε, mapped on L; that of εε is zero.
-        dilating = np.einsum("ad,ad->a", rates[0], rates[0]) + (1 / d) * (1 / d - 1) * square
-        mixed = np.einsum("ad,ad->a", rates[0], rates[1])
-        mixed = mixed + np.einsum("ad,ad->a", L, L @ self.responses[1].strain) / d
-        shearing = np.einsum("ad,ad->a", rates[1], rates[1])
-        m, n = (response.multipliers for response in self.responses)
-        bulk = third * goals[0] ** 3 + 3 * c * (s * dilating + 2 * m * rests[0])
-        shear = third * goals[0] * goals[1] ** 2 + c * (s * shearing + 2 * n * rests[1])
-        shear += 2 * e * (s * mixed + n * rests[0] + m * rests[1])
-        return bulk, shear
+def _of_path(
+    network: Network, sigma: Array, L: Array, system: Saddle | CondensedSaddle, law: SpringLaw, path: Deformation
+) -> _Growth:
+    """Any path γ with dilation δ and shear ε of the strained network."""
+    d, V, A, shear = network.dimension, network.volume, path.rate(0.0), pure_shear(network.dimension)
+    dilating, shearing, along = 0, 1, 2
+    triples = (
+        Triple.squared(dilating, along, (1 / d) * (1 / d - 1) * np.eye(d), A / d),
+        Triple.squared(shearing, along, 0 * A, shear @ A),
+        Triple.cubed(along, path.second_rate(0.0)),
+    )
+    energy = ThirdOrderEnergy(network, sigma, L, system, law, (dilation(d), shear, A), triples)
+    growth = float(np.trace(A))
+    bulk_0, shear_0, modulus_0 = zeroth = [energy.second(a, a) / V for a in (dilating, shearing, along)]
+    zeroth_error = [energy.second_error(a, a) / V for a in (dilating, shearing, along)]
+    C_B, C_G, C = (third / V - growth * modulus for third, modulus in zip(energy.third, zeroth, strict=True))
+    bulk_error, shear_error, path_error = (
+        third / V + abs(growth) * error for third, error in zip(energy.third_error, zeroth_error, strict=True)
+    )
+    pressure, pressure_error = 0.5 * energy.second(dilating, along) / V, 0.5 * energy.second_error(dilating, along) / V
+    return _Growth(
+        energy,
+        along,
+        Stiffening(bulk_0, shear_0, C_B, C_G, C_G - pressure),
+        Stiffening(zeroth_error[0], zeroth_error[1], bulk_error, shear_error, shear_error + pressure_error),
+        PathStiffening(modulus_0, C),
+        PathStiffening(zeroth_error[along], path_error),
+    )
 
-    def coefficients(self) -> Stiffening:
-        """B_0, G_0, C_B and C_G."""
-        c, e = (response.amplitude for response in self.responses)
-        bulk, shear = (float(np.sum(edges)) for edges in self._parts)
-        E_gg, E_ee = c**2 * self._D, e**2 * self._D
-        bulk_0, shear_0 = E_gg / self._V, E_ee / self._V
-        C_B, C_G = (E_gg + bulk) / self._V, (shear - E_ee) / self._V
-        return Stiffening(bulk_0, shear_0, C_B, C_G, C_G - 0.5 * bulk_0)
 
-    def _gradients(self) -> list[Array]:
-        """Derivatives of E_γγγ and E_γεε by L, (N_b, d) each, directly and through the amplitudes c(L), e(L)."""
-        L, (c, e) = self._L, (response.amplitude for response in self.responses)
-        steps = _STEP * np.linalg.norm(L, axis=1)
-        gradients = [np.zeros_like(L), np.zeros_like(L)]
-        for axis in range(L.shape[1]):
-            ahead = L.copy()
-            ahead[:, axis] += steps
-            for gradient, there, here in zip(gradients, self._edge_parts(ahead, c, e), self._parts, strict=True):
-                gradient[:, axis] = (there - here) / steps
-        step = _STEP * (abs(c) + abs(e))
-        for response, moved in zip(self.responses, ((c + step, e), (c, e + step)), strict=True):
-            dc = 2 * self._s[:, None] * (L @ response.strain - response.amplitude * (self._s / self._k)[:, None] * L)
-            dc /= self._D
-            for gradient, there, here in zip(gradients, self._edge_parts(L, *moved), self._parts, strict=True):
-                gradient += float(np.sum(there - here)) / step * dc
-        return gradients
+def _relaxing(critical: CriticalConfiguration, path: Deformation) -> str:
+    """The reason why free components of the cell leave the network floppy, or an empty string without any."""
+    if not path.free:
+        return ""
+    sigma, L = critical.sigma, critical.bond_vectors
+    stress = (sigma[:, None] * L).T @ L
+    works = np.abs(np.einsum("mij,ij->m", path.free_strains, stress))
+    if works.max() > 1e-9 * np.linalg.norm(stress):
+        free = path.free[int(works.argmax())]
+        return (
+            f"the free component {free} of the cell relaxes the only self-stress, so the network is floppy along this "
+            "path at the transition: fix the cell, or follow strain_path() from a rigid state"
+        )
+    raise InputError(
+        "the free components of the cell do not relax the self-stress: fix the cell, or use strain_path() and "
+        "fit_stiffening()"
+    )
 
-    def _edge_rounding(self) -> tuple[Array, Array]:
-        """Rounding errors of the edges' contributions to E_γγγ and E_γεε, (N_b,) each.
 
-        Sources: rates as differences of vertex velocities, which may exceed them; products; bond vectors.
-        """
-        s, length = np.abs(self._s), np.linalg.norm(self._L, axis=1)
-        c, e = (abs(response.amplitude) for response in self.responses)
-        m, n = (np.abs(response.multipliers) for response in self.responses)
-        (rate_c, slip_c), (rate_e, slip_e) = (self._rates(response) for response in self.responses)
-        goal_c, goal_e = (amplitude * s * length**2 / self._k for amplitude in (c, e))
-        third = np.abs(self._third_of_law) / length**3 + 3 * self._k / length**4
-        bulk = 4 * third * goal_c**3 + 6 * c * (s * (rate_c * slip_c + length**2) + m * length * slip_c)
-        shear = 4 * third * goal_c * goal_e**2 + 2 * c * (s * rate_e + n * length) * slip_e
-        shear += 2 * e * (s * (rate_c * slip_e + rate_e * slip_c + length**2))
-        shear += 2 * e * length * (n * slip_c + m * slip_e)
-        by_bonds, by_bonds_shear = self._sensitivity
-        return EPS * (bulk + 2 * by_bonds), EPS * (shear + 2 * by_bonds_shear)
+def _failed(status: Status, note: str, stats: Stats | None = None) -> StiffeningSolution:
+    stats = stats or Stats("exact", 1, error_bound=_UNBOUNDED if status is Status.ill_conditioned else np.nan)
+    return StiffeningSolution(_NO_STIFFENING, status, stats, note, along=_NO_PATH, along_error=_UNBOUNDED_PATH)
 
-    def _rates(self, response: _Response) -> tuple[Array, Array]:
-        """|L̇| (N_b,), and the numbers whose roundings enter it: |L̇|, the velocities of both vertices, |L|."""
-        network = self._network
-        velocity = np.zeros(network.n_vertices)
-        velocity[network.free] = np.linalg.norm(response.displacement, axis=1)
-        rate = np.linalg.norm(self._L @ response.strain + response.bond_displacement, axis=1)
-        return rate, rate + velocity[network.edges].sum(axis=1) + np.linalg.norm(self._L, axis=1)
 
-    def error_bounds(self) -> Stiffening:
-        """Error bounds (estimates) of the coefficients."""
-        L, s, V, D = self._L, np.abs(self._s), self._V, self._D
-        length = np.linalg.norm(L, axis=1)
-        seconds = []
-        for response in self.responses:
-            c, stretch = abs(response.amplitude), np.linalg.norm(L @ response.strain, axis=1)
-            work = accumulated_rounding(2 * EPS * s * length * stretch)
-            seconds.append(2 * c * work + 4 * EPS * c**2 * D + work**2 / D)
-        bulk_0, shear_0 = (second / V for second in seconds)
-        c, e = (abs(response.amplitude) for response in self.responses)
-        gg, ee = (response.error for response in self.responses)
-        mixed = float(np.sqrt(gg * ee))
-        noise, noise_shear = map(accumulated_rounding, self._edge_rounding())
-        C_B = (noise + 6 * c * gg + seconds[0]) / V
-        C_G = (noise_shear + 2 * c * ee + 4 * e * mixed + seconds[1]) / V
-        return Stiffening(bulk_0, shear_0, C_B, C_G, C_G + 0.5 * bulk_0)
+def _total(found: list[StiffeningSolution]) -> StiffeningSolution:
+    """The sum over disconnected taut parts; the first failure decides the status."""
+    for solution in found:
+        if not solution.ok:
+            return solution
+    if len({solution.loosening for solution in found}) > 1:
+        return _failed(Status.slack_edges, "the strain stretches some taut parts and loosens others: take each part")
+    first, stats = found[0], [solution.stats for solution in found]
+    bound = Stiffening(*_sum([astuple(stat.error_bound) for stat in stats]))
+    return replace(
+        first,
+        value=Stiffening(*_sum([astuple(solution.value) for solution in found])),
+        along=PathStiffening(*_sum([astuple(solution.along) for solution in found])),
+        along_error=PathStiffening(*_sum([astuple(solution.along_error) for solution in found])),
+        stats=replace(stats[0], residual=max(stat.residual for stat in stats), error_bound=bound),
+    )
 
-    def condition(self) -> float:
-        """The larger ratio of a relative error of C_B or C_G to the relative errors of bond vectors that cause it."""
-        value = self.coefficients()
-        changes = [float(np.sum(sensitivity)) / self._V for sensitivity in self._sensitivity]
-        return max(change / max(abs(C), 1e-300) for change, C in zip(changes, (value.C_B, value.C_G), strict=True))
+
+def _sum(rows: list[tuple[float, ...]]) -> list[float]:
+    return [float(total) for total in np.sum(rows, axis=0)]

@@ -39,6 +39,7 @@ TRUSTED_ERROR          Largest error bound of a result, relative to the largest 
                        is correct.
 CONSISTENT_RESPONSE    Largest relative residual of the linear system of the stiffening coefficients; a regular system
                        leaves 1e-14.
+NO_WORK                A strain that does less work on the self-stress than this number times its rounding does none.
 
 Springs at rest
 
@@ -81,6 +82,7 @@ BALANCED_START, LOOSENING_WORK = 1e-6, 1e-9
 
 TRUSTED_ERROR = 0.1
 CONSISTENT_RESPONSE = 1e-9
+NO_WORK = 100.0
 
 GROUP_CONTRAST = 1e3
 MODERATE_CONTRAST = 1e6

@@ -12,16 +12,21 @@ from problems import (
     exact_moduli,
     oblique,
     random_stress,
+    slack_lattice,
+    taut_rows,
     voronoi_3d,
     with_random_stiffness,
 )
 
 from critflow import (
     CriticalManifold,
+    Deformation,
     Hookean,
+    InputError,
     PowerLaw,
     Status,
     WormLike,
+    backbone,
     fit_stiffening,
     honeycomb_network,
     linear_response,
@@ -96,6 +101,112 @@ def test_exact_stiffening_by_richardson(name):
         for order in (1, 2, 3):
             table = (2**order * table[:-1] - table[1:]) / (2**order - 1)
         assert table[0] == pytest.approx(C, abs=1e-5 * max(abs(C), 0.1))
+
+
+A = np.array([[0.3, 0.8], [-0.2, 0.5]])
+PATHS = {
+    "simple shear": ("2D, oblique", "simple_shear"),
+    "uniaxial": ("2D, random stiffness", "uniaxial"),
+    "curved": ("2D", lambda gamma: np.eye(2) + gamma * A + gamma**2 * np.array([[0.1, -0.5], [0.2, 0.05]])),
+    "exponential": ("2D", Deformation.exponential(A)),
+    "simple shear in space": ("3D", Deformation.simple_shear(3, "yz")),
+    "pure shear in space": ("3D, random stiffness", Deformation.pure_shear(3, "xz")),
+}
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_exact_stiffening_along_a_path_by_richardson(name):
+    case, deformation = PATHS[name]
+    critical = critical_of(case)
+    solution = stiffening(critical.network, critical, deformation=deformation)
+    exact, along = solution.value, solution.along
+    h = (-1e-4 if solution.loosening else 1e-4) * np.array([1, 2, 4, 8])
+    path = strain_path(critical.network, critical, h, deformation=deformation).value
+    for values, start, C in (
+        (path.bulk_modulus, exact.bulk_0, exact.C_B),
+        (path.shear_modulus, exact.shear_0, exact.C_G),
+        (path.shear_modulus_stress_corrected, exact.shear_0, exact.C_G_stress_corrected),
+        (path.modulus, along.modulus_0, along.C),
+    ):
+        table = (values - start) / h
+        for order in (1, 2, 3):
+            table = (2**order * table[:-1] - table[1:]) / (2**order - 1)
+        assert table[0] == pytest.approx(C, abs=1e-7)
+
+
+def test_dilation_by_another_measure_of_strain_in_closed_form():
+    # F = 1 + γ/2: the volumetric strain is γ + γ²/4, so that C = C_B − ½ B_0; for (1 + γ)^{1/2} it is C_B − 2 B_0.
+    network = honeycomb_network(3, 3)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    for law, steepness in ((Hookean(), 0), (PowerLaw(3), 1)):
+        C_B = 0.5 * HONEYCOMB_BULK_MODULUS * (steepness - 1)
+        linear = stiffening(network, critical, law=law, deformation=np.eye(2) / 2)
+        assert linear.value.C_B == pytest.approx(C_B, rel=1e-11, abs=1e-12)
+        assert linear.along.C == pytest.approx(C_B - 0.5 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
+        standard = stiffening(network, critical, law=law)
+        assert standard.along.C == pytest.approx(C_B - 2 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
+        assert not linear.loosening
+        shrinking = stiffening(network, critical, law=law, deformation=-np.eye(2) / 2)
+        assert shrinking.loosening
+        assert shrinking.value.C_B == pytest.approx(-C_B, rel=1e-11, abs=1e-12)
+
+
+def test_a_rotation_along_the_path_changes_no_modulus_of_the_path():
+    critical = critical_of("2D")
+    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+    turned, plain = (
+        stiffening(
+            critical.network, critical, deformation=lambda gamma, w=w: _rotation(w * gamma) @ (np.eye(2) + gamma * A)
+        )
+        for w in (0.7, 0.0)
+    )
+    assert turned.value.C_B == pytest.approx(plain.value.C_B, rel=1e-7)
+    assert turned.along.C == pytest.approx(plain.along.C, rel=1e-7)
+    # Without other strain a rotation does no work.
+    solution = stiffening(critical.network, critical, deformation=Deformation.exponential(quarter), throw=False)
+    assert solution.status is Status.floppy
+
+
+def _rotation(angle):
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+@pytest.mark.parametrize(
+    ("deformation", "word"),
+    [("simple_shear", "no work"), ("uniaxial_free", "free component yy")],
+)
+def test_paths_along_which_the_network_stays_floppy_have_a_status(deformation, word):
+    # The stress of the honeycomb is isotropic, so that no shear works on it; a free side relaxes it.
+    network = honeycomb_network(3, 3)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    solution = stiffening(network, critical, throw=False, deformation=deformation)
+    assert solution.status is Status.floppy
+    assert word in solution.note
+    assert np.isnan(astuple(solution.value) + astuple(solution.along)).all()
+
+
+def test_free_components_that_keep_the_stress_are_refused():
+    network = honeycomb_network(3, 3)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    with pytest.raises(InputError, match="fix the cell"):
+        stiffening(network, critical, deformation=Deformation.dilation(2).freeing("xy"))
+
+
+def test_slack_edges_do_not_change_the_coefficients_of_the_taut_part():
+    network, _, critical = slack_lattice()
+    whole = stiffening(network, critical, deformation="uniaxial")
+    part = backbone(critical)
+    assert astuple(whole.value) == astuple(stiffening(part.network, part.configuration, deformation="uniaxial").value)
+    soft = stiffening(network.with_stiffness(0.5), critical, deformation="uniaxial")
+    assert soft.along.C == pytest.approx(0.5 * whole.along.C, rel=1e-11)
+
+
+def test_coefficients_of_disconnected_taut_parts_add_up():
+    # n rows of n springs: E = ½ n² γ² in the volume n²(1 + γ), so that M = 1/(1 + γ).
+    critical = taut_rows(4)
+    solution = stiffening(critical.network, critical, deformation="uniaxial")
+    assert astuple(solution.along) == pytest.approx((1.0, -1.0), rel=1e-12)
+    assert solution.value.bulk_0 == pytest.approx(0.25, rel=1e-13)
 
 
 def test_signs_of_stiffening_in_the_populations():
