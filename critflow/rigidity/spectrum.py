@@ -29,8 +29,8 @@ from critflow.rigidity.tolerances import (
 # most steps; largest singular value, in units of the tolerance, of a null space that has converged.
 _SHIFT, _MOST_ITERATIONS, _CONVERGED = 0.01, 6, 1e-6
 # Squared singular values near the first of these are resolved best in the search for the smallest that is not zero;
-# the others follow where it does not converge within this number of restarts, as for long chains.
-_MODERATE, _MOST_RESTARTS = (1e-3, 1e-6, 1e-9), 25
+# the others follow where it does not converge within this number of restarts times edges, as for long chains.
+_MODERATE, _RESTARTS_TIMES_SIZE = (1e-3, 1e-6, 1e-9), 3_000_000
 
 
 def rigidity_matrix(network: Network, coordinates: Array) -> sp.csr_array:
@@ -142,6 +142,7 @@ class Spectrum:
 
     def _smallest_nonzero(self, null: Array, of_stresses: bool) -> float:
         """The smallest singular value outside a null space (n, count), by Lanczos iteration."""
+        most_restarts = max(_RESTARTS_TIMES_SIZE // len(null), 20)
         for shift in _MODERATE:
             moderate = self._filter(shift, of_stresses)
 
@@ -154,7 +155,7 @@ class Spectrum:
             start = np.random.default_rng(1).standard_normal(len(null))
             try:
                 weights = eigsh(
-                    operator, k=1, which="LA", v0=start, tol=1e-9, maxiter=_MOST_RESTARTS, return_eigenvectors=False
+                    operator, k=1, which="LA", v0=start, tol=1e-9, maxiter=most_restarts, return_eigenvectors=False
                 )
             except ArpackNoConvergence:
                 continue
