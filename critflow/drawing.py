@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,6 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import ArrayLike
 
+from critflow.arguments import checked
 from critflow.networks.network import Array, Network
 from critflow.plot import COLOURS, COMPRESSED, TENSION_MAP, draw_in_depth, periodic_segments
 from critflow.result import InputError, Solution
@@ -21,6 +23,7 @@ _SLACK, _PLAIN = "0.8", "0.35"
 _NO_TENSION = 1e-9
 
 
+@checked
 def draw(
     thing: Any,
     ax: Axes | None = None,
@@ -45,6 +48,8 @@ def draw(
     values = tensions if color is None else np.asarray(color, dtype=float)
     if values is not None and values.shape != (network.n_edges,):
         raise InputError(f"color must have one value per edge, shape ({network.n_edges},), not {values.shape}")
+    if isinstance(cmap, str) and cmap not in matplotlib.colormaps:
+        raise InputError(f"matplotlib has no colour map {cmap!r}: choose a name such as 'viridis'")
     if ax is None:
         ax = plt.figure(figsize=(6.0, 5.4), layout="constrained").add_subplot()
     if network.dimension == 3 and network.cell is not None:

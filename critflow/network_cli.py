@@ -5,7 +5,8 @@ A command imports inside its function the modules that draw, as in `critflow.cli
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,13 +33,41 @@ PinsOption = Annotated[
 NearestOption = Annotated[bool, typer.Option("--nearest", help="Accept nearest images of long edges.")]
 StrictOption = Annotated[bool, typer.Option("--strict", help="Refuse a file that needs a repair.")]
 ContractOption = Annotated[bool, typer.Option("--contract", help="Join the edges of vertices of two edges in series.")]
+CaseOption = Annotated[
+    list[str],
+    typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated."),
+]
 
 
-def read(file: Path, cell: str, pins: str, nearest: bool, strict: bool, contract: bool) -> ImportedNetwork:
+@dataclass(frozen=True)
+class Hints:
+    """Options of the command line on how a file is read."""
+
+    cell: str
+    pins: str
+    nearest: bool
+    strict: bool
+    contract: bool
+    case: Sequence[str]
+
+
+def read(file: Path, hints: Hints) -> ImportedNetwork:
     """The network of a file with the hints of the command line, and its report on the screen."""
-    chosen: Any = pins.split(",") if "," in pins else pins or None
+    chosen: Any = hints.pins.split(",") if "," in hints.pins else hints.pins or None
+    source: Any = file
+    if file.suffix == ".nc":
+        from critflow.workflow.dataset import opened_dataset
+        from critflow.workflow.show import choose_case
+
+        with opened_dataset(file) as dataset:
+            source = choose_case(dataset, hints.case).load()
     imported = network_from(
-        file, cell=_cell(cell), pins=_counted(chosen), nearest=nearest, strict=strict, contract=contract
+        source,
+        cell=_cell(hints.cell),
+        pins=_counted(chosen),
+        nearest=hints.nearest,
+        strict=hints.strict,
+        contract=hints.contract,
     )
     print(imported)
     return imported
@@ -52,6 +81,7 @@ def convert(
     nearest: NearestOption = False,
     strict: StrictOption = False,
     contract: ContractOption = False,
+    case: CaseOption = [],  # noqa: B006 (typer reads the default and copies it)
     size: Annotated[float, typer.Option(metavar="MM", help="Largest extent of a drawing or solid.")] = 100.0,
     radius: Annotated[float, typer.Option(metavar="MM", help="Radius of the struts of a solid.")] = 1.0,
 ) -> int:
@@ -59,7 +89,7 @@ def convert(
 
     Many parameters: each is an option of the command.
     """
-    imported = read(file, cell, pins, nearest, strict, contract)
+    imported = read(file, Hints(cell, pins, nearest, strict, contract, case))
     options: dict[str, Any] = {}
     if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
         options["size"] = size
@@ -87,9 +117,10 @@ def examine_file(
     nearest: NearestOption = False,
     strict: StrictOption = False,
     contract: ContractOption = False,
+    case: CaseOption = [],  # noqa: B006 (typer reads the default and copies it)
 ) -> int:
     """Read a network and print whether and why it is rigid, its critical strains and moduli, and what to do next."""
-    found = examine(read(file, cell, pins, nearest, strict, contract))
+    found = examine(read(file, Hints(cell, pins, nearest, strict, contract, case)))
     print("\n" + str(found))
     if out is not None:
         from critflow.examination.page import write_page
@@ -109,12 +140,13 @@ def make(
     nearest: NearestOption = False,
     strict: StrictOption = False,
     contract: ContractOption = False,
+    case: CaseOption = [],  # noqa: B006 (typer reads the default and copies it)
 ) -> int:
     """Read a network, find its best critical configuration, certify it and write it.
 
     Many parameters: each is an option of the command.
     """
-    imported = read(file, cell, pins, nearest, strict, contract)
+    imported = read(file, Hints(cell, pins, nearest, strict, contract, case))
     write = writer(out)
     optimum = optimize(imported.network, objective, throw=False)
     found = optimum.value

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import inspect
 import itertools
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from critflow import (
     Network,
     StereographicChart,
     cells_of,
+    examine,
     honeycomb_network,
     perimeter_state,
     spring_state,
@@ -59,6 +62,13 @@ RIGHT = {
     "chart": StereographicChart.about(CRITICAL.sigma),
     "s": np.zeros(5),
     "deformation": "dilation",
+    "directions": np.eye(2)[None],
+    "first": np.eye(2),
+    "second": np.diag([1.0, -1.0]),
+    "n": 4,
+    "thing": CRITICAL,
+    "found": examine(NETWORK, CRITICAL.coordinates, deformations=()),
+    "path": Path(tempfile.mkdtemp()) / "page.md",
 }
 OF_FUNCTION = {
     "perimeter_moduli": {"state": perimeter_state(CELLS, np.full(4, 5.0), HEXAGONS.positions)},
@@ -67,6 +77,7 @@ OF_FUNCTION = {
     "voronoi_network": {"n_vertices": 8},
     "deformation_of": {"value": "dilation"},
     "diluted": {"network": honeycomb_network(4, 4)},
+    "packing_network": {"n_vertices": 24, "z": 4.2},
     "cells_of": {"network": HEXAGONS},
 }
 WRONG = {

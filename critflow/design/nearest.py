@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import splu
 
+from critflow.arguments import checked
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.design.tolerances import (
     NEAREST_CONVERGED,
@@ -74,6 +75,7 @@ class _Iterate(NamedTuple):
     cost: float
 
 
+@checked
 def nearest_critical(
     network: Network | CriticalManifold,
     coordinates: ArrayLike,

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import checked
 from critflow.critical.backbone import Backbone, backbone
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.design.boundary_path import BoundaryPath
@@ -136,6 +137,7 @@ class Onset(Solution[CriticalStrain]):
         return self.value.backbone
 
 
+@checked
 def critical_strain(
     network: Network,
     rest_lengths: ArrayLike,

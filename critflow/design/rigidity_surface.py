@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import checked
 from critflow.design.onset import critical_strain
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Status
@@ -46,6 +47,7 @@ class RigiditySurface:
         return np.array([status is Status.ok for status in self.statuses])
 
 
+@checked
 def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: ArrayLike) -> RigiditySurface:
     """The rigidity surface of cables of rest lengths ℓ (N_b,), on rays F = 1 + γA for directions A (n, d, d).
 
@@ -67,6 +69,7 @@ def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: Arra
     )
 
 
+@checked
 def strain_plane(first: ArrayLike, second: ArrayLike, n: int) -> Array:
     """Directions cos θ A + sin θ B (n, d, d) at n equal angles θ: a plane section of the space of strains.
 

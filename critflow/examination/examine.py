@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.arguments import checked
 from critflow.design.nearest import Nearest, nearest_critical
 from critflow.design.onset import Onset, critical_strain
 from critflow.design.tensegrity import signed_stress
@@ -78,6 +79,7 @@ class Examination:
         return "\n".join(report_lines(self))
 
 
+@checked
 def examine(
     network: Network | ImportedNetwork,
     coordinates: ArrayLike | None = None,

@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from critflow.arguments import checked
 from critflow.drawing import draw, saved
 from critflow.examination.examine import Examination, report_lines
 from critflow.result import InputError
@@ -23,6 +24,7 @@ _STYLE = (
 )
 
 
+@checked
 def write_page(found: Examination, path: str | PathLike[str]) -> None:
     """Write a page with pictures; the ending is .html, or .md with a PNG file next to it."""
     target = Path(path)

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.arguments import checked
 from critflow.exchange.boundaries import Pins, with_pins
 from critflow.exchange.data import NetworkData, data_of
+from critflow.exchange.datasets import from_dataset
 from critflow.exchange.formats import format_of
 from critflow.exchange.graphs import from_graph
 from critflow.exchange.meshes import from_compas, from_mesh, from_polygons
@@ -26,6 +28,7 @@ from critflow.result import InputError
 _KINDS = ("edges", "polygons", "picture", "labels")
 
 
+@checked
 def network_from(
     source: Any = None,
     *,
@@ -38,7 +41,8 @@ def network_from(
 ) -> ImportedNetwork:
     """A network from a file or an object of another program, checked and repaired, with one sentence for each repair.
 
-    source   a path; a networkx graph; ASE atoms; a meshio mesh; a COMPAS graph; a `Network`; or None, with the arrays
+    source   a path; a networkx graph; ASE atoms; a meshio mesh; a COMPAS graph; a case of a critflow
+             dataset; a `Network`; or None, with the arrays
              edges= and positions= (and offsets= or bond_vectors=), polygons= and positions=, picture= or labels=
     cell     (d, d) rows are the cell vectors; without one the cell of the source is used
     pins     fixed vertices: "hull", "degree", "box", a list of vertices, or a mask
@@ -59,6 +63,7 @@ def network_from(
     return imported(with_pins(with_offsets(data, nearest), pins), strict, contract)
 
 
+@checked
 def write_network(
     network: Network,
     path: str | PathLike[str],
@@ -92,6 +97,8 @@ def _record(source: Any, given: dict[str, Any]) -> NetworkData:
         return _overridden(data_of(source, given.pop("positions", None)), given)
     if source is None:
         return _from_keywords(given)
+    if hasattr(source, "data_vars"):
+        return _overridden(from_dataset(source), given)
     if hasattr(source, "get_positions") and hasattr(source, "get_pbc"):
         keys = {key: given.pop(key) for key in ("edges", "offsets", "cutoff") if key in given}
         return _overridden(from_atoms(source, **keys), given)

@@ -2,9 +2,11 @@
 
 import json
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import critflow.exchange.packages as packages
 from critflow import (
@@ -244,6 +246,29 @@ def test_a_broken_file_is_one_sentence(tmp_path, ending):
     path.write_bytes(b"\x93not a network\x00\xff")
     with pytest.raises(InputError, match="broken"):
         network_from(path)
+
+
+def test_a_case_of_a_dataset():
+    network = NETWORKS["voronoi"]
+    sigma = np.linspace(1, 2, 96)[None]
+    x = CriticalManifold(network).configuration(sigma[0]).coordinates
+    dataset = xr.Dataset(
+        {
+            "edges": (("seed", "edge", "end"), network.edges[None]),
+            "offsets": (("seed", "edge", "axis"), network.offsets[None]),
+            "cell": (("seed", "vector", "axis"), network.cell[None]),
+            "coordinates": (("seed", "vertex", "axis"), x[None]),
+            "sigma": (("seed", "edge"), sigma),
+        },
+        coords={"seed": [3]},
+    )
+    read = network_from(dataset.sel(seed=3))
+    assert_same(read.network, replace(network, positions=x))
+    np.testing.assert_array_equal(read.force_densities, sigma[0])
+    with pytest.raises(InputError, match="choose one case"):
+        network_from(dataset)
+    with pytest.raises(InputError, match="lacks"):
+        network_from(dataset.sel(seed=3).drop_vars("edges"))
 
 
 # Drawings and solids
