@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import ArrayLike
 
@@ -29,7 +29,7 @@ def draw(
     ax: Axes | None = None,
     *,
     color: ArrayLike | None = None,
-    cmap: Any = None,
+    cmap: str | Colormap | None = None,
     vertices: ArrayLike | None = None,
     width: float = 1.4,
     title: str = "",
