@@ -48,6 +48,8 @@ def draw(
     values = tensions if color is None else np.asarray(color, dtype=float)
     if values is not None and values.shape != (network.n_edges,):
         raise InputError(f"color must have one value per edge, shape ({network.n_edges},), not {values.shape}")
+    if vertices is not None and np.shape(vertices) != (network.n_vertices,):
+        raise InputError(f"vertices must have one value per vertex, shape ({network.n_vertices},)")
     if isinstance(cmap, str) and cmap not in matplotlib.colormaps:
         raise InputError(f"matplotlib has no colour map {cmap!r}: choose a name such as 'viridis'")
     if ax is None:
