@@ -1,0 +1,1 @@
+"""The onset of rigidity under any deformation."""
