@@ -1,0 +1,46 @@
+"""The onset study end to end, small: strains with bounds, convex surfaces, and the growth of the modulus."""
+
+import numpy as np
+import pytest
+
+from critflow.cli import main
+from critflow.result import Status
+from workflows.onset.report import factors
+from workflows.onset.study import network_of
+
+STUDY = "onset"
+
+
+def test_critical_strains_have_bounds_and_the_others_a_status(dataset):
+    found = np.isfinite(dataset.critical_strain)
+    assert ((dataset.strain_status == Status.ok) == found).all()
+    assert float(dataset.strain_gap.max()) < 2e-9
+    assert found.sel(family="triangular", z=3.2).all()
+    # A Voronoi network is in balance under the forces of its dual triangulation.
+    assert (dataset.strain_status.sel(family="voronoi", z=3) == Status.rigid).all()
+    assert dataset.surface_strain.sel(family="triangular").isnull().all()
+
+
+def test_surfaces_and_the_growth_of_the_modulus(dataset, folder):
+    one = dataset.sel(family="voronoi").isel(seed=0)
+    # Dilation reaches the surface where the area exceeds that of the lengths by 5 % a side.
+    np.testing.assert_allclose(one.surface_strain.values[:, 2], 0.05, rtol=1e-9)
+    assert float(one.onset_error.max()) < 1e-12
+    assert np.nanmin(factors(dataset)) > 0
+    claims = (folder / "claims.md").read_text(encoding="utf-8")
+    assert "OnsetConvex" in claims
+    for name in ("coordination", "surfaces", "stiffening"):
+        assert (folder / "figures" / f"{name}.png").exists()
+
+
+def test_families_have_the_coordination_requested():
+    network = network_of("triangular", 48, 3.2, 0)
+    assert 2 * network.n_edges / network.n_vertices == pytest.approx(3.2, abs=2 / network.n_vertices)
+
+
+@pytest.mark.parametrize(
+    "setting, word", [("deformations=twist", "twist"), ("past=0.1,0.2", "three"), ("excess=0", "exc")]
+)
+def test_bad_settings_are_refused_before_anything_runs(setting, word, tmp_path, capsys):
+    assert main(["run", STUDY, "--out", str(tmp_path / "out"), "--set", setting]) == 2
+    assert word in capsys.readouterr().err
