@@ -10,7 +10,7 @@ SETTINGS = {
     "ensemble": ("seeds=0:3", "n_vertices=60"),
     "gallery": ("seeds=1:3", "n_vertices=60", "starts=2"),
     "onset": (
-        "seeds=0:1",
+        "seeds=1:2",
         "families=triangular,voronoi",
         "n_vertices=48",
         "z=2.8,3",

@@ -15,7 +15,7 @@ def test_critical_strains_have_bounds_and_the_others_a_status(dataset):
     found = np.isfinite(dataset.critical_strain)
     assert ((dataset.strain_status == Status.ok) == found).all()
     assert float(dataset.strain_gap.max()) < 2e-9
-    assert found.sel(family="triangular", z=3.2).all()
+    assert found.sel(family="triangular", z=3.4).all()
     # A Voronoi network is in balance under the forces of its dual triangulation.
     assert (dataset.strain_status.sel(family="voronoi", z=3) == Status.rigid).all()
     assert dataset.surface_strain.sel(family="triangular").isnull().all()
@@ -34,8 +34,8 @@ def test_surfaces_and_the_growth_of_the_modulus(dataset, folder):
 
 
 def test_families_have_the_coordination_requested():
-    network = network_of("triangular", 48, 3.2, 0)
-    assert 2 * network.n_edges / network.n_vertices == pytest.approx(3.2, abs=2 / network.n_vertices)
+    network = network_of("triangular", 48, 3.4, 1)
+    assert 2 * network.n_edges / network.n_vertices == pytest.approx(3.4, abs=2 / network.n_vertices)
 
 
 @pytest.mark.parametrize(
