@@ -12,6 +12,7 @@ from critflow.critical.objectives import Objective
 from critflow.critical.stress_hessian import flat_directions, stress_hessian
 from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.isogonal import face_modes, isogonal_modes
+from critflow.design.leverage import EdgeLeverage, edge_leverage
 from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound
 from critflow.design.nearest import Nearest, nearest_critical
 from critflow.design.onset import Onset, critical_strain
@@ -77,6 +78,7 @@ __all__ = [
     "CriticalConfiguration",
     "CriticalManifold",
     "Deformation",
+    "EdgeLeverage",
     "Elasticity",
     "EnvironmentFailure",
     "Examination",
@@ -121,6 +123,7 @@ __all__ = [
     "diamond_network",
     "diluted",
     "draw",
+    "edge_leverage",
     "elastic_moduli",
     "elasticity",
     "equilibrium",

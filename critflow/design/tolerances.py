@@ -60,6 +60,11 @@ MOST_PROGRAMS     Linear programs on one path; smooth paths need two to four.
 FLAT_STEPS        Programs in a row that end beyond a flat cell, after which the path counts as floppy to its end.
 FLAT              Relative distance from a flat cell, det F = 0, that counts as flat.
 INSIDE            Part of the distance to a limit that a step uses, to stay inside.
+
+Cuts
+UNSUPPORTED       Part of a stress that flows around an edge below which its cut opens the network; rounding leaves
+                  1e-13.
+
 Nearest configuration
 NEAREST_CONVERGED Change of log σ in a step of Gauss and Newton below which it has converged.
 NEAREST_DAMPING   First damping of these steps, in units of the mean square of the coordinates.
@@ -72,6 +77,8 @@ WIDEST_STRESS     |log σ| relative to the mean beyond which an edge counts as c
 SMALLEST_START    Smallest stress that a descent starts from, relative to the mean: stresses in balance at noisy
                   positions may be negative.
 """
+
+UNSUPPORTED = 1e-10
 
 NEAREST_CONVERGED = 1e-9
 NEAREST_DAMPING = 1e-9
