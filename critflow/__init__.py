@@ -37,6 +37,7 @@ from critflow.mechanics.stiffening import stiffening
 from critflow.mechanics.strain_path import strain_path
 from critflow.networks.deformation import DEFORMATIONS, Deformation, deformation_of
 from critflow.networks.dilution import diluted
+from critflow.networks.faces import Faces, planar_faces
 from critflow.networks.fibre_networks import mikado_network, phantom_network
 from critflow.networks.lattices import (
     cubic_network,
@@ -82,6 +83,7 @@ __all__ = [
     "Elasticity",
     "EnvironmentFailure",
     "Examination",
+    "Faces",
     "Hookean",
     "ImportedNetwork",
     "InputError",
@@ -148,6 +150,7 @@ __all__ = [
     "perimeter_moduli",
     "perimeter_state",
     "phantom_network",
+    "planar_faces",
     "principal_curvatures",
     "prune",
     "pruned_network",

@@ -7,11 +7,21 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
+
+from critflow.arguments import checked
+from critflow.result import NetworkError
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+# Numbers of full turns are whole up to the rounding of a sum of angles.
+_ROUNDING = 1e-6
+_NO_POLYGONS = (
+    "the edges do not bound polygons: some of them cross, or a face winds around the cell; give an embedding without "
+    "crossings"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +58,25 @@ class PlanarFaces(Faces):
         raise AttributeError(name)
 
 
-def planar_faces(edges: IntArray, bond_vectors: Array, n_vertices: int) -> Faces:
+@checked
+def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> Faces:
     """The faces of a planar network from its embedding: bond vectors (N_b, 2) that do not cross.
 
-    Walking an edge and taking the sharpest left turn at each vertex goes once around a face counterclockwise.
+    Walking an edge and taking the sharpest left turn at each vertex goes once around a face counterclockwise, and
+    clockwise around the outside of a network that is not periodic, which is no face.  Raises `NetworkError` where the
+    walks are no polygons because edges cross or have no length, or because a face winds around the cell.
     """
+    edges, bond_vectors = np.asarray(edges), np.asarray(bond_vectors, dtype=float)
+    if edges.ndim != 2 or edges.shape[1] != 2 or edges.shape != bond_vectors.shape or len(edges) == 0:
+        raise NetworkError(
+            f"edges and bond vectors must both have shape (N_b, 2), not {edges.shape} and {bond_vectors.shape}"
+        )
     n_edges = len(edges)
+    if edges.dtype.kind not in "iu" or edges.min() < 0 or edges.max() >= n_vertices:
+        raise NetworkError(f"edges must be numbers of vertices from 0 to {n_vertices - 1}")
+    if not (np.isfinite(bond_vectors).all() and bond_vectors.any(axis=1).all()):
+        edge = int(np.flatnonzero(~(np.isfinite(bond_vectors).all(axis=1) & bond_vectors.any(axis=1)))[0])
+        raise NetworkError(f"edge {edge} has the bond vector {bond_vectors[edge].tolist()}, which has no direction")
     # Half-edge 2α leaves the tail of edge α, half-edge 2α + 1 leaves its head.
     origin = edges.ravel()
     direction = np.repeat(bond_vectors, 2, axis=0) * np.tile([1.0, -1.0], n_edges)[:, None]
@@ -70,6 +93,8 @@ def planar_faces(edges: IntArray, bond_vectors: Array, n_vertices: int) -> Faces
     cycle = connected_components(
         sp.coo_array((np.ones(2 * n_edges), (np.arange(2 * n_edges), following))), directed=False
     )[1]
+    turns = _turns(direction, following, cycle)
+    _check_polygons(edges, turns, n_vertices)
     size = np.bincount(cycle)
     # The least half-edge of each face, since the last of several assignments stands.
     walker = np.empty(len(size), int)
@@ -80,4 +105,54 @@ def planar_faces(edges: IntArray, bond_vectors: Array, n_vertices: int) -> Faces
         inside = size > k
         walk[starts[:-1][inside] + k] = walker[inside]
         walker = following[walker]
+    inner = turns > 0
+    kept = np.repeat(inner, size)
+    walk, starts = walk[kept], np.concatenate([[0], np.cumsum(size[inner])])
+    _check_simple(direction[walk], starts)
     return Faces(walk // 2, 1 - 2 * (walk % 2), starts)
+
+
+def _turns(direction: Array, following: IntArray, cycle: IntArray) -> Array:
+    """Number of full counterclockwise turns of each walk: 1 around a polygon, −1 around the outside."""
+    after = direction[following]
+    cross = direction[:, 0] * after[:, 1] - direction[:, 1] * after[:, 0]
+    angle = np.arctan2(cross, np.einsum("ad,ad->a", direction, after))
+    # At the end of a dangling edge the walk turns back clockwise.
+    angle[following == np.arange(len(following)) ^ 1] = -np.pi
+    return np.asarray(np.bincount(cycle, angle) / (2 * np.pi))
+
+
+def _check_polygons(edges: IntArray, turns: Array, n_vertices: int) -> None:
+    """Raise `NetworkError` unless the walks are polygons that tile a torus, or the plane with one outside a part."""
+    graph = sp.coo_array((np.ones(len(edges)), tuple(edges.T)), shape=(n_vertices, n_vertices))
+    used = np.bincount(edges.ravel(), minlength=n_vertices) > 0
+    n_parts = len(np.unique(connected_components(graph, directed=False)[1][used]))
+    n_outer = int(np.sum(np.abs(turns + 1) < _ROUNDING))
+    # Euler's formula: N_v − N_b + N_f is 0 on a torus and 2 on a sphere, whose outside is one of the faces.
+    characteristic = int(used.sum()) - len(edges) + len(turns)
+    polygons = bool((np.abs(np.abs(turns) - 1) < _ROUNDING).all())
+    if not polygons or (n_outer, characteristic) not in ((0, 0), (n_parts, 2 * n_parts)):
+        raise NetworkError(_NO_POLYGONS)
+
+
+def _check_simple(sides: Array, starts: IntArray) -> None:
+    """Raise `NetworkError` if two sides of one polygon cross; without such crossings polygons that turn once tile."""
+    size = np.repeat(np.diff(starts), np.diff(starts))
+    start = np.repeat(starts[:-1], np.diff(starts))
+    place = np.arange(len(sides)) - start
+    end = np.cumsum(sides, axis=0)
+    end -= (end - sides)[start]
+    begin = end - sides
+    for apart in range(2, int(size.max(initial=0)) // 2 + 1):
+        i = np.flatnonzero(size >= 2 * apart)
+        j = start[i] + (place[i] + apart) % size[i]
+        a, b, c, d = begin[i], end[i], begin[j], end[j]
+        if ((_side_of(a, b, c) * _side_of(a, b, d) < 0) & (_side_of(c, d, a) * _side_of(c, d, b) < 0)).any():
+            raise NetworkError(_NO_POLYGONS)
+
+
+def _side_of(a: Array, b: Array, p: Array) -> Array:
+    """1 for points p (n, 2) to the left of the lines from a to b, −1 to their right, 0 on them up to rounding."""
+    u, v = b - a, p - a
+    area, scale = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], np.sum(u**2 + v**2, axis=1)
+    return np.asarray(np.sign(area) * (np.abs(area) > _ROUNDING**2 * scale))

@@ -216,3 +216,44 @@ def test_a_mistyped_number_of_vertices_allocates_nothing():
         Network([[0, 1], [1, 2], [2, 0]], [[1, 0], [0, 1], [0, 0]], np.eye(2), n_vertices=10**15)
     with pytest.raises(NetworkError, match="vertex 2"):
         Network([[0, 1], [1, 10**15]], pins={0: [0.0, 0.0], 10**15: [1.0, 0.0]})
+
+
+def patch(n_pins):
+    """Seven hexagons around one, with dangling edges to pins on the outside."""
+    ring = np.array([[np.cos(a), np.sin(a)] for a in np.pi / 3 * np.arange(6)])
+    x = np.concatenate([ring, 2 * ring, 3 * ring[:n_pins]])
+    spokes, sides = [[i, i + 6] for i in range(6)], [[6 + i, 6 + (i + 1) % 6] for i in range(6)]
+    inner, outer = [[i, (i + 1) % 6] for i in range(6)], [[6 + i, 12 + i] for i in range(n_pins)]
+    edges = np.array([*inner, *spokes, *sides, *outer])
+    return edges, x
+
+
+def test_the_outside_of_a_patch_is_no_face():
+    edges, x = patch(3)
+    faces = planar_faces(edges, x[edges[:, 1]] - x[edges[:, 0]], len(x))
+    assert sorted(faces.sizes) == [4, 4, 4, 4, 4, 4, 6]
+    # A second patch apart from the first one has an outside of its own.
+    both = np.concatenate([edges, edges + len(x)])
+    assert planar_faces(both, np.tile(x[edges[:, 1]] - x[edges[:, 0]], (2, 1)), 2 * len(x)).n_faces == 14
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_crossing_edges_are_refused(seed):
+    network, rng = voronoi_network(40, seed=seed), np.random.default_rng(seed)
+    i, j = rng.choice(40, 2, replace=False)
+    x = network.positions.copy()
+    x[[i, j]] = x[[j, i]]
+    with pytest.raises(NetworkError, match="cross"):
+        planar_faces(network.edges, network.bond_vectors(x), 40)
+    edges, x = patch(2)
+    x[int(rng.integers(6))] *= 2.9
+    with pytest.raises(NetworkError, match="cross"):
+        planar_faces(edges, x[edges[:, 1]] - x[edges[:, 0]], len(x))
+
+
+def test_a_face_around_the_cell_is_refused():
+    strip = Network([[0, 1], [1, 0], [1, 2], [2, 1]], [[0, 0], [1, 0], [0, 0], [-1, 0]], np.eye(2))
+    with pytest.raises(NetworkError, match="winds"):
+        planar_faces(strip.edges, [[0.5, 0.1], [0.5, -0.1], [-0.5, 0.2], [-0.5, -0.2]], 3)
+    with pytest.raises(NetworkError, match="direction"):
+        planar_faces(strip.edges, np.zeros((4, 2)), 3)
