@@ -121,6 +121,13 @@ def test_a_floppy_network_must_say_so(monkeypatch):
     assert quantities.finding("elastic_moduli", problem).violation is Violation.status
 
 
+@pytest.mark.parametrize("strength", [0, 8, 15, 20, 40])
+def test_soft_edges_have_moduli_within_their_bounds(strength):
+    for seed in (0, 1, 4):
+        problem = problems.DIFFICULTIES["soft_edges"].problem(strength, seed, 10)
+        assert quantities.finding("elastic_moduli", problem).outcome in (Outcome.exact, Outcome.bounded)
+
+
 def test_an_optimum_that_is_none_is_found_out(monkeypatch):
     problem = problems.DIFFICULTIES["threshold"].problem(0.5, 1, 16)
     real = quantities.optimize

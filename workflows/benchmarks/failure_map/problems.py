@@ -14,6 +14,7 @@ import numpy as np
 from critflow import (
     CriticalManifold,
     Network,
+    delaunay_network,
     honeycomb_network,
     voronoi_network,
 )
@@ -221,6 +222,19 @@ def _contrast(strength, seed, n_vertices):
     return Problem(make, _generic(seed))
 
 
+def _soft_edges(strength, seed, n_vertices):
+    """A triangulation with none to 40 % of its edges softened, or with stiffnesses of all magnitudes."""
+
+    def make():
+        network = delaunay_network(n_vertices, seed)
+        rng, n = _draw(seed, "soft edges"), network.n_edges
+        k = 10.0 ** (-strength * rng.random(n)) if seed % 5 == 0 else np.ones(n)
+        k[rng.choice(n, int(0.1 * (seed % 5) * n), replace=False)] = 10.0**-strength
+        return network.with_stiffness(k)
+
+    return Problem(make)
+
+
 def _extra_edges(strength, seed, n_vertices):
     """More edges than motions: one self-stress for each additional edge."""
 
@@ -318,6 +332,10 @@ DIFFICULTIES = {
         ),
         Difficulty("smallest", "number of vertices", (16, 14, 12, 10, 8, 6, 4, 2), _smallest, ALL),
         Difficulty("contrast", "largest over least stiffness", (1, 10, 100, 1e3, 1e4, 1e5, 1e6, 1e8), _contrast, ALL),
+        Difficulty(
+            "soft_edges", "decades of stiffness at rest", (0, 2, 4, 6, 8, 10, 12, 14, 15, 16, 17, 18, 20, 25, 30, 40),
+            _soft_edges, ("elastic_moduli",),
+        ),
         Difficulty(
             "extra_edges", "edges beyond 2(N_v − 1)", (-6, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 6, 8, 10), _extra_edges,
             (*CONFIGURATION, "elastic_moduli", "length_variance_auto", "bulk_modulus_auto", "shear_modulus_auto"),

@@ -120,7 +120,8 @@ def _elastic_moduli(problem):
 def _elastic_error(problem, answer):
     if answer.status is Status.floppy:
         return np.abs(answer.values), 1.0
-    bulk, shear = reference.moduli_at_rest(problem.network, problem.generic)
+    digits = reference.digits_for_contrast(problem.network.stiffness)
+    bulk, shear = reference.moduli_at_rest(problem.network, problem.generic, digits=digits)
     return _each(answer, (bulk, shear, shear))
 
 
