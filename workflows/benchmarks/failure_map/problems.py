@@ -244,7 +244,9 @@ def _extra_edges(strength, seed, n_vertices):
         edges, offsets = network.edges, network.offsets
         while len(edges) < wanted:
             tail, head = rng.choice(n_vertices, 2, replace=False)
-            new = np.array([[tail, head]]), rng.integers(-1, 2, (1, 2))
+            # To the nearest image, as the positions have it.
+            apart = (network.positions[head] - network.positions[tail]) @ np.linalg.inv(network.cell)
+            new = np.array([[tail, head]]), -np.rint(apart).astype(int)[None]
             same = (np.sort(edges) == np.sort(new[0])).all(axis=1)
             if not same.any():
                 edges, offsets = np.concatenate([edges, new[0]]), np.concatenate([offsets, new[1]])
