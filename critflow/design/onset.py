@@ -21,9 +21,9 @@ from critflow.critical.backbone import Backbone, backbone
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.design.boundary_path import BoundaryPath
 from critflow.design.onset_bounds import StrainBounds, onset_bounds
-from critflow.design.onset_search import Interior, Search, floppy_start, search_onset, settled
+from critflow.design.onset_search import Interior, Search, floppy_start, search_onset
 from critflow.design.stressed_part import unknown_configuration
-from critflow.design.taut_edges import OnsetState, polish_taut
+from critflow.design.taut_edges import OnsetState, polish_taut, settled
 from critflow.design.tolerances import ONSET_GAP
 from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network, edge_values
@@ -159,7 +159,8 @@ def critical_strain(
     little as γ_c permits.
 
     Raises `InputError` for bad arguments, `SolveError` where no onset exists: `Status.rigid` at γ = 0 already,
-    `Status.floppy` on the whole path, or up to a flat cell.  `Status.stalled`: the bounds differ by more than 1e-9.
+    `Status.floppy` on the whole path, or up to a flat cell.  `Status.stalled`: the bounds differ by more than 1e-9,
+    or one is an estimate.
     """
     lengths = edge_values(rest_lengths, network.n_edges, "rest_lengths")
     if direction not in (1, -1):
@@ -184,6 +185,11 @@ def _polished(path: BoundaryPath, lengths: Array, found: Search, start: OnsetSta
     status, note = Status.ok, ""
     if not gap <= ONSET_GAP * (1 + state.strain):
         status, note = Status.stalled, f"the bounds on the strain differ by {gap:.1g}: see `lower` and `upper`"
+    elif not all(bounds.proven):
+        status, note = (
+            Status.stalled,
+            "a bound on the strain is only an estimate: see `value.proven`",
+        )
     return Onset(
         value=_value(path, lengths, state, bounds),
         status=status,

@@ -14,8 +14,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import dijkstra
 
 from critflow.design.boundary_path import BoundaryPath
-from critflow.design.onset_search import settled
-from critflow.design.taut_edges import OnsetState, newton_taut
+from critflow.design.taut_edges import OnsetState, newton_taut, settled
 from critflow.design.tolerances import RETREATS
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array

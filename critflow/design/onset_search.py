@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 
 from critflow.design.boundary_path import BoundaryPath
 from critflow.design.taut_edges import OnsetState
 from critflow.design.tolerances import (
-    EXACT_CONE,
     FLAT,
     FLAT_STEPS,
     FLOPPY_CONE,
@@ -89,30 +87,6 @@ def search_onset(path: BoundaryPath, lengths: Array) -> Search:
             q = q + reach.parameters[:-1]
     note = f"no onset was found up to strain {path.direction * s:.3g}: follow the path in another direction"
     return Search(None, Status.floppy, note, MOST_PROGRAMS, steps)
-
-
-def settled(path: BoundaryPath, lengths: Array, state: OnsetState) -> OnsetState:
-    """The state with coordinates of the vertices off the taut edges that shorten the longest slack edge, |L|/ℓ > 1.
-
-    They are those of a program that was less accurate than the taut part.
-    """
-    network = path.network
-    L = state.bond_vectors(path)
-    longest = float((np.linalg.norm(L, axis=1) / lengths)[~state.taut].max(initial=0.0))
-    if longest <= 1 or not np.isfinite(state.error):
-        return state
-    on = np.zeros(network.n_vertices, bool)
-    on[network.edges[state.taut]] = True
-    columns = ~on[network.free]
-    moving = sp.csr_array(network.free_incidence[:, columns])
-    edges = np.diff(moving.indptr) > 0
-    if not edges.any():
-        return state
-    g = sp.csr_array(moving[edges])
-    fit = fit_lengths(g, L[edges] - g @ state.coordinates[columns], lengths[edges], EXACT_CONE[0])
-    x = state.coordinates.copy()
-    x[columns] = fit.coordinates
-    return replace(state, coordinates=x) if fit.ratio < longest else state
 
 
 def _program(path: BoundaryPath, lengths: Array, s: float, q: Array, tolerance: float) -> Reach:

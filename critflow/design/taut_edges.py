@@ -10,15 +10,27 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.critical.backbone import connected_parts
 from critflow.design.boundary_path import BoundaryPath
-from critflow.design.tolerances import DAMPING, FITTED, NO_STRESS, ONSET_ROUNDS, ONSET_STEPS, VIOLATED, WEAK_STRESS
+from critflow.design.tolerances import (
+    DAMPING,
+    EXACT_CONE,
+    FITTED,
+    NO_STRESS,
+    ONSET_ROUNDS,
+    ONSET_STEPS,
+    VIOLATED,
+    WEAK_GROWTH,
+    WEAK_STRESS,
+)
 from critflow.linalg.saddle import Saddle
 from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION
 from critflow.networks.network import Array, IntArray, Network
 from critflow.result import InputError, NetworkError
+from critflow.solvers.cone import fit_lengths
 
 Mask = NDArray[np.bool_]
 
@@ -56,8 +68,8 @@ def polish_taut(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetS
     After each attempt edges without stress are released, other edges longer than ℓ become candidates, and where
     Newton's method fails the weakest edges are released.  The error is infinite where no attempt succeeds.
     """
-    network, state, weak_below = path.network, start, WEAK_STRESS
-    released = np.zeros(network.n_edges, bool)
+    network, state, best, weak_below, least = path.network, start, start, WEAK_STRESS, np.inf
+    released, steps = np.zeros(network.n_edges, bool), 0
     for _ in range(ONSET_ROUNDS):
         candidate = without_hanging(network, state.taut)
         if not candidate.any():
@@ -66,24 +78,57 @@ def polish_taut(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetS
         if found is not None and not found.error < FITTED:
             damped = newton_taut(path, lengths, replace(state, taut=candidate), damping=DAMPING)
             found = damped and newton_taut(path, lengths, damped)
+        steps = steps if found is None else found.steps
         if found is None or not found.error < FITTED:
             mean = float(start.sigma[candidate].mean())
             weak = candidate & (start.sigma < weak_below * mean)
-            weak_below, released = 10 * weak_below, released | weak
-            steps = state.steps if found is None else found.steps
+            weak_below *= WEAK_GROWTH
             state = replace(start, taut=candidate & ~weak, steps=steps)
             continue
-        L = found.bond_vectors(path)
         unstressed = candidate & (found.sigma <= NO_STRESS * found.sigma[candidate].mean())
         released |= unstressed
-        longer = ~candidate & ~released & (np.linalg.norm(L, axis=1) > (1 + VIOLATED) * lengths)
+        longer = _longer(path, lengths, found) & ~released
+        if longer.any():
+            found = settled(path, lengths, found)
+            longer &= _longer(path, lengths, found)
+        if not unstressed.any() and longer.sum() < least:
+            best, least = found, longer.sum()
         if not (unstressed.any() or longer.any()):
-            return found
+            break
         # An edge that is longer once more after its trial is not part of the balance.
         released |= longer
         sigma = np.where(longer, WEAK_STRESS * found.sigma[candidate].mean(), np.where(unstressed, 0.0, found.sigma))
         state = replace(found, taut=(candidate & ~unstressed) | longer, sigma=sigma)
-    return replace(start, steps=state.steps)
+    return replace(best, steps=steps)
+
+
+def _longer(path: BoundaryPath, lengths: Array, state: OnsetState) -> Mask:
+    """Slack edges that are longer than ℓ."""
+    return ~state.taut & (np.linalg.norm(state.bond_vectors(path), axis=1) > (1 + VIOLATED) * lengths)
+
+
+def settled(path: BoundaryPath, lengths: Array, state: OnsetState) -> OnsetState:
+    """The state with coordinates of the vertices off the taut edges that shorten the longest slack edge, |L|/ℓ > 1.
+
+    They are those of a program that was less accurate than the taut part.
+    """
+    network = path.network
+    L = state.bond_vectors(path)
+    longest = float((np.linalg.norm(L, axis=1) / lengths)[~state.taut].max(initial=0.0))
+    if longest <= 1 or not np.isfinite(state.error):
+        return state
+    on = np.zeros(network.n_vertices, bool)
+    on[network.edges[state.taut]] = True
+    columns = ~on[network.free]
+    moving = sp.csr_array(network.free_incidence[:, columns])
+    edges = np.diff(moving.indptr) > 0
+    if not edges.any():
+        return state
+    g = sp.csr_array(moving[edges])
+    fit = fit_lengths(g, L[edges] - g @ state.coordinates[columns], lengths[edges], EXACT_CONE[0])
+    x = state.coordinates.copy()
+    x[columns] = fit.coordinates
+    return replace(state, coordinates=x) if fit.ratio < longest else state
 
 
 def newton_taut(path: BoundaryPath, lengths: Array, start: OnsetState, damping: float = 0.0) -> OnsetState | None:

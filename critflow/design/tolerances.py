@@ -53,6 +53,7 @@ ONSET_GAP         Largest gap of the bounds on a strain with status `ok`, relati
 RETREATS          Relative decreases of the lengths that show a strain to be floppy where rounding alone is not enough.
 ONSET_ROUNDS      Attempts to separate taut from slack edges; standard networks need one, diluted lattices up to four.
 DAMPING           Compliance of taut edges with several self-stresses, relative to their stress, far from the solution.
+WEAK_GROWTH       Factor between the stresses below which edges are released when Newton's method fails again.
 ONSET_STEPS       Steps of Newton's method in one attempt; convergence is quadratic.
 VIOLATED          Excess of |L|/ℓ over 1 of a slack edge that becomes a candidate; errors of the program are smaller.
 NEARBY            Step of the strain, relative to 1 + |s|, after which the next program is the last one.
@@ -120,7 +121,8 @@ FLOPPY_CONE = 1e-3
 ONSET_CONE = 1e-10
 ONSET_GAP = 1e-9
 RETREATS = (3e-11, 1e-10, 3e-10)
-ONSET_ROUNDS = 10
+ONSET_ROUNDS = 16
+WEAK_GROWTH = 3.0
 DAMPING = 1e-3
 ONSET_STEPS = 16
 VIOLATED = 1e-8
