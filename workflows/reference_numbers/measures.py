@@ -1,0 +1,244 @@
+"""One function for each reference number: from parameters and a seed to a value and the curve that it is read from."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from critflow import (
+    CriticalManifold,
+    Status,
+    backbone,
+    cells_of,
+    critical_from_lengths,
+    critical_from_perimeters,
+    delaunay_network,
+    diluted,
+    elasticity,
+    honeycomb_network,
+    phantom_network,
+    prune,
+    strain_path,
+    transition_moduli,
+    triangular_network,
+    voronoi_network,
+)
+from critflow.networks.pruning import carrying_part
+from critflow.workflow import stable_rng
+
+# Length of the stored curves.
+POINTS = 8
+# Strain past an onset at γ_c, in units of γ_c: the coefficient is the limit of small strain.
+STEP = 1e-4
+# Bulk modulus over shear modulus below which a network does not resist dilation.
+SOFT = 1e-6
+# Strains of a dilation near the transition.
+_NEAR = (1e-6, 1e-4)
+# Simple shears between which a disordered network has the cell without shear stress.
+_SHEARS = (-0.5, 0.5)
+# Turn of a corner, relative to the lengths of its sides, below which a corner is straight.
+STRAIGHT = 1e-9
+
+
+class Measured(NamedTuple):
+    """A value, the curve (x, y) behind it, at most `POINTS` long, and the outcome."""
+
+    value: float
+    x: np.ndarray
+    y: np.ndarray
+    status: Status = Status.ok
+
+
+def hexagon_shape(parameters, seed):
+    """Critical shape index of regular hexagons with perimeter springs."""
+    return _shape(honeycomb_network(4, 4))
+
+
+def planar_shape(parameters, seed):
+    """Critical shape index of the disordered planar vertex model without an area term."""
+    return _shape(voronoi_network(parameters["n_vertices_cells"], seed))
+
+
+def _shape(network):
+    found = critical_from_perimeters(cells_of(network), np.ones(network.faces.n_faces), throw=False)
+    shapes = found.value.shape_index
+    return Measured(float(shapes.mean()), np.empty(0), np.empty(0), found.status)
+
+
+def honeycomb_length(parameters, seed):
+    """Least length ℓ_0 that all edges of the honeycomb can have at V = N_v; the curve is ℓ_min in simple shear."""
+    strains = np.linspace(-0.2, 0.2, POINTS)
+    return Measured(_least_length(0.0), strains, np.array([_least_length(gamma) for gamma in strains]))
+
+
+def honeycomb_shear(parameters, seed):
+    """Coefficient b of ℓ_min = ℓ_0 + b γ², from differences at two strains with the next order removed."""
+    steps = np.array([0.01, 0.02])
+    b = [(_least_length(h) + _least_length(-h) - 2 * _least_length(0.0)) / (2 * h**2) for h in steps]
+    return Measured((4 * b[0] - b[1]) / 3, steps, np.array(b))
+
+
+def _least_length(gamma):
+    network = honeycomb_network(3, 3)
+    scale = np.sqrt(network.n_vertices / network.volume)
+    sheared = network.deformed(scale * simple_shear(gamma))
+    return float(critical_from_lengths(sheared, np.ones(network.n_edges)).value.lengths.mean())
+
+
+def factor_three(parameters, seed):
+    """(G − G_c) γ_c/σ just past onsets at γ_c in simple shear; the value is the limit γ_c → 0 of its fit a + b γ_c².
+
+    γ is measured from the cell of least ℓ_min on this path, where the critical network has no shear stress.
+    """
+    network = _without_shear_stress(voronoi_network(parameters["n_vertices"], seed))
+    onsets = np.array(parameters["onsets"])
+    ratios = np.full(len(onsets), np.nan)
+    for n, onset in enumerate(onsets):
+        # Equal lengths that fit the cell sheared by γ_c are those whose onset is γ_c.
+        sheared = network.deformed(simple_shear(onset))
+        found = critical_from_lengths(sheared, np.ones(network.n_edges), throw=False)
+        if not found.ok:
+            return Measured(np.nan, onsets, ratios, found.status)
+        G_c = transition_moduli(found.value).shear
+        strains = STEP * onset * np.array([1.0, 2.0])
+        path = strain_path(sheared, found.value, strains, deformation="simple_shear").value
+        ratio = (path.modulus - G_c) * onset / path.stress[:, 0, 1]
+        ratios[n] = 2 * ratio[0] - ratio[1]
+    return Measured(float(np.polyfit(onsets**2, ratios, 1)[1]), onsets, ratios)
+
+
+def simple_shear(gamma):
+    """F of the simple shear γ."""
+    return np.array([[1.0, gamma], [0.0, 1.0]])
+
+
+def _without_shear_stress(network):
+    """The network in the sheared cell in which equal lengths are critical without shear stress."""
+
+    def stress(gamma):
+        found = critical_from_lengths(network.deformed(simple_shear(gamma)), np.ones(network.n_edges), throw=False)
+        L, sigma = found.value.bond_vectors, found.value.sigma
+        return float(sigma @ (L[:, 0] * L[:, 1]) / (sigma @ np.sum(L**2, axis=1)))
+
+    return network.deformed(simple_shear(brentq(stress, *_SHEARS, xtol=1e-12)))
+
+
+def tension_honeycomb(parameters, seed):
+    """The honeycomb of equal lengths."""
+    network = honeycomb_network(10, 10)
+    return _shear_of_tension(critical_from_lengths(network, np.ones(network.n_edges), throw=False))
+
+
+def tension_voronoi(parameters, seed):
+    """The standard network with the lengths that it is made with."""
+    network = voronoi_network(parameters["n_vertices"], seed)
+    return _shear_of_tension(critical_from_lengths(network, _lengths(network), throw=False))
+
+
+def tension_delaunay(parameters, seed):
+    """A diluted Delaunay network with the lengths that it is made with."""
+    network = diluted(delaunay_network(parameters["n_vertices"], seed), parameters["z"], seed)
+    return _shear_of_tension(critical_from_lengths(network, _lengths(network), throw=False))
+
+
+def tension_phantom(parameters, seed):
+    """A phantom triangular lattice, critical under random stress.
+
+    The lengths that it is made with are degenerate: all cables of a straight fibre become taut at once.
+    """
+    side = round(np.sqrt(parameters["n_vertices"]))
+    network = phantom_network(side, side, z=parameters["z"], seed=seed)
+    return _shear_of_tension(CriticalManifold(network).solve(_random_stress(network, seed)))
+
+
+def _shear_of_tension(found):
+    """Exponent of G − G_c against the isotropic tension T past the transition of a dilation, and G against T.
+
+    Where edges are slack at the transition, the network is its taut part.
+    """
+    if found.status not in (Status.ok, Status.slack_edges):
+        return Measured(np.nan, np.empty(0), np.empty(0), found.status)
+    parts = backbone(found.value).components
+    critical = max((part.configuration for part in parts), key=lambda part: part.network.n_edges)
+    path = strain_path(critical.network, critical, np.geomspace(*_NEAR, POINTS), throw=False)
+    tension = np.einsum("nii->n", path.value.stress) / 2
+    excess = path.value.shear_modulus - elasticity(critical).value.shear
+    if not path.ok or (excess <= 0).any():
+        return Measured(np.nan, tension, path.value.shear_modulus, path.status)
+    slope = float(np.polyfit(np.log(tension), np.log(excess), 1)[0])
+    return Measured(slope, tension, path.value.shear_modulus)
+
+
+def _lengths(network):
+    """Lengths of the edges as made."""
+    return np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+
+
+def _random_stress(network, seed):
+    return np.abs(stable_rng(seed, "stress").standard_normal(network.n_edges))
+
+
+def convex_faces(parameters, seed):
+    """Part of the corners of all faces that are not reflex, in networks of random positive stress."""
+    n, shares = parameters["n_vertices"], []
+    for network in (voronoi_network(n, seed), delaunay_network(n, seed), honeycomb_network(8, 8)):
+        critical = CriticalManifold(network).configuration(_random_stress(network, seed))
+        shares.append(1 - reflex(network.faces, critical.bond_vectors).mean())
+    return Measured(float(min(shares)), np.arange(len(shares)), np.array(shares))
+
+
+def reflex(faces, bond_vectors):
+    """Whether each corner of each face, in the order of its sides, turns by more than a straight angle."""
+    side = faces.signs[:, None] * bond_vectors[faces.edges]
+    following = np.arange(1, len(side) + 1)
+    following[faces.starts[1:] - 1] = faces.starts[:-1]
+    after = side[following]
+    turn = side[:, 0] * after[:, 1] - side[:, 1] * after[:, 0]
+    return turn < -STRAIGHT * np.linalg.norm(side, axis=1) * np.linalg.norm(after, axis=1)
+
+
+def auxetic(parameters, seed):
+    """Poisson's ratio of a triangular lattice pruned for the least one, with convex faces, at its end; ν against z.
+
+    Each step removes the edge, of some chosen at random, that leaves the least ν, down to z = 4 plus a few edges.
+    """
+    network = triangular_network(parameters["columns"], parameters["columns"])
+    rng, z, ratios = stable_rng(seed, "pruned"), [6.0], [poisson(network)]
+    while 2 * (network.n_edges - 2) / network.n_vertices > 4:
+        found = []
+        for edge in rng.permutation(network.n_edges):
+            candidate = _without(network, edge)
+            if candidate is not None:
+                found.append((poisson(candidate), int(edge), candidate))
+            if len(found) == parameters["candidates"]:
+                break
+        if not found:
+            break
+        ratio, _, network = min(found, key=lambda each: each[:2])
+        z.append(2 * network.n_edges / network.n_vertices)
+        ratios.append(ratio)
+    shown = np.linspace(0, len(z) - 1, POINTS).astype(int)
+    return Measured(ratios[-1], np.array(z)[shown], np.array(ratios)[shown])
+
+
+def poisson(network):
+    """Poisson's ratio (B − G)/(B + G) of the Voigt averages, of springs at rest at the positions of the lattice.
+
+    Infinite for networks that do not resist dilation, where it would be −1.
+    """
+    found = elasticity(network, network.positions)
+    averages = found.value.voigt_reuss_hill()
+    B, G = averages.bulk_voigt, averages.shear_voigt
+    return (B - G) / (B + G) if found.ok and B > SOFT * G else np.inf
+
+
+def _without(network, edge):
+    """The network without an edge, or None if other edges go with it or a face is no longer convex."""
+    kept = np.arange(network.n_edges) != edge
+    part = carrying_part(network.edges[kept], network.offsets[kept], {}, network.n_vertices)
+    if len(part.edges) < network.n_edges - 1:
+        return None
+    smaller = prune(network, kept).network
+    return None if reflex(smaller.faces, smaller.bond_vectors(smaller.positions)).any() else smaller
