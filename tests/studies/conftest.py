@@ -20,6 +20,9 @@ SETTINGS = {
         "stiffening_vertices=40",
         "onsets=0.2,0.4",
     ),
+    "reference_numbers": (
+        *("seeds=0:1", "n_vertices=40", "n_vertices_cells=40", "onsets=0.05,0.1", "columns=3", "candidates=2"),
+    ),
     "shear_ascent": ("seeds=0:2", "n_vertices=60", "steps=0,1,3,10,40,200"),
     "shear_ascent_scaling": ("seeds=0:3", "n_vertices=40,80", "n_steps=400", "fractions=0.3,0.6"),
     "shear_scaling": ("seeds=0:3", "n_vertices=40,80", "detailed_seeds=2", "n_starts=3", "thresholds=0.1,0.3"),

@@ -12,8 +12,10 @@ from critflow import (
     Status,
     backbone,
     cells_of,
+    certify,
     critical_from_lengths,
     critical_from_perimeters,
+    critical_strain,
     delaunay_network,
     diluted,
     elasticity,
@@ -154,7 +156,7 @@ def tension_phantom(parameters, seed):
 
 
 def _shear_of_tension(found):
-    """Exponent of G − G_c against the isotropic tension T past the transition of a dilation, and G against T.
+    """Exponent of G − G_c against the isotropic tension T past the transition of a dilation, and this curve.
 
     Where edges are slack at the transition, the network is its taut part.
     """
@@ -166,9 +168,8 @@ def _shear_of_tension(found):
     tension = np.einsum("nii->n", path.value.stress) / 2
     excess = path.value.shear_modulus - elasticity(critical).value.shear
     if not path.ok or (excess <= 0).any():
-        return Measured(np.nan, tension, path.value.shear_modulus, path.status)
-    slope = float(np.polyfit(np.log(tension), np.log(excess), 1)[0])
-    return Measured(slope, tension, path.value.shear_modulus)
+        return Measured(np.nan, tension, excess, path.status)
+    return Measured(float(np.polyfit(np.log(tension), np.log(excess), 1)[0]), tension, excess)
 
 
 def _lengths(network):
@@ -178,6 +179,19 @@ def _lengths(network):
 
 def _random_stress(network, seed):
     return np.abs(stable_rng(seed, "stress").standard_normal(network.n_edges))
+
+
+def onset_self_stresses(parameters, seed):
+    """Number of self-stresses at the onset of a diluted Delaunay network in simple shear; taut edges against γ_c.
+
+    Its lengths are those that it is made with, which are generic; those of lattices are not.
+    """
+    network = diluted(delaunay_network(parameters["n_vertices"], seed), parameters["z"], seed)
+    found = critical_strain(network, _lengths(network), "simple_shear", throw=False)
+    if not found.ok:
+        return Measured(np.nan, np.empty(0), np.empty(0), found.status)
+    onset, taut = np.array([found.value.strain]), np.array([float(found.value.taut.sum())])
+    return Measured(float(certify(found.value.configuration).n_self_stresses), onset, taut)
 
 
 def convex_faces(parameters, seed):

@@ -28,9 +28,10 @@ class Quantity(NamedTuple):
     because: str
 
 
+MOST_PLACES = 6
 LENGTH = np.sqrt(4 / (3 * np.sqrt(3)))
 LEE = "Lee, Merkel, Soft Matter (2022), doi:10.1039/D2SM00075J"
-_TENSION = "the shear modulus is proportional to isotropic tension near the transition: "
+_TENSION = "exponent of G − G_c in the isotropic tension, "
 _CORRECTED = "G is the energy derivative; other conventions subtract the tension"
 QUANTITIES = {
     "hexagon_shape": Quantity(
@@ -61,6 +62,10 @@ QUANTITIES = {
         _TENSION + "phantom triangular", "d\\ln(G-G_c)/d\\ln T", "1", 1.0, 0.03, LEE, _CORRECTED),
     "tension_delaunay": Quantity(
         _TENSION + "Delaunay", "d\\ln(G-G_c)/d\\ln T", "1", 1.0, 0.03, LEE, _CORRECTED),
+    "onset_self_stresses": Quantity(
+        "self-stresses of random networks at their onset in shear", "N_s", "1", 1.0, 0.0,
+        "Vermeulen, Bose, Storm, Ellenbroek, Phys. Rev. E 96, 053003 (2017)", "some onset has several self-stresses",
+    ),
     "convex_faces": Quantity(
         "all faces of critical planar networks are convex", "convex corners", "all", 1.0, 0.0,
         "Tutte, Proc. London Math. Soc. 13, 743 (1963); Gandikota et al., arXiv:2204.09192", "some corner is reflex",
@@ -85,7 +90,7 @@ def shown(values, digits=8):
     spread = float(np.std(values))
     if spread < 1e-9 * max(abs(float(np.mean(values))), 1e-300):
         return f"{np.mean(values):.{digits + 2}g}"
-    places = max(0, 1 - int(np.floor(np.log10(spread))))
+    places = min(max(0, 1 - int(np.floor(np.log10(spread)))), MOST_PLACES)
     return f"{np.mean(values):.{places}f} ± {spread:.{places}f}"
 
 
@@ -119,7 +124,7 @@ def table(ds):
     figure = Figure(figsize=(9.6, 0.8 + 0.42 * len(names)), dpi=150)
     axes = figure.add_axes((0.01, 0.01, 0.98, 0.98))
     axes.set_axis_off()
-    columns = (0.0, 0.49, 0.66, 0.80)
+    columns = (0.0, 0.45, 0.65, 0.88)
     top = len(names) + 1
     axes.set(xlim=(0, 1), ylim=(-0.3, top + 0.2))
     for at, text in zip(columns, ("quantity", "literature", "here", "agreement"), strict=True):
@@ -176,10 +181,9 @@ def _tension(axes, ds):
         x, y = _curves(ds, name)
         if x.size:
             axes.loglog(x[0], y[0], ms=4, lw=0.8, label=name.removeprefix("tension_"), **series(n))
-    low, high = axes.get_xlim()
-    ends = np.array([max(low, 1e-5), min(high, 1e-2)])
-    axes.loglog(ends, 0.5 * ends, color="k", lw=0.8, ls=":", label="$G \\propto T$")
-    axes.set(xlabel="isotropic tension $T$", ylabel="shear modulus $G$", title="dilation past the transition")
+    ends = np.array([1e-6, 1e-5])
+    axes.loglog(ends, 0.5 * ends, color="k", lw=0.8, ls=":", label="$\\propto T$ (Lee, Merkel)")
+    axes.set(xlabel="isotropic tension $T$", ylabel="shear modulus $G - G_c$", title="dilation past the transition")
     axes.legend(fontsize=7)
 
 

@@ -1,0 +1,62 @@
+"""The study of reference numbers end to end, small: exact numbers, signs of disagreement, figures."""
+
+import numpy as np
+import pytest
+from problems import SQRT3
+
+from critflow import Status, triangular_network, voronoi_network
+from critflow.workflow.load import load_study
+from workflows.reference_numbers import measures
+
+STUDY = "reference_numbers"
+
+
+def value(dataset, quantity):
+    return dataset.value.sel(quantity=quantity).values
+
+
+def test_every_quantity_has_a_value(dataset):
+    assert np.isfinite(dataset.value).all()
+    assert (dataset.status == Status.ok).all()
+
+
+def test_exact_numbers(dataset):
+    np.testing.assert_allclose(value(dataset, "hexagon_shape"), np.sqrt(8 * SQRT3), rtol=1e-12)
+    length = np.sqrt(4 / (3 * SQRT3))
+    np.testing.assert_allclose(value(dataset, "honeycomb_length"), length, rtol=1e-12)
+    np.testing.assert_allclose(value(dataset, "honeycomb_shear"), 3 / 8 * length, rtol=1e-6)
+    np.testing.assert_array_equal(value(dataset, "convex_faces"), 1)
+    assert ((value(dataset, "auxetic") > -1) & (value(dataset, "auxetic") < 1 / 3)).all()
+
+
+def test_claims_follow_the_stored_values(dataset):
+    claims = load_study(STUDY).study.claims
+    verdicts = {claim.key: claim.verdict for claim in claims(dataset)}
+    assert verdicts["hexagon_shape"] == verdicts["tension_voronoi"] == verdicts["auxetic"] == "holds"
+    worse = dataset.copy(deep=True)
+    worse["value"] = dataset.value + 1
+    assert {claim.verdict for claim in claims(worse)} == {"differs"}
+
+
+def test_figures(dataset):
+    study = load_study(STUDY).study
+    for name, make in study.figures.items():
+        figure = make(dataset)
+        assert figure.axes, name
+    one = dataset.sel(quantity=["hexagon_shape"])
+    assert len(study.figures["curves"](one).axes) == 3
+
+
+def test_reflex_corners():
+    network = voronoi_network(20, seed=1)
+    L = network.bond_vectors(network.positions)
+    assert not measures.reflex(network.faces, L).any()
+    # Three edges at a vertex in a half-plane leave a reflex corner.
+    bent = network.positions.copy()
+    neighbours = np.abs(network.edges[:, 0]) == 0
+    bent[0] += 3 * L[neighbours][0] if neighbours.any() else 3.0
+    assert measures.reflex(network.faces, network.bond_vectors(bent)).any()
+
+
+def test_poissons_ratio_of_the_triangular_lattice():
+    assert measures.poisson(triangular_network(4, 4)) == pytest.approx(1 / 3, rel=1e-12)
