@@ -172,6 +172,14 @@ def test_the_theory_page_names_the_functions_of_the_paper():
         assert functions[label] == function, label
 
 
+@pytest.mark.parametrize("script", sorted((ROOT / "docs" / "pictures").glob("*.py")), ids=name_of)
+def test_a_picture_is_made_by_its_script(script, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path / "made.png")])
+    runpy.run_path(str(script))
+    assert (tmp_path / "made.png").stat().st_size > 10_000
+    assert script.with_suffix(".png").exists()
+
+
 # Modules that define the bounds of these functions.
 DELEGATES = {
     "CriticalManifold": ("precision/refinement.py",),

@@ -6,7 +6,7 @@ Errors at construction belong to the answer, so everything is made at first use.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ from critflow import (
     honeycomb_network,
     voronoi_network,
 )
+from critflow.critical.manifold import critical_configuration
 from critflow.mechanics.springs import SpringState, spring_state
 from critflow.workflow import stable_rng
 
@@ -83,6 +84,11 @@ class Problem:
         rng = stable_rng(self.network.n_vertices, "failures", "generic coordinates")
         return self.network.positions + 0.1 * rng.standard_normal(self.network.positions.shape)
 
+    @property
+    def stressed(self):
+        """The network of the stressed edges, whose configuration is exact."""
+        return self.network
+
     @cached_property
     def digits(self):
         return reference.digits_for(self.sigma)
@@ -102,6 +108,54 @@ class Problem:
             rest, x = critical.lengths.astype(self.dtype), critical.coordinates.astype(self.dtype)
             state = spring_state(self.network, rest, x)
         return state.deformed(np.sqrt(1 + self.strain) * np.eye(2))
+
+
+@dataclass(eq=False)
+class SlackProblem(Problem):
+    """A critical network to which slack edges are tied: vertices that three edges each join to others.
+
+    taut   the network without them, and its stresses
+    ratio  slack edges to taut edges
+    """
+
+    make: Callable[[], Network] = field(init=False)
+    taut: Problem = field(kw_only=True)
+    ratio: float = field(kw_only=True)
+
+    def __post_init__(self):
+        self.make = self._with_slack_edges
+
+    def _with_slack_edges(self):
+        network, rng = self.taut.network, np.random.default_rng(self.taut.network.n_vertices)
+        n, n_tied = network.n_vertices, int(np.ceil(self.ratio * network.n_edges / 3))
+        tied = [(n + k, other) for k in range(n_tied) for other in rng.choice(n + k, 3, replace=False)]
+        edges = np.concatenate([network.edges, np.array(tied, int).reshape(-1, 2)])
+        offsets = np.concatenate([network.offsets, np.zeros((len(tied), 2), int)])
+        places = rng.random((n_tied, 2)) @ network.cell
+        return Network(edges, offsets, network.cell, positions=np.concatenate([network.positions, places]))
+
+    @property
+    def stressed(self):
+        return self.taut.network
+
+    @property
+    def exact(self):
+        return self.taut.exact
+
+    @cached_property
+    def digits(self):
+        return self.taut.digits
+
+    @property
+    def critical(self):
+        taut, n = self.taut.critical, self.taut.network.n_edges
+        sigma = np.concatenate([taut.sigma, np.zeros(self.network.n_edges - n)])
+        tied = self.network.positions[self.taut.network.n_vertices :] - self.network.positions[0]
+        whole = critical_configuration(self.network, sigma, np.concatenate([taut.coordinates, tied]))
+        errors = np.full(self.network.n_edges, np.nan)
+        # The bond vectors have more digits than differences of coordinates.
+        whole.bond_vectors[:n], errors[:n] = taut.bond_vectors, taut.bond_errors
+        return replace(whole, bond_errors=errors)
 
 
 @dataclass(frozen=True)
@@ -283,6 +337,32 @@ def _subdivided(n):
     return Network(np.array(edges), np.array(offsets), n * np.eye(2), positions=np.array(positions, dtype=float))
 
 
+def _slack_backbone(strength, seed, n_vertices):
+    return SlackProblem(taut=Problem(_standard(n_vertices, seed), _generic(seed)), ratio=strength)
+
+
+def _deformed(gradient):
+    """The standard network in the cell deformed by F(strength)."""
+
+    def problem(strength, seed, n_vertices):
+        return Problem(lambda: voronoi_network(n_vertices, seed).deformed(gradient(strength)), _generic(seed))
+
+    return problem
+
+
+def _skew_cell(strength, seed, n_vertices):
+    """The same network in ever longer vectors of its lattice: large offsets, whose sum cancels."""
+
+    def make():
+        network, turns = voronoi_network(n_vertices, seed), int(strength)
+        # b = offset @ cell: the second vector gains multiples of the first, and offsets give them back.
+        back = network.offsets - np.outer(network.offsets[:, 1], [turns, 0])
+        cell = network.cell + np.array([[0.0, 0.0], turns * network.cell[0]])
+        return Network(network.edges, back, cell, positions=network.positions, faces=network.faces)
+
+    return Problem(make, _generic(seed))
+
+
 def _single_precision(strength, seed, n_vertices):
     problem = _spread(strength, seed, n_vertices)
     powers = _draw(seed, "single").uniform(-1, 1, 3 * n_vertices // 2)
@@ -341,6 +421,22 @@ DIFFICULTIES = {
         Difficulty(
             "extra_edges", "edges beyond 2(N_v − 1)", (-6, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 6, 8, 10), _extra_edges,
             (*CONFIGURATION, "elastic_moduli", "length_variance_auto", "bulk_modulus_auto", "shear_modulus_auto"),
+        ),
+        Difficulty(
+            "slack_backbone", "slack edges per taut edge", (0, 0.1, 0.3, 1, 3, 10, 24), _slack_backbone,
+            ("transition_moduli", "stiffening"),
+        ),
+        Difficulty(
+            "anisotropic_cell", "aspect ratio of the cell", (1e1, 1e2, 1e3, 1e4, 1e5, 1e6),
+            _deformed(lambda aspect: np.diag([aspect**0.5, aspect**-0.5])), (*CONFIGURATION, *SPRINGS, "lengths_conic"),
+        ),
+        Difficulty(
+            "sheared_cell", "simple shear of the cell", (0.1, 0.3, 1, 3, 10, 30, 100),
+            _deformed(lambda gamma: np.array([[1.0, gamma], [0.0, 1.0]])), (*CONFIGURATION, *SPRINGS, "lengths_conic"),
+        ),
+        Difficulty(
+            "skew_cell", "cell vectors by which the other one is longer", (1, 10, 100, 1e3, 1e4, 1e5, 1e6),
+            _skew_cell, (*CONFIGURATION, *SPRINGS, "lengths_conic"),
         ),
         Difficulty("straight_lines", "straight lines per direction", (1, 2, 3, 4), _straight_lines, CONFIGURATION),
         Difficulty(

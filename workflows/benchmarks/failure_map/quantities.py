@@ -75,7 +75,7 @@ def _transition_moduli(problem):
 
 
 def _transition_error(problem, answer):
-    truth = problem.moduli or reference.transition_moduli(problem.network, problem.exact, digits=problem.digits)
+    truth = problem.moduli or reference.transition_moduli(problem.stressed, problem.exact, digits=problem.digits)
     if problem.moduli:
         truth = reference.numbers(problem.moduli)
     return _each(answer, truth)
@@ -89,7 +89,7 @@ def _stiffening(problem):
 def _stiffening_error(problem, answer):
     if problem.moduli:
         raise Unknown("the reference requires one self-stress")
-    return _each(answer, reference.stiffening(problem.network, problem.exact, digits=problem.digits))
+    return _each(answer, reference.stiffening(problem.stressed, problem.exact, digits=problem.digits))
 
 
 def _plain(numbers):
