@@ -15,6 +15,7 @@ from critflow.linalg.tolerances import EPS
 from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli
 from critflow.mechanics.equilibrium import Equilibrium, relaxed
 from critflow.mechanics.free_cell import FreeCellState, relaxed_with_cell, stretched
+from critflow.mechanics.laws import HOOKEAN
 from critflow.mechanics.response import LinearResponse, linear_response
 from critflow.mechanics.springs import SpringState
 from critflow.mechanics.tangent import Tangent, path_rates, relaxations_to, tangent, tangent_of_response
@@ -33,6 +34,8 @@ from critflow.result import Status
 _SMALLEST_PART = 2.0**-16
 # Steps, and their iterations, towards one strain: no path within them needed more than a tenth.
 _MOST_STEPS, _MOST_ITERATIONS = 400, 4000
+# Stress η, in units of k, that stands for the limit of no stress: its effect is of this order, and rounding of 1e-10.
+_DEPARTING_STRESS = 1e-6
 # A step that covers this part of the remaining interval ends at the requested strain, not a rounding next to it.
 _WHOLE = 0.999
 # Beyond this number of previous steps ahead a polynomial extrapolates worse than a straight line.
@@ -97,12 +100,14 @@ class Continuation:
 
     state    at the start of the path, γ = 0 and q = 0
     regular  whether the start is an isolated equilibrium, to which steps can return; not at a transition
+    stress   σ (N_b,) of the transition from which the path starts
     """
 
     state: SpringState
     deformation: Deformation
     relaxer: Relaxer
     regular: bool = False
+    stress: Array | None = None
     strain: float = 0.0
     stride: float = np.inf
     reference: Network = field(init=False)
@@ -148,6 +153,8 @@ class Continuation:
                     return Arrival(step, iterations, inserted)
                 inserted += 1
                 self.stride = 2 * ahead
+            elif step.curable and self._departs(strain):
+                continue
             elif step.curable and 0.5 * ahead >= smallest:
                 self.stride = 0.5 * ahead
             else:
@@ -217,6 +224,26 @@ class Continuation:
                 factor = state.factorize(self.relaxer.pattern, FLOPPY_SHIFT * state.stiffness_scale)
         relaxations = relaxations_to(state, factor, rates)
         return None if relaxations is None else tangent(state, rates, second_rates, relaxations)
+
+    def _departs(self, strain: float) -> bool:
+        """Find the velocity at a transition, once, where a step without it fails.
+
+        It is the limit of that of the same configuration under a stress η σ as η → 0, on the side of the strain.
+        """
+        if self.stress is None or self.strain != 0.0:
+            return False
+        state, stress, self.stress = self.state, self.stress, None
+        work = np.vdot(stress[:, None] * state.bond_vectors, state.bond_vectors @ self.deformation.velocity(0.0).T)
+        stress = stress / state.network.stiffness * np.copysign(1.0, work * strain)
+        rest = state.lengths * (1 - _DEPARTING_STRESS * stress / np.abs(stress).max())
+        stressed = replace(state, rest_lengths=rest, law=HOOKEAN)
+        factor = stressed.factorize(self.relaxer.pattern, FLOPPY_SHIFT * state.stiffness_scale)
+        along = None if factor.indefinite else self._tangent(stressed, 0.0, self.stretch, factor, None)
+        if along is None:
+            return False
+        velocity = np.concatenate([along.relaxation.ravel(), along.stretch_rate])
+        self.predictor = _Predictor(self.predictor.last, velocity)
+        return True
 
     def _accept(self, step: Step) -> None:
         self.strain, self.state, self.stretch = step.strain, step.state, step.stretch

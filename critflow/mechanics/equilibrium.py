@@ -10,6 +10,7 @@ import numpy as np
 from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
+from critflow.mechanics.minimum import compressed_edges, minimum_factor, stability_of
 from critflow.mechanics.newton import newton
 from critflow.mechanics.springs import ElasticState, State
 from critflow.mechanics.tolerances import COLLAPSING_LENGTH, FINEST_TOLERANCE, FLOPPY_SHIFT, LOOSEST_TOLERANCE
@@ -66,6 +67,9 @@ def equilibrium(
     factor observed between them.  Where they do not shrink it is infinite, with `Status.ill_conditioned`.
     `stats.condition` is ‖H‖‖H⁻¹‖.
 
+    Where edges are compressed the inertia of the Hessian decides: `Status.unstable` at a saddle, and
+    `Status.ill_conditioned` where rounding hides the sign of an eigenvalue, with an infinite bound in both.
+
     Raises `SolveError` where no equilibrium is found and `throw` is set, `InputError` for an unknown method or a
     tolerance that is not positive.
     """
@@ -104,8 +108,12 @@ def _by_newton(
     solution = Equilibrium(end.state, end.status, stats, indefinite=end.indefinite)
     if not solution.ok:
         return _with_collapse(solution), None
-    bounded, nearby = with_bounds(solution, pattern, end.factor, corrected=True)
-    if bounded.ok or tolerance <= FINEST_TOLERANCE:
+    factor = end.factor
+    if end.indefinite or compressed_edges(end.state).any():
+        # The path passed other branches, so the correction needs a factor at the last state.
+        factor = minimum_factor(end.state, pattern)
+    bounded, nearby = with_bounds(solution, pattern, factor, corrected=True)
+    if bounded.status is not Status.ill_conditioned or tolerance <= FINEST_TOLERANCE:
         return bounded, nearby
     # Too far from equilibrium for corrections by one factor: continue with factors at new states.
     left = None if max_steps is None else max_steps - end.steps
@@ -129,7 +137,7 @@ def _by_fire(state: State, pattern: FixedPattern, tolerance: float, max_steps: i
     if not solution.ok:
         return _with_collapse(solution)
     bounded, _ = with_bounds(solution, pattern, None, corrected=False)
-    if bounded.ok or tolerance <= FINEST_TOLERANCE:
+    if bounded.status is not Status.ill_conditioned or tolerance <= FINEST_TOLERANCE:
         return bounded
     finer, _ = _by_newton(final, pattern, max(_REFINEMENT * tolerance, FINEST_TOLERANCE), None)
     return _compared(solution, bounded, finer)
@@ -158,11 +166,16 @@ def _compared(rough: Equilibrium[State], bounded: Equilibrium[State], exact: Equ
 
 
 def with_bounds(
-    solution: Equilibrium[State], pattern: FixedPattern, factor: Factor | None, corrected: bool
+    solution: Equilibrium[State],
+    pattern: FixedPattern,
+    factor: Factor | None,
+    corrected: bool,
+    judged: bool = True,
 ) -> tuple[Equilibrium[State], Factor]:
     """An equilibrium with its distance to the exact one, moved onto it if `corrected`, and the factor used.
 
     factor  of the Hessian near the state, if there is one
+    judged  whether the exact equilibrium must be a minimum, else `Status.unstable`
     """
     state = solution.value
     correction, factor = _correction(state, pattern, factor)
@@ -178,9 +191,20 @@ def with_bounds(
     condition = state.largest_stiffness * inverse_norm(factor, correction.last)
     stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=condition)
     if np.isfinite(bound):
-        return replace(solution, value=state, stats=stats), factor
+        found = replace(solution, value=state, stats=stats)
+        if judged:
+            exact = replace(state, bond_vectors=correction.bond_vectors)  # type: ignore[type-var]
+            found = as_minimum(found, *stability_of(exact, pattern))
+        return found, factor
     note = "rounding hides the distance to the exact equilibrium: go further from the transition"
     return replace(solution, value=state, status=Status.ill_conditioned, stats=stats, note=note), factor
+
+
+def as_minimum(found: Equilibrium[State], status: Status, note: str) -> Equilibrium[State]:
+    """An equilibrium with the result of `stability_of`: no error bound where it is not known to be a minimum."""
+    if status is Status.ok or not found.ok:
+        return found
+    return replace(found, status=status, note=note, stats=replace(found.stats, error_bound=np.inf))
 
 
 def _correction(state: ElasticState, pattern: FixedPattern, factor: Factor | None) -> tuple[Displacement, Factor]:

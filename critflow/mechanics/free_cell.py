@@ -16,7 +16,8 @@ import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
-from critflow.mechanics.equilibrium import NEWTON_STEPS, Equilibrium, with_bounds
+from critflow.mechanics.equilibrium import NEWTON_STEPS, Equilibrium, as_minimum, with_bounds
+from critflow.mechanics.minimum import stability_of
 from critflow.mechanics.newton import newton
 from critflow.mechanics.springs import SpringState
 from critflow.networks.network import Array, Network
@@ -87,6 +88,10 @@ class FreeCellState(SpringState):
             return replace(self, bond_vectors=np.full_like(self.bond_vectors, np.nan))
         there = replace(self.deformed(step), stretch=stretch)
         return super(FreeCellState, there).moved(displacement[:-m].reshape(-1, d))
+
+    def edge_rates(self, motion: Array) -> Array:
+        m = len(self.stretch)
+        return super().edge_rates(motion[:-m]) + np.tensordot(motion[-m:] / self.unit, self._stretches(), 1)
 
     def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> BorderedFactor:
         return self._bordered(super().factorize(pattern, shift), self.modified_stiffness, self.sigma, shift)
@@ -164,7 +169,7 @@ def relaxed_with_cell(
     if not solution.ok:
         return solution, None, q
     border = end.factor if isinstance(end.factor, BorderedFactor) else end.state.factorize(pattern)
-    solution, factor = with_bounds(solution, pattern, border.vertices, corrected=True)
+    solution, factor = with_bounds(solution, pattern, border.vertices, corrected=True, judged=False)
     there = FreeCellState.of(solution.value, q, state.strains)
     left = border.schur_bound((np.abs(there.conjugate_forces) + there.conjugate_rounding) / there.unit)
     affine = np.einsum("mij,vj->mvi", there.rates, there.coordinates[network.free]) / there.unit
@@ -173,4 +178,5 @@ def relaxed_with_cell(
     if solution.ok and not np.isfinite(bound):
         note = "no stress fixes the free components of the cell: the springs are floppy in it"
         solution = replace(solution, status=Status.floppy, note=note)
-    return replace(solution, stats=replace(solution.stats, error_bound=bound)), factor, q
+    solution = replace(solution, stats=replace(solution.stats, error_bound=bound))
+    return as_minimum(solution, *stability_of(there, pattern)), factor, q

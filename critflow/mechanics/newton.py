@@ -18,7 +18,7 @@ import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.mechanics.springs import State
-from critflow.mechanics.tolerances import FLOPPY_SHIFT, NO_COMPRESSION, ROUNDING_FORCE, SADDLE_SHIFT, TAUT
+from critflow.mechanics.tolerances import FLOPPY_SHIFT, ROUNDING_FORCE, TAUT
 from critflow.networks.network import Array
 from critflow.result import Status
 
@@ -63,7 +63,7 @@ class NewtonEnd(Generic[State]):
 def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern) -> NewtonEnd[State]:
     """Relax until no force component exceeds `tolerance`, in units of stiffness times length.
 
-    `Status.unstable` where the last state is a saddle, `Status.stalled` where no shift yields an accepted step.
+    The last state may be a saddle.  `Status.stalled` where no shift yields an accepted step.
     """
     damping, here, step, status = _Damping(pattern), _Iterate.of(state), 0, Status.ok
     while here.force > tolerance * here.force_unit:
@@ -84,12 +84,8 @@ def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern
             break
         else:
             damping.reject(here)
-    factor = damping.hessian_factor
-    if status is Status.ok and (damping.indefinite or here.compressed):
-        # The path passed other branches, so the correction needs a factor at the last state.
-        factor = None
-        if here.state.factorize(pattern, SADDLE_SHIFT * here.stiffness).n_negative:
-            status = Status.unstable
+    # Where the path passed other branches a factor on it may be of no use.
+    factor = None if damping.indefinite else damping.hessian_factor
     return NewtonEnd(here.state, status, step, damping.indefinite, factor)
 
 
@@ -114,10 +110,6 @@ class _Iterate(Generic[State]):
     @cached_property
     def force_unit(self) -> float:
         return self.stiffness * self.state.length_scale
-
-    @property
-    def compressed(self) -> bool:
-        return bool((self.state.sigma < -NO_COMPRESSION * self.stiffness).any())
 
     @property
     def taut(self) -> bool:

@@ -110,6 +110,10 @@ class ElasticState(ABC):
         at_vertex = np.bincount(self.network.edges.ravel(), np.repeat(self.edge_stiffness, 2))
         return 2 * float(at_vertex.max())
 
+    def edge_rates(self, motion: Array) -> Array:
+        """Changes (N_b, d) of the bond vectors by a motion, of as many components as `forces`."""
+        return np.asarray(self.network.free_incidence @ motion.reshape(-1, self.network.dimension))
+
     def exact_displacement(self, factor: Factor, regularised: bool = False) -> Displacement:
         """The displacement to the exact equilibrium, by a factor of the Hessian at or near this state.
 

@@ -139,7 +139,8 @@ def strain_path(
     if deformation.free and method != "newton":
         raise InputError("free components of the cell need Newton's method: choose method='newton'")
     reached: list[Arrival] = []
-    continuation = Continuation(state, deformation, Relaxer(method, tolerance, moduli, pattern or state.pattern()))
+    relaxer = Relaxer(method, tolerance, moduli, pattern or state.pattern())
+    continuation = Continuation(state, deformation, relaxer, stress=None if critical is None else critical.sigma)
     if critical is None:
         first = continuation.begin()
         if gamma[0] == 0 or not first.end.ok:

@@ -4,11 +4,11 @@ Floppy modes and compression, in units of the stiffness k
 
 FLOPPY_SHIFT           Stiffness that regularises floppy modes.  They feel no force, so the shift changes no answer; the
                        stiffness of soft modes at a strain γ, about γ k, is far above it.
-NO_COMPRESSION         A stress −σ below this may be rounding: σ is a difference of rounded lengths.
 TAUT                   Where every stress σ is larger, the Hessian is at least that multiple of the Laplacian of the
                        network, and its pivots are not examined.
-SADDLE_SHIFT           A Hessian with negative eigenvalues after this shift belongs to a saddle; those of floppy modes
-                       are zero to rounding.
+ROUNDING_COMPRESSION   A stress −σ below this number of its roundings may be rounding.
+HESSIAN_ROUNDING       Eigenvalues of the Hessian below this part of the largest may have either sign: rounding of the
+                       stresses, lengths and pivots.
 
 Relaxation, forces in units of stiffness times length
 
@@ -67,9 +67,8 @@ LAW_CONSISTENCY        Relative deviation of a function of a law from the fourth
 from __future__ import annotations
 
 FLOPPY_SHIFT = 1e-11
-NO_COMPRESSION = 1e-10
 TAUT = 1e-7
-SADDLE_SHIFT = 1e-8
+ROUNDING_COMPRESSION, HESSIAN_ROUNDING = 16, 1e-14
 
 LOOSEST_TOLERANCE = 1e-8
 FINEST_TOLERANCE = 1e-14

@@ -1,0 +1,71 @@
+"""Minima and saddles: the sign of the smallest eigenvalue of the Hessian, to its rounding."""
+
+import numpy as np
+import pytest
+from problems import triangular_lattice
+
+from critflow import CriticalManifold, Network, Status, equilibrium, honeycomb_network, spring_state
+
+METHODS = ["newton", "fire"]
+
+
+def collinear(compression, n=2):
+    """n springs in a row between pins at a distance of 1, compressed by a part of their length."""
+    network = Network([[i, i + 1] for i in range(n)], pins={0: [0, 0], n: [1, 0]})
+    x = np.stack([np.linspace(0, 1, n + 1), np.zeros(n + 1)], axis=1)
+    return spring_state(network, np.full(n, (1 + compression) / n), x)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("compression", [0.1, 1e-4, 4e-9, 1e-10, 1e-12, 1e-13])
+def test_a_straight_compressed_chain_is_a_saddle(compression, method):
+    solution = equilibrium(collinear(compression), method, throw=False)
+    assert solution.status is Status.unstable
+    assert not np.isfinite(solution.stats.error_bound)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_rounding_may_hide_a_saddle(method):
+    # The minimum is at |y| = √(ℓ² − ¼) = 7e-8, where the energy is lower by 1e-28.
+    solution = equilibrium(collinear(1e-14), method, throw=False)
+    assert solution.status is Status.ill_conditioned and "saddle" in solution.note
+    assert not np.isfinite(solution.stats.error_bound)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("stretch", [0.0, 1e-13, 1e-9, 0.1])
+def test_a_stretched_chain_is_a_minimum(stretch, method):
+    solution = equilibrium(collinear(-stretch), method)
+    assert solution.ok and solution.stats.error_bound < 1e-14
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_compressed_lattices(method):
+    network = honeycomb_network(3, 3)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    straight = spring_state(network, 1.05 * critical.lengths, critical.coordinates)
+    assert equilibrium(straight, method, throw=False).status is Status.unstable
+    # Beyond the saddle it buckles to a state without energy: floppy, and no saddle.
+    x = critical.coordinates + 1e-3 * np.random.default_rng(0).standard_normal(critical.coordinates.shape)
+    buckled = equilibrium(spring_state(network, 1.05 * critical.lengths, x), method)
+    assert buckled.ok and buckled.value.energy < 1e-20
+    # A triangular lattice resists a compression of 2 %.
+    network, x = triangular_lattice(3, 3)
+    lengths = np.linalg.norm(network.bond_vectors(x), axis=1)
+    assert equilibrium(spring_state(network, 1.02 * lengths, x), method).ok
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_floppy_parts_next_to_compressed_edges_are_no_saddle(method):
+    # A stressed triangle of pins and one vertex, compressed along x and stretched along y; a loose chain of two edges.
+    pins = {0: [-1, 0], 2: [1, 0], 3: [0, 1], 4: [0, -1], 6: [3, 0]}
+    network = Network([[0, 1], [1, 2], [1, 3], [1, 4], [2, 5], [5, 6]], pins=pins)
+    x = np.array([[-1, 0], [0, 0], [1, 0], [0, 1], [0, -1], [2, 0.5], [3, 0.0]])
+    lengths = np.array([1.01, 1.01, 0.9, 0.9, np.hypot(1, 0.5), np.hypot(1, 0.5)])
+    # The chain is exactly at rest, and rigid to first order in the plane: two edges fix two coordinates.
+    assert equilibrium(spring_state(network, lengths, x), method).ok
+    more = Network([*network.edges[:4], [2, 5], [5, 7], [7, 6]], pins=pins)
+    x = np.array([*x[:5], [1.7, 0.6], [3, 0.0], [2.4, 0.5]])
+    lengths = np.concatenate([lengths[:4], np.linalg.norm(more.bond_vectors(x), axis=1)[4:]])
+    solution = equilibrium(spring_state(more, lengths, x), method)
+    assert solution.ok and (solution.value.sigma[:2] < -0.005).all()
