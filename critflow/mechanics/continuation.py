@@ -140,6 +140,7 @@ class Continuation:
         smallest = max(_SMALLEST_PART * whole, EPS)
         self.stride = max(self.stride, smallest)
         iterations = inserted = 0
+        failed: Step | None = None
         for _ in range(_MOST_STEPS):
             left = abs(strain - self.strain)
             ahead = min(self.stride, left)
@@ -148,6 +149,7 @@ class Continuation:
             iterations += step.iterations
             if step.ok:
                 self._accept(step)
+                failed = None
                 if target == strain:
                     self.stride *= 2 if ahead == self.stride else 1
                     return Arrival(step, iterations, inserted)
@@ -155,10 +157,12 @@ class Continuation:
                 self.stride = 2 * ahead
             elif step.curable and self._departs(strain):
                 continue
-            elif step.curable and 0.5 * ahead >= smallest:
-                self.stride = 0.5 * ahead
             else:
-                return Arrival(step, iterations, inserted)
+                # The longest step has the clearest reason: shorter ones may fail by rounding alone.
+                failed = failed or step
+                if not step.curable or 0.5 * ahead < smallest:
+                    return Arrival(failed, iterations, inserted)
+                self.stride = 0.5 * ahead
             if self.relaxer.method == "newton" and iterations > _MOST_ITERATIONS:
                 break
         return Arrival(replace(step, status=Status.step_limit, note=_LIMIT), iterations, inserted)

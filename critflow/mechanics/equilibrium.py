@@ -68,7 +68,7 @@ def equilibrium(
     `stats.condition` is ‖H‖‖H⁻¹‖.
 
     Where edges are compressed the inertia of the Hessian decides: `Status.unstable` at a saddle, and
-    `Status.ill_conditioned` where rounding hides the sign of an eigenvalue, with an infinite bound in both.
+    `Status.undecided` where rounding hides the sign of an eigenvalue, with an infinite bound in both.
 
     Raises `SolveError` where no equilibrium is found and `throw` is set, `InputError` for an unknown method or a
     tolerance that is not positive.

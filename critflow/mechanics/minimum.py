@@ -41,7 +41,7 @@ def minimum_factor(state: ElasticState, pattern: FixedPattern) -> Factor | None:
 
 
 def stability_of(state: ElasticState, pattern: FixedPattern) -> tuple[Status, str]:
-    """`ok` for a minimum, `unstable` for a saddle, `ill_conditioned` where rounding hides which, with the reason.
+    """`ok` for a minimum, `unstable` for a saddle, `undecided` where rounding hides which, with the reason.
 
     Eigenvalues within rounding of zero count as zero if they are floppy modes, which no compressed edge softens.
     """
@@ -57,10 +57,10 @@ def stability_of(state: ElasticState, pattern: FixedPattern) -> tuple[Status, st
     if above.sound and above.n_negative:
         return Status.unstable, SADDLE
     if near_zero > state.factorize_convex(pattern, -delta).n_negative:
-        return Status.ill_conditioned, UNDECIDED
+        return Status.undecided, UNDECIDED
     modes = _soft_modes(state.factorize(pattern, delta), state.forces.size, min(near_zero, _MOST_MODES))
     softened = max(float(softening @ np.sum(state.edge_rates(mode) ** 2, axis=1)) for mode in modes)
-    return (Status.ill_conditioned, UNDECIDED) if softened > state.stress_rounding.max() else (Status.ok, "")
+    return (Status.undecided, UNDECIDED) if softened > state.stress_rounding.max() else (Status.ok, "")
 
 
 def _soft_modes(factor: Factor, size: int, count: int) -> Array:

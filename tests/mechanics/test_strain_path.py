@@ -33,6 +33,7 @@ from critflow import (
     triangular_network,
 )
 from critflow import voronoi_network as voronoi
+from critflow.mechanics import continuation
 from critflow.mechanics.continuation import Continuation
 from critflow.mechanics.free_cell import stretched
 from workflows.benchmarks import reference
@@ -392,17 +393,18 @@ def test_strains_below_the_rounding_of_the_cell_end_at_once(strain):
 
 
 @pytest.mark.parametrize("moduli", [True, False])
-def test_steps_grow_with_the_distance_from_the_transition(moduli):
-    # Near the transition the stiffness is of the order of the strain: a first step of 1e-12, and the last of 1e-4.
+def test_the_velocity_at_a_transition_is_found_where_it_is_needed(moduli):
+    # The affinely deformed network is unstable at any strain, however small.
     critical = partly_compressed(20, 2)
     strains = [6.4e-8, 1.2e-7, 7.2e-6, 9e-5, 3e-4]
     solution = strain_path(critical.network, critical, strains, moduli=moduli, deformation="pure_shear")
-    assert solution.ok and solution.value.inserted.max() < 40
+    assert solution.ok and not solution.value.inserted.any()
 
 
 def test_no_strain_exceeds_its_budget(monkeypatch):
     # Steps beyond a fixed length fail, so that strides never grow.
     critical, steps = critical_of(voronoi(8, seed=1)), []
+    monkeypatch.setattr(continuation, "_MOST_STEPS", 50)
     follow = Continuation._step
 
     def short_ones(self, strain):
@@ -413,7 +415,7 @@ def test_no_strain_exceeds_its_budget(monkeypatch):
     monkeypatch.setattr(Continuation, "_step", short_ones)
     solution = strain_path(critical.network, critical, [0.01, 0.02], throw=False)
     assert solution.status is Status.step_limit and "closer" in solution.note
-    assert len(steps) < 500
+    assert len(steps) <= 50
 
 
 def test_slack_parts_do_not_shorten_the_steps():
