@@ -123,6 +123,8 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
 
 def taut_configurations(critical: CriticalConfiguration) -> tuple[CriticalConfiguration, ...]:
     """The configurations of the components of the backbone; the configuration itself where no edge is slack."""
+    if not np.isfinite(critical.bond_vectors).all():
+        raise InputError("the configuration is unknown, it has NaN: look at the status of the solution it comes from")
     if critical.sigma.all():
         return (critical,)
     return tuple(component.configuration for component in backbone(critical).components)

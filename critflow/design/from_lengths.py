@@ -8,7 +8,7 @@ approaches it in steps and stops slightly past it, where slack springs are sligh
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,7 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, 
 from critflow.critical.tolerances import COLLAPSED
 from critflow.design.proportional_lengths import newton_error
 from critflow.design.stressed_part import balanced_part, polish_stressed, unknown_configuration
-from critflow.design.tolerances import EVEN, EXACT_CONE, FITTED, NO_STRESS, ROUGH_CONE
+from critflow.design.tolerances import EVEN, EXACT_CONE, FITTED, NO_STRESS, ROUGH_CONE, STRAIN_STEPS
 from critflow.mechanics.equilibrium import equilibrium, relaxation_method
 from critflow.mechanics.springs import spring_state
 from critflow.networks.network import Array, Network, edge_values
@@ -88,9 +88,10 @@ def critical_from_lengths(
     `stats.error_bound` (estimate) is that of every coordinate against the exact configuration with these ratios; where
     edges are slack, coordinates are not determined and it is NaN.  The bounds of the configuration itself are against
     the exact one of its stress.
-    method "strain": ℓ/(1 + γ) with γ in steps of `strain_step` from 0 until the energy reaches `energy_threshold`,
-    relaxed by the method `relaxation` of `equilibrium`; the recorded state is then slightly past the transition, and
-    the solution is a `FromStrain`.  Where the cone program shows that every edge will be stressed, the end does not
+    method "strain": ℓ/(1 + γ) with γ in steps of `strain_step` from 0 until the energy reaches `energy_threshold`, in
+    units of mean k times (V/N_v)^(2/d), or the squared mean ℓ without a cell.  Springs are relaxed by the method
+    `relaxation` of `equilibrium`; the recorded state is then slightly past the transition, and the solution is a
+    `FromStrain`.  Where the cone program shows that every edge will be stressed, the end does not
     depend on the path, and the steps of the floppy network are skipped (not by "fire").
     """
     manifold = CriticalManifold.of(network)
@@ -147,12 +148,22 @@ def _by_cone(manifold: CriticalManifold, lengths: Array, protocol: _Protocol | N
     )
 
 
+def _energy_unit(network: Network, lengths: Array) -> float:
+    """Mean stiffness times the square of a length that is 1 for one unit of volume a vertex."""
+    size = (
+        float(lengths.mean())
+        if network.cell is None
+        else (network.volume / network.n_vertices) ** (1 / network.dimension)
+    )
+    return float(network.stiffness.mean()) * size**2
+
+
 def _by_strain(manifold: CriticalManifold, lengths: Array, protocol: _Protocol) -> FromStrain:
     """The rigid state of springs with rest lengths ℓ/(1 + γ), and the stress that balances at its coordinates."""
     network, pattern = manifold.network, manifold.hessian
     newton, strain_step = protocol.relaxation == "newton", protocol.strain_step
     step, x = _skipped(manifold, lengths, strain_step) if newton else (0, None)
-    skipped = step
+    skipped, threshold = step, protocol.energy_threshold * _energy_unit(network, lengths)
     if x is None:
         x = network.positions
     if x is None:
@@ -162,7 +173,10 @@ def _by_strain(manifold: CriticalManifold, lengths: Array, protocol: _Protocol) 
     while True:
         solution = equilibrium(state, protocol.relaxation, pattern=pattern, throw=False)
         state, steps = solution.value, steps + solution.stats.steps
-        if not solution.ok or state.energy >= protocol.energy_threshold:
+        if not solution.ok or state.energy >= threshold:
+            break
+        if step - skipped >= STRAIN_STEPS:
+            solution = replace(solution, status=Status.step_limit, note="take larger strain steps")
             break
         step += 1
         state = spring_state(network, lengths / (1 + strain_step * step), state.coordinates)
@@ -182,6 +196,7 @@ def _by_strain(manifold: CriticalManifold, lengths: Array, protocol: _Protocol) 
         energy=state.energy,
         rest_lengths=state.rest_lengths,
         skipped_steps=skipped,
+        note=solution.note,
     )
 
 

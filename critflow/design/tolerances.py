@@ -131,3 +131,6 @@ MOST_PROGRAMS = 24
 FLAT_STEPS = 5
 FLAT = 1e-9
 INSIDE = 0.9
+
+# Steps of the strain protocol, after which it stops: a strain of 20 in the default steps.
+STRAIN_STEPS = 2000

@@ -1,10 +1,12 @@
 """Rest lengths → critical configuration, by the cone program and by straining."""
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import NETWORKS, dense_bond_vectors, dense_free, voronoi_3d
+from problems import NETWORKS, dense_bond_vectors, dense_free, random_stress, voronoi_3d
 
 from critflow import (
     CriticalManifold,
@@ -210,3 +212,22 @@ def test_lengths_below_the_rounding_of_coordinates(shortest, seed):
         assert f"edge {edge} is below the rounding" in solution.note
         assert np.isnan(solution.value.coordinates).all()
         assert critical_from_lengths(network, lengths, "strain", throw=False).ok
+
+
+@pytest.mark.parametrize("unit, k", [(1e-9, 1.0), (1e6, 1.0), (1.0, 1e-9), (1e-3, 1e4)])
+def test_the_strain_protocol_ends_at_the_same_strain_in_any_units(unit, k):
+    network = voronoi_network(12, seed=3)
+    lengths = CriticalManifold(network).configuration(random_stress(18, 2)).lengths * 1.03
+    one = critical_from_lengths(network, lengths, "strain")
+    other = critical_from_lengths(network.deformed(unit * np.eye(2)).with_stiffness(k), unit * lengths, "strain")
+    assert other.strain == one.strain
+    assert other.energy == pytest.approx(k * unit**2 * one.energy, rel=1e-9)
+
+
+def test_a_strain_protocol_of_too_many_steps_ends(monkeypatch):
+    monkeypatch.setattr(sys.modules["critflow.design.from_lengths"], "STRAIN_STEPS", 3)
+    network = voronoi_network(12, seed=3)
+    lengths = np.where(np.arange(18) < 9, 20.0, 5.0)  # with slack edges, so that no step is skipped
+    solution = critical_from_lengths(network, lengths, "strain", strain_step=1e-6, throw=False)
+    assert solution.status is Status.step_limit
+    assert "steps" in solution.reason
