@@ -24,6 +24,7 @@ from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError,
 from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
 from critflow.workflow.provenance import code_version, timestamp
+from critflow.workflow.study import Study
 from critflow.workflow.tasks import HOUR, Interrupted
 
 if TYPE_CHECKING:
@@ -135,6 +136,8 @@ def run(
 ) -> int:
     """Compute the missing cases of a study, then write its dataset, figures and claims.
 
+    `critflow list NAME` prints the settings of a study.
+
     Its many parameters are the options of the command.
     """
     from critflow.workflow.run import plan_run, run_study
@@ -188,15 +191,34 @@ def _print_result(requested: Selection, folder: Folder, result: RunResult) -> in
 
 
 @app.command("list")
-def list_studies() -> None:
-    """Name the studies that can be run."""
+def list_studies(
+    study: Annotated[str, typer.Argument(metavar="[NAME|FILE]", help="Print the settings of this study.")] = "",
+) -> None:
+    """Name the studies that can be run, or print the settings of one."""
+    if study:
+        _print_settings(load_study(study).study)
+        return
     for name in named_studies():
         try:
-            study = load_study(name).study
+            found = load_study(name).study
         except CritflowError as error:
             _warn(str(error))
             continue
-        print(f"{name}: {study.title} ({' × '.join(f'{len(axis.values)} {axis.key}' for axis in study.axes)})")
+        sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in found.axes)
+        print(f"{name}: {found.title} ({sizes})")
+    print("critflow list NAME prints the settings of a study")
+
+
+def _print_settings(study: Study) -> None:
+    """The words that --set accepts, with their defaults and choices."""
+    print(f"{study.name}: {study.title}")
+    for axis in study.axes:
+        choices = [word for word in axis.choices if word not in axis.values]
+        more = f" (or {spelled(choices)})" if choices else ""
+        print(f"  --set {axis.key}={spelled(axis.values)}{more}: {axis.long_name}")
+    for key, value in study.parameters.items():
+        print(f"  --set {key}={spelled(value)}")
+    print("  --set variables=all (or scalars, or names): computed and stored")
 
 
 @app.command()
@@ -263,11 +285,14 @@ def figures(
     folder: FolderArgument,
     format: Annotated[str, typer.Option(help="png, pdf or svg.")] = "png",
 ) -> None:
-    """Draw the figures and write the claims again from the dataset of a folder."""
+    """Draw the figures and write the claims again from the dataset of a folder, or from what a stopped run stored."""
     from critflow.workflow.report import write_report
+    from critflow.workflow.run import write_partial_dataset
 
     results = Folder(folder)
     _, selection = results.selection()
+    if not results.dataset(selection.study.name).exists():
+        _warn(write_partial_dataset(results))
     _print_report(results, write_report(selection.study, results, format))
 
 
@@ -276,7 +301,7 @@ def show(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A dataset that a study wrote.")],
     settings: SetOption = [],  # noqa: B006 (as above)
     out: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="Figure to write; named after the case by default.")
+        Path | None, typer.Option(metavar="PNG", help="Figure to write; by default named after the case, next to FILE.")
     ] = None,
 ) -> None:
     """Draw one configuration of a dataset, chosen by its labels, and print its certificate."""
@@ -287,7 +312,7 @@ def show(
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
     with opened_dataset(file) as dataset:
         case = choose_case(dataset, settings)
-        print(show_configuration(case, out or Path(f"{case_title(case)}.png")))
+        print(show_configuration(case, out or file.parent / f"{case_title(case)}.png"))
 
 
 app.command(help="Read a network, report each repair, and write it in another format.")(convert)

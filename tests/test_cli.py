@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import xarray as xr
 from distributed import Client
 
 from critflow.cli import main
@@ -49,7 +50,8 @@ def test_a_run_by_name_writes_its_folder(here, capsys):
     names = [line.split(":")[0].removeprefix("results/tiny") for line in out.splitlines()]
     assert (names[0], names[-1], len(names)) == ("/tiny.nc", "/claims.md", 3)
     assert "1 of 2 claims hold" in out
-    assert "4/4 networks" in err.splitlines()[-1]
+    assert "8/8 cases" in err.splitlines()[-3]
+    assert ["dataset" in err.splitlines()[-2], "figures" in err.splitlines()[-1]] == [True, True]
     folder = here / "results" / "tiny"
     files = {"tiny.nc", "claims.md", "claims.json", "summary.json", "study.json", "run.log", ".lock"}
     assert {path.name for path in folder.iterdir()} == files | {"figures", "shards", "failed"}
@@ -114,7 +116,8 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "--set unknown word": (["run", TINY, "--set", "populations=flopy"], 2, "'floppy'"),
     "--set against the check": (["run", TINY, "--set", "n_edges=7"], 2, "even"),
     "--set too many": (["run", TINY, "--set=seeds=0:600000"], 2, "at most"),
-    "list something": (["list", "plain"], 2, "extra"),
+    "list something": (["list", "tiny", "plain"], 2, "extra"),
+    "list an unknown study": (["list", "plane"], 2, "no study"),
     "status of nothing": (["status", "nowhere"], 2, "results folder"),
     "status of a file": (["status", "text.txt"], 2, "results folder"),
     "status of a damaged note": (["status", "damaged"], 4, "damaged"),
@@ -192,6 +195,35 @@ def test_list_names_studies_and_those_that_do_not_load(here, capsys):
     assert "ZeroDivisionError" in err
 
 
+def test_list_prints_the_settings_of_a_study(here, capsys):
+    assert main(["list", "tiny"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "tiny: A study without physics"
+    assert any(line.startswith("  --set seeds=0:4: ") for line in lines)
+    assert all(line.startswith("  --set ") for line in lines[1:])
+
+
+def test_figures_of_a_stopped_run_show_its_complete_networks(here, capsys):
+    assert main(["run", "tiny", "--workers", "0"]) == 0
+    folder = here / "results" / "tiny"
+    for path in [*sorted((folder / "shards").iterdir())[-3:], folder / "tiny.nc", folder / "figures" / "modulus.png"]:
+        path.unlink()
+    capsys.readouterr()
+    assert main(["figures", str(folder)]) == 0
+    assert "2 of 4 networks are complete" in capsys.readouterr().err
+    assert (folder / "figures" / "modulus.png").exists()
+    with xr.open_dataset(folder / "tiny.nc") as dataset:
+        assert dataset.sizes["seed"] == 2
+    # The same command completes the run.
+    assert main(["run", "tiny", "--workers", "0"]) == 0
+    with xr.open_dataset(folder / "tiny.nc") as dataset:
+        assert dataset.sizes["seed"] == 4
+    for path in [*(folder / "shards").iterdir(), folder / "tiny.nc"]:
+        path.unlink()
+    assert main(["figures", str(folder)]) == 2
+    assert "0 of 4 networks" in capsys.readouterr().err
+
+
 def test_figures_are_drawn_from_the_dataset_alone(here, capsys):
     assert main(["run", "tiny", "--workers", "0"]) == 0
     folder = here / "results" / "tiny"
@@ -225,7 +257,7 @@ def test_on_a_terminal_a_bar_is_on_stderr_and_stdout_stays_machine_readable(tmp_
         seen += chunk
     out = process.communicate()[0]
     assert process.returncode == 0
-    assert "4/4 networks" in seen.decode()
+    assert "8/8 cases" in seen.decode()
     assert "━" in seen.decode()
     assert b"\x1b[3" not in seen  # no colour
     assert len(out.splitlines()) == 3

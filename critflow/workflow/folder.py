@@ -187,6 +187,10 @@ class Folder:
                 found.append(CaseState(case, MISSING, "not computed yet"))
         return found
 
+    def count_stored(self) -> int:
+        """Number of shards and records of failures, of whatever settings."""
+        return sum(len(_names(folder, suffix)) for folder, suffix in ((self.shards, ".nc"), (self.failed, ".txt")))
+
     def _read_state(self, selection: Selection, case: Case) -> CaseState:
         try:
             found = read_shard(self.shards, selection.study, case)

@@ -8,13 +8,15 @@ replace the dataset; the cases of the former settings stay stored, and a run wit
 from __future__ import annotations
 
 import time
-from collections import Counter
 from dataclasses import dataclass, field, replace
+from datetime import timedelta
 from itertools import groupby
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Task as ProgressTask
+from rich.text import Text
 
 from critflow.result import IntegrityError, Status, StudyError
 from critflow.workflow.dataset import labelled_dataset, write_dataset
@@ -78,8 +80,28 @@ def run_study(
         folder.write_note(loaded, plan.selection)
         for case in plan.todo:
             delete_failure(folder.failed, case)
-        _compute(loaded, plan, folder, workers)
-        return _finish(plan, folder, command)
+        progress = _RunProgress(plan.selection.study.name, len(plan.todo))
+        _compute(loaded, plan, folder, workers, progress)
+        return _finish(plan, folder, command, progress)
+
+
+def write_partial_dataset(folder: Folder) -> str:
+    """Write a dataset of the values of the first axis whose cases are all stored; the number of them in a sentence.
+
+    Raises `StudyError` where none is complete.
+    """
+    loaded, selection = folder.selection()
+    with folder.locked(loaded):
+        axis, states = selection.study.axes[0], folder.states(selection)
+        open_values = {state.case.values[axis.name] for state in states if state.state != DONE}
+        complete = tuple(value for value in selection.axes[axis.name] if value not in open_values)
+        sizes = f"{len(complete)} of {len(selection.axes[axis.name])} {axis.noun}"
+        if not complete:
+            raise StudyError(f"no dataset and {sizes} complete in {folder.path}: {_RESUME}")
+        partial = replace(selection, axes={**selection.axes, axis.name: complete})
+        shards = ((c, s) for c, _, _ in folder.states(partial) if (s := read_shard(folder.shards, partial.study, c)))
+        write_dataset(labelled_dataset(partial, shards, []), folder.dataset(partial.study.name), "critflow figures")
+    return f"{sizes} are complete: {_RESUME}"
 
 
 def _joined_selection(folder: Folder, requested: Selection) -> tuple[Selection, list[str]]:
@@ -115,7 +137,7 @@ def _among(requested: Selection, case: Case) -> bool:
     return all(case.values[name] in values for name, values in requested.axes.items())
 
 
-def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers) -> None:
+def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers, progress: _RunProgress) -> None:
     """Compute the planned cases; `Interrupted` if some were not begun or finished."""
     study, first = plan.selection.study, plan.selection.study.axis_names[0]
     word = study.name if loaded.by_name else str(loaded.path)
@@ -125,41 +147,39 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers)
     job = Job(str(loaded.path), loaded.digest, where, parameters, study.selected, command, seconds)
     groups = groupby(plan.todo, lambda case: case.values[first])
     tasks: list[Task] = [[case.values for case in group] for _, group in groups]
-    left = Counter(case.values[first] for case in plan.todo)
     stored = 0
-    progress = _RunProgress(study.name, study.axes[0].noun, len(left))
     cases = f"{len(plan.todo)} cases in {workers.place}"
     with progress.bar, open(folder.log, "a", encoding="utf-8") as log, interruption(folder.stop) as stopped:
         log.write(f"# {timestamp()} {code_version(study)}; {environment()}; {cases}\n")
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
             progress.say(f"critflow: {line}")
         if tasks:
-            progress.say(f"{study.name}: {len(left)} {progress.noun}, {cases}")
+            progress.say(f"{study.name}: {len(tasks)} {study.axes[0].noun}, {cases}")
         try:
             for outcomes in compute(job, tasks, workers, stopped) if tasks else ():
                 stored += len(outcomes)
-                for case_id, values, status, seconds, checksum, error in outcomes:
+                for case_id, _, status, seconds, checksum, error in outcomes:
                     log.write(f"{case_id} {Status(status).name} {seconds:.3f} s {checksum} {error}\n")
-                    left[values[first]] -= 1
-                    if not left[values[first]]:
-                        progress.advance()
                 log.flush()
+                progress.count(stored, folder)
         except KeyboardInterrupt:
             raise Interrupted(f"stopped at once; complete cases are stored: {_RESUME}") from None
     if stored < len(plan.todo):
         raise Interrupted(f"interrupted after {stored} of {len(plan.todo)} cases: {_RESUME}")
 
 
-def _finish(plan: RunPlan, folder: Folder, command: str) -> RunResult:
+def _finish(plan: RunPlan, folder: Folder, command: str, progress: _RunProgress) -> RunResult:
     """Write the dataset of all stored cases, and its report."""
     study, states = plan.selection.study, folder.states(plan.selection)
     path = folder.dataset(study.name)
     shards = ((c, s) for c, state, _ in states if state == DONE and (s := read_shard(folder.shards, study, c)))
     failed = [(case, reason) for case, state, reason in states if state == FAILED]
+    progress.say(f"{study.name}: writing the dataset of {len(states)} cases")
     dataset = labelled_dataset(plan.selection, shards, [case for case, _ in failed])
     write_dataset(dataset, path, command)
     requested = {case.id: reason for case, reason in failed if _among(plan.requested, case)}
     messages = _other_code(dataset.attrs.get("cases_code", ""), code_version(study))
+    progress.say(f"{study.name}: drawing the figures and testing the claims")
     try:
         report = write_report(study, folder)
     except ReportError as error:
@@ -178,15 +198,26 @@ def _other_code(cases_code: str, code: str) -> list[str]:
     return [f"cases computed by other code than {code}: {'; '.join(other)}: {advice}"] if other else []
 
 
-class _RunProgress:
-    """Number of finished values of the first axis: a bar on a terminal, ten lines elsewhere."""
+class _TimeLeft(ProgressColumn):
+    """The time that the rest takes at the mean rate since the start: it grows while cases take longer than before."""
 
-    def __init__(self, title: str, noun: str, total: int):
-        self.title, self.noun, self.total, self.done = title, noun, total, 0
-        self.start = time.monotonic()
+    def render(self, task: ProgressTask) -> Text:
+        if not task.completed or task.elapsed is None or task.total is None:
+            return Text("-:--:--")
+        seconds = task.elapsed * (task.total - task.completed) / task.completed
+        return Text(str(timedelta(seconds=round(seconds))))
+
+
+class _RunProgress:
+    """Number of finished cases: a bar on a terminal, ten lines elsewhere."""
+
+    def __init__(self, title: str, total: int):
+        self.title, self.total, self.done = title, total, 0
+        self.start = self.looked = time.monotonic()
+        self.before: int | None = None
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn(noun))
-        times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("cases"))
+        times = (TimeElapsedColumn(), TextColumn("left"), _TimeLeft())
         off = not (self.console.is_terminal and total)
         self.bar = Progress(*columns, *times, console=self.console, disable=off)
         self.task = self.bar.add_task(title, total=total)
@@ -195,11 +226,18 @@ class _RunProgress:
         """Print a line on stderr without disturbing the bar."""
         self.console.print(line, markup=False)
 
-    def advance(self) -> None:
-        self.done += 1
-        self.bar.advance(self.task)
-        if self.bar.disable and self.done * 10 // self.total > (self.done - 1) * 10 // self.total:
-            elapsed = time.monotonic() - self.start
-            left = elapsed / self.done * (self.total - self.done)
-            ending = f"about {left:.0f} s left" if self.done < self.total else f"in {elapsed:.1f} s"
-            self.say(f"{self.title}: {self.done}/{self.total} {self.noun}, {ending}")
+    def count(self, stored: int, folder: Folder) -> None:
+        """Show the cases of finished tasks, and on a terminal each second those that running tasks have stored."""
+        now = time.monotonic()
+        done = max(stored, self.done)
+        if not self.bar.disable and (self.before is None or now - self.looked >= 1):
+            self.looked, present = now, folder.count_stored()
+            self.before = present - stored if self.before is None else self.before
+            done = min(max(done, present - self.before), self.total)
+        if self.bar.disable and done * 10 // self.total > self.done * 10 // self.total:
+            elapsed = now - self.start
+            left = elapsed / done * (self.total - done)
+            ending = f"about {left:.0f} s left" if done < self.total else f"in {elapsed:.1f} s"
+            self.say(f"{self.title}: {done}/{self.total} cases, {ending}")
+        self.done = done
+        self.bar.update(self.task, completed=done)

@@ -124,7 +124,7 @@ class Workers:
 
 
 def compute(job: Job, tasks: Sequence[Task], workers: Workers, stopped: threading.Event) -> Iterator[list[Outcome]]:
-    """Outcomes of the tasks in the order in which they end; a stopped run ends earlier."""
+    """Outcomes of the tasks in the order in which they end, empty while none ends; a stopped run ends earlier."""
     if workers.processes or workers.remote:
         with _client(workers, min(workers.processes, len(tasks)), Path(job.folder)) as client:
             yield from _distributed(client, job, tasks, stopped)
@@ -156,6 +156,7 @@ def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threa
         ended = completed.next_batch(block=False)
         if not ended:
             time.sleep(0.05)
+            yield []
         for future in ended:
             if task := running.pop(future, ()):
                 try:
