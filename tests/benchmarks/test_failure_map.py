@@ -11,6 +11,7 @@ import xarray as xr
 from critflow import (
     InputError,
     Status,
+    voronoi_network,
 )
 from critflow.cli import main
 from critflow.workflow.load import load_study
@@ -244,3 +245,28 @@ def test_bad_settings_are_refused_before_anything_runs(setting, sentence, tmp_pa
     assert main(["run", "failure_map", "--out", str(tmp_path / "out"), "--set", setting]) == 2
     assert sentence in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_slack_edges_are_tied_to_a_critical_network():
+    problem = problems.DIFFICULTIES["slack_backbone"].problem(2, 0, 12)
+    taut, critical = problem.taut.critical, problem.critical
+    n = taut.network.n_edges
+    assert critical.network.n_edges == 3 * n
+    np.testing.assert_array_equal(critical.sigma[n:], 0)
+    np.testing.assert_array_equal(critical.bond_vectors[:n], taut.bond_vectors)
+    assert problem.stressed is problem.taut.network
+    assert quantities.finding("transition_moduli", problem).violation == 0
+
+
+def test_a_skew_cell_has_the_same_lattice():
+    network = problems.DIFFICULTIES["skew_cell"].problem(1000, 0, 12).network
+    plain = voronoi_network(12, 0)
+    np.testing.assert_allclose(network.boundary_vectors, plain.boundary_vectors, atol=1e-10)
+    assert np.abs(network.offsets).max() >= 1000
+
+
+@pytest.mark.parametrize("name, strength, length", [("anisotropic_cell", 1e4, 1e2), ("sheared_cell", 100.0, 100.0)])
+def test_cells_are_as_long_as_their_strength(name, strength, length):
+    network = problems.DIFFICULTIES[name].problem(strength, 0, 12).network
+    assert network.volume == pytest.approx(12)
+    assert np.linalg.norm(network.cell, axis=1).max() == pytest.approx(np.sqrt(12) * length, rel=1e-3)
