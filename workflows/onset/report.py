@@ -44,7 +44,8 @@ def coordination_figure(ds):
     panels[0, -1].legend(fontsize=8.5, frameon=False)
     figure.suptitle(
         f"Onset of rigidity of networks as built, $N_v$ = {parameters(ds)['n_vertices']}: "
-        f"mean and standard deviation of {ds.sizes['seed']} networks",
+        f"mean and standard deviation of {ds.sizes['seed']} networks, "
+        "those that are rigid as built left out",
         fontsize=11,
     )
     return figure
@@ -70,7 +71,7 @@ def surface_figure(ds):
                 *100 * points.T, *unit.T, angles="xy", color=style["color"], width=0.002, scale=30, headwidth=4
             )
     whole.plot(0, 0, "k+", markersize=9)
-    whole.annotate("floppy, unstrained", (0, 0), (6, -10), textcoords="offset points", fontsize=9)
+    whole.annotate("floppy, unstrained", (0, 0), (0, -15), textcoords="offset points", fontsize=9, ha="center")
     whole.set(xlabel="pure shear $(F_{xx} - F_{yy})/2$  [%]", ylabel="dilation $(F_{xx} + F_{yy})/2 - 1$  [%]")
     whole.set_aspect("equal")
     whole.margins(0.06, 0.25)
@@ -110,16 +111,19 @@ def factors(ds):
 
 def stiffening_figure(ds):
     """The shear modulus past onsets against the stress, and the factor of its increase against γ_c."""
-    one = ds.sel(family="voronoi").isel(seed=0, sign=0)
+    one = ds.sel(family="voronoi").isel(seed=-1)
     figure = Figure(figsize=(9.5, 4.2), dpi=110, layout="constrained")
     growth, universal = figure.subplots(1, 2)
     for n, onset in enumerate(ds.onset.values):
-        G, stress = one.past_modulus.sel(onset=onset).values, one.past_stress.sel(onset=onset).values
-        if np.isfinite(G).all():
-            first = np.polyfit(stress, G, 2)[2]
-            growth.plot(
-                1e4 * stress / onset, 1e4 * (G - first), **series(n), linestyle="none", label=f"$\\gamma_c$ = {onset:g}"
-            )
+        for sign in range(2):
+            at = one.isel(sign=sign).sel(onset=onset)
+            G, stress = at.past_modulus.values, at.past_stress.values
+            if np.isfinite(G).all():
+                first = np.polyfit(stress, G, 2)[2]
+                growth.plot(
+                    1e4 * stress / onset, 1e4 * (G - first), **series(n), linestyle="none",
+                    markerfacecolor=(None, "none")[sign], label=("", "_")[sign] + f"$\\gamma_c$ = {onset:g}",
+                )  # fmt: skip
     line = np.array([0.0, 1.05 * 1e4 * float((one.past_stress / one.onset).max())])
     growth.plot(line, 3 * line, "k:", linewidth=1, label="factor 3")
     growth.set(
@@ -127,7 +131,7 @@ def stiffening_figure(ds):
         xscale="log", yscale="log",
     )  # fmt: skip
     growth.set_xlim(0.5 * 1e4 * float((one.past_stress / one.onset).min()), None)
-    growth.legend(fontsize=8.5, frameon=False)
+    growth.legend(fontsize=8.5, frameon=False, title="one network; open: backwards", title_fontsize=8.5)
     values = factors(ds)
     known = np.isfinite(values).any(axis=0)
     universal.axhline(3, color="0.5", linestyle=":")
