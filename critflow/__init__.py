@@ -8,7 +8,7 @@ from critflow.critical.backbone import Backbone, TautComponent, backbone
 from critflow.critical.curvature import StereographicChart, principal_curvatures, surface_geometry
 from critflow.critical.gaussian import gaussian_curvature
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.objectives import Objective
+from critflow.critical.objectives import Objective, transition_modulus
 from critflow.critical.stress_hessian import flat_directions, stress_hessian
 from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.isogonal import face_modes, isogonal_modes
@@ -172,6 +172,7 @@ __all__ = [
     "three_bar_linkage",
     "transition_bounds",
     "transition_moduli",
+    "transition_modulus",
     "triangular_network",
     "voronoi_network",
     "voronoi_of",

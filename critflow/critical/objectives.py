@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from critflow.arguments import checked
+from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.result import InputError
 
@@ -201,12 +202,19 @@ def pure_shear(dimension: int) -> Array:
     return A
 
 
-def transition_modulus(network: Network, strain: ArrayLike) -> TransitionModulus:
-    """The modulus at the transition of a network for the affine strain A (d, d)."""
-    A = np.asarray(strain, dtype=float)
-    if A.shape != (network.dimension,) * 2 or not np.isfinite(A).all():
-        raise InputError(f"the affine strain must be a finite {network.dimension} × {network.dimension} matrix")
-    return TransitionModulus(A, network.stiffness, network.volume)
+@checked
+def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:
+    """The modulus at the transition of a network for the affine strain A (d, d), or for the start of a deformation.
+
+    An objective of `optimize` for any deformation.
+    Raises `InputError` for a deformation with free components, which follow without resistance at the transition.
+    """
+    deformation = deformation_of(strain, network.dimension)
+    if deformation.free:
+        raise InputError(
+            f"free components of the cell leave no modulus at the transition: fix those of {deformation.name}"
+        )
+    return TransitionModulus(deformation.rate(0.0), network.stiffness, network.volume)
 
 
 def constrained_shear_modulus(network: Network, threshold: float | None) -> Objective:

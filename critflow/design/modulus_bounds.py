@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
 from critflow.arguments import checked
@@ -24,6 +23,7 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import dilation, transition_modulus
 from critflow.design.optimum import Optimum
 from critflow.design.tolerances import BALANCED, ISOTROPIC, NO_LENGTH
+from critflow.networks.deformation import Deformable
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, SolveError, Stats, Status
 from critflow.rigidity.spectrum import spread_columns
@@ -32,8 +32,8 @@ _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 @checked
-def modulus_bound(network: Network | CriticalManifold, strain: ArrayLike) -> float:
-    """The largest modulus μ_A for the affine strain A (d, d) over all stresses of any sign.
+def modulus_bound(network: Network | CriticalManifold, strain: Deformable) -> float:
+    """The largest modulus μ_A for the affine strain A (d, d), or a deformation, over all stresses of any sign.
 
     Error bound (proof, up to rounding) of every modulus at the transition.
     """
@@ -53,7 +53,7 @@ def bulk_modulus_bound(network: Network | CriticalManifold) -> float:
     return modulus_bound(manifold, dilation(manifold.network.dimension))
 
 
-def largest_modulus(network: Network | CriticalManifold, strain: ArrayLike) -> Optimum:
+def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> Optimum:
     """The configuration nearest to L* that attains `modulus_bound`, stresses of both signs allowed.
 
     Nearest in Σk|L − L*|²: all others differ by isogonal modes.  `Status.edge_collapse` or `Status.singular` and NaN
@@ -117,7 +117,7 @@ def _attaining(manifold: CriticalManifold, A: Array) -> _Attaining:
     return _Attaining(manifold.solve(sigma), shortest, F, moment)
 
 
-def least_compressed_length(network: Network | CriticalManifold, strain: ArrayLike) -> float:
+def least_compressed_length(network: Network | CriticalManifold, strain: Deformable) -> float:
     """The least total length of compressed edges of a planar configuration with the largest modulus.
 
     All these configurations have the forces T = kFL* and differ by isogonal modes.  With t = T/|T| and n ⊥ t:

@@ -171,5 +171,5 @@ def test_bad_objectives_raise():
         named_objective(network, "bulk")
     with pytest.raises(InputError, match="threshold"):
         named_objective(network, "shear_modulus", threshold=-1.0)
-    with pytest.raises(InputError, match="2 × 2"):
+    with pytest.raises(InputError, match="dimensions"):
         transition_modulus(network, np.eye(3))

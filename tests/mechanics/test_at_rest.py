@@ -17,9 +17,11 @@ from critflow import (
     equilibrium,
     kagome_network,
     linear_response,
+    modulus_bound,
     spring_state,
     three_bar_linkage,
     transition_moduli,
+    transition_modulus,
     triangular_network,
     voronoi_network,
 )
@@ -204,3 +206,15 @@ def test_pinned_networks_have_a_stiffness_per_named_volume():
 def test_networks_need_coordinates():
     with pytest.raises(InputError, match="coordinates"):
         elasticity(voronoi_network(12, seed=1))
+
+
+def test_moduli_and_bounds_of_any_deformation():
+    network = voronoi_network(24, seed=3)
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 5))
+    tensors = elasticity(critical).value
+    for deformation in ("dilation", "simple_shear", "uniaxial", np.array([[0.3, 1.0], [0.2, -0.4]])):
+        modulus = transition_modulus(network, deformation).evaluate(critical.sigma, critical.bond_vectors)[0]
+        assert modulus == pytest.approx(tensors.modulus(deformation), rel=1e-12)
+        assert modulus <= modulus_bound(network, deformation)
+    with pytest.raises(InputError, match="free"):
+        transition_modulus(network, "uniaxial_free")
