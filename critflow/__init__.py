@@ -19,6 +19,7 @@ from critflow.design.onset import Onset, critical_strain
 from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
 from critflow.design.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
+from critflow.design.targets import Design, design
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
 from critflow.examination.examine import Examination, examine
 from critflow.exchange.convert import network_from, write_network
@@ -79,6 +80,7 @@ __all__ = [
     "CriticalConfiguration",
     "CriticalManifold",
     "Deformation",
+    "Design",
     "EdgeLeverage",
     "Elasticity",
     "EnvironmentFailure",
@@ -122,6 +124,7 @@ __all__ = [
     "deformation_of",
     "delaunay_network",
     "delaunay_of",
+    "design",
     "diamond_network",
     "diluted",
     "draw",

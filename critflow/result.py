@@ -29,6 +29,7 @@ class Status(IntEnum):
     ill_conditioned = 10
     undecided = 11
     rigid = 12
+    infeasible = 13
 
     @property
     def message(self) -> str:
@@ -37,6 +38,7 @@ class Status(IntEnum):
 
 
 _MESSAGES = {
+    Status.infeasible: "the requested properties cannot be reached together: relax one of them",
     Status.ok: "converged to the requested tolerance",
     Status.floppy: "the network has no self-stress, so every modulus is exactly zero: strain it to the transition",
     Status.step_limit: "the step limit came before the tolerance: raise max_steps, or choose method='auto'",

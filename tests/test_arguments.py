@@ -69,6 +69,7 @@ RIGHT = {
     "s": np.zeros(5),
     "deformation": "dilation",
     "thing": CRITICAL,
+    "targets": {"bulk_modulus": 0.1},
     "found": examine(NETWORK, CRITICAL.coordinates, deformations=()),
     "path": Path(tempfile.mkdtemp()) / "page.md",
 }

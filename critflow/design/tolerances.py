@@ -66,6 +66,12 @@ Cuts
 UNSUPPORTED       Part of a stress that flows around an edge below which its cut opens the network; rounding leaves
                   1e-13.
 
+Targets
+TARGET_REACHED    Largest relative error of a target of a design.
+TARGET_STATIONARY Change of log σ along the surface of the targets below which the nearest solution is reached.
+INDEPENDENT_TARGETS
+                  Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
+
 Nearest configuration
 NEAREST_CONVERGED Change of log σ in a step of Gauss and Newton below which it has converged.
 NEAREST_DAMPING   First damping of these steps, in units of the mean square of the coordinates.
@@ -80,6 +86,10 @@ SMALLEST_START    Smallest stress that a descent starts from, relative to the me
 """
 
 UNSUPPORTED = 1e-10
+
+TARGET_REACHED = 1e-11
+TARGET_STATIONARY = 1e-3
+INDEPENDENT_TARGETS = 1e-6
 
 NEAREST_CONVERGED = 1e-9
 NEAREST_DAMPING = 1e-9
