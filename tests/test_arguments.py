@@ -69,13 +69,13 @@ RIGHT = {
     "s": np.zeros(5),
     "deformation": "dilation",
     "thing": CRITICAL,
-    "targets": {"bulk_modulus": 0.1},
     "found": examine(NETWORK, CRITICAL.coordinates, deformations=()),
     "path": Path(tempfile.mkdtemp()) / "page.md",
 }
 OF_FUNCTION = {
     "perimeter_moduli": {"state": perimeter_state(CELLS, np.full(4, 5.0), HEXAGONS.positions)},
     "perimeter_state": {"coordinates": HEXAGONS.positions},
+    "design": {"targets": {"bulk_modulus": 0.1}, "start": np.ones(6)},
     "optimize": {"start": np.ones(6), "signs": "positive"},
     "planar_faces": {"edges": HEXAGONS.edges, "bond_vectors": HEXAGONS.bond_vectors(HEXAGONS.positions)},
     "voronoi_network": {"n_vertices": 8},

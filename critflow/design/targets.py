@@ -152,7 +152,7 @@ def _nearest(goals: _Goals, origin: Array, max_steps: int) -> tuple[Array, Array
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """θ, the relative errors of the targets (n,), their gradients J (n, N_b), and the targets not inside limits (n,)."""
+    """θ, the relative errors of the targets (n,), their gradients J (n, N_b), and those not inside limits (n,)."""
 
     theta: Array
     error: Array
