@@ -42,7 +42,7 @@ class GaussianCurvature:
 def gaussian_curvature(
     manifold: CriticalManifold, sigma: ArrayLike, *, throw: bool = True
 ) -> Solution[GaussianCurvature]:
-    """K = 1/det(−|σ|B on σ^⊥) at a stress (N_b,), by one dense or three sparse factorisations.
+    """K = 1/det(−|σ|B on σ^⊥) at a stress (N_b,), by one dense factorisation or three and more sparse ones.
 
     Error bound (estimate): `stats.residual` limits the error of log|K|.  In small networks it sums the effects of all
     errors of σ, of the bond vectors and of the elimination to first order, by the inverse of M; in large ones it is
@@ -147,10 +147,22 @@ def _extrapolated(
     manifold: CriticalManifold, critical: CriticalConfiguration, condition: float
 ) -> tuple[GaussianCurvature, float]:
     """K by extrapolation to edges of no softness."""
+    found = GaussianCurvature(np.nan, 0), np.inf
+    for softness in SOFTNESS:
+        found = _extrapolate(manifold, critical, condition, softness)
+        if found[1] < UNCERTAIN_LOGARITHM:
+            break
+    return found
+
+
+def _extrapolate(
+    manifold: CriticalManifold, critical: CriticalConfiguration, condition: float, relative: float
+) -> tuple[GaussianCurvature, float]:
+    """K from edges of a softness relative to that of the prestress; infinite error where a radius is not larger."""
     network, stress, L = manifold.network, critical.sigma, critical.bond_vectors
     n = network.n_edges
     prestress, pattern = manifold.prestress.factorize(stress), manifold.hessian
-    softness = SOFTNESS * float(np.mean(L**2) / np.mean(np.abs(stress)))
+    softness = relative * float(np.mean(L**2) / np.mean(np.abs(stress)))
     logs, negative = [], []
     for soft in softness * np.array([1.0, 2.0, 4.0]):
         stiffened = pattern.factorize(edge_blocks(np.full(n, 1 / soft), L, stress))
@@ -158,7 +170,7 @@ def _extrapolated(
         negative.append(network.dimension * prestress.n_negative - stiffened.n_negative)
     # Values at δ, 2δ and 4δ cancel the first two orders; the difference of the orders estimates the remainder.
     linear, quadratic = 2 * logs[0] - logs[1], (8 * logs[0] - 6 * logs[1] + logs[2]) / 3
-    rounding = EPS * (4 / SOFTNESS * np.sqrt(n) + n * condition * bool((stress < 0).any()))
+    rounding = EPS * (4 / relative * np.sqrt(n) + n * condition * bool((stress < 0).any()))
     error = abs(quadratic - linear) + rounding
     # A radius below the softness adds log 2 to each difference, and the series does not converge.
     if max(abs(logs[1] - logs[0]), abs(logs[2] - logs[1])) > UNCERTAIN_LOGARITHM or len(set(negative)) > 1:

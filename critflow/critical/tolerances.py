@@ -6,8 +6,9 @@ CONDENSED_EDGES  Number of edges from which systems of stresses and displacement
                  matrices, for stresses that are all positive.
 SCALED           A stress with Σσ² = N_b to this relative accuracy counts as scaled and keeps its digits: the sum of
                  squares is rounded by a few EPS.
-SOFTNESS         Softness of the edges, relative to that of the prestress, at which determinants are extrapolated to
-                 zero softness: the extrapolation error is of third order, rounding goes as EPS/SOFTNESS.
+SOFTNESS         Softnesses of the edges, relative to that of the prestress, at which determinants are extrapolated to
+                 zero softness, in turn until one is below all radii: the extrapolation error is of third order,
+                 rounding goes as EPS/SOFTNESS.
 UNCERTAIN_LOGARITHM
                  Error of log|K| from which K, and the signs of curvatures, are not certain.
 DENSE_SADDLE     Rows of a saddle matrix whose determinant is found by a dense factorisation: below a second.
@@ -23,7 +24,7 @@ from __future__ import annotations
 COLLAPSED = 1e-8
 CONDENSED_EDGES = 100_000
 SCALED = 4e-15
-SOFTNESS = 1e-6
+SOFTNESS = (1e-6, 1e-8, 1e-10)
 UNCERTAIN_LOGARITHM = 0.1
 DENSE_SADDLE = 1000
 ARTEFACT = 0.5

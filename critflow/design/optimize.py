@@ -62,7 +62,8 @@ def optimize(
 
     An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum has an
     edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`
-    where lengths grow without end.  The objective is then the limit of the value.
+    where lengths grow without end.  The objective is then the limit of the value,
+    which may be local, as every optimum of a descent.
     Raises `InputError` for bad arguments, `SolveError` when the status is not `ok` and `throw`.
 
     Many parameters: all after the method are options of a descent, by keyword only.
