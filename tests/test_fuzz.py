@@ -1,0 +1,384 @@
+"""Random valid networks through every public function: what must hold whatever the network.
+
+Nothing but a `CritflowError` is raised, no warning is given, no number of an `ok` answer is NaN, no error bound lies
+below the error against the exact answer, no call exceeds its number of factorisations, and another description of the
+same network gives the same answer.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import warnings
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import random_problems
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+from random_problems import a_problem, numbers
+from scipy.sparse.linalg import LinearOperator
+
+import critflow
+from critflow import (
+    CritflowError,
+    CriticalManifold,
+    Hookean,
+    Network,
+    PowerLaw,
+    Solution,
+    StereographicChart,
+    WormLike,
+)
+from critflow.linalg.factor import FixedPattern
+from workflows.benchmarks import reference
+
+# Factorisations of one call on at most eight vertices; the largest number seen is a third of it.
+BUDGET = 3000
+randoms = st.randoms(use_true_random=False)
+# The networks are made by draws, many of which are refused.
+fuzzed = settings(suppress_health_check=list(HealthCheck), max_examples=max(settings.default.max_examples // 6, 1))
+
+
+def critical_of(problem):
+    return CriticalManifold(problem.network).solve(problem.sigma).or_raise("fuzz").value
+
+
+def geometry(problem):
+    """Network, coordinates and lengths of the critical configuration."""
+    critical = critical_of(problem)
+    return problem.network, critical.coordinates, critical.lengths
+
+
+def springs(problem, random, strain=1e-3):
+    """Springs of the critical lengths, a little out of balance."""
+    network, x, lengths = geometry(problem)
+    moved = x + 1e-3 * float(lengths.min()) * numbers(random, *x.shape)
+    law = random.choice([Hookean(), PowerLaw(1.5 + random.randint(0, 3)), WormLike(0.5)])
+    return critflow.spring_state(network.deformed((1 + strain) * np.eye(network.dimension)), lengths, moved, law)
+
+
+def relaxed(problem, random):
+    return critflow.equilibrium(springs(problem, random))
+
+
+def strain_of(problem, random):
+    return numbers(random, problem.network.dimension, problem.network.dimension)
+
+
+def a_deformation(problem, random):
+    return random.choice(["dilation", "simple_shear", "pure_shear", "uniaxial", strain_of(problem, random)])
+
+
+def loose(problem, random):
+    """Rest lengths a little above those of the critical configuration."""
+    return geometry(problem)[2] * (1.05 + 0.05 * numbers(random, len(problem.sigma)))
+
+
+def slack_of(problem, random):
+    """A critical configuration with edges that carry nothing, if it is one."""
+    lengths = geometry(problem)[2] * (1.0 + 0.5 * abs(numbers(random, len(problem.sigma))))
+    return critflow.critical_from_lengths(problem.network, lengths, throw=False).value
+
+
+def cells(problem):
+    return critflow.cells_of(problem.network)
+
+
+def with_cells(problem):
+    """Cells at a critical configuration, whose perimeters are the targets."""
+    network, x, lengths = geometry(problem)
+    made = critflow.cells_of(network)
+    return critflow.perimeter_state(made, np.asarray(made.sides @ lengths), x)
+
+
+def optimise(objective, **options):
+    return lambda p, r: critflow.optimize(p.network, objective, max_steps=60, **options)
+
+
+OBJECTIVES = ("length_variance", "tension_variance", "bulk_modulus", "shear_modulus")
+
+# One or more calls of every public function that takes or makes a network.
+CALLS = {
+    "solve": lambda p, r: CriticalManifold(p.network).solve(p.sigma),
+    "solve signed": lambda p, r: CriticalManifold(p.network).solve(
+        p.sigma * r.choice([1, -1]) * np.sign(numbers(r, len(p.sigma)))
+    ),
+    "response": lambda p, r: CriticalManifold(p.network).response(critical_of(p)),
+    "transition_moduli": lambda p, r: critflow.transition_moduli(critical_of(p)),
+    "transition_bounds": lambda p, r: critflow.transition_bounds(critical_of(p)),
+    "bulk_modulus_bound": lambda p, r: critflow.bulk_modulus_bound(p.network),
+    "modulus_bound": lambda p, r: critflow.modulus_bound(p.network, strain_of(p, r)),
+    "certify": lambda p, r: critflow.certify(critical_of(p)),
+    "rigidity": lambda p, r: critflow.rigidity(*geometry(p)[:2]),
+    "zero_modes": lambda p, r: critflow.zero_modes(*geometry(p)[:2]),
+    "second_order_rigidity": lambda p, r: critflow.second_order_rigidity(*geometry(p)[:2]),
+    "stresses_of": lambda p, r: critflow.stresses_of(critical_of(p)),
+    "stability": lambda p, r: critflow.stability(critical_of(p)),
+    "signed_stress": lambda p, r: critflow.signed_stress(*geometry(p)[:2], np.sign(p.sigma).astype(int)),
+    "signed_stress any": lambda p, r: critflow.signed_stress(*geometry(p)[:2], [r.choice([-1, 0, 1]) for _ in p.sigma]),
+    "stiffening": lambda p, r: critflow.stiffening(p.network, critical_of(p)),
+    "strain_path": lambda p, r: critflow.strain_path(
+        p.network, critical_of(p), [1e-6, 1e-3], moduli=p.network.cell is not None
+    ),
+    "strain_path of a law": lambda p, r: critflow.strain_path(
+        p.network,
+        critical_of(p),
+        [1e-3],
+        moduli=p.network.cell is not None,
+        law=r.choice([PowerLaw(3.0), WormLike(0.5)]),
+    ),
+    "from lengths, conic": lambda p, r: critflow.critical_from_lengths(
+        p.network, p.scale * (1.0 + 0.5 * abs(numbers(r, len(p.sigma))))
+    ),
+    "from its lengths": lambda p, r: critflow.critical_from_lengths(p.network, geometry(p)[2]),
+    "from lengths, strain": lambda p, r: critflow.critical_from_lengths(
+        p.network, geometry(p)[2] * (1.0 + 0.1 * abs(numbers(r, len(p.sigma)))), "strain"
+    ),
+    **{f"optimize {name}": optimise(name) for name in OBJECTIVES},
+    "optimize bulk any": optimise("bulk_modulus", signs="any"),
+    "optimize shear any": optimise("shear_modulus", signs="any"),
+    "optimize from start": lambda p, r: critflow.optimize(
+        p.network, r.choice(OBJECTIVES), r.choice(["lbfgs", "newton", "fire", "auto"]), start=p.sigma, max_steps=60
+    ),
+    "stress_hessian": lambda p, r: critflow.stress_hessian(
+        critical_of(p), r.choice(["bulk_modulus", "length_variance"])
+    ),
+    "flat_directions": lambda p, r: critflow.flat_directions(critical_of(p)),
+    "gaussian_curvature": lambda p, r: critflow.gaussian_curvature(CriticalManifold(p.network), p.sigma),
+    "principal_curvatures": lambda p, r: critflow.principal_curvatures(CriticalManifold(p.network), p.sigma),
+    "principal_curvatures few": lambda p, r: critflow.principal_curvatures(
+        CriticalManifold(p.network), p.sigma, 1, r.choice(["flat", "sharp"])
+    ),
+    "surface_geometry": lambda p, r: critflow.surface_geometry(
+        CriticalManifold(p.network), StereographicChart.about(p.sigma), numbers(r, len(p.sigma) - 1)
+    ),
+    "isogonal_modes": lambda p, r: critflow.isogonal_modes(critical_of(p)),
+    "face_modes": lambda p, r: critflow.face_modes(critical_of(p)),
+    "cells_of": lambda p, r: cells(p),
+    "perimeter_moduli": lambda p, r: critflow.perimeter_moduli(with_cells(p)),
+    "critical_from_perimeters": lambda p, r: critflow.critical_from_perimeters(
+        cells(p), 3.7 * np.ones(cells(p).sides.shape[0])
+    ),
+    "spring_state": springs,
+    "equilibrium": lambda p, r: critflow.equilibrium(springs(p, r)),
+    "equilibrium compressed": lambda p, r: critflow.equilibrium(springs(p, r, -1e-3)),
+    "equilibrium fire": lambda p, r: critflow.equilibrium(springs(p, r), "fire", max_steps=200),
+    "elastic_moduli at rest": lambda p, r: critflow.elastic_moduli(*geometry(p)[:2]),
+    "elastic_moduli": lambda p, r: critflow.elastic_moduli(
+        p.network.deformed(1.001 * np.eye(p.network.dimension)), relaxed(p, r).value.coordinates, geometry(p)[2]
+    ),
+    "linear_response": lambda p, r: critflow.linear_response(relaxed(p, r).value),
+    "bond_operator": lambda p, r: critflow.bond_operator(relaxed(p, r).value),
+    "geometric_split": lambda p, r: critflow.geometric_split(relaxed(p, r).value),
+    "hookean_split": lambda p, r: critflow.hookean_split(relaxed(p, r).value),
+    "backbone": lambda p, r: critflow.backbone(critical_of(p)),
+    "backbone of slack": lambda p, r: critflow.backbone(slack_of(p, r)),
+    "elasticity at the transition": lambda p, r: critflow.elasticity(critical_of(p)),
+    "elasticity of slack": lambda p, r: critflow.elasticity(slack_of(p, r)),
+    "elasticity at rest": lambda p, r: critflow.elasticity(*geometry(p)[:2]),
+    "elasticity under stress": lambda p, r: critflow.elasticity(relaxed(p, r).value),
+    "stiffening of slack": lambda p, r: critflow.stiffening(p.network, slack_of(p, r)),
+    "strain_path of a deformation": lambda p, r: critflow.strain_path(
+        p.network, critical_of(p), [1e-4, 1e-3], deformation=a_deformation(p, r), moduli=p.network.cell is not None
+    ),
+    "critical_strain": lambda p, r: critflow.critical_strain(p.network, loose(p, r), a_deformation(p, r)),
+    "rigidity_surface": lambda p, r: critflow.rigidity_surface(p.network, loose(p, r), [np.eye(p.network.dimension)]),
+    "nearest_critical": lambda p, r: critflow.nearest_critical(
+        p.network, geometry(p)[1] * (1 + 0.01 * numbers(r, *geometry(p)[1].shape)), max_steps=30
+    ),
+    "examine": lambda p, r: critflow.examine(*geometry(p)[:2]),
+    "edge_leverage": lambda p, r: critflow.edge_leverage(critical_of(p)),
+    "prune": lambda p, r: critflow.prune(p.network, numbers(r, len(p.sigma)) < 0.5),
+}
+
+# Public functions that these do not reach, and where they are tested.
+ELSEWHERE = {
+    *("cubic_network", "diamond_network", "honeycomb_network", "kagome_network", "square_network", "three_bar_linkage"),
+    *("triangular_network", "voronoi_network", "voronoi_of", "foam_network", "random_sequential_addition"),
+    *("delaunay_network", "delaunay_of", "diluted", "mikado_network", "packing_network", "phantom_network"),
+    *("regular_network", "pruned_network", "network_from", "write_network", "draw", "deformation_of"),  # one test each
+    *("fit_stiffening", "planar_faces", "strain_plane", "write_page"),  # numbers only
+}
+
+
+# What every answer must satisfy
+
+# Fields that are NaN where a quantity is unknown or does not apply, by the documentation.
+MAY_BE_NAN = {
+    "error_bound",
+    "condition",
+    "residual",
+    "bond_errors",
+    "ratio",
+    "uncertainty",
+    "nearest_singular",
+    "least_stiffness",
+    "gap",
+    "smallest_nonzero",
+    "largest_zero",
+    "objective_error",
+    "bound",
+    "error",
+    "stress_error",
+    "undetermined",
+    "weights",
+}
+
+
+def nan_fields(value, name="value", seen=()):
+    """Names of numbers that are NaN in an answer, except those that may be."""
+    if name in MAY_BE_NAN or id(value) in seen or "modulus" in name:
+        return []
+    seen = (*seen, id(value))
+    if isinstance(value, LinearOperator):
+        return nan_fields(value.matmat(np.eye(value.shape[1])), name)
+    if isinstance(value, float | np.ndarray | np.floating):
+        array = np.asarray(value)
+        return [name] if array.dtype.kind == "f" and np.isnan(array).any() else []
+    if dataclasses.is_dataclass(value) and not isinstance(value, Network):
+        return [found for f in dataclasses.fields(value) for found in nan_fields(getattr(value, f.name), f.name, seen)]
+    if isinstance(value, tuple | list):
+        return [found for part in value for found in nan_fields(part, name, seen)]
+    return []
+
+
+def complaint(result) -> str:
+    """What is wrong with an answer, or nothing."""
+    if isinstance(result, Solution) and not result.ok:
+        return ""
+    found = nan_fields(result)
+    return f"NaN in {sorted(set(found))}" if found else ""
+
+
+class BudgetExceeded(BaseException):
+    """Not an error that a call could catch."""
+
+
+@contextmanager
+def budget(most):
+    """Stop a call after a number of factorisations."""
+    factorize, count = FixedPattern.factorize, 0
+
+    def counted(*arguments, **options):
+        nonlocal count
+        count += 1
+        if count > most:
+            raise BudgetExceeded(f"more than {most} factorisations")
+        return factorize(*arguments, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(FixedPattern, "factorize", counted)
+        yield
+
+
+def test_every_public_function_is_called():
+    source = inspect.getsource(inspect.getmodule(test_every_public_function_is_called))
+    public = {name for name in critflow.__all__ if inspect.isfunction(getattr(critflow, name))}
+    assert {name for name in public if f"critflow.{name}(" not in source} == ELSEWHERE
+
+
+@pytest.mark.parametrize("name", CALLS)
+@fuzzed
+@given(random=randoms)
+def test_a_public_function_answers_or_explains(name, random):
+    problem = a_problem(random)
+    assume(problem is not None)
+    with budget(BUDGET), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            result = CALLS[name](problem, random)
+        except CritflowError as error:
+            assert 10 < len(str(error)) < 400 and "\n" not in str(error)
+            return
+    assert complaint(result) == ""
+
+
+# Error bounds
+
+
+def assert_bounded(values, truth, bound):
+    assert reference.largest_error(values, truth) <= bound
+
+
+@fuzzed
+@given(random=randoms)
+def test_error_bounds_exceed_the_errors(random):
+    problem = a_problem(random)
+    assume(problem is not None and problem.network.n_vertices <= 6)
+    network = problem.network
+    solution = CriticalManifold(network).solve(problem.sigma)
+    assume(solution.ok)
+    exact = reference.configuration(network, problem.sigma, digits=reference.digits_for(problem.sigma))
+    critical = solution.value
+    assert_bounded(critical.coordinates, exact.coordinates, critical.error_bound)
+    for L, truth, bound in zip(critical.bond_vectors, exact.bond_vectors, critical.bond_errors, strict=True):
+        assert reference.largest(reference.roots([((reference.numbers(L) - truth) ** 2).sum()])) <= bound
+    if network.cell is None or network.dimension != 2:
+        return
+    try:
+        moduli, bounds = critflow.transition_moduli(critical), critflow.transition_bounds(critical)
+    except CritflowError:
+        return
+    B_0, G_0 = reference.transition_moduli(network, exact)
+    assert_bounded([moduli.bulk], [B_0], bounds.bulk)
+    assert_bounded([moduli.shear], [G_0], bounds.shear)
+
+
+# Invariance
+
+
+def facts(network, sigma):
+    """Numbers that do not depend on the description, in units of the largest cell vector or pin distance and mean k."""
+    manifold = CriticalManifold(network)
+    solution = manifold.solve(sigma)
+    critical, found = solution.value, {"status": solution.status}
+    if not solution.ok:
+        return found
+    unit, k = critical.lengths.mean(), network.stiffness.mean()
+    found["lengths"] = critical.lengths / unit
+    counts = critflow.rigidity(network, critical.coordinates)
+    if counts.ok:
+        found["counts"] = (counts.value.n_self_stresses, counts.value.n_zero_modes)
+    if network.cell is not None:
+        found["bulk bound"] = critflow.bulk_modulus_bound(network) / (k * unit**2 / network.volume)
+        try:
+            found["B_0"] = critflow.transition_moduli(critical).bulk / (k * unit**2 / network.volume)
+            found["C_B"] = critflow.stiffening(network, critical).value.C_B / (k * unit**2 / network.volume)
+        except CritflowError as error:
+            found["error"] = type(error)
+    return found
+
+
+def assert_same(one, other, order=slice(None)):
+    shared = one.keys() & other.keys() - {"status", "counts", "error"}
+    assert one["status"] == other["status"]
+    # Counts next to the tolerance have a status; where both are certain they agree.
+    assert one.get("counts", ()) == other.get("counts", ()) or "counts" not in one.keys() & other.keys()
+    assert one.get("error") == other.get("error")
+    for name in shared:
+        expected = one[name][order] if name == "lengths" else one[name]
+        np.testing.assert_allclose(other[name], expected, rtol=1e-6, atol=1e-9, err_msg=name)
+
+
+CHANGES = {
+    "scale": lambda r, n: (n.deformed(10.0 ** r.randint(-12, 12) * np.eye(n.dimension)), slice(None)),
+    "rotation": lambda r, n: (n.deformed(random_problems.rotation(r, n.dimension)), slice(None)),
+    "translation": lambda r, n: (random_problems.translated(r, n), slice(None)),
+    "labels": random_problems.relabelled,
+    "cell vectors": lambda r, n: (random_problems.with_other_cell_vectors(r, n), slice(None)),
+    "stiffness": lambda r, n: (n.with_stiffness(n.stiffness * 10.0 ** r.randint(-9, 9)), slice(None)),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@fuzzed
+@given(random=randoms)
+def test_another_description_gives_the_same_answer(change, random):
+    problem = a_problem(random)
+    assume(problem is not None and np.ptp(np.log10(problem.sigma)) < 4)
+    network = problem.network
+    assume(change != "cell vectors" or network.cell is not None)
+    changed, order = CHANGES[change](random, network)
+    assert_same(facts(network, problem.sigma), facts(changed, problem.sigma[order]), order)
