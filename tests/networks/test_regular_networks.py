@@ -38,3 +38,13 @@ def test_edges_are_exchanged_at_equal_degrees():
     np.testing.assert_array_equal(np.bincount(after.ravel()), degrees)
     assert before.shape == after.shape
     assert not np.array_equal(before, after)
+
+
+def test_bridges_are_exchanged(monkeypatch):
+    exchanged = []
+    exchange = _Graph.exchange
+    monkeypatch.setattr(_Graph, "exchange", lambda graph, *edges: exchanged.append(edges) or exchange(graph, *edges))
+    network = regular_network(100, 3, seed=206)
+    assert len(exchanged) == 2
+    np.testing.assert_array_equal(np.bincount(network.edges.ravel()), np.full(100, 3))
+    assert "every edge" in prune(network).network.note
