@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from critflow import CriticalManifold, Network, Status, bulk_modulus_bound, voronoi_network
+from critflow import CriticalManifold, Network, Status, StudyError, bulk_modulus_bound, voronoi_network
 from critflow.cli import main
 from critflow.workflow.load import load_study
 
@@ -202,3 +202,24 @@ def test_settings_that_could_only_fail_are_refused(setting, tmp_path, capsys):
     assert main(["run", STUDY, "--workers", "0", "--out", str(tmp_path / "out"), "--set", setting]) == 2
     message = capsys.readouterr().err.strip()
     assert message.startswith("critflow: ") and "\n" not in message
+
+
+@pytest.mark.parametrize("deformation", ["simple_shear", "uniaxial"])
+def test_coefficients_along_other_deformations(deformation):
+    study = load_study("ensemble").study
+    strains = [1e-4 * n for n in range(1, 5)]
+    parameters = {**study.parameters, "n_vertices": 40, "strains": strains, "fit_window": 1.0}
+    parameters["deformation"] = deformation
+    for seed in (1, 2):
+        one = study.computed(parameters, {"seed": seed, "population": "random_stress"})
+        assert (np.asarray(one["path_status"]) == Status.ok).all()
+        for name in ("C_B", "C_G", "C_G_stress_corrected"):
+            # A straight line to 4e-4 has an error of that order.
+            scale = max(abs(one[f"{other}_exact"]) for other in ("C_B", "C_G"))
+            assert one[name] == pytest.approx(one[f"{name}_exact"], abs=0.02 * scale)
+
+
+def test_deformations_of_the_ensemble_are_checked():
+    study = load_study("ensemble").study
+    with pytest.raises(StudyError, match="simple_shear"):
+        study.check({**study.parameters, "deformation": "uniaxial_free"}, {"seed": [0], "population": []})

@@ -54,10 +54,16 @@ def response_figure(ds):
     """`ResponseMetrics`: moduli at the transition and how they grow past it."""
     log = {"shear_modulus_0"}
     panels = [_panel(ds, name, label, name in log, name.startswith("C_")) for name, label in RESPONSE.items()]
-    note = f"Red lines: no change with strain. {_DRAWINGS}"
+    note = f"Red lines: no change with strain{_deformation_note(ds)}. {_DRAWINGS}"
     return panel_figure(
         panels, _labels(ds), "Mechanical response of critical configurations", f"{note} {_wide_note(ds)}"
     )
+
+
+def _deformation_note(ds):
+    """The deformation where it is not the dilation of the paper."""
+    name = parameters(ds).get("deformation", "dilation")
+    return "" if name == "dilation" else f" of the {name.replace('_', ' ')}"
 
 
 def gallery(ds):
@@ -119,9 +125,14 @@ def _drawing(one, caption):
 
 
 def claims(ds):
-    """The statements of the paper on the populations; claims on populations without a run are left out."""
+    """The statements of the paper on the populations; claims on populations without a run are left out.
+
+    So are those on the growth with strain for other deformations than the dilation of the paper.
+    """
     have = {p for p in ds.population.values if len(of(ds, "C_B_exact", p)) or p == "random_lengths_wide"}
-    return [claim for needs, make in _CLAIMS if have.issuperset(needs) for claim in make(ds)]
+    dilated = parameters(ds).get("deformation", "dilation") == "dilation"
+    made = [make for needs, make in _CLAIMS if have.issuperset(needs) and (dilated or make is not _growth)]
+    return [claim for make in made for claim in make(ds)]
 
 
 def _ratio(ds, name, above, below):

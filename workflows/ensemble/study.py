@@ -12,7 +12,7 @@ from critflow.mechanics.strain_path import check_strains
 from critflow.networks.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, decimals
 
-from ..shared.checks import check_network, check_positive
+from ..shared.checks import check_deformation, check_network, check_positive
 from ..shared.measurements import DRAWN, planar_member, table, verify
 from ..shared.population_reports import summary
 from ..shared.populations import POPULATIONS
@@ -31,6 +31,7 @@ def check(parameters, axes):
     check_positive(parameters, "threshold", "spread", "spread_wide", "hard_core", "fit_window")
     if parameters["protocol"] not in ("conic", "strain"):
         raise StudyError(f"protocol={parameters['protocol']} must be conic (exact) or strain (the paper's steps)")
+    check_deformation(parameters["deformation"])
     check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
 
 
@@ -52,8 +53,11 @@ study = Study(
         "protocol": "conic",
         "strains": decimals("0.001:0.010:0.001"),
         "fit_window": 0.01,
+        "deformation": "dilation",
     },
-    coordinates=(Coordinate("strain", "strains", "volumetric strain past the transition"),),
+    coordinates=(
+        Coordinate("strain", "strains", "strain |γ| past the transition, of the deformation and sign that tightens"),
+    ),
     case=case,
     check=check,
     variables=tuple(table(planar=True)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from critflow import InputError, StudyError
+from critflow import DEFORMATIONS, InputError, StudyError
 
 # Peak memory of a network with the analysis of its matrices, measured at 100,000 and 400,000 vertices.
 BYTES_A_VERTEX = 1600
@@ -32,3 +32,10 @@ def check_network(check, n_vertices, *arguments):
             f"n_vertices={n_vertices} needs about {needed / 1e9:.0f} GB for each worker process, and this machine has "
             f"{present / 1e9:.0f} GB: choose fewer vertices"
         )
+
+
+def check_deformation(name):
+    """Raise `StudyError` for names that are not deformations of a fixed cell: free sides loosen every network."""
+    known = [known for known in DEFORMATIONS if known != "uniaxial_free"]
+    if name not in known:
+        raise StudyError(f"deformation={name} must be one of {', '.join(known)}")

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import Status, fit_stiffening, stiffening, strain_path, transition_moduli, voronoi_network
+from critflow import (
+    Status,
+    deformation_of,
+    fit_stiffening,
+    stiffening,
+    strain_path,
+    transition_moduli,
+    voronoi_network,
+)
 from critflow.design.from_lengths import stressed_fraction
 from critflow.rigidity.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Variable
@@ -67,18 +75,34 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
         "optimality": found.stats.residual,
         "iterations": found.stats.steps,
     }
+    deformation = deformation_of(parameters.get("deformation", "dilation"), manifold.network.dimension)
+    side = tightening(critical, deformation)
     if not wanted.isdisjoint(_EXACT):
-        exact = stiffening(manifold, critical, throw=False).value
+        exact = stiffening(manifold, critical, throw=False, deformation=deformation).value
         values = (exact.C_B, exact.C_G, exact.C_G_stress_corrected)
-        result |= {name: value * undefined for name, value in zip(_EXACT, values, strict=True)}
+        result |= {name: side * value * undefined for name, value in zip(_EXACT, values, strict=True)}
     if not wanted.isdisjoint(_ALONG):
-        result |= _along_path(manifold, critical, parameters, undefined)
+        result |= _along_path(manifold, critical, parameters, undefined, deformation, side)
     return result
 
 
-def _along_path(manifold, critical, parameters, undefined):
+def tightening(critical, deformation):
+    """The sign of the strains that tighten a configuration: it is floppy on the other side of its transition."""
+    sigma, L = critical.sigma, critical.bond_vectors
+    return -1.0 if np.vdot(sigma[:, None] * L, L @ deformation.velocity(0.0).T) < 0 else 1.0
+
+
+def _along_path(manifold, critical, parameters, undefined, deformation, side):
+    """Moduli at strains of the tightening sign, and their growth with the distance |γ| from the transition."""
     strains = np.array(parameters["strains"])
-    path = strain_path(manifold.network, critical, strains, pattern=manifold.hessian, throw=False).value
+    path = strain_path(
+        manifold.network,
+        critical,
+        side * strains,
+        deformation=deformation,
+        pattern=manifold.hessian,
+        throw=False,
+    ).value
     result = {
         "bulk_modulus": path.bulk_modulus,
         "shear_modulus": path.shear_modulus,
