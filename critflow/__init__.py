@@ -28,7 +28,7 @@ from critflow.mechanics.elasticity import Elasticity
 from critflow.mechanics.equilibrium import equilibrium
 from critflow.mechanics.fits import fit_stiffening
 from critflow.mechanics.hessian import bond_operator, geometric_split, hookean_split
-from critflow.mechanics.laws import Hookean, PowerLaw, SpringLaw, WormLike
+from critflow.mechanics.laws import Cable, Hookean, PowerLaw, SpringLaw, WormLike
 from critflow.mechanics.moduli import elastic_moduli, elasticity, transition_moduli
 from critflow.mechanics.moduli_bounds import transition_bounds
 from critflow.mechanics.perimeters import cells_of, critical_from_perimeters, perimeter_moduli, perimeter_state
@@ -76,6 +76,7 @@ __version__ = version("critflow")
 __all__ = [
     "DEFORMATIONS",
     "Backbone",
+    "Cable",
     "CritflowError",
     "CriticalConfiguration",
     "CriticalManifold",

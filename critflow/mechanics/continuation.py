@@ -309,7 +309,7 @@ def _unique(state: SpringState) -> bool:
     components of the cell, and nowhere above that of the springs.  A taut equilibrium is its minimum, where both
     energies are equal.
     """
-    return state.law.convex and bool((state.extension >= 0).all())
+    return state.law.convex and (state.law.one_sided or bool((state.extension >= 0).all()))
 
 
 def _distance(one: SpringState, other: SpringState) -> float:

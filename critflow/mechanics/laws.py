@@ -31,6 +31,8 @@ class SpringLaw(ABC):
     """
 
     convex: ClassVar[bool] = False
+    # Whether the energy is zero below the rest length: every equilibrium of a convex law is then the global minimum.
+    one_sided: ClassVar[bool] = False
 
     @abstractmethod
     def energy(self, extension: Array, rest: Array, k: Array) -> Array:
@@ -130,10 +132,33 @@ class WormLike(SpringLaw):
         return np.maximum(1 - extension / (self.slack * rest), 0.0)
 
 
+@dataclass(frozen=True)
+class Cable(SpringLaw):
+    """E = ½ k e² for e > 0 and zero below: a cable, which resists extension only.
+
+    The energy is convex in the coordinates, so every equilibrium is a global minimum; E'' = k at rest and above.
+    """
+
+    convex: ClassVar[bool] = True
+    one_sided: ClassVar[bool] = True
+
+    def energy(self, extension: Array, rest: Array, k: Array) -> Array:
+        return 0.5 * k * np.maximum(extension, 0.0) ** 2
+
+    def tension(self, extension: Array, rest: Array, k: Array) -> Array:
+        return k * np.maximum(extension, 0.0)
+
+    def stiffness(self, extension: Array, rest: Array, k: Array) -> Array:
+        return np.where(extension >= 0, k, 0.0)
+
+    def stiffening(self, extension: Array, rest: Array, k: Array) -> Array:
+        return np.zeros_like(k)
+
+
 HOOKEAN = Hookean()
 
 # Laws whose formulas are tested in the library; `checked_law` accepts them without a check.
-_LIBRARY_LAWS = (Hookean, PowerLaw, WormLike)
+_LIBRARY_LAWS = (Hookean, PowerLaw, WormLike, Cable)
 
 # Extensions, in units of ℓ, at which the derivatives and the convexity of a law are checked.
 _REACHES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)

@@ -13,16 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
+from critflow.critical.backbone import backbone
 from critflow.critical.manifold import CriticalConfiguration
+from critflow.critical.tolerances import COLLAPSED
 from critflow.linalg.factor import FixedPattern
 from critflow.mechanics.continuation import Arrival, Continuation, Relaxer, Step
 from critflow.mechanics.elasticity import Elasticity
 from critflow.mechanics.equilibrium import relaxation_method
 from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.mechanics.springs import SpringState
-from critflow.mechanics.tolerances import BALANCED_START, LOOSENING_WORK
+from critflow.mechanics.tolerances import BALANCED_START, CONSISTENT_LENGTHS, LOOSENING_WORK, OPENING
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array, Network, edge_values
 from critflow.result import InputError, Solution, Stats, Status
 
 _LOOSENED = "the strain loosens the network, which is floppy on this side of the transition: change its sign"
@@ -102,6 +104,7 @@ def strain_path(
     *,
     deformation: Deformable = "dilation",
     law: SpringLaw | None = None,
+    rest_lengths: ArrayLike | None = None,
     tolerance: float = 1e-14,
     moduli: bool = True,
     pattern: FixedPattern | None = None,
@@ -115,12 +118,15 @@ def strain_path(
     leaves the branch the path ends with `Status.unstable`.  An equilibrium of a convex law without compressed springs
     is unique and the global minimum, so its branch is not checked.
 
-    start              a critical configuration, whose lengths are the rest lengths, or a state of springs in
+    start              a critical configuration, whose lengths are the rest lengths (of one with slack edges, σ = 0, the
+                       path and its states are those of the taut part: `backbone`), or a state of springs in
                        equilibrium, such as `spring_state` or a state of another path; or a solution with one.  Only a
                        state may begin with γ = 0
     method, tolerance  those of `equilibrium`; free components of the cell need Newton's method
     deformation        what `deformation_of` accepts
     law                of springs from a critical configuration, Hookean by default; a state has one
+    rest_lengths       ℓ (N_b,) of a critical configuration with slack edges, to a common factor: the path is then that
+                       of all edges, with the law Cable()
     moduli             False: equilibria only
     pattern            of the Hessian, made here by default; given for many paths of one network
 
@@ -129,9 +135,8 @@ def strain_path(
     Raises `InputError` for strains that do not lead away from zero, a deformation that inverts the cell, a start of
     another network or without balance, `SolveError` where the path stops and `throw` is set.
     """
-    if isinstance(start, Solution):
-        start = start.or_raise("no path starts from this solution").value
-    state, critical = _start(network, start, law), start if isinstance(start, CriticalConfiguration) else None
+    state, critical, note = _start(network, _value(start), law, rest_lengths)
+    pattern = None if note else pattern
     gamma, method = check_strains(strains, signed=True, zero=critical is None), relaxation_method(method)
     deformation = deformation_of(deformation, state.network.dimension)
     for strain in gamma:
@@ -151,11 +156,13 @@ def strain_path(
         if reached and not reached[-1].end.ok:
             break
         reached.append(continuation.advance(strain))
-    result = _solution(gamma, reached, deformation, method)
+    result = _solution(gamma, reached, deformation, method, note)
     return result.or_raise("the strain path stopped") if throw else result
 
 
-def _solution(gamma: Array, reached: list[Arrival], deformation: Deformation, method: str) -> Solution[StrainPath]:
+def _solution(
+    gamma: Array, reached: list[Arrival], deformation: Deformation, method: str, note: str
+) -> Solution[StrainPath]:
     """The path of all arrivals, of which only the last may have failed, with its status."""
     path, last = _assembled(gamma, reached, deformation), reached[-1].end
     stats = Stats(
@@ -164,16 +171,80 @@ def _solution(gamma: Array, reached: list[Arrival], deformation: Deformation, me
         residual=float(np.max(path.max_force[: len(path.states)], initial=0.0)),
         error_bound=float(np.max(path.coordinate_error[: len(path.states)], initial=0.0)),
     )
-    note = "" if last.ok else f"at strain {last.strain and gamma[len(reached) - 1]:g}, {last.note}"
+    note = note if last.ok else f"at strain {last.strain and gamma[len(reached) - 1]:g}, {last.note}"
     return Solution(path, last.status, stats, note)
 
 
-def _start(network: Network, start: Any, law: SpringLaw | None) -> SpringState:
-    """The state at γ = 0."""
+def _value(start: Any) -> Any:
+    """The configuration or state of a solution; that of one with slack edges is valid."""
+    if not isinstance(start, Solution):
+        return start
+    if start.status is not Status.slack_edges:
+        start.or_raise("no path starts from this solution")
+    return getattr(start.value, "configuration", start.value)
+
+
+def _taut_start(network: Network, critical: CriticalConfiguration) -> tuple[Network, CriticalConfiguration, str]:
+    """The taut part of a configuration with slack edges, whose rest lengths it does not know, and a note about it."""
+    part = backbone(replace(critical, network=critical.springs_of(network)))
+    note = (
+        f"{part.n_slack} of {network.n_edges} edges are slack, so the path is that of the taut part: for edges that "
+        "become taut on it give rest_lengths and law=Cable()"
+    )
+    return part.network, part.configuration, note
+
+
+def _cables(
+    network: Network, start: Any, rest_lengths: ArrayLike, law: SpringLaw | None
+) -> tuple[SpringState, CriticalConfiguration]:
+    """All edges of a critical configuration as cables: taut ones at rest, slack ones below their rest lengths."""
+    if not isinstance(start, CriticalConfiguration):
+        raise InputError("rest_lengths belong to a critical configuration: a state of springs has its rest lengths")
+    if law is None or not law.one_sided:
+        raise InputError(
+            "slack springs would be compressed at this configuration: choose law=Cable(), or relax a spring_state with "
+            "equilibrium() and start from it"
+        )
+    network, taut = start.springs_of(network), start.sigma != 0
+    rest = edge_values(rest_lengths, network.n_edges, "rest_lengths")
+    ratios = start.lengths[taut] / rest[taut]
+    scale = float(ratios.mean())
+    if not np.ptp(ratios) <= CONSISTENT_LENGTHS * scale:
+        raise InputError("the taut edges do not have these rest lengths: give those of which the configuration is made")
+    if not (start.lengths > COLLAPSED * start.lengths.mean()).all():
+        start = _opened(start, float(scale * rest.mean()))
+    rest = np.where(taut, start.lengths, scale * rest)
+    return SpringState(network, rest, start.coordinates, start.bond_vectors, law), start
+
+
+def _opened(critical: CriticalConfiguration, length: float) -> CriticalConfiguration:
+    """The configuration with its floppy vertices displaced a little, so that every slack edge has a direction."""
+    network, floppy = critical.network, backbone(critical).floppy_vertices
+    x = critical.coordinates.copy()
+    x[floppy] += OPENING * length * np.random.default_rng(0).standard_normal((len(floppy), network.dimension))
+    x = x if network.pins else x - x[0]
+    L = np.where((critical.sigma != 0)[:, None], critical.bond_vectors, network.bond_vectors(x))
+    lengths = np.linalg.norm(L, axis=1)
+    if not (lengths > COLLAPSED * lengths.mean()).all():
+        raise InputError(
+            f"the slack edge {int(lengths.argmin())} joins two vertices of the taut part at one place, so it has no "
+            "direction: vary the rest lengths a little, or follow the taut part without rest_lengths"
+        )
+    return replace(critical, coordinates=x, bond_vectors=L)
+
+
+def _start(
+    network: Network, start: Any, law: SpringLaw | None, rest_lengths: ArrayLike | None
+) -> tuple[SpringState, CriticalConfiguration | None, str]:
+    """The state at γ = 0, the critical configuration if it is one, and a note if it is a part."""
+    if rest_lengths is not None:
+        return *_cables(network, start, rest_lengths, law), ""
     if isinstance(start, CriticalConfiguration):
-        network = start.springs_of(network)
+        network, note = start.springs_of(network), ""
+        if not start.sigma.all():
+            network, start, note = _taut_start(network, start)
         law = checked_law(HOOKEAN if law is None else law, start.lengths, network.stiffness)
-        return SpringState(network, start.lengths, start.coordinates, start.bond_vectors, law)
+        return SpringState(network, start.lengths, start.coordinates, start.bond_vectors, law), start, note
     if not isinstance(start, SpringState):
         raise InputError(f"a path starts from a critical configuration or a state of springs, not {start!r:.60}")
     same = start.network
@@ -189,7 +260,7 @@ def _start(network: Network, start: Any, law: SpringLaw | None) -> SpringState:
         raise InputError(
             f"the springs are not in equilibrium, a force of {start.max_force:.2g} is left: call equilibrium() first"
         )
-    return replace(start, network=network)
+    return replace(start, network=network), None, ""
 
 
 def _loosened(critical: CriticalConfiguration, deformation: Deformation, strain: float) -> bool:

@@ -32,6 +32,8 @@ BALANCED_START         Largest force of a state from which a path starts, in uni
                        relaxation removes rounding, and a larger force would hide a jump.
 LOOSENING_WORK         Work rate of the stress at the transition, relative to its size, above which the sign of a strain
                        decides between rigid and floppy; of smaller ones, second order and rounding may decide.
+CONSISTENT_LENGTHS     Relative deviation of the lengths of taut edges from the given rest lengths; solutions have 1e-9.
+OPENING                Displacement of floppy vertices that separates the ends of collapsed slack edges.
 
 Moduli and coefficients
 
@@ -78,6 +80,7 @@ COLLAPSING_LENGTH = 1e-3
 EXPECTED_STEPS, EXPECTED_DISTANCE = 40, 0.05
 DOUBTED_DISTANCE, RETURN_DISTANCE = 1e-3, 1e-6
 BALANCED_START, LOOSENING_WORK = 1e-6, 1e-9
+CONSISTENT_LENGTHS, OPENING = 1e-6, 1e-3
 
 TRUSTED_ERROR = 0.1
 CONSISTENT_RESPONSE = 1e-9

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from critflow import (
+    Cable,
     CriticalManifold,
     Hookean,
     InputError,
@@ -213,3 +214,14 @@ def test_bad_exponents(make):
 def test_bad_slack(slack):
     with pytest.raises(InputError, match="positive"):
         WormLike(slack)
+
+
+def test_a_cable_is_a_hookean_spring_that_resists_extension_only():
+    e, rest, k = np.array([-0.3, -1e-12, 0.0, 1e-12, 0.4]), np.ones(5), np.linspace(1, 2, 5)
+    pulled = e > 0
+    for name in ("energy", "tension"):
+        cable, spring = (getattr(law, name)(e, rest, k) for law in (Cable(), Hookean()))
+        assert np.array_equal(cable, np.where(pulled, spring, 0.0))
+    # At rest, where cables of a critical configuration are, it has its stiffness.
+    assert np.array_equal(Cable().stiffness(e, rest, k), np.where(e >= 0, k, 0.0))
+    assert not Cable().stiffening(e, rest, k).any()

@@ -10,29 +10,36 @@ from problems import (
     bounds_over_errors,
     exact_moduli,
     random_stress,
+    slack_lattice,
+    taut_rows,
     with_random_stiffness,
 )
 from scipy.optimize import minimize, minimize_scalar
 
 from critflow import (
     DEFORMATIONS,
+    Cable,
     CriticalManifold,
     Deformation,
+    Hookean,
     InputError,
     Network,
     PowerLaw,
     SolveError,
     Status,
     WormLike,
+    backbone,
     critical_from_lengths,
     deformation_of,
     equilibrium,
     honeycomb_network,
     spring_state,
+    stiffening,
     strain_path,
     triangular_network,
 )
 from critflow import voronoi_network as voronoi
+from critflow.critical.manifold import critical_configuration
 from critflow.mechanics import continuation
 from critflow.mechanics.continuation import Continuation
 from critflow.mechanics.free_cell import stretched
@@ -429,3 +436,55 @@ def test_slack_parts_do_not_shorten_the_steps():
     assert path.inserted.sum() < 20 and path.steps.sum() < 200
     other = strain_path(network, critical.value, [0.0013, 0.01]).value
     np.testing.assert_allclose(other.bulk_modulus[-1], path.bulk_modulus[-1], rtol=1e-9)
+
+
+def test_the_path_of_a_slack_configuration_is_that_of_its_taut_part():
+    network, lengths, critical = slack_lattice()
+    strains = [1e-4, 1e-3]
+    solution = strain_path(network, critical, strains)
+    part = backbone(critical)
+    assert solution.ok
+    assert f"{part.n_slack} of {network.n_edges} edges are slack" in solution.note
+    alone = strain_path(part.network, part.configuration, strains)
+    assert np.array_equal(solution.value.bulk_modulus, alone.value.bulk_modulus)
+    growth = stiffening(network, critical).value
+    assert solution.value.bulk_modulus[0] == pytest.approx(growth.bulk_0 + 1e-4 * growth.C_B, rel=1e-4)
+    # A solution with slack edges is a start as well; as cables all edges give the same as long as none becomes taut.
+    cables = strain_path(
+        network, critical_from_lengths(network, lengths, throw=False), strains, law=Cable(), rest_lengths=lengths
+    )
+    np.testing.assert_allclose(cables.value.bulk_modulus, alone.value.bulk_modulus, rtol=1e-9)
+    assert cables.value.states[0].network.n_edges == network.n_edges
+
+
+def test_a_slack_cable_becomes_taut_on_the_path():
+    # Two cables between a vertex and its image: one taut, one slack until the strain reaches 0.02; k = 1, V = 1.
+    network = Network([[0, 1], [1, 0], [0, 2], [2, 0]], [[0, 0], [1, 0], [0, 0], [1, 0]], np.eye(2))
+    sigma, x = np.array([1.0, 1, 0, 0]), np.array([[0, 0], [0.5, 0], [0.5, 0.01]])
+    critical = critical_configuration(network, sigma, x)
+    path = strain_path(
+        *(network, critical, [0.01, 0.03]),
+        deformation="uniaxial",
+        law=Cable(),
+        rest_lengths=np.array([0.5, 0.5, 0.51, 0.51]),
+    ).value
+    # Each cable of two springs has stiffness 1/2; V = 1 + γ.
+    np.testing.assert_allclose(path.modulus, [0.5 / 1.01, 1.0 / 1.03], rtol=1e-9)
+    np.testing.assert_allclose(path.energy, [0.25 * 0.01**2, 0.25 * (0.03**2 + 0.01**2)], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({}, "compressed"),
+        ({"law": Hookean()}, "compressed"),
+        ({"law": Cable(), "rest_lengths": np.linspace(1, 2, 4)}, "these rest lengths"),
+    ],
+    ids=["no law", "two-sided", "other lengths"],
+)
+def test_rest_lengths_of_slack_edges_need_cables(options, word):
+    critical = taut_rows(2)
+    n = critical.network.n_edges
+    lengths = np.linspace(1, 2, n) if "rest_lengths" in options else np.ones(n)
+    with pytest.raises(InputError, match=word):
+        strain_path(critical.network, critical, [0.1], **{**options, "rest_lengths": lengths})
