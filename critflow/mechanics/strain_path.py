@@ -125,8 +125,7 @@ def strain_path(
     method, tolerance  those of `equilibrium`; free components of the cell need Newton's method
     deformation        what `deformation_of` accepts
     law                of springs from a critical configuration, Hookean by default; a state has one
-    rest_lengths       ℓ (N_b,) of a critical configuration with slack edges, to a common factor: the path is then that
-                       of all edges, with the law Cable()
+    rest_lengths       ℓ (N_b,) to a common factor: the path of a slack configuration as that of all edges, as Cable()
     moduli             False: equilibria only
     pattern            of the Hessian, made here by default; given for many paths of one network
 
@@ -136,7 +135,6 @@ def strain_path(
     another network or without balance, `SolveError` where the path stops and `throw` is set.
     """
     state, critical, note = _start(network, _value(start), law, rest_lengths)
-    pattern = None if note else pattern
     gamma, method = check_strains(strains, signed=True, zero=critical is None), relaxation_method(method)
     deformation = deformation_of(deformation, state.network.dimension)
     for strain in gamma:
@@ -144,7 +142,7 @@ def strain_path(
     if deformation.free and method != "newton":
         raise InputError("free components of the cell need Newton's method: choose method='newton'")
     reached: list[Arrival] = []
-    relaxer = Relaxer(method, tolerance, moduli, pattern or state.pattern())
+    relaxer = Relaxer(method, tolerance, moduli, state.pattern() if note or not pattern else pattern)
     continuation = Continuation(state, deformation, relaxer, stress=None if critical is None else critical.sigma)
     if critical is None:
         first = continuation.begin()
