@@ -81,7 +81,10 @@ def _solution(network: Network, extension: Array, volume: float, found: _Found) 
     tensors, status, note, factors = no_elasticity(d, volume), found.status, found.note, found.factors
     energy, bounds = factors.T @ factors / volume, (found.bounds + found.bounds.T) / (2 * volume)
     if status is Status.ok and bounds.max() > TRUSTED_ERROR * np.abs(energy).max():
-        status, note = Status.ill_conditioned, "the response to strain is lost in rounding: use coordinates near zero"
+        status, note = (
+            Status.ill_conditioned,
+            "rounding errors exceed a tenth of the response to strain: use coordinates near zero",
+        )
     if status in (Status.ok, Status.floppy):
         affine = (extension.T * network.stiffness) @ extension / volume
         symmetric = 0.5 * (energy + energy.T)

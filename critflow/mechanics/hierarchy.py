@@ -5,7 +5,7 @@ extensions e.  With weights that span more than 1e16, rounding errors of stiff r
 edges are grouped by stiffness, and motions and strains are split into those that the stiffest group resists, those that
 only the next one resists, and so on.  A motion of a later set leaves the edges of stiffer groups unchanged *exactly*:
 these entries are set to zero, so that a stiff group exerts no rounding errors on soft motions.  In units of the
-stiffness that first resists each motion the matrix is then well conditioned, whatever the contrast, and every energy
+stiffness that first resists each motion the matrix is then well conditioned, for any contrast, and every energy
 has a small relative error.
 
 Motions and strains that a group resists to rounding only count as free of it, as in `rigidity`.

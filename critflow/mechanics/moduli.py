@@ -79,8 +79,8 @@ def elastic_moduli(
     tolerance     of forces and stresses in units of the stiffness; smaller ones are rounding of springs at rest
     volume        V of a pinned network
 
-    Stressed springs respond linearly (`LinearResponse`).  Springs at rest resist through their self-stresses, whatever
-    their stiffnesses (`SelfStressModuli`, `response_at_rest`); without any the network is floppy: moduli exactly 0 and
+    Stressed springs respond linearly (`LinearResponse`).  Springs at rest resist through their self-stresses, for any
+    stiffnesses (`SelfStressModuli`, `response_at_rest`); without any the network is floppy: moduli exactly 0 and
     `Status.floppy`.  Raises `InputError` when the forces do not balance.
     """
     mask = np.ones(network.n_edges, bool) if taut is None else taut_edges(network, taut)

@@ -5,7 +5,7 @@ With the total rates L̇_a = E_a L + g u_a of bond vectors under a strain E_a an
 is stationary at the relaxations u, so that their errors enter as products (`LinearResponse`).
 
 The strains are those of `_strains`: dilation, shears and the parts of normal strains without change of volume, each
-with its own relaxation, so that the bulk modulus is not a difference of larger numbers.
+with a separate relaxation, so that the bulk modulus is not a difference of larger numbers.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def linear_response(
     relaxation = found.relaxations[0]
     if bounds is None or bounds[0].max() > TRUSTED_ERROR * np.abs(found.moduli[:2]).max():
         value, status, tensors = NO_MODULI, Status.ill_conditioned, no_elasticity(d, V)
-        note = "the response to strain is lost in rounding: measure it further from the transition"
+        note = "rounding errors exceed a tenth of the response to strain: measure it further from the transition"
     else:
         value, status, note = Moduli(*map(float, found.moduli)), Status.ok, ""
         tensors = Elasticity(found.tensor, found.affine, found.stress, V, bounds[1])
