@@ -31,6 +31,11 @@ class Status(IntEnum):
     rigid = 12
     infeasible = 13
 
+    def __str__(self) -> str:
+        return self.name
+
+    __format__ = object.__format__
+
     @property
     def message(self) -> str:
         """What happened and what to try next."""

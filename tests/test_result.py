@@ -1,7 +1,9 @@
 """Statuses, solutions and their typed subclasses."""
 
+import json
 from dataclasses import FrozenInstanceError, dataclass, fields
 
+import numpy as np
 import pytest
 
 from critflow import Solution, SolveError, Stats, Status
@@ -13,6 +15,12 @@ class Root(Solution[float]):
     """A solution with a typed field."""
 
     bracket: tuple[float, float]
+
+
+def test_a_status_prints_its_name_and_is_stored_as_its_number():
+    assert (str(Status.singular), f"{Status.singular}", f"{int(Status.singular)}") == ("singular", "singular", "4")
+    assert json.dumps(Status.singular) == "4"
+    assert np.array([Status.singular, Status.ok], np.int8).tolist() == [4, 0]
 
 
 def test_stored_integers_never_change():

@@ -27,7 +27,7 @@ from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network
 from critflow.result import Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
-from critflow.rigidity.spectrum import spread_columns
+from critflow.rigidity.spectrum import rounding_note, spread_columns
 from critflow.rigidity.tolerances import CLEAR_GAP, DENSE_EDGES, ZERO_MODE
 
 # Shift of RᵀR that excludes floppy motions, in units of its squared singular values.
@@ -169,7 +169,7 @@ def _dense(network: Network, coordinates: Array, L: Array, extension: Array) -> 
     R = spread_columns(network, L / length[:, None]).toarray()
     found = hierarchical_response(R, extension / mean, k / k.max(), _row_errors(network, coordinates, length))
     if np.isfinite(found.doubtful):
-        note = _DOUBTFUL.format(found.doubtful)
+        note = rounding_note(coordinates, length, found.doubtful) or _DOUBTFUL.format(found.doubtful)
         return _unknown(extension.shape[1], found.n_self_stresses, Status.singular, note, found.largest_zero)
     status = Status.ok if found.n_self_stresses else Status.floppy
     unit = mean * np.sqrt(k.max())
@@ -191,7 +191,8 @@ def _by_self_stresses(network: Network, coordinates: Array, L: Array, extension:
         largest, smallest = counts.value.largest_zero, counts.value.smallest_nonzero
         note = counts.note
         if counts.status is Status.singular and np.isfinite(largest):
-            note = _DOUBTFUL.format(max(largest, smallest if smallest < CLEAR_GAP * ZERO_MODE else 0.0))
+            near = max(largest, smallest if smallest < CLEAR_GAP * ZERO_MODE else 0.0)
+            note = rounding_note(coordinates, length, near) or _DOUBTFUL.format(near)
         return _unknown(m, n_stresses, counts.status, note, counts.stats.residual)
     tensions = counts.value.self_stresses * length
     U = np.asarray(np.linalg.qr(tensions.T / np.sqrt(k)[:, None], mode="r"))

@@ -21,8 +21,8 @@ from critflow.critical.tolerances import COLLAPSED
 from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.rigidity.spectrum import Spectrum
-from critflow.rigidity.tolerances import BALANCED, LARGEST_DENSE
+from critflow.rigidity.spectrum import Spectrum, rounding_note
+from critflow.rigidity.tolerances import BALANCED, ITERATION_ERROR, LARGEST_DENSE
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,9 @@ def rigidity(
         stable, stresses = _stabilises(network, stresses[0], L)
     value = Rigidity(n_stresses, spectrum.n_motions + n_trivial, stresses, *gap, n_trivial, stable)
     status = Status.singular if doubt else Status.floppy if n_stresses == 0 else Status.ok
-    return Solution(value, status, Stats("counts", 1, residual=value.largest_zero), doubt)
+    near = value.largest_zero if value.largest_zero > ITERATION_ERROR else value.smallest_nonzero
+    note = "" if status is Status.ok else rounding_note(x, length, near) or doubt
+    return Solution(value, status, Stats("counts", 1, residual=value.largest_zero), note)
 
 
 def _rigidity_of_taut(

@@ -19,7 +19,9 @@ from critflow.result import InputError
 from critflow.rigidity.tolerances import (
     CLEAR_GAP,
     DENSE_EDGES,
+    FROM_DECIMALS,
     ITERATION_ERROR,
+    MOST_DECIMALS,
     ROUNDING_MARGIN,
     SQUARED_ROUNDING,
     ZERO_MODE,
@@ -173,3 +175,14 @@ class Spectrum:
             return shift * factor.solve(v)
 
         return on_stresses if of_stresses else on_motions
+
+
+def rounding_note(coordinates: Array, lengths: Array, singular_value: float) -> str:
+    """A sentence where coordinates (N_v, d) have so few decimals that a singular value may come from rounding them."""
+    decimals = next((n for n in range(3, MOST_DECIMALS) if np.array_equal(np.round(coordinates, n), coordinates)), 0)
+    if not decimals or not 0 < singular_value < FROM_DECIMALS * 10.0**-decimals / lengths.mean():
+        return ""
+    return (
+        f"a singular value of {singular_value:.1e} may come from the coordinates, which have {decimals} decimals: "
+        "nearest_critical(network, coordinates) restores a critical configuration that was rounded"
+    )

@@ -12,6 +12,7 @@ from critflow import (
     certify,
     critical_from_lengths,
     honeycomb_network,
+    nearest_critical,
     rigidity,
     square_network,
     three_bar_linkage,
@@ -446,3 +447,18 @@ def test_components_of_the_taut_part_are_counted_together():
     assert (counts.n_self_stresses, counts.n_zero_modes, counts.n_trivial) == (3, 12, 6)
     assert counts.prestress_stable
     assert counts.rigid
+
+
+@pytest.mark.parametrize("decimals", [5, 6, 8, 10])
+def test_the_rounding_of_a_file_is_reported_with_the_way_back(decimals):
+    network = voronoi_network(100, seed=4)
+    rounded = np.round(network.positions, decimals)
+    found = rigidity(network, rounded)
+    assert not found.ok
+    assert f"{decimals} decimals" in found.reason
+    assert "nearest_critical" in found.reason
+    restored = nearest_critical(network, rounded).value
+    assert rigidity(network, restored.coordinates).ok
+    # The same network out of balance by more than its digits is floppy for another reason.
+    displaced = np.round(network.positions + 0.1 * np.random.default_rng(0).standard_normal((100, 2)), decimals)
+    assert "decimals" not in rigidity(network, displaced).reason
