@@ -170,7 +170,8 @@ def _extrapolate(
         negative.append(network.dimension * prestress.n_negative - stiffened.n_negative)
     # Values at δ, 2δ and 4δ cancel the first two orders; the difference of the orders estimates the remainder.
     linear, quadratic = 2 * logs[0] - logs[1], (8 * logs[0] - 6 * logs[1] + logs[2]) / 3
-    rounding = 10 * EPS * (4 / relative * np.sqrt(n) + n * condition * bool((stress < 0).any()))
+    # Elimination without a choice of pivots grows by the condition of P where signs are mixed.
+    rounding = EPS / relative * (40 * np.sqrt(n) + n * condition * bool((stress < 0).any()))
     error = abs(quadratic - linear) + rounding
     # A radius below the softness adds log 2 to each difference, and the series does not converge.
     if max(abs(logs[1] - logs[0]), abs(logs[2] - logs[1])) > UNCERTAIN_LOGARITHM or len(set(negative)) > 1:
