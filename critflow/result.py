@@ -34,7 +34,8 @@ class Status(IntEnum):
     def __str__(self) -> str:
         return self.name
 
-    __format__ = object.__format__
+    def __format__(self, format_spec: str) -> str:
+        return format(self.name, format_spec)
 
     @property
     def message(self) -> str:
