@@ -189,6 +189,8 @@ CASES = {
     "packing not jammed": (lambda: packing_network(50, density=0.8), "density"),
     "packing density NaN": (lambda: packing_network(50, density=np.nan), "density"),
     "packing of few": (lambda: packing_network(5), "at least"),
+    "packing of too many": (lambda: packing_network(10**9), "at most"),
+    "packing z NaN": (lambda: packing_network(50, z=np.nan), "z must"),
     "packing on a line": (lambda: packing_network(50, dimension=1), "dimension"),
     "regular below three": (lambda: regular_network(50, 2.5), "z must"),
     "regular NaN": (lambda: regular_network(50, np.nan), "z must"),

@@ -1,4 +1,4 @@
-"""Networks of lower coordination: edges removed at random, and what no longer carries tension with them."""
+"""Networks of lower coordination: edges removed at random, and with them all that carry no tension without them."""
 
 from __future__ import annotations
 

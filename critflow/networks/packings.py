@@ -13,6 +13,7 @@ from critflow.networks.dilution import diluted
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned_network
 from critflow.networks.random_points import points_in_cell
+from critflow.networks.support import check_size
 from critflow.result import InputError
 
 # Ratio of the two radii, at which neither discs nor spheres crystallise (O'Hern et al. 2003).
@@ -51,6 +52,9 @@ def packing_network(
         raise InputError(f"a packing has dimension 2 or 3, not {dimension}")
     if n_vertices < _FEWEST[dimension]:
         raise InputError(f"a packing needs at least {_FEWEST[dimension]} particles, not {n_vertices}")
+    check_size(n_vertices)
+    if not z > 0:
+        raise InputError(f"z must be positive, not {z}")
     least, most = _JAMMING[dimension] + 0.01, _MOST_DENSE[dimension]
     if not least <= density <= most:
         raise InputError(f"the density must be between {least:.3g}, above jamming, and {most:g}, not {density}")

@@ -37,7 +37,7 @@ def test_edges_kept_are_those_with_a_length(pins):
     assert removed > 50
 
 
-def test_what_hangs_on_a_network_is_removed():
+def test_hanging_parts_are_removed():
     whole = square_octagon()
     # A path of two edges, and a triangle on a bridge.
     more = [[0, 4], [4, 5], [1, 6], [6, 7], [7, 8], [8, 6]]
