@@ -28,6 +28,7 @@ from critflow.networks.network import Array
 COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F")
 COMPRESSED = "#D55E00"
 SHADE = "#FBE3B5"
+SLACK = "#BBBBBB"
 
 # From a light to a dark blue-black, so that strong edges stand out on white and print in grey.
 TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("tension", ["#b8d4ea", "#4f93c4", "#1c4f86", "#0b1530"])
@@ -52,6 +53,8 @@ def draw_network(
 ) -> LineCollection:
     """Draw a periodic network once and whole, edges coloured by tension; compressed edges are orange and dashed.
 
+    Edges without tension are slack: thin and grey below the others.
+
     Many parameters: figures read the arrays of a network from files, so each is an argument.
 
     limits  tensions of the light and dark ends of the colour map; by default 0 and the 99th percentile
@@ -62,17 +65,20 @@ def draw_network(
     norm = Normalize(low, high, clip=True)
     order = np.argsort(values[edge], kind="stable")
     segments, strength = segments[order], values[edge][order]
-    tense = strength >= 0
+    loose = strength == 0 if values.any() else np.zeros(len(strength), bool)
+    tense = (strength >= 0) & ~loose
     widths = width * (0.45 + 1.1 * norm(np.abs(strength)))
     lines = LineCollection(segments[tense], cmap=TENSION_MAP, norm=norm, linewidths=widths[tense], capstyle="round")
     lines.set_array(strength[tense])
-    slack = LineCollection(
-        segments[~tense], colors=COMPRESSED, linewidths=np.maximum(widths[~tense], width), linestyles=(0, (2, 1))
+    pushed = strength < 0
+    compressed = LineCollection(
+        segments[pushed], colors=COMPRESSED, linewidths=np.maximum(widths[pushed], width), linestyles=(0, (2, 1))
     )
+    slack = LineCollection(segments[loose], colors=SLACK, linewidths=0.5 * width, zorder=1)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ np.asarray(cell)
     outline = Polygon(corners, closed=True, fill=False, edgecolor="0.6" if border else "none", linewidth=0.6)
     axes.add_patch(outline)
-    for collection in (lines, slack):
+    for collection in (lines, compressed, slack) if loose.any() else (lines, compressed):
         axes.add_collection(collection)
         collection.set_clip_path(outline)
     span = np.ptp(corners, axis=0)

@@ -4,7 +4,7 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from problems import oblique, random_stress, sheared
+from problems import oblique, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
 from critflow import CriticalManifold, diamond_network, foam_network, honeycomb_network, voronoi_network
@@ -251,3 +251,15 @@ def test_shaded_faces_cover_the_cell():
     inside = sum(path.contains_points(points).astype(int) for path in shading.get_paths())
     np.testing.assert_array_equal(inside, 1)
     assert shading.get_clip_path() is not None
+
+
+def test_slack_edges_are_drawn_grey_below_the_taut_part():
+    network, _, critical = slack_lattice()
+    axes = Figure().add_subplot()
+    draw_network(axes, network.edges, network.offsets, network.cell, critical.coordinates, critical.tensions)
+    taut, compressed, slack = axes.collections
+    assert len(compressed.get_segments()) == 0
+    assert len(slack.get_segments()) >= np.count_nonzero(critical.sigma == 0)
+    assert (np.asarray(taut.get_array()) > 0).all()
+    assert slack.get_zorder() < taut.get_zorder()
+    assert max(slack.get_linewidths()) < min(taut.get_linewidths()) + 0.1
