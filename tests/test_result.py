@@ -38,6 +38,7 @@ def test_stored_integers_never_change():
         "ill_conditioned": 10,
         "undecided": 11,
         "rigid": 12,
+        "infeasible": 13,
     }
     assert all(status.message for status in Status)
 
