@@ -33,7 +33,7 @@ def check_support(
 ) -> None:
     """Raise `NetworkError` unless every edge has a length under almost every positive stress.
 
-    Without a cell, a piece of several edges that hangs on one vertex may be a tensegrity, held open by stresses of both
+    Without a cell, a piece of several edges that hangs on one vertex may be a tensegrity, kept open by stresses of both
     signs: only bridges are refused, and `check_opened` refuses the rest where stresses must be positive.
     """
     _check_degrees(edges, pins, n_vertices)
