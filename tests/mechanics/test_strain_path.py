@@ -488,3 +488,17 @@ def test_rest_lengths_of_slack_edges_need_cables(options, word):
     lengths = np.linspace(1, 2, n) if "rest_lengths" in options else np.ones(n)
     with pytest.raises(InputError, match=word):
         strain_path(critical.network, critical, [0.1], **{**options, "rest_lengths": lengths})
+
+
+@pytest.mark.parametrize("length", [1e-9, 1e9])
+@pytest.mark.parametrize("stiffness", [1e-6, 1e6])
+def test_other_units_give_the_same_path(length, stiffness):
+    critical, strains = partly_compressed(16, 2), [0.001, 0.01, 0.1]
+    network = critical.network
+    scaled = Network(network.edges, network.offsets, network.cell * length, stiffness)
+    path = strain_path(network, critical, strains, throw=False).value
+    other = strain_path(scaled, CriticalManifold(scaled).configuration(critical.sigma), strains, throw=False).value
+    np.testing.assert_array_equal(other.status, path.status)
+    np.testing.assert_array_equal(other.steps, path.steps)
+    np.testing.assert_allclose(other.energy, path.energy * stiffness * length**2, rtol=1e-11)
+    np.testing.assert_allclose(other.modulus, path.modulus * stiffness, rtol=1e-12)
