@@ -98,8 +98,11 @@ def _without(goal: Objective, edge: int, sigma: Array, L: Array, column: Array, 
         return np.nan
     kept = np.ones(len(sigma), bool)
     kept[edge] = False
-    there = L + (sigma[edge] / bypass) * column[:, None] * L[edge]
-    return _of_part(goal, kept).evaluate(sigma[kept], there[kept])[0]
+    there = (L + (sigma[edge] / bypass) * column[:, None] * L[edge])[kept]
+    if not np.abs(there).max(initial=0.0) > UNSUPPORTED * np.abs(L).max():
+        # The rest collapses to a point.
+        return np.nan
+    return _of_part(goal, kept).evaluate(sigma[kept], there)[0]
 
 
 def _of_part(goal: Objective, kept: Array) -> Objective:

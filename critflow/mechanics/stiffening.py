@@ -63,7 +63,7 @@ class StiffeningSolution(Solution[Stiffening]):
     loosening: bool = False
 
 
-_NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
+NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
 _UNBOUNDED = Stiffening(np.inf, np.inf, np.inf, np.inf, np.inf)
 _NO_PATH, _UNBOUNDED_PATH = PathStiffening(np.nan, np.nan), PathStiffening(np.inf, np.inf)
 
@@ -260,7 +260,7 @@ def _relaxing(critical: CriticalConfiguration, path: Deformation) -> str:
 
 def _failed(status: Status, note: str, stats: Stats | None = None) -> StiffeningSolution:
     stats = stats or Stats("exact", 1, error_bound=_UNBOUNDED if status is Status.ill_conditioned else np.nan)
-    return StiffeningSolution(_NO_STIFFENING, status, stats, note, along=_NO_PATH, along_error=_UNBOUNDED_PATH)
+    return StiffeningSolution(NO_STIFFENING, status, stats, note, along=_NO_PATH, along_error=_UNBOUNDED_PATH)
 
 
 def _total(found: list[StiffeningSolution]) -> StiffeningSolution:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from critflow import (
+    InputError,
     Status,
     deformation_of,
     fit_stiffening,
@@ -14,6 +15,8 @@ from critflow import (
     voronoi_network,
 )
 from critflow.design.from_lengths import stressed_fraction
+from critflow.mechanics.elasticity import NO_MODULI
+from critflow.mechanics.stiffening import NO_STIFFENING
 from critflow.rigidity.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Variable
 
@@ -60,7 +63,7 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
     undefined  NaN where the coefficients C_B and C_G are not defined, else 1
     """
     critical = found.value
-    at_transition = transition_moduli(critical)
+    at_transition = known_moduli(critical)
     result = {
         **identified(manifold.network, found),
         "sigma": critical.sigma,
@@ -78,12 +81,22 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
     deformation = deformation_of(parameters.get("deformation", "dilation"), manifold.network.dimension)
     side = tightening(critical, deformation)
     if not wanted.isdisjoint(_EXACT):
-        exact = stiffening(manifold, critical, throw=False, deformation=deformation).value
+        exact = NO_STIFFENING
+        if np.isfinite(at_transition.bulk):
+            exact = stiffening(manifold, critical, throw=False, deformation=deformation).value
         values = (exact.C_B, exact.C_G, exact.C_G_stress_corrected)
         result |= {name: side * value * undefined for name, value in zip(_EXACT, values, strict=True)}
     if not wanted.isdisjoint(_ALONG):
         result |= _along_path(manifold, critical, parameters, undefined, deformation, side)
     return result
+
+
+def known_moduli(critical):
+    """B_0 and G_0, or NaN where edges are so short that rounding hides the number of self-stresses."""
+    try:
+        return transition_moduli(critical)
+    except InputError:
+        return NO_MODULI
 
 
 def tightening(critical, deformation):
