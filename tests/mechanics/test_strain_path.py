@@ -278,7 +278,11 @@ def curving(strain):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("deformation", [*DEFORMATIONS, np.array([[0.3, 0.2], [-0.5, 0.1]]), curving], ids=str)
+@pytest.mark.parametrize(
+    "deformation",
+    [*DEFORMATIONS, np.array([[0.3, 0.2], [-0.5, 0.1]]), curving],
+    ids=[*DEFORMATIONS, "matrix", "function"],
+)
 def test_modulus_and_stress_are_derivatives_of_the_relaxed_energy(deformation, sign):
     state = stiff_lattice()
     h = 1e-3

@@ -14,8 +14,10 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
+from critflow.critical.manifold import require_one_self_stress
+from critflow.critical.objectives import dilation, pure_shear, transition_modulus
 from critflow.design.from_lengths import stressed_fraction
-from critflow.mechanics.elasticity import NO_MODULI
+from critflow.mechanics.elasticity import Moduli
 from critflow.mechanics.stiffening import NO_STIFFENING
 from critflow.rigidity.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Variable
@@ -81,9 +83,7 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
     deformation = deformation_of(parameters.get("deformation", "dilation"), manifold.network.dimension)
     side = tightening(critical, deformation)
     if not wanted.isdisjoint(_EXACT):
-        exact = NO_STIFFENING
-        if np.isfinite(at_transition.bulk):
-            exact = stiffening(manifold, critical, throw=False, deformation=deformation).value
+        exact = known_stiffening(manifold, critical, deformation)
         values = (exact.C_B, exact.C_G, exact.C_G_stress_corrected)
         result |= {name: side * value * undefined for name, value in zip(_EXACT, values, strict=True)}
     if not wanted.isdisjoint(_ALONG):
@@ -92,11 +92,25 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
 
 
 def known_moduli(critical):
-    """B_0 and G_0, or NaN where edges are so short that rounding hides the number of self-stresses."""
+    """B_0 and G_0 by the formula of one self-stress, even where edges are too short to count the self-stresses."""
     try:
         return transition_moduli(critical)
     except InputError:
-        return NO_MODULI
+        network, d = critical.network, critical.network.dimension
+        require_one_self_stress(network, "study networks with one self-stress")
+        bulk, shear = (
+            transition_modulus(network, A).evaluate(critical.sigma, critical.bond_vectors)[0]
+            for A in (dilation(d), pure_shear(d))
+        )
+        return Moduli(bulk, shear, shear)
+
+
+def known_stiffening(manifold, critical, deformation):
+    """Exact coefficients, or NaN where edges are too short to count the self-stresses."""
+    try:
+        return stiffening(manifold, critical, throw=False, deformation=deformation).value
+    except InputError:
+        return NO_STIFFENING
 
 
 def tightening(critical, deformation):
