@@ -225,6 +225,7 @@ MAY_BE_NAN = {
     "stress_error",
     "undetermined",
     "weights",
+    "after",
 }
 
 

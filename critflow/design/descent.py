@@ -58,7 +58,8 @@ def descend(
     ratios: stresses that a bad start or a long step drove apart hardly change along the gradient.
 
     `Status.edge_collapse`, `Status.slack_edges` or `Status.singular` where the optimum is not attained: the limit of
-    the value, with the last configuration of the descent that is accurate.
+    the value, with the last configuration of the descent that is accurate.  `Status.stalled` has that configuration too
+    where edges became too short to resolve.
     """
     manifold = objective.manifold
     signed = isinstance(objective, SignedStressObjective)
@@ -88,6 +89,9 @@ def descend(
         return _at(objective, monitor.last_sound, replace(optimum, status=Status.singular, note=f"{limit} without end"))
     if not reached.ok:
         return replace(optimum, status=reached.status, objective=np.nan)
+    if end.status is Status.stalled and reached.value.lengths.min() < SOUND**2 * reached.value.lengths.mean():
+        note = f"edges become too short to resolve as the value falls to {optimum.objective:.6g}: try another start"
+        return _at(objective, monitor.last_sound, replace(optimum, note=note))
     return optimum
 
 

@@ -119,7 +119,7 @@ def elasticity(
     At the transition V C = S ⊗ S/D with S = Σ σ L ⊗ L and D = Σ σ²|L|²/k; `factors` is S/√D.  At rest any number of
     self-stresses contributes (`response_at_rest`); slack edges, σ = 0, resist nothing.  Under stress vertices follow by
     linear response.
-    Error bound (proof at the transition, else estimate): `bounds` of the tensor.
+    Error bound (proof) at the transition, error bound (estimate) otherwise: `bounds` of the tensor.
     Raises `InputError` for a pinned network without a volume and where the forces do not balance.
     """
     if isinstance(springs, CriticalConfiguration):

@@ -141,7 +141,7 @@ def test_the_cone_program_has_the_least_sufficient_tolerance(monkeypatch, n_vert
         requested.append(tolerance)
         return fit_lengths(incidence, offsets, target, tolerance)
 
-    monkeypatch.setattr("critflow.design.from_lengths.fit_lengths", fit)
+    monkeypatch.setattr(sys.modules["critflow.design.from_lengths"], "fit_lengths", fit)
     network = voronoi_network(n_vertices, seed=seed)
     target = np.exp(spread * np.random.default_rng(seed).standard_normal(network.n_edges))
     solution = critical_from_lengths(network, target, throw=False)

@@ -41,6 +41,7 @@ def execute(monkeypatch, tmp_path):
         plt.close("all")
 
     def run(name, *words):
+        plt.close("all")
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(plt, "show", show)
         monkeypatch.setattr(sys, "argv", [f"{name}.py", *words])

@@ -198,7 +198,8 @@ def test_statuses_are_those_that_foams_have(dataset):
     status = dataset.status.transpose("population", "seed")
     for population in ("bulk_modulus", "shear_modulus", "random_stress"):
         assert (status.sel(population=population) == Status.ok).all(), population
-    assert np.isin(status, [Status.ok, Status.slack_edges, Status.edge_collapse]).all()
+    # Of some foams several edges shrink together, and rounding ends the descent before its infimum is shown.
+    assert np.isin(status, [Status.ok, Status.slack_edges, Status.edge_collapse, Status.stalled]).all()
 
 
 def test_claims_figure_and_checks(folder, capsys, assert_picture):

@@ -18,8 +18,9 @@ def of(ds, name, population):
 
 
 def negative_shares(ds, name, populations):
-    """Share of the networks of each population with a negative value."""
-    return {p: float(np.mean(of(ds, name, p) < 0)) for p in populations}
+    """Share of the networks of each population with a negative value, of populations where it is defined."""
+    known = {p: of(ds, name, p) for p in populations}
+    return {p: float(np.mean(values < 0)) for p, values in known.items() if len(values)}
 
 
 def largest_bulk(ds, populations):
@@ -54,6 +55,7 @@ def signs_of_shear(ds, name, populations, value, because):
 
 def opposed_ranks(ds, populations):
     """The rank correlation of the medians of B_0 and C_B."""
+    populations = [p for p in populations if len(of(ds, "C_B_exact", p)) and len(of(ds, "bulk_modulus_0", p))]
     ranks = [
         np.argsort(np.argsort([float(np.median(of(ds, name, p))) for p in populations]))
         for name in ("bulk_modulus_0", "C_B_exact")
