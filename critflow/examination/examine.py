@@ -13,6 +13,7 @@ from critflow.arguments import checked
 from critflow.design.nearest import Nearest, nearest_critical
 from critflow.design.onset import Onset, critical_strain
 from critflow.design.tensegrity import signed_stress
+from critflow.exchange.convert import network_from
 from critflow.exchange.repair import ImportedNetwork, described
 from critflow.mechanics.elasticity import Moduli
 from critflow.mechanics.moduli import elastic_moduli, transition_moduli
@@ -81,14 +82,14 @@ class Examination:
 
 @checked
 def examine(
-    network: Network | ImportedNetwork,
+    network: Network | ImportedNetwork | str,
     coordinates: ArrayLike | None = None,
     rest_lengths: ArrayLike | None = None,
     *,
     decimals: int | None = None,
     deformations: Sequence[str] = DEFORMATIONS,
 ) -> Examination:
-    """Examine a network at coordinates (N_v, d), by default its positions; `print` the result.
+    """Examine a network, or that of a file, at coordinates (N_v, d), by default its positions; `print` the result.
 
     rest_lengths  ℓ (N_b,) of the critical strains; the lengths at the coordinates by default
     decimals      decimals that the coordinates have in their file; None: all digits, or those of an imported network
@@ -97,6 +98,7 @@ def examine(
     Raises `InputError` where no positions are known; parts that fail are reported by a sentence, the others stand.
     """
     notes: tuple[str, ...] = ()
+    network = network_from(network) if isinstance(network, str) else network
     if isinstance(network, ImportedNetwork):
         notes, read, network = network.notes, network, network.network
         decimals = read.data.decimals if decimals is None else decimals
@@ -119,19 +121,18 @@ def examine(
         moduli = attempts.value("the moduli", lambda: elastic_moduli(network, x))
         if nearest is not None and nearest.ok and counts.n_self_stresses <= 1:
             critical = attempts.value("B_0 and G_0", lambda: transition_moduli(nearest.value))
-    order = _order(network, x, counted, tension, tolerance, attempts)
-    participation = attempts.value("the floppy motions", lambda: _participation(network, x, tolerance))
+    modes = attempts.value("the floppy motions", lambda: _participation(network, x, tolerance))
     found = Examination(
         network=network,
         coordinates=x,
         rest_lengths=rest,
         notes=notes,
-        order=order,
+        order=_order(network, x, counted, tension, tolerance, attempts),
         counts=counts,
         doubt=counted.note,
         tolerance=tolerance,
         tension=tension,
-        participation=np.full(network.n_vertices, np.nan) if participation is None else participation,
+        participation=np.full(network.n_vertices, np.nan) if modes is None else modes,
         nearest=nearest,
         critical_moduli=critical,
         onsets=onsets,

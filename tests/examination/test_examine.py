@@ -32,7 +32,7 @@ def floppy():
 def test_a_critical_design_in_six_decimals_is_recognised(tmp_path):
     critical = critical_from_lengths(VORONOI, np.ones(60)).value
     write_network(VORONOI, tmp_path / "c.csv", np.round(critical.coordinates, 6))
-    found = examine(network_from(tmp_path / "c.csv"))
+    found = examine(str(tmp_path / "c.csv"))
     assert found.order == "critical" and found.counts.n_self_stresses == 1 and found.tension > 0.05
     assert found.nearest.distance < 1e-6 and found.onsets == {}
     exact = critflow.transition_moduli(critical).bulk
