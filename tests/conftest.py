@@ -8,7 +8,7 @@ import pytest
 from hypothesis import settings
 from matplotlib.figure import Figure
 
-EXAMPLES_OF_A_SWEEP = 5
+EXAMPLES_OF_A_SWEEP = 2
 
 
 def pytest_configure(config):

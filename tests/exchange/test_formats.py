@@ -199,10 +199,9 @@ def test_compas_graphs_keep_force_densities_and_supports(tmp_path):
 
 
 def test_label_masks_of_segmented_tissue():
-    label = pytest.importorskip("skimage.measure").label
     # A brick wall of 4 × 4 cells.
     rows, columns = np.mgrid[:80, :80]
-    mask = label(1 + 100 * (rows // 20) + (columns + 10 * ((rows // 20) % 2)) // 20)
+    mask = 1 + 100 * (rows // 20) + (columns + 10 * ((rows // 20) % 2)) // 20
     read = network_from(labels=mask, pins="hull")
     assert read.network.n_edges > 20
     length = np.linalg.norm(read.network.bond_vectors(read.positions), axis=1)
