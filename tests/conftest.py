@@ -1,20 +1,17 @@
 """Two sizes of the test suite.
 
 `pytest` runs every test but the sweeps: repetitions of a test over many seeds, sizes or steps. `pytest -m ""` runs
-everything, with more examples of the properties and with all pictures drawn; `.ci/run` does that.
+everything, and draws all pictures; `.ci/run` does that.
 """
 
 import pytest
 from hypothesis import settings
 from matplotlib.figure import Figure
 
-EXAMPLES_OF_A_SWEEP = 2
-
 
 def pytest_configure(config):
-    for name, factor in (("default", 1), ("sweep", EXAMPLES_OF_A_SWEEP)):
-        settings.register_profile(name, max_examples=20 * factor, deadline=None, derandomize=True)
-    settings.load_profile("sweep" if everything(config) else "default")
+    settings.register_profile("reproducible", max_examples=20, deadline=None, derandomize=True)
+    settings.load_profile("reproducible")
 
 
 def everything(config):
