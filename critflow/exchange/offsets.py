@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
+from critflow.exchange.data import Array, IntArray, NetworkData
 from critflow.result import InputError
 
 # Edges longer than this part of the least height of the cell have a second image at most 1.5 times as long.
@@ -111,9 +110,3 @@ def wrapped(data: NetworkData) -> NetworkData:
     tail, head = data.edges.T
     positions = data.positions - image @ data.cell
     return replace(data, positions=positions, offsets=data.offsets + image[head] - image[tail])
-
-
-def longest_edge(data: NetworkData) -> tuple[int, float]:
-    """The longest edge and its length."""
-    length: NDArray[np.float64] = np.linalg.norm(bond_vectors_of(data), axis=1)
-    return int(length.argmax()), float(length.max())
