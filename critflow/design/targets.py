@@ -29,21 +29,16 @@ from critflow.critical.objectives import (
 )
 from critflow.design.modulus_bounds import modulus_bound
 from critflow.design.optimize import optimize
-from critflow.design.tolerances import INDEPENDENT_TARGETS, TARGET_REACHED, TARGET_STATIONARY
+from critflow.design.restoration import Interval, limits_of, nearest_solution
+from critflow.design.tolerances import INDEPENDENT_TARGETS
 from critflow.mechanics.stiffening_objective import StiffeningCoefficient
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network, edge_values
 from critflow.result import InputError, Solution, Stats, Status
 
 _MOST_STEPS = 100
-# Longest change of log σ in one step; part of a step below which the search ends.
-_LONGEST, _SHORTEST = 1.0, 1e-3
-# Steps that may restore the targets after one along their surface.
-_RESTORING, _APPROACHES = 6, 30
 # Distance from a limit, relative to the size of a target, beyond which a value is inside its interval.
 _INSIDE = 1e-9
-
-Interval = float | tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -112,7 +107,7 @@ def design(
     if excess:
         solution = goals.report(origin, origin, np.zeros(len(goals.names)), 0, Status.infeasible, excess)
     else:
-        solution = goals.report(*_nearest(goals, origin, max_steps))
+        solution = goals.report(*nearest_solution(goals, origin, max_steps))
         if start is None and not solution.ok:
             solution = _from_optimum(goals, solution, max_steps)
     return solution.or_raise("no configuration with these properties was found") if throw else solution
@@ -124,79 +119,8 @@ def _from_optimum(goals: _Goals, first: Design, max_steps: int) -> Design:
     if not (np.isfinite(sheared).all() and (sheared > 0).all()):
         return first
     origin = np.log(sheared) - np.mean(np.log(sheared))
-    second = goals.report(*_nearest(goals, origin, max_steps))
+    second = goals.report(*nearest_solution(goals, origin, max_steps))
     return second if second.ok or second.stats.residual < first.stats.residual else first
-
-
-def _nearest(goals: _Goals, origin: Array, max_steps: int) -> tuple[Array, Array, Array, int, Status, str]:
-    """θ, θ_0, multipliers, steps, status and note: first the targets, then the distance at constant targets."""
-    point, steps, reached = _restored(goals, _Point(origin, *goals.at(origin)), max_steps)
-    if not reached:
-        status = Status.step_limit if steps >= max_steps else Status.infeasible
-        note = "the errors of the targets cannot be reduced together from here: relax one, or give another start"
-        return point.theta, origin, point.multipliers(origin), steps, status, note if steps < max_steps else ""
-    part = 1.0
-    for _ in range(_APPROACHES):
-        tangent = point.tangential(origin - point.theta)
-        if float(np.abs(tangent).max()) < TARGET_STATIONARY or part < _SHORTEST:
-            break
-        moved = point.theta + min(part, _LONGEST / float(np.abs(tangent).max())) * tangent
-        trial, more, reached = _restored(goals, _Point(moved, *goals.at(moved)), _RESTORING)
-        steps += more + 1
-        if reached and np.linalg.norm(trial.theta - origin) < np.linalg.norm(point.theta - origin):
-            point, part = trial, min(1.0, 2 * part)
-        else:
-            part *= 0.25
-    return point.theta, origin, point.multipliers(origin), steps, Status.ok, ""
-
-
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """θ, the relative errors of the targets (n,), their gradients J (n, N_b), and those not inside limits (n,)."""
-
-    theta: Array
-    error: Array
-    J: Array
-    active: NDArray[np.bool_]
-
-    def normal(self, damping: float) -> Array:
-        """The shortest change of θ that removes the errors to first order."""
-        weights = self.J @ self.J.T
-        weights[np.diag_indices(len(weights))] += damping * np.trace(weights) + np.finfo(float).tiny
-        return np.asarray(-self.J.T @ np.linalg.lstsq(weights, self.error, rcond=1e-13)[0])
-
-    def multipliers(self, origin: Array) -> Array:
-        """μ of θ − θ_0 = Jᵀμ in the sense of least squares, (n,)."""
-        mu = np.zeros(len(self.J))
-        mu[self.active] = np.linalg.lstsq(self.J[self.active].T, self.theta - origin, rcond=None)[0]
-        return mu
-
-    def tangential(self, change: Array) -> Array:
-        """The part of a change that leaves the targets constant to first order."""
-        J = self.J[self.active]
-        return np.asarray(change - J.T @ np.linalg.lstsq(J.T, change, rcond=None)[0])
-
-
-def _restored(goals: _Goals, point: _Point, max_steps: int) -> tuple[_Point, int, bool]:
-    """Damped Gauss-Newton steps until all errors are below `TARGET_REACHED`; steps, and whether they are."""
-    damping, size = 0.0, float(np.linalg.norm(point.error))
-    for step in range(max_steps):
-        if np.abs(point.error).max() < TARGET_REACHED:
-            return point, step, True
-        change = point.normal(damping)
-        change *= min(1.0, _LONGEST / max(float(np.abs(change).max()), 1e-300))
-        theta = point.theta + change
-        trial = _Point(theta, *goals.at(theta))
-        there = float(np.linalg.norm(trial.error))
-        if there < size:
-            point, size, damping = trial, there, 0.1 * damping if damping > 1e-8 else 0.0
-        elif size < 100 * TARGET_REACHED and not damping:
-            return point, step, True
-        elif damping > 1e6:
-            return point, step, False
-        else:
-            damping = max(10 * damping, 1e-6)
-    return point, max_steps, bool(np.abs(point.error).max() < TARGET_REACHED)
 
 
 class _Goals:
@@ -212,7 +136,7 @@ class _Goals:
             raise InputError(f"no target is called {unknown[0]!r}: choose from {', '.join(table)}")
         self.names = tuple(targets)
         self.objectives = [table[name]() for name in self.names]
-        limits = [_limits(name, value) for name, value in targets.items()]
+        limits = [limits_of(name, value) for name, value in targets.items()]
         self.low, self.high = (np.array(values) for values in zip(*limits, strict=True))
         # Errors are relative to the size of the target, and absolute below a hundredth.
         self.scale = np.maximum(np.maximum(np.abs(self.low), np.abs(self.high)), 1e-2)
@@ -307,15 +231,3 @@ def _table(manifold: CriticalManifold) -> dict[str, Callable[[], Objective]]:
     for name, strain in zip(*strain_basis(d), strict=True):
         table[f"S_{name}"] = partial(StressComponent, strain, k)
     return table
-
-
-def _limits(name: str, value: Interval) -> tuple[float, float]:
-    """Low and high limit of a target."""
-    low, high = value if isinstance(value, tuple | list) and len(value) == 2 else (value, value)
-    try:
-        limits = float(low), float(high)
-    except (TypeError, ValueError):
-        raise InputError(f"the target {name} must be a number or a pair of limits, not {value!r:.40}") from None
-    if np.isnan(limits).any() or limits[0] > limits[1] or np.isinf(limits).all():
-        raise InputError(f"the target {name} must be a number or a pair (low, high), not {value!r:.40}")
-    return limits
