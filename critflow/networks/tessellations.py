@@ -98,6 +98,11 @@ class _Tiling:
             )
         if side is not None and (cell is not None or not (np.isfinite(side) and side > 0)):
             raise InputError(f"the side of a cube must be positive, and given without a cell, not {side}")
+        if (span := np.ptp(given, axis=0).max()) > 1 + 1e-9:
+            raise InputError(
+                f"the points span {span:.3g} cells, but are in units of the cell vectors: "
+                "divide coordinates by the side of the cell, or take them modulo 1"
+            )
         dimension = given.shape[1]
         self._side = side
         self._cell = None if cell is None else checked_cell(cell, dimension)

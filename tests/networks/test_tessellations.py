@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from critflow import delaunay_network, delaunay_of, random_sequential_addition, voronoi_network, voronoi_of
+from critflow import (
+    InputError,
+    delaunay_network,
+    delaunay_of,
+    random_sequential_addition,
+    voronoi_network,
+    voronoi_of,
+)
 from critflow.networks.cells import near_images, short_cell
 from critflow.networks.random_points import points_in_cell
 
@@ -35,7 +42,7 @@ def lengths(network):
 def test_equivalent_cells_have_the_same_tessellation(make):
     points, cell = np.random.default_rng(1).random((30, 2)), np.array([[1.3, 0.2], [0.1, 0.9]])
     change = np.array([[3, 2], [4, 3]])
-    other = make(points @ np.linalg.inv(change), cell=change @ cell)
+    other = make(points @ np.linalg.inv(change) % 1, cell=change @ cell)
     np.testing.assert_allclose(lengths(other), lengths(make(points, cell=cell)), rtol=1e-11)
 
 
@@ -103,3 +110,10 @@ def test_points_of_a_square_are_those_of_no_cell():
     points = points_in_cell(40, 0.8, rng(7), 3.0 * np.eye(2))
     np.testing.assert_array_equal(points, random_sequential_addition(40, 0.8 / np.sqrt(40), rng(7)))
     assert points_in_cell(40, 0.0, rng(1), np.eye(3)).shape == (40, 3)
+
+
+def test_coordinates_in_other_units_are_refused():
+    points = np.random.default_rng(1).random((30, 2))
+    assert voronoi_of(points + 3).n_vertices == 60
+    with pytest.raises(InputError, match="divide"):
+        voronoi_of(20 * points)
