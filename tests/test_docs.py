@@ -165,7 +165,7 @@ def test_the_theory_page_names_the_functions_of_the_paper():
     for equation in EQUATIONS:
         layer, _, name = equation.function.split(".", 2)
         functions[equation.label] = f"{layer}: {name}"
-    text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "theory" / "index.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([^`]+)` \|.*\| `([^`]+)` \|$", text, flags=re.M)
     assert len(rows) > 20
     for label, function in rows:
