@@ -7,6 +7,7 @@ from critflow.cli import main
 
 SETTINGS = {
     "boundary": ("seeds=0:3", "n_vertices=40"),
+    "design": ("seeds=0:1", "topology_n_vertices=24", "topology_cuts=3"),
     "ensemble": ("seeds=0:3", "n_vertices=60"),
     "gallery": ("seeds=1:3", "n_vertices=60", "starts=2"),
     "onset": (
