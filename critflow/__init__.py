@@ -19,6 +19,7 @@ from critflow.design.onset import Onset, critical_strain
 from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
 from critflow.design.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
+from critflow.design.stiffness_design import StiffnessDesign, design_stiffness, isotropic_targets
 from critflow.design.targets import Design, design
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
 from critflow.examination.examine import Examination, examine
@@ -108,6 +109,7 @@ __all__ = [
     "Stats",
     "Status",
     "StereographicChart",
+    "StiffnessDesign",
     "StressSpace",
     "StudyError",
     "TautComponent",
@@ -126,6 +128,7 @@ __all__ = [
     "delaunay_network",
     "delaunay_of",
     "design",
+    "design_stiffness",
     "diamond_network",
     "diluted",
     "draw",
@@ -143,6 +146,7 @@ __all__ = [
     "honeycomb_network",
     "hookean_split",
     "isogonal_modes",
+    "isotropic_targets",
     "kagome_network",
     "linear_response",
     "mikado_network",

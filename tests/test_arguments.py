@@ -23,6 +23,7 @@ from critflow import (
     honeycomb_network,
     perimeter_state,
     spring_state,
+    triangular_network,
 )
 from critflow.arguments import checked, generator
 
@@ -30,6 +31,7 @@ NETWORK = square_octagon()
 MANIFOLD = CriticalManifold(NETWORK)
 CRITICAL = MANIFOLD.configuration(np.ones(6))
 HEXAGONS = honeycomb_network(2, 2)
+LATTICE = triangular_network(2, 2)
 CELLS = cells_of(HEXAGONS)
 
 # Right arguments by the name of the parameter, and where a function gives a name another meaning.
@@ -76,6 +78,13 @@ OF_FUNCTION = {
     "perimeter_moduli": {"state": perimeter_state(CELLS, np.full(4, 5.0), HEXAGONS.positions)},
     "perimeter_state": {"coordinates": HEXAGONS.positions},
     "design": {"targets": {"bulk_modulus": 0.1}, "start": np.ones(6)},
+    "design_stiffness": {
+        "network": LATTICE,
+        "coordinates": LATTICE.positions,
+        "targets": {"bulk_modulus": 1.0},
+        "start": np.ones(LATTICE.n_edges),
+    },
+    "isotropic_targets": {"youngs_modulus": 1.0, "poissons_ratio": 0.2},
     "optimize": {"start": np.ones(6), "signs": "positive"},
     "planar_faces": {"edges": HEXAGONS.edges, "bond_vectors": HEXAGONS.bond_vectors(HEXAGONS.positions)},
     "voronoi_network": {"n_vertices": 8},

@@ -189,6 +189,9 @@ CALLS = {
         p.network, geometry(p)[1] * (1 + 0.01 * numbers(r, *geometry(p)[1].shape)), max_steps=30
     ),
     "examine": lambda p, r: critflow.examine(*geometry(p)[:2]),
+    "design_stiffness": lambda p, r: critflow.design_stiffness(
+        *geometry(p)[:2], {"bulk_modulus": 0.5 + r.random(), "shear_modulus": 0.5 + r.random()}, max_steps=60
+    ),
     "edge_leverage": lambda p, r: critflow.edge_leverage(critical_of(p)),
     "prune": lambda p, r: critflow.prune(p.network, numbers(r, len(p.sigma)) < 0.5),
 }
@@ -199,7 +202,7 @@ ELSEWHERE = {
     *("triangular_network", "voronoi_network", "voronoi_of", "foam_network", "random_sequential_addition"),
     *("delaunay_network", "delaunay_of", "diluted", "mikado_network", "packing_network", "phantom_network"),
     *("regular_network", "pruned_network", "network_from", "write_network", "draw", "deformation_of"),  # one test each
-    *("design", "transition_modulus"),  # tests/design, tests/critical
+    *("design", "isotropic_targets", "transition_modulus"),  # tests/design, tests/critical
     *("fit_stiffening", "planar_faces", "strain_plane", "write_page"),  # numbers only
 }
 

@@ -71,6 +71,7 @@ TARGET_REACHED    Largest relative error of a target of a design.
 TARGET_STATIONARY Change of log σ along the surface of the targets below which the nearest solution is reached.
 INDEPENDENT_TARGETS
                   Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
+POSITIVE_TENSOR   Eigenvalues of a requested tensor below this part of the largest one count as zero.
 
 Nearest configuration
 NEAREST_CONVERGED Change of log σ in a step of Gauss and Newton below which it has converged.
@@ -90,6 +91,7 @@ UNSUPPORTED = 1e-10
 TARGET_REACHED = 1e-11
 TARGET_STATIONARY = 1e-3
 INDEPENDENT_TARGETS = 1e-6
+POSITIVE_TENSOR = 1e-12
 
 NEAREST_CONVERGED = 1e-9
 NEAREST_DAMPING = 1e-9
