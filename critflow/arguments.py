@@ -3,8 +3,8 @@
     @checked
     def stiffening(network: Network | CriticalManifold, critical: CriticalConfiguration) -> ...
 
-raises one sentence, `InputError`, for a word in place of a number, a ragged list in place of an array, or a solution in
-place of its value.  Values, shapes and ranges are the business of the function.
+raises one sentence, `InputError`, for a word in place of a number or a ragged list in place of an array.  A solution
+stands for its value; one that failed is refused.  Values, shapes and ranges are the business of the function.
 """
 
 from __future__ import annotations
@@ -109,6 +109,10 @@ class _Kinds:
             return value if "float" in words else int(value)
         if words & _ARRAYS and _is_array(value):
             return value
+        if isinstance(value, Solution) and isinstance(value.value, tuple(self.classes)):
+            if value:
+                return value.value
+            raise InputError(f"{name} is a solution that failed: {value.reason}: its last state is its .value")
         raise InputError(f"{name} must be {self._expected()}, not {shown(value)}{self._advice(value)}")
 
     def _expected(self) -> str:

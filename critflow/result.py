@@ -6,9 +6,11 @@ convert it into a `SolveError` that carries the solution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+
+import numpy as np
 
 Value = TypeVar("Value")
 
@@ -61,8 +63,53 @@ _MESSAGES = {
 }
 
 
+class Record:
+    """A dataclass that prints in one line: numbers, names, and shapes in place of arrays."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        # `dataclass` keeps a method that the class itself defines.
+        cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(_shown_fields(self))})"
+
+
+# Arrays, tuples and mappings of more entries, and texts of more characters, are shortened.
+_MOST_ENTRIES, _MOST_CHARACTERS = 6, 80
+
+
+def _shown_fields(record: Any, left_out: tuple[str, ...] = ()) -> list[str]:
+    """`name=value` of each field that has one."""
+    shown = fields(record) if is_dataclass(record) else ()
+    values = {f.name: getattr(record, f.name) for f in shown if f.repr and f.name not in left_out}
+    empty = (type(None), str, tuple, dict)
+    return [f"{name}={_brief(v)}" for name, v in values.items() if not isinstance(v, empty) or v]
+
+
+def _brief(value: Any) -> str:
+    """A value in a few characters."""
+    if isinstance(value, Record | Solution):
+        return f"{type(value).__name__}(...)"
+    if isinstance(value, float | np.floating):
+        return f"{value:.6g}"
+    if isinstance(value, IntEnum):
+        return str(value)
+    if isinstance(value, np.ndarray):
+        small = value.ndim == 1 and value.size <= _MOST_ENTRIES
+        return f"[{', '.join(map(_brief, value.tolist()))}]" if small else f"array({', '.join(map(str, value.shape))})"
+    if isinstance(value, tuple | list | dict):
+        if len(value) > _MOST_ENTRIES:
+            return f"{len(value)} entries"
+        return f"({', '.join(map(_brief, value))})"
+    text = repr(value)
+    if len(text) <= _MOST_CHARACTERS and "\n" not in text:
+        return text
+    return f"{text[:_MOST_CHARACTERS]}..." if isinstance(value, str) else f"{type(value).__name__}(...)"
+
+
 @dataclass(frozen=True)
-class Stats:
+class Stats(Record):
     """Method, work and accuracy of a solve.  Pass the fields by keyword.
 
     method       name of the method
@@ -84,6 +131,8 @@ class Stats:
 class Solution(Generic[Value]):
     """The outcome of a solve: `status` says whether `value` is trustworthy, `note` explains it in one sentence.
 
+    A solution is true where its status is `ok`: `if solution:`.
+
     A solve with further results returns a frozen subclass with typed fields, defined next to the solver:
 
         @dataclass(frozen=True, kw_only=True)
@@ -95,6 +144,19 @@ class Solution(Generic[Value]):
     status: Status
     stats: Stats
     note: str = ""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        note = [f"note={_brief(self.note)}"] * bool(self.note)
+        rest = _shown_fields(self, ("value", "status", "stats", "note"))
+        value = repr(self.value) if isinstance(self.value, Record) else _brief(self.value)
+        return f"{type(self).__name__}({', '.join([self.status.name, value, *rest, *note])})"
+
+    def __bool__(self) -> bool:
+        return self.ok
 
     if not TYPE_CHECKING:
 

@@ -244,6 +244,9 @@ def test_bad_input_raises_one_sentence(name):
     assert 10 < len(message) < 250
 
 
-def test_a_solution_in_place_of_its_value_is_explained():
-    with pytest.raises(CritflowError, match=r"\.value"):
-        transition_moduli(MANIFOLD.solve(np.ones(6)))
+def test_a_solution_stands_for_its_value_unless_it_failed():
+    solved = MANIFOLD.solve(np.ones(6))
+    assert transition_moduli(solved) == transition_moduli(solved.value)
+    failed = MANIFOLD.solve([0, 0, 0, 0, 1, 1])
+    with pytest.raises(CritflowError, match=r"failed.*\.value"):
+        transition_moduli(failed)

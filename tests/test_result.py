@@ -6,7 +6,7 @@ from dataclasses import FrozenInstanceError, dataclass, fields
 import numpy as np
 import pytest
 
-from critflow import Solution, SolveError, Stats, Status
+from critflow import CriticalManifold, Solution, SolveError, Stats, Status, honeycomb_network
 from critflow.result import CritflowError
 
 
@@ -66,3 +66,19 @@ def test_a_failed_solution_raises_its_reason(note):
     assert str(caught.value) == f"no root: {root.reason}"
     assert caught.value.solution is root
     assert isinstance(caught.value, CritflowError)
+
+
+def test_a_solution_is_true_where_its_status_is_ok():
+    assert Root(2.0, Status.ok, Stats("bisection"), bracket=(1.0, 3.0))
+    assert not Root(2.0, Status.edge_collapse, Stats("bisection"), bracket=(1.0, 3.0))
+
+
+def test_results_print_in_one_line():
+    root = Root(2.0, Status.stalled, Stats("bisection"), "no change of sign", bracket=(1.0, 3.0))
+    assert repr(root) == "Root(stalled, 2, bracket=(1, 3), note='no change of sign')"
+    manifold = CriticalManifold(honeycomb_network(4, 4))
+    network = "Network(32 vertices, 48 edges, 2 dimensions, periodic, z = 3)"
+    assert repr(manifold) == f"CriticalManifold({network})"
+    text = repr(manifold.solve(np.ones(48)))
+    assert text.startswith(f"ForceBalance(ok, CriticalConfiguration(network={network}, sigma=array(48), ")
+    assert "\n" not in text and len(text) < 300

@@ -21,13 +21,13 @@ from scipy.sparse.csgraph import connected_components
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.networks.network import IntArray, Network
-from critflow.result import InputError
+from critflow.result import InputError, Record
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class TautComponent:
+class TautComponent(Record):
     """A connected part of the stressed edges, with its configuration.
 
     configuration  of the network of these edges, whose bond vectors and error bounds are those of the whole
@@ -48,7 +48,7 @@ class TautComponent:
 
 
 @dataclass(frozen=True, eq=False)
-class Backbone:
+class Backbone(Record):
     """The stressed part of a critical configuration.
 
     taut        (N_b,) whether σ ≠ 0

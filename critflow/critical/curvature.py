@@ -26,7 +26,7 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.tolerances import ARTEFACT, COLLAPSED, CURVATURE_ERROR, DENSE_BYTES
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, edge_values
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Record, Solution, Stats, Status
 
 
 def dense(operator: LinearOperator) -> Array:
@@ -41,7 +41,7 @@ def dense(operator: LinearOperator) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class StereographicChart:
+class StereographicChart(Record):
     """Unit stresses by N_b − 1 coordinates s about a pole σ⁰ (`projection`); s = 0 is the pole itself.
 
     The basis v of the pole's complement is the last N_b − 1 columns of the reflection 1 − 2uuᵀ that takes the pole to
@@ -115,7 +115,7 @@ class StereographicChart:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceGeometry:
+class SurfaceGeometry(Record):
     """The manifold at one point of a chart, as operators; `dense` makes matrices of them.
 
     sigma     unit normal σ(s), (N_b,)
@@ -160,7 +160,7 @@ def unit_response(manifold: CriticalManifold, configuration: CriticalConfigurati
 
 
 @dataclass(frozen=True, eq=False)
-class PrincipalCurvatures:
+class PrincipalCurvatures(Record):
     """Curvatures κ of the manifold towards its normal σ, by growing size (n,), and what they were found with.
 
     radii       1/κ, eigenvalues of −|σ|B on σ^⊥, in units of h

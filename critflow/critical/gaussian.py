@@ -27,11 +27,11 @@ from critflow.linalg.factor import Factor
 from critflow.linalg.matrices import edge_blocks
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
-from critflow.result import Solution, Stats, Status
+from critflow.result import Record, Solution, Stats, Status
 
 
 @dataclass(frozen=True)
-class GaussianCurvature:
+class GaussianCurvature(Record):
     """The product K of all N_b − 1 principal curvatures: log|K|, and how many of them are negative."""
 
     log_size: float

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
+from critflow.arguments import checked
 from critflow.critical.tolerances import CONDENSED_EDGES, SCALED
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
@@ -27,11 +28,11 @@ from critflow.networks.network import Array, Network, edge_values
 from critflow.networks.support import check_opened
 from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
-from critflow.result import InputError, NetworkError, Solution, Stats, Status
+from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status
 
 
 @dataclass(frozen=True, eq=False)
-class CriticalConfiguration:
+class CriticalConfiguration(Record):
     """A network in balance under a stress: σ (N_b,), coordinates x (N_v, d) and bond vectors L (N_b, d).
 
     σ is the force density (tension per length) with Σσ² = N_b; it is defined up to that scale.
@@ -162,6 +163,7 @@ class CriticalManifold:
     backend    sparse solver of all matrices (`critflow.linalg.backends`)
     """
 
+    @checked
     def __init__(self, network: Network, backend: str = "auto"):
         if network.cell is None:
             check_opened(network.edges, network.offsets, None, network.pins, network.n_vertices)
@@ -174,6 +176,9 @@ class CriticalManifold:
         ]
         for load in self._load:
             load.eliminate_zeros()
+
+    def __repr__(self) -> str:
+        return f"CriticalManifold({self.network!r})"
 
     @classmethod
     def of(cls, network: Network | CriticalManifold) -> CriticalManifold:

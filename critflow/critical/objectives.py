@@ -16,13 +16,13 @@ import numpy as np
 from critflow.arguments import checked
 from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network
-from critflow.result import InputError
+from critflow.result import InputError, Record
 
 Partials = tuple[Array, Array]
 """∂O/∂σ (N_b,) and ∂O/∂L (N_b, d)."""
 
 
-class Objective(ABC):
+class Objective(Record, ABC):
     """A function O(σ, L) to be optimised over stress; derive from this class for a new objective.
 
     A subclass must define `evaluate`, must not depend on the scale of σ, and sets `maximise` if the largest value is

@@ -19,11 +19,11 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import Objective, named_objective
 from critflow.critical.tolerances import DENSE_EDGES, FLAT
 from critflow.networks.network import Array
-from critflow.result import InputError
+from critflow.result import InputError, Record
 
 
 @dataclass(frozen=True, eq=False)
-class FlatDirections:
+class FlatDirections(Record):
     """The directions in stress along which an objective does not change to second order.
 
     directions   orthonormal σ̇ of zero curvature, (n_flat, N_b); σ/|σ| lies in their span

@@ -28,7 +28,7 @@ from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.design.tolerances import FLAT_TRIANGLE
 from critflow.networks.network import Array, edge_values
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.spectrum import spread_columns
 from critflow.rigidity.tolerances import LARGEST_DENSE
 
@@ -41,7 +41,7 @@ class IsogonalOptimum(Solution[CriticalConfiguration]):
 
 
 @dataclass(frozen=True, eq=False)
-class IsogonalModes:
+class IsogonalModes(Record):
     """Isogonal modes at a configuration, as rows of dense or sparse matrices; amplitudes a (n_modes,) combine them.
 
     displacements  (n_modes, N_v·2) of the vertices, x and y of each in turn

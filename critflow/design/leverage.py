@@ -19,14 +19,14 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import LengthVariance, Objective, TensionVariance, TransitionModulus, named_objective
 from critflow.design.tolerances import UNSUPPORTED
 from critflow.networks.network import Array, Network
-from critflow.result import InputError
+from critflow.result import InputError, Record
 
 # Columns of g P⁻¹ gᵀ that are held at once, in numbers.
 _BLOCK = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeLeverage:
+class EdgeLeverage(Record):
     """Objective after cutting each edge with the stress of the others unchanged; NaN where the cut opens the network.
 
     objective  name

@@ -27,11 +27,11 @@ from critflow.design.taut_edges import OnsetState, polish_taut, settled
 from critflow.design.tolerances import ONSET_GAP
 from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network, edge_values
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Record, Solution, Stats, Status
 
 
 @dataclass(frozen=True, eq=False)
-class CriticalStrain:
+class CriticalStrain(Record):
     """The onset of rigidity on a path of deformations.
 
     strain                γ_c

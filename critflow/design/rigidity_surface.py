@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.design.onset import critical_strain
 from critflow.networks.network import Array, Network
-from critflow.result import InputError, Status
+from critflow.result import InputError, Record, Status
 
 
 @dataclass(frozen=True, eq=False)
-class RigiditySurface:
+class RigiditySurface(Record):
     """Points of the rigidity surface on rays F = 1 + γA; NaN where a ray does not meet it.
 
     directions    A, (n, d, d)

@@ -25,13 +25,13 @@ from critflow.design.stressed_part import balanced_part
 from critflow.design.tolerances import BALANCED, NO_SIGNED_STRESS, RANK, SELF_STRESS_SHIFT
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises
 from critflow.rigidity.spectrum import spread_columns
 
 
 @dataclass(frozen=True, eq=False)
-class SignedStress:
+class SignedStress(Record):
     """Whether a geometry has a self-stress of given signs, with its proof.
 
     critical  the configuration with that σ, Σσ² = N_b, or None without a self-stress

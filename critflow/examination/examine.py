@@ -18,7 +18,7 @@ from critflow.exchange.repair import ImportedNetwork, described
 from critflow.mechanics.elasticity import Moduli
 from critflow.mechanics.moduli import elastic_moduli, transition_moduli
 from critflow.networks.network import Array, Network, edge_values, validated_coordinates
-from critflow.result import CritflowError, InputError, Solution, SolveError, Status
+from critflow.result import CritflowError, InputError, Record, Solution, SolveError, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
 from critflow.rigidity.second_order import second_order_rigidity
 
@@ -34,7 +34,7 @@ DEFORMATIONS = ("dilation", "simple_shear", "pure_shear", "uniaxial")
 
 
 @dataclass(frozen=True, eq=False)
-class Examination:
+class Examination(Record):
     """The answers to the questions about one network; parts that could not be computed are None with a sentence.
 
     order        "floppy", "first-order rigid", "critical", "second-order rigid" or "undecided"

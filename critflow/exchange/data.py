@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.networks.network import Network
-from critflow.result import InputError
+from critflow.result import InputError, Record
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -20,7 +20,7 @@ _ALL_DECIMALS = 15
 
 
 @dataclass(frozen=True, eq=False)
-class NetworkData:
+class NetworkData(Record):
     """A network as a file or an object holds it.
 
     edges            (N_b, 2) tail and head of each edge, indices of rows of `positions`

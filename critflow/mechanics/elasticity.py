@@ -25,11 +25,11 @@ from critflow.linalg.tolerances import EPS
 from critflow.mechanics.tolerances import TRUSTED_ERROR
 from critflow.networks.deformation import Deformable, deformation_of, strain_basis
 from critflow.networks.network import Array
-from critflow.result import InputError
+from critflow.result import InputError, Record
 
 
 @dataclass(frozen=True)
-class Moduli:
+class Moduli(Record):
     """Bulk and shear modulus in units of k (two dimensions), by the conventions of `critflow.mechanics.moduli`."""
 
     bulk: float
@@ -42,7 +42,7 @@ FLOPPY = Moduli(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Averages:
+class Averages(Record):
     """Bulk and shear modulus of a random polycrystal: bounds of Voigt (equal strain) and Reuss (equal stress)."""
 
     bulk_voigt: float
@@ -62,7 +62,7 @@ class Averages:
 
 
 @dataclass(frozen=True, eq=False)
-class Elasticity:
+class Elasticity(Record):
     """Elasticity tensors, in units of energy per volume, with m = d(d + 1)/2 components.
 
     energy         relaxed C_ab, (m, m)

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.result import InputError
+from critflow.result import InputError, Record
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Record):
     """A least-squares polynomial in strain: value and slope at the transition with their standard errors."""
 
     value: float

@@ -20,12 +20,12 @@ from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.mechanics.springs import SpringState
 from critflow.mechanics.tolerances import FLOPPY_SHIFT
 from critflow.networks.network import Array
-from critflow.result import Solution, SolveError, Stats, Status
+from critflow.result import Record, Solution, SolveError, Stats, Status
 from critflow.rigidity.spectrum import spread_columns
 
 
 @dataclass(frozen=True, eq=False)
-class HessianSplit:
+class HessianSplit(Record):
     """H = response ᵀ · diag(stiffness) · response + prestress, over the free coordinates in the order (vertex, axis).
 
     response   R^h or R̃, sparse (N_b, d·n_free)

@@ -31,7 +31,7 @@ from critflow.mechanics.tolerances import CELL_STRESS_RANK, COLLAPSED_EDGE, FITT
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, lengths
 from critflow.precision.geometry import exact_sums
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.spectrum import rigidity_matrix
 from critflow.solvers.cone import fit_perimeters
 
@@ -41,7 +41,7 @@ _PENALTY, _MOST_ITERATIONS, _DECREASE = 100.0, 40, 0.7
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class Cells(Record):
     """Cells of a network: sides A (N_c, N_b) sparse, A ≥ 0, and the stiffness κ (N_c,) of their perimeters."""
 
     network: Network
@@ -193,7 +193,7 @@ def perimeter_state(cells: Cells, targets: ArrayLike, coordinates: ArrayLike) ->
 
 
 @dataclass(frozen=True, eq=False)
-class CriticalPerimeters:
+class CriticalPerimeters(Record):
     """A critical configuration whose edge tensions come from cells: σ|L| ∝ Aᵀ T, cell tensions T (N_c,) of mean 1."""
 
     configuration: CriticalConfiguration

@@ -23,10 +23,10 @@ from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.networks.network import Array, Network, edge_values, validated_coordinates
 from critflow.precision.double_double import Extended, dot, subtract, two_product
 from critflow.precision.residual import Displacement, exact_displacement
-from critflow.result import InputError
+from critflow.result import InputError, Record
 
 
-class ElasticState(ABC):
+class ElasticState(Record, ABC):
     """A configuration with an energy that depends on lengths alone: coordinates x (N_v, d), bond vectors L (N_b, d).
 
     L is stored in addition to x: it has a relative rounding, while differences of coordinates have the rounding of the

@@ -26,13 +26,13 @@ from critflow.mechanics.tolerances import CONSISTENT_RESPONSE, NO_WORK, TRUSTED_
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.precision.residual import exact_displacement
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises
 from critflow.rigidity.uniqueness import require_only_self_stress
 
 
 @dataclass(frozen=True)
-class Stiffening:
+class Stiffening(Record):
     """Moduli at the transition and their first derivatives with strain: C_B, C_G, C_G stress-corrected."""
 
     bulk_0: float
@@ -43,7 +43,7 @@ class Stiffening:
 
 
 @dataclass(frozen=True)
-class PathStiffening:
+class PathStiffening(Record):
     """The modulus (1/V) d²E/dγ² along the path at the transition, M_0, and its first derivative with strain, C."""
 
     modulus_0: float

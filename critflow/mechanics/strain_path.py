@@ -25,7 +25,7 @@ from critflow.mechanics.springs import SpringState
 from critflow.mechanics.tolerances import BALANCED_START, CONSISTENT_LENGTHS, LOOSENING_WORK, OPENING
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network, edge_values
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Record, Solution, Stats, Status
 
 _LOOSENED = "the strain loosens the network, which is floppy on this side of the transition: change its sign"
 
@@ -39,7 +39,7 @@ Start = CriticalConfiguration | SpringState | Solution[Any]
 
 
 @dataclass(frozen=True, eq=False)
-class StrainPath:
+class StrainPath(Record):
     """Equilibria at strains γ (n,): moduli, energy and forces (n,), work and status of each step, the states.
 
     From the first strain that is not reached, values are NaN and `status` holds the reason.

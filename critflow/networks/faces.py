@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
 from critflow.arguments import checked
-from critflow.result import NetworkError
+from critflow.result import NetworkError, Record
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -25,7 +25,7 @@ _NO_POLYGONS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Faces:
+class Faces(Record):
     """The polygons of a planar network, each a closed walk along its edges with the face on the left.
 
     Face f walks `edges[starts[f]:starts[f + 1]]` in turn; `signs` is +1 where an edge is walked from tail to head.

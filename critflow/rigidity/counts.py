@@ -20,13 +20,13 @@ from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.tolerances import COLLAPSED
 from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.spectrum import Spectrum, rounding_note
 from critflow.rigidity.tolerances import BALANCED, ITERATION_ERROR, LARGEST_DENSE
 
 
 @dataclass(frozen=True, eq=False)
-class Rigidity:
+class Rigidity(Record):
     """Counts of a configuration.
 
     n_self_stresses, n_zero_modes   N_s and N_0 (translations of a periodic network included)
@@ -59,7 +59,7 @@ class Rigidity:
 
 
 @dataclass(frozen=True, eq=False)
-class ZeroModes:
+class ZeroModes(Record):
     """Displacements that change no length to first order, all orthonormal, zero at pins (`FirstOrder`).
 
     modes                           (N_0 − n_trivial, N_v, d), orthogonal to the trivial ones
@@ -216,7 +216,7 @@ def _stabilises(network: Network, sigma: Array, L: Array) -> tuple[bool, Array]:
 
 
 @dataclass(frozen=True)
-class Certificate:
+class Certificate(Record):
     """Quantities that show that a configuration is critical, and their accuracy.
 
     Where edges are slack, σ = 0, all but the residual describe the taut part.

@@ -21,7 +21,7 @@ from scipy.optimize import linprog
 from critflow.arguments import checked
 from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
-from critflow.result import Solution, Stats, Status
+from critflow.result import Record, Solution, Stats, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
 from critflow.rigidity.tolerances import (
     FOURTH_ORDER_MODES,
@@ -39,7 +39,7 @@ _DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _SOLVED = 1e-3, 1e-14, 1e6, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class SecondOrderRigidity:
+class SecondOrderRigidity(Record):
     """Order of rigidity of a configuration, with certificates; `print` gives a sentence.
 
     counts              Maxwell–Calladine counts, self-stresses and the gap of singular values behind them

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.networks.network import Array, edge_values
-from critflow.result import InputError, Solution, Stats
+from critflow.result import InputError, Record, Solution, Stats
 from critflow.rigidity.counts import Rigidity, rigidity
 
 
 @dataclass(frozen=True, eq=False)
-class StressSpace:
+class StressSpace(Record):
     """The stresses that share a configuration.
 
     basis  orthonormal geometric stresses, (N_s, N_b); the first is that of the configuration itself, scaled to |σ| = 1
