@@ -4,6 +4,13 @@
 everything, and draws all pictures; `.ci/run` does that.
 """
 
+import os
+
+# Before NumPy is imported: the tests run in one process per core, and threads of BLAS in each of them wait for the
+# cores of the others, at twice the processor time.
+for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
 import pytest
 from hypothesis import settings
 from matplotlib.figure import Figure
