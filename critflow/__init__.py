@@ -13,7 +13,7 @@ from critflow.critical.stress_hessian import flat_directions, stress_hessian
 from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.isogonal import face_modes, isogonal_modes
 from critflow.design.leverage import EdgeLeverage, edge_leverage
-from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound
+from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound, stiffening_bound
 from critflow.design.nearest import Nearest, nearest_critical
 from critflow.design.onset import Onset, critical_strain
 from critflow.design.optimize import optimize
@@ -172,6 +172,7 @@ __all__ = [
     "square_network",
     "stability",
     "stiffening",
+    "stiffening_bound",
     "strain_path",
     "strain_plane",
     "stress_hessian",

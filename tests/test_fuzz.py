@@ -109,6 +109,7 @@ CALLS = {
     "transition_moduli": lambda p, r: critflow.transition_moduli(critical_of(p)),
     "transition_bounds": lambda p, r: critflow.transition_bounds(critical_of(p)),
     "bulk_modulus_bound": lambda p, r: critflow.bulk_modulus_bound(p.network),
+    "stiffening_bound": lambda p, r: critflow.stiffening_bound(p.network),
     "modulus_bound": lambda p, r: critflow.modulus_bound(p.network, strain_of(p, r)),
     "certify": lambda p, r: critflow.certify(critical_of(p)),
     "rigidity": lambda p, r: critflow.rigidity(*geometry(p)[:2]),

@@ -53,6 +53,19 @@ def bulk_modulus_bound(network: Network | CriticalManifold) -> float:
     return modulus_bound(manifold, dilation(manifold.network.dimension))
 
 
+@checked
+def stiffening_bound(network: Network | CriticalManifold) -> float:
+    """The least C_B over all positive stresses, (3/d − 2) max B_0: −½ max B_0 in the plane, −max B_0 in space.
+
+    Springs of Hooke's law satisfy  C_B = (3/d − 2) B_0 + (3c/V) Σ σ̂|L̇_⊥|²  with the amplitude c = σ̂·ḣ/D > 0 of the
+    stress and the rates L̇_⊥ at which edges turn under dilation.  No term of the sum is negative for σ > 0, and all
+    vanish only at the largest B_0.  Likewise C_G ≥ −(G_0/3B_0)(C_B − (3/d − 2) B_0), energy convention.
+    Error bound (proof, up to rounding) of every C_B of positive stresses; compressed edges can have any C_B.
+    """
+    manifold = CriticalManifold.of(network)
+    return (3 / manifold.network.dimension - 2) * bulk_modulus_bound(manifold)
+
+
 def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> Optimum:
     """The configuration nearest to L* that attains `modulus_bound`, stresses of both signs allowed.
 

@@ -27,7 +27,7 @@ from critflow.critical.objectives import (
     pure_shear,
     transition_modulus,
 )
-from critflow.design.modulus_bounds import modulus_bound
+from critflow.design.modulus_bounds import modulus_bound, stiffening_bound
 from critflow.design.optimize import optimize
 from critflow.design.restoration import Interval, limits_of, nearest_solution
 from critflow.design.tolerances import INDEPENDENT_TARGETS
@@ -171,6 +171,10 @@ class _Goals:
                     return (
                         f"{name} is at most {bound:.8g} for every stress of this network, and {low:.8g} was requested"
                     )
+        if "C_B" in self.names:
+            bound, high = stiffening_bound(self.manifold), self.high[self.names.index("C_B")]
+            if high < bound - 1e-12 * abs(bound):
+                return f"C_B is at least {bound:.8g} for every positive stress of this network, not {high:.8g}"
         return self._excess_of_stress()
 
     def _excess_of_stress(self) -> str:
