@@ -16,7 +16,7 @@ from critflow import CriticalManifold, critical_from_lengths, voronoi_network
 from critflow.cli import main
 from critflow.result import Status
 from critflow.workflow.load import load_study
-from workflows.benchmarks.speed_accuracy import report
+from workflows.benchmarks.speed_accuracy import curves
 from workflows.benchmarks.speed_accuracy.lengths import Answer, accuracy_of_stress
 from workflows.benchmarks.speed_accuracy.references import stress_of_lengths
 from workflows.benchmarks.speed_accuracy.tasks import TASKS
@@ -94,7 +94,7 @@ def test_all_runs_are_on_one_core_and_none_is_taken_away():
 
 def curve(name, points, own=True, cut=False):
     seconds, errors = np.array(points, dtype=float).T
-    return report.Curve(name, own, cut, seconds, seconds, seconds, errors)
+    return curves.Curve(name, own, cut, seconds, seconds, seconds, errors)
 
 
 def test_the_front_is_what_no_point_beats():
@@ -102,7 +102,7 @@ def test_the_front_is_what_no_point_beats():
     for _ in range(50):
         # Few values, so that there are ties.
         seconds, errors = rng.integers(1, 6, (2, 12)).astype(float)
-        front = report.pareto_front(seconds, errors)
+        front = curves.pareto_front(seconds, errors)
         points = set(zip(seconds, errors, strict=True))
         beaten = {p for p in points if any(q != p and q[0] <= p[0] and q[1] <= p[1] for q in points)}
         assert [(seconds[n], errors[n]) for n in front] == sorted(points - beaten)
@@ -123,26 +123,26 @@ def test_the_front_is_what_no_point_beats():
     ],
 )
 def test_how_far_one_is_behind_another(own, rival, ratios):
-    found, _ = report.behind([curve("own", own)], [curve("rival", rival, own=False)], 1e-2)
+    found, _ = curves.behind([curve("own", own)], [curve("rival", rival, own=False)], 1e-2)
     np.testing.assert_allclose(found, ratios, rtol=1e-12)
 
 
 def test_who_was_not_asked_for_more_is_not_behind():
     rival = curve("rival", [(3, 1e-5), (4, 1e-15)], own=False)
     for cut, ratios in ((False, [1 / 3, np.inf]), (True, [1 / 3])):
-        found, points = report.behind([curve("own", [(1, 1e-9)], cut=cut)], [rival], 1e-2)
+        found, points = curves.behind([curve("own", [(1, 1e-9)], cut=cut)], [rival], 1e-2)
         np.testing.assert_allclose(found, ratios, rtol=1e-12)
         assert [n for _, n in points] == [0, 1][: len(ratios)]
 
 
 def test_a_choice_is_measured_at_every_accuracy_that_it_reaches():
     chosen, other = curve("auto", [(4, 1e-12)]), curve("lbfgs", [(1, 1e-4), (3, 1e-7), (9, 1e-15)])
-    assert report.detour(chosen, [chosen, other], 1e-2) == 4.0
-    assert report.detour(other, [chosen, other], 1e-2) == pytest.approx(9 / 4)
+    assert curves.detour(chosen, [chosen, other], 1e-2) == 4.0
+    assert curves.detour(other, [chosen, other], 1e-2) == pytest.approx(9 / 4)
     # What is of no use is not waited for.
-    assert report.detour(chosen, [chosen, other], 1e-6) == pytest.approx(4 / 3)
-    assert report.gain(chosen, other) == 0.0
-    assert report.gain(other, chosen) == pytest.approx(4 / 9)
+    assert curves.detour(chosen, [chosen, other], 1e-6) == pytest.approx(4 / 3)
+    assert curves.gain(chosen, other) == 0.0
+    assert curves.gain(other, chosen) == pytest.approx(4 / 9)
 
 
 def test_stresses_of_rest_lengths_are_compared_without_their_scale():
@@ -233,7 +233,7 @@ def test_who_takes_part_and_who_is_missing(small):
 
 def test_it_has_its_charts_claims_and_fronts(small, assert_picture):
     dataset, folder = small
-    for name in ("speed_accuracy", "speed_accuracy_sizes"):
+    for name in ("speed_accuracy", *map(str, dataset.task.values)):
         assert_picture(folder / "figures" / f"{name}.png", 20_000)
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
     assert {f"speed-accuracy-{word}" for word in dataset.task.values} < set(claims)

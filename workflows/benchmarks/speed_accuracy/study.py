@@ -8,9 +8,11 @@ one is recorded.  Times depend on the machine: compare ratios within one case.
 from __future__ import annotations
 
 import re
+import time
 import warnings
 from dataclasses import replace
 from enum import IntEnum
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +23,8 @@ from critflow.workflow import Axis, Coordinate, Study, Variable
 from ...shared.checks import check_network, check_positive
 from ..backends import Backend
 from ..timing import benchmark, installed, one_core
-from .report import all_sizes_figure, claims, main_figure, summary
+from .charts import overview_figure, task_figure
+from .report import claims, summary
 from .tasks import METHODS, TASKS
 
 
@@ -48,7 +51,9 @@ def case(parameters, *, task, n_vertices):
     with one_core(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         selected = _selected(parameters, TASKS[task], n_vertices)
+        begin, used = time.perf_counter(), time.process_time()
         timings = benchmark(selected, parameters["repeats"], parameters["patience"], parameters["budget"])
+        share = (time.process_time() - used) / (time.perf_counter() - begin)
     for method in selected:
         place, version = names.index(method.name), installed(method.package)
         own = method.package == "critflow"
@@ -72,6 +77,7 @@ def case(parameters, *, task, n_vertices):
         "presence": presence,
         "backend": backend,
         "package_version": versions,
+        "core_share": share if selected else np.nan,
     }
 
 
@@ -144,9 +150,13 @@ study = Study(
             "package_version", (*EACH, "contestant", "part"), "i4", fill=-2,
             long_name="version of the package, its first three numbers",
         ),
+        Variable(
+            "core_share", EACH, "f8", volatile=True,
+            long_name="processor time over time: 1 where nothing else ran on the core",
+        ),
         Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={"speed_accuracy": main_figure, "speed_accuracy_sizes": all_sizes_figure},
+    figures={"speed_accuracy": overview_figure} | {word: partial(task_figure, word=word) for word in TASKS},
     claims=claims,
     summary=summary,
 )  # fmt: skip
