@@ -40,7 +40,9 @@ def broken(level):
 
 
 def slow(level):
-    time.sleep(0.02)
+    end = time.process_time() + 0.02
+    while time.process_time() < end:
+        pass
     return 0.1
 
 
@@ -87,6 +89,11 @@ def test_all_runs_are_on_one_core_and_none_is_taken_away():
     benchmark([fake("any", lambda level: within.append(len(os.sched_getaffinity(0))) or 0.0, (0.0,))], repeats=1)
     assert within == [1, 1]
     assert os.sched_getaffinity(0) == CORES
+
+
+def test_times_are_of_the_processor():
+    (timing,) = benchmark([fake("waits", lambda level: time.sleep(0.03) or 0.0, (0.0,))], repeats=1)
+    assert 0 <= timing.median < 0.01
 
 
 # Reading fronts

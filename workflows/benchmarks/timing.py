@@ -1,4 +1,4 @@
-"""Times and errors of methods for the same problem, in one process on one core, in random order.
+"""Processor times and errors of methods for one problem, in one process on one core, in random order.
 
 A task is one chart.  The modules of `speed_accuracy` define them as `TASKS = (Task(...), ...)`.  Other packages are
 imported by `peer` when a method runs; a method whose `package` is not installed is not run.
@@ -76,7 +76,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds of every repeat at one level of one method, and the accuracy of the answer."""
+    """Processor seconds of every repeat at one level of one method, and the accuracy of the answer."""
 
     method: Method
     level: int
@@ -172,6 +172,7 @@ def _first_round(method: Method, patience: float) -> Iterator[Timing]:
 
 
 def _timed(method: Method, level: int) -> tuple[float, Any]:
-    begin = time.perf_counter()
+    # Processor time is the time of a run where nothing else uses the core, and is nearly the same where something does.
+    begin = time.process_time()
     answer = method.run(method.levels[level])
-    return time.perf_counter() - begin, answer
+    return time.process_time() - begin, answer

@@ -80,9 +80,16 @@ def _study(study: str, reference: Path) -> str:
     claims = f"reference/{study}/claims.md"
     lines += [f"- `critflow run {study}`; claims in [{claims}]({claims})", ""]
     figures = reference / study / "figures"
-    pictures = sorted(figures.glob("*.png")) + sorted(figures.glob("*.gif"))
+    first = [name for figure in FIGURES if figure.study == study for name in figure.pictures]
+    pictures = sorted(figures.glob("*.png"), key=lambda picture: (_place(first, picture.stem), picture.stem))
+    pictures += sorted(figures.glob("*.gif"))
     lines += [f"![{study}: {picture.stem}](reference/{study}/figures/{picture.name})" for picture in pictures]
     return "\n".join([*lines, ""])
+
+
+def _place(names: list[str], name: str) -> int:
+    """The place of a name, after all others where it is not listed."""
+    return names.index(name) if name in names else len(names)
 
 
 def _table(claims: dict[str, list[dict]]) -> str:

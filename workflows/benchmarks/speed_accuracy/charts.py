@@ -14,7 +14,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from critflow.plot import COLOURS
 
-from .curves import SAME, cases, gain
+from .curves import cases, gain
 from .tasks import TASKS
 
 # The tasks of the overview: mechanics, response and design.
@@ -34,17 +34,22 @@ def overview_figure(ds):
     shown = {word: shown[word] for word in FIRST if word in shown}
     if not shown:
         return _nothing()
-    figure = Figure(figsize=(_WIDTH, 5.7), dpi=_RESOLUTION, layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.08)
-    panels = figure.subplots(2, len(shown), squeeze=False, height_ratios=(1.25, 1))
-    for (word, (size, curves, default)), axes, below in zip(shown.items(), *panels, strict=True):
+    figure = Figure(figsize=(_WIDTH, 6.0), dpi=_RESOLUTION, layout="constrained")
+    panels = figure.subplots(2, len(shown), squeeze=False, height_ratios=(1.3, 1))
+    titles = [
+        f"{fill(_capital(TASKS[word].title), 29)}\n{fill(message(curves, default), 29)}"
+        for word, (_, curves, default) in shown.items()
+    ]
+    lines = max(title.count("\n") for title in titles)
+    for (word, (_, curves, default)), title, axes, below in zip(shown.items(), titles, *panels, strict=True):
         styles = _styles(curves, default)
         _chart(axes, curves, default, styles)
         axes.set_ylabel(fill(TASKS[word].error, 34), fontsize=_TEXT)
-        title = fill(f"{_capital(TASKS[word].title)}, $N_v$ = {size:,}", 34)
-        axes.set_title(f"{title}\n{fill(message(curves, default), 34)}", loc="left", fontsize=_TEXT)
-        _legend(below, curves, default, styles, "upper left")
-    _explain(figure, ds)
+        axes.set_title(title + "\n" * (lines - title.count("\n")), loc="left", fontsize=_TEXT)
+        # The panels, not their legends, share the width of the page.
+        _legend(below, curves, default, styles, "upper left").set_in_layout(False)
+    sizes = " or ".join(f"{size:,}" for size in dict.fromkeys(size for size, _, _ in shown.values()))
+    _explain(figure, ds, f"Error against time of every method, $N_v$ = {sizes}")
     return figure
 
 
@@ -77,20 +82,17 @@ def task_figure(ds, word):
 
 
 def message(curves, default):
-    """The default against the fastest other package, or method where no package takes part, at their best accuracy."""
-    others = [c for c in curves if c is not default and not c.own] or [c for c in curves if c is not default]
+    """The default against other packages, or against its alternatives where none takes part."""
+    peers = [c for c in curves if not c.own]
+    others = peers or [c for c in curves if c is not default]
     if default is None or not others:
         return "No other method takes part."
-    kind = "package" if not others[0].own else "alternative"
+    kind = "packages" if peers else "methods"
     ratios = {curve.name: gain(default, curve) for curve in others}
     if more := [name for name, ratio in ratios.items() if not ratio]:
-        return f"{default.name}: less accurate than {more[0]}"
-    name = min(ratios, key=ratios.__getitem__)
-    if ratios[name] < 1 / SAME:
-        return f"{default.name}: {1 / ratios[name]:.2g} × slower than the fastest other {kind}"
-    if ratios[name] < SAME:
-        return f"{default.name}: as fast as the fastest other {kind}"
-    return f"{default.name}: {_number(ratios[name])} × faster than the fastest other {kind}"
+        return f"{more[0]} is more accurate than {default.name}"
+    least = _number(min(ratios.values()))
+    return f"Other {kind} at their best accuracy: {least} × the time of {default.name}, or more"
 
 
 def _by_task(ds):
@@ -112,6 +114,8 @@ def _nothing():
 
 
 def _capital(title):
+    """The title with a capital letter, and without line breaks in equations."""
+    title = title.replace(" = ", "\u00a0=\u00a0")
     return title if title[0] == "σ" else title[0].upper() + title[1:]
 
 
@@ -150,7 +154,7 @@ def _chart(axes, curves, default, styles):
         )  # fmt: skip
     axes.set(xscale="log", yscale="log")
     axes.margins(0.08)
-    axes.set_xlabel("time of a run  [s]", fontsize=_TEXT)
+    axes.set_xlabel("processor time of a run  [s]", fontsize=_TEXT)
     axes.tick_params(labelsize=_SMALL)
     axes.xaxis.set_major_locator(LogLocator(numticks=5))
     axes.yaxis.set_major_locator(LogLocator(numticks=8))
@@ -171,17 +175,17 @@ def _legend(axes, curves, default, styles, place, title=""):
         handles.append(Line2D([], [], label=name + times, **styles[name]))
     compared = f"time over that of {default.name}" if default is not None else ""
     heading = "\n".join(part for part in (title, compared) if part)
-    axes.legend(
+    return axes.legend(
         handles=handles, loc=place, fontsize=_SMALL, title=heading, title_fontsize=_SMALL, alignment="left",
         frameon=False, borderaxespad=0, handlelength=2.6, labelspacing=0.35,
     )  # fmt: skip
 
 
-def _explain(figure, ds, first="Error against time of every method, one core"):
+def _explain(figure, ds, first):
     share = ds.core_share.values[np.isfinite(ds.core_share.values)]
-    load = f"; runs had {100 * np.median(share):.0f} % of a core (median)" if len(share) else ""
+    load = f"; runs had {100 * np.median(share):.0f} % of it (median)" if len(share) else ""
     figure.suptitle(
-        f"{first}\nlower left is better; dark blue: default, light blue: other methods of critflow, dashed: other "
-        f"packages{load}",
+        f"{fill(first, 95)}\nlower left is better; dark blue: default, light blue: other methods of critflow, "
+        f"dashed: other packages\nprocessor time on one core{load}",
         fontsize=_TEXT,
     )

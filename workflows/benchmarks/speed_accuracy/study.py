@@ -2,7 +2,7 @@
 
 Each point has the error against a much more accurate reference, the median of the times with quartiles, the status,
 the iterations and the version of the package.  Other packages are optional, `pip install 'critflow[peers]'`; a missing
-one is recorded.  Times depend on the machine: compare ratios within one case.
+one is recorded.  Times are of the processor and depend on the machine: compare ratios within one case.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ study = Study(
     workers=1,
     variables=(
         *(
-            Variable(name, POINT, "f8", units="s", long_name=f"time of a run, {part}", volatile=True)
+            Variable(name, POINT, "f8", units="s", long_name=f"processor time of a run, {part}", volatile=True)
             for name, part in {
                 "seconds": "median",
                 "seconds_low": "lower quartile",
