@@ -12,6 +12,7 @@ from critflow.critical.objectives import Objective, transition_modulus
 from critflow.critical.stress_hessian import flat_directions, stress_hessian
 from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.isogonal import face_modes, isogonal_modes
+from critflow.design.isogonal_design import IsogonalDesign, isogonal_design
 from critflow.design.leverage import EdgeLeverage, edge_leverage
 from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound, stiffening_bound
 from critflow.design.nearest import Nearest, nearest_critical
@@ -92,6 +93,7 @@ __all__ = [
     "ImportedNetwork",
     "InputError",
     "IntegrityError",
+    "IsogonalDesign",
     "Nearest",
     "Network",
     "NetworkError",
@@ -145,6 +147,7 @@ __all__ = [
     "geometric_split",
     "honeycomb_network",
     "hookean_split",
+    "isogonal_design",
     "isogonal_modes",
     "isotropic_targets",
     "kagome_network",

@@ -85,6 +85,10 @@ OF_FUNCTION = {
         "start": np.ones(LATTICE.n_edges),
     },
     "isotropic_targets": {"youngs_modulus": 1.0, "poissons_ratio": 0.2},
+    "isogonal_design": {
+        "critical": CriticalManifold(HEXAGONS).configuration(1 + 0.1 * np.arange(HEXAGONS.n_edges)),
+        "targets": {"length_0": 0.9},
+    },
     "optimize": {"start": np.ones(6), "signs": "positive"},
     "planar_faces": {"edges": HEXAGONS.edges, "bond_vectors": HEXAGONS.bond_vectors(HEXAGONS.positions)},
     "voronoi_network": {"n_vertices": 8},

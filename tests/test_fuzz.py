@@ -157,6 +157,9 @@ CALLS = {
     ),
     "isogonal_modes": lambda p, r: critflow.isogonal_modes(critical_of(p)),
     "face_modes": lambda p, r: critflow.face_modes(critical_of(p)),
+    "isogonal_design": lambda p, r: critflow.isogonal_design(
+        critical_of(p), {"length_0": abs(float(numbers(r, 1)[0]))}, max_steps=20
+    ),
     "cells_of": lambda p, r: cells(p),
     "perimeter_moduli": lambda p, r: critflow.perimeter_moduli(with_cells(p)),
     "critical_from_perimeters": lambda p, r: critflow.critical_from_perimeters(

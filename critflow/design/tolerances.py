@@ -73,6 +73,10 @@ INDEPENDENT_TARGETS
                   Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
 POSITIVE_TENSOR   Eigenvalues of a requested tensor below this part of the largest one count as zero.
 
+Isogonal design
+SHORTEST_ISOGONAL Shortest length of an isogonal design by default, in units of the mean: as SOUND.
+STIFFEST          Relative distance from the largest B_0 at which C_B is the closed form for all isogonal changes.
+
 Nearest configuration
 NEAREST_CONVERGED Change of log σ in a step of Gauss and Newton below which it has converged.
 NEAREST_DAMPING   First damping of these steps, in units of the mean square of the coordinates.
@@ -92,6 +96,9 @@ TARGET_REACHED = 1e-11
 TARGET_STATIONARY = 1e-3
 INDEPENDENT_TARGETS = 1e-6
 POSITIVE_TENSOR = 1e-12
+
+SHORTEST_ISOGONAL = 5e-2
+STIFFEST = 1e-9
 
 NEAREST_CONVERGED = 1e-9
 NEAREST_DAMPING = 1e-9
