@@ -1,237 +1,223 @@
-"""Design for targets: the critical configuration nearest to a given one that has requested properties.
+"""Design for targets: a critical configuration with requested properties, or a stated reason why it does not exist.
 
-    minimise ½|θ − θ_0|² over θ = log σ, to about 1e-3, subject to  O_i(θ) = t_i  or  O_i in an interval,
-where θ − θ_0 = Jᵀμ with the gradients J of the targets, which are exact: one solve with P for each.  Shortest steps
-restore the targets, and steps along their surface reduce the distance.  There are N_b unknowns and few targets, so
-feasible ones have many solutions, and the nearest one changes the stresses least.
+    minimise  preference(z)  subject to  l_i ≤ O_i(z) ≤ u_i,
+over z = log |σ| of prescribed signs, or z = σ.  There are N_b unknowns and few targets O_i, so feasible ones have many
+solutions and the preference selects one.  All gradients are exact: one solve with P for each target.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.objectives import (
-    LengthVariance,
-    Objective,
-    Partials,
-    TensionVariance,
-    dilation,
-    pure_shear,
-    transition_modulus,
-)
-from critflow.design.modulus_bounds import modulus_bound, stiffening_bound
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.design.optimize import optimize
-from critflow.design.restoration import Interval, limits_of, nearest_solution
-from critflow.design.tolerances import INDEPENDENT_TARGETS
-from critflow.mechanics.stiffening_objective import StiffeningCoefficient
-from critflow.networks.deformation import strain_basis
-from critflow.networks.network import Array, Network, edge_values
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.design.target_bounds import excluded
+from critflow.design.target_problem import Preference, TargetProblem, Unknowns
+from critflow.design.target_table import Wanted, edge_limits, wanted
+from critflow.design.tolerances import INDEPENDENT_TARGETS, TARGET_OPTIMAL, UNLIMITED
+from critflow.linalg.tolerances import EPS
+from critflow.mechanics.stiffening_objective import Growth, StiffeningCoefficient
+from critflow.networks.network import Array, Network
+from critflow.result import Solution, Stats, Status
+from critflow.solvers.constrained import Minimum, minimise_constrained
 
-_MOST_STEPS = 100
-# Distance from a limit, relative to the size of a target, beyond which a value is inside its interval.
-_INSIDE = 1e-9
-
-
-@dataclass(frozen=True)
-class StressComponent(Objective):
-    """Component of S/√D, S = Σσ L⊗L, D = Σσ²|L|²/k: all that linear elasticity is at the transition, C = S⊗S/(V D)."""
-
-    strain: Array
-    stiffness: Array
-
-    one_self_stress: ClassVar[bool] = True
-
-    def evaluate(self, sigma: Array, L: Array) -> tuple[float, Partials]:
-        EL = L @ self.strain
-        product = np.einsum("ad,ad->a", L, EL)
-        flexibility = np.einsum("ad,ad->a", L, L) / self.stiffness
-        work, root = float(sigma @ product), float(np.sqrt(sigma**2 @ flexibility))
-        by_sigma = product / root - work / root**3 * sigma * flexibility
-        by_L = (2 / root) * sigma[:, None] * EL - (work / root**3) * (sigma**2 / self.stiffness)[:, None] * L
-        return work / root, (by_sigma, by_L)
+_MOST_STEPS = 400
+# Longest change of log σ in one step, spread of random starts, and steps of the ascent that gives the last start.
+_LONGEST, _SPREADS, _ASCENT = 0.4, (0.1, 0.5), 30
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Design(Solution[CriticalConfiguration]):
     """A configuration with requested properties.
 
-    achieved     values of the targets by name
-    multipliers  cost of each target, by name: the derivative of ½|θ − θ_0|² by its value
-    gram         (n, n) cosines between the gradients of the targets: 1 where two cannot be changed independently
-    independent  whether all targets can be changed independently here: the least eigenvalue of `gram` is not zero
-    distance     root mean square of log σ − log σ_0
+    achieved      values of the targets by name
+    error_bounds  of the achieved values by name (estimate): from the bounds of the bond vectors, and rounding
+    multipliers   cost of each target, by name: derivative of the least preference by its value, 0 inside an interval
+    gram          (n, n) cosines between the gradients of the targets, in their order
+    independence  by name: the sine of the angle between the gradient of a target and the span of the others, which is
+                  the part of a unit change of this target alone; 0 where the others determine it
+    independent   whether all targets can be changed independently here: the least eigenvalue of `gram` is not zero
+    preference    value of the preference: ½|z − z_0|², V_L, V_τ, ½⟨|x − x̂|²⟩, or the target that is extreme
+    distance      root mean square of log σ − log σ_0, or of σ − σ_0 where `signs` is "any"
     """
 
     achieved: dict[str, float]
+    error_bounds: dict[str, float] = field(repr=False)
     multipliers: dict[str, float]
     gram: Array = field(repr=False)
-    independent: bool
+    independence: dict[str, float] = field(repr=False)
+    preference: float
     distance: float
+
+    @property
+    def configuration(self) -> CriticalConfiguration:
+        """The configuration, the same as `value`."""
+        return self.value
+
+    @property
+    def independent(self) -> bool:
+        """Whether all targets can be changed independently here."""
+        return bool(np.linalg.eigvalsh(self.gram)[0] > INDEPENDENT_TARGETS)
 
 
 @checked
 def design(
     network: Network | CriticalManifold,
-    targets: Mapping[str, Interval],
+    targets: Mapping[str, Any],
+    *,
+    prefer: str | CriticalConfiguration | ArrayLike = "least_change",
+    within: Mapping[str, Any] | None = None,
+    signs: str | ArrayLike = "positive",
+    free: ArrayLike | None = None,
     start: ArrayLike | None = None,
     max_steps: int = _MOST_STEPS,
     throw: bool = True,
 ) -> Design:
-    """The critical configuration with requested properties that changes the stresses of a start least.
+    """The critical configuration with requested properties that a preference selects.
 
-    targets  name → value, or (low, high); names are "bulk_modulus", "shear_modulus", "length_variance",
-             "tension_variance", "C_B", "C_G" (energy convention), and "S_xx", "S_xy", ... for S/√D
-    start    stresses σ_0 (N_b,); 1 on every edge by default, and those of the largest shear modulus where the targets
-             cannot be reached from there
+    targets  name → value, (low, high), or "largest" or "smallest" for one of them.  Names are "B_0", "G_0", "V_L",
+             "V_tau" (or those of `optimize`), "C_B", "C_G" (energy convention), "S_xx", "S_xy", ... for S/√D with
+             C = S⊗S/(V D), and "modulus[uniaxial]", ... for the deformations
+    prefer   "least_change" of log σ from the start, "length_variance", "tension_variance", or a configuration or
+             coordinates (N_v, d) to be near to
+    within   limits (low, high) of "lengths", and of "tensions" and "force_densities" in units of their mean; each limit
+             is a number, one an edge, or None
+    signs    "positive", 1 or −1 for each edge (N_b,), or "any"
+    free     edges whose stress may change, indices or a mask; all by default
+    start    stresses σ_0 (N_b,), of size 1 by default
 
-    `stats.residual` is the largest error of a target relative to its size.  The optimum is local.
-    Error bound (proof): targets beyond `modulus_bound` are refused, `Status.infeasible`, with the bound in the note.
-    Otherwise `Status.infeasible` means that the descent found no way to reduce the errors further: the configuration is
-    the best compromise found.  Raises `InputError` for unknown or contradictory targets, `SolveError` with `throw`.
+    Many parameters: each is a part of the problem.
+
+    The optimum is local.  Error bound (proof): targets beyond a closed-form bound are refused, `Status.infeasible`,
+    with the bound in the note.  Otherwise `Status.infeasible` means that no start reached the targets: the
+    configuration is the best compromise found.  With `Status.step_limit` or `Status.stalled` the targets are reached,
+    and the preference is not at its minimum.  `stats.residual` is the largest error of a target relative to its size.
+    Raises `InputError` for unknown or contradictory targets and wrong shapes or signs, `SolveError` with `throw`.
     """
     manifold = CriticalManifold.of(network)
-    goals = _Goals(manifold, targets)
-    m = manifold.network.n_edges
-    origin = np.zeros(m) if start is None else np.log(edge_values(start, m, "start"))
-    origin = origin - origin.mean()
-    excess = goals.excess()
-    if excess:
-        solution = goals.report(origin, origin, np.zeros(len(goals.names)), 0, Status.infeasible, excess)
+    wants = wanted(manifold, targets)
+    if any(target.objective.one_self_stress for target in wants):
+        require_one_self_stress(manifold.network, "design its stiffnesses, or prune it to one self-stress")
+    unknowns = Unknowns.of(manifold.network, start, free, signs)
+    goal = next((target for target in wants if target.goal), None)
+    preference = Preference(manifold.network, prefer, goal)
+    limits = edge_limits(manifold.network.n_edges, within or {})
+    problem = TargetProblem(manifold, unknowns, preference, wants, limits)
+    positive = unknowns.signs is not None and bool((unknowns.signs > 0).all())
+    note = excluded(manifold, wants, positive)
+    if note:
+        solution = _report(problem, wants, _at_start(problem), Status.infeasible, note)
     else:
-        solution = goals.report(*nearest_solution(goals, origin, max_steps))
-        if start is None and not solution.ok:
-            solution = _from_optimum(goals, solution, max_steps)
+        best = _best(problem, max_steps)
+        solution = _report(problem, wants, best, best.status, _note(problem, best))
     return solution.or_raise("no configuration with these properties was found") if throw else solution
 
 
-def _from_optimum(goals: _Goals, first: Design, max_steps: int) -> Design:
-    """The design from the stresses of the largest shear modulus, if it reaches the targets where the first did not."""
-    sheared = optimize(goals.manifold, "shear_modulus", throw=False, max_steps=200).value.sigma
-    if not (np.isfinite(sheared).all() and (sheared > 0).all()):
-        return first
-    origin = np.log(sheared) - np.mean(np.log(sheared))
-    second = goals.report(*nearest_solution(goals, origin, max_steps))
-    return second if second.ok or second.stats.residual < first.stats.residual else first
+def _at_start(problem: TargetProblem) -> Minimum:
+    return minimise_constrained(problem, problem.unknowns.origin, TARGET_OPTIMAL, _LONGEST, 0)
 
 
-class _Goals:
-    """The targets of one network: objectives, limits and sizes."""
+def _best(problem: TargetProblem, max_steps: int) -> Minimum:
+    """The first search that reaches the targets, or the one with the smallest violation."""
+    best: Minimum | None = None
+    for start in _starts(problem):
+        found = minimise_constrained(problem, start, TARGET_OPTIMAL, _LONGEST, max_steps)
+        if best is None or found.reached or not found.violation >= best.violation:
+            best = found
+        if found.reached:
+            break
+    assert best is not None
+    return best
 
-    def __init__(self, manifold: CriticalManifold, targets: Mapping[str, Interval]):
-        self.manifold = manifold
-        if not targets:
-            raise InputError("give at least one target, such as {'bulk_modulus': 0.25}")
-        table = _table(manifold)
-        unknown = [name for name in targets if name not in table]
-        if unknown:
-            raise InputError(f"no target is called {unknown[0]!r}: choose from {', '.join(table)}")
-        self.names = tuple(targets)
-        self.objectives = [table[name]() for name in self.names]
-        limits = [limits_of(name, value) for name, value in targets.items()]
-        self.low, self.high = (np.array(values) for values in zip(*limits, strict=True))
-        # Errors are relative to the size of the target, and absolute below a hundredth.
-        self.scale = np.maximum(np.maximum(np.abs(self.low), np.abs(self.high)), 1e-2)
-        self.scale[~np.isfinite(self.scale)] = 1.0
 
-    def values(self, theta: Array) -> tuple[Array, Array]:
-        """Values (n,) and gradients by θ (n, N_b)."""
-        balance = self.manifold.balance(np.exp(theta))
-        values, rows = [], []
-        for objective in self.objectives:
-            value, (by_sigma, by_L) = objective.evaluate(balance.sigma, balance.bond_vectors)
-            values.append(value)
-            rows.append(balance.pull_back(by_sigma, by_L)[0] * balance.sigma)
-        return np.array(values), np.array(rows)
+def _starts(problem: TargetProblem) -> Iterator[Array]:
+    """z of the start, of random ones, and of an ascent of the shear modulus, whose stresses cover two decades.
 
-    def at(self, theta: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Relative errors (n,), 0 inside an interval, their gradients (n, N_b), and the targets not inside (n,)."""
-        values, rows = self.values(theta)
-        error = values - np.clip(values, self.low, self.high)
-        margin = _INSIDE * self.scale
-        active = (values < self.low + margin) | (values > self.high - margin)
-        return error / self.scale, rows / self.scale[:, None], active
+    Gradients of B_0 and C_B vanish at σ = k, where B_0 is largest and C_B smallest.
+    """
+    unknowns, manifold = problem.unknowns, problem.manifold
+    origin = unknowns.origin
+    shaken = np.random.default_rng(0).standard_normal((len(_SPREADS), len(origin)))
+    at_origin = problem.at(origin)
+    rows = at_origin.rows(np.arange(len(problem.targets)))
+    if not len(rows) or np.linalg.norm(rows, axis=1).min() > UNLIMITED:
+        yield origin
+    yield origin + _SPREADS[0] * shaken[0]
+    if unknowns.signs is not None and (unknowns.signs > 0).all():
+        sheared = optimize(manifold, "shear_modulus", throw=False, max_steps=_ASCENT).value.sigma
+        if np.isfinite(sheared).all() and (sheared > 0).all():
+            yield unknowns.of_stress(sheared)
+    yield origin + _SPREADS[1] * shaken[1]
 
-    def excess(self) -> str:
-        """A sentence where closed-form bounds exclude the targets, else an empty string."""
-        network = self.manifold.network
-        for name, low in zip(self.names, self.low, strict=True):
-            strain = {"bulk_modulus": dilation, "shear_modulus": pure_shear}.get(name)
-            if strain is not None:
-                bound = modulus_bound(self.manifold, strain(network.dimension))
-                if low > bound * (1 + 1e-12):
-                    return (
-                        f"{name} is at most {bound:.8g} for every stress of this network, and {low:.8g} was requested"
-                    )
-        if "C_B" in self.names:
-            bound, high = stiffening_bound(self.manifold), self.high[self.names.index("C_B")]
-            if high < bound - 1e-12 * abs(bound):
-                return f"C_B is at least {bound:.8g} for every positive stress of this network, not {high:.8g}"
-        return self._excess_of_stress()
 
-    def _excess_of_stress(self) -> str:
-        """The bound (S:A)² ≤ V D μ_A of a fully prescribed S, for the worst strain A."""
-        network, d = self.manifold.network, self.manifold.network.dimension
-        names, strains = strain_basis(d)
-        wanted = [f"S_{name}" for name in names]
-        given = dict(zip(self.names, zip(self.low, self.high, strict=True), strict=True))
-        if not all(name in given and given[name][0] == given[name][1] for name in wanted):
-            return ""
-        m = len(strains)
-        S = np.array([given[name][0] for name in wanted])
-        # μ_A is a quadratic form of the strain: its matrix follows from sums of two strains.
-        form = np.empty((m, m))
-        for a in range(m):
-            for b in range(a + 1):
-                form[a, b] = form[b, a] = modulus_bound(self.manifold, strains[a] + strains[b])
-        single = np.diag(form) / 4
-        form = 0.5 * (form - single[:, None] - single[None])
-        ratio = float(S @ np.linalg.solve(form * network.volume, S))
-        if ratio <= 1 + 1e-12:
-            return ""
-        return f"S/√D exceeds its bound for every stress of this network by a factor of {np.sqrt(ratio):.6g}"
-
-    def report(self, theta: Array, origin: Array, mu: Array, steps: int, status: Status, note: str) -> Design:
-        """The design at θ."""
-        found = self.manifold.solve(np.exp(theta))
-        values, rows = self.values(theta)
-        unit = rows / np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)[:, None]
-        gram = unit @ unit.T
-        error = np.abs(values - np.clip(values, self.low, self.high)) / self.scale
-        stats = Stats("restoration", steps, float(error.max()), error_bound=found.value.error_bound)
-        return Design(
-            value=found.value,
-            status=status if found.ok else found.status,
-            stats=stats,
-            note=note,
-            achieved=dict(zip(self.names, map(float, values), strict=True)),
-            multipliers=dict(zip(self.names, map(float, mu / self.scale), strict=True)),
-            gram=gram,
-            independent=bool(np.linalg.eigvalsh(gram)[0] > INDEPENDENT_TARGETS),
-            distance=float(np.sqrt(np.mean((theta - theta.mean() - origin) ** 2))),
+def _note(problem: TargetProblem, best: Minimum) -> str:
+    """What remains, and what to do next."""
+    if best.status is Status.ok:
+        return ""
+    if best.reached:
+        return f"the targets are reached, and {problem.preference.name} is not at its least: raise max_steps"
+    c = best.point.constraints
+    excess = np.abs(c - np.clip(c, problem.low, problem.high))
+    worst = int(np.argmax(excess[: len(problem.targets)])) if len(problem.targets) else 0
+    if len(problem.targets) and excess[worst] > 0.1 * excess.max():
+        name = problem.targets[worst].name
+        return (
+            f"no start reached all targets together, {name} misses by {excess[worst] * problem.sizes[worst]:.3g}: "
+            + ("relax one, or give another start")
         )
+    return "no start reached the targets inside the limits of the edges: widen the limits, or relax a target"
 
 
-def _table(manifold: CriticalManifold) -> dict[str, Callable[[], Objective]]:
-    """The targets by name."""
-    network = manifold.network
-    d, k = network.dimension, network.stiffness
-    table: dict[str, Callable[[], Objective]] = {
-        "bulk_modulus": lambda: transition_modulus(network, dilation(d)),
-        "shear_modulus": lambda: transition_modulus(network, pure_shear(d)),
-        "length_variance": LengthVariance,
-        "tension_variance": TensionVariance,
-        "C_B": lambda: StiffeningCoefficient(manifold),
-        "C_G": lambda: StiffeningCoefficient(manifold, of_shear=True),
-    }
-    for name, strain in zip(*strain_basis(d), strict=True):
-        table[f"S_{name}"] = partial(StressComponent, strain, k)
-    return table
+def _report(problem: TargetProblem, wants: list[Wanted], found: Minimum, status: Status, note: str) -> Design:
+    """The design at the end of a search."""
+    unknowns, z = problem.unknowns, found.point.z
+    solved = problem.manifold.solve(unknowns.stress(z))
+    balance = problem.manifold.balance(unknowns.stress(z))
+    values, by_sigma = problem.values(balance, [target.objective for target in wants])
+    rows = unknowns.gradients(by_sigma, balance.sigma)
+    unit = rows / np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)[:, None]
+    gram = unit @ unit.T
+    names = [target.name for target in wants]
+    limited = [target.name for target in problem.targets]
+    # dpreference/dlimit = −μ of the constraint in units of its size.
+    costs = dict.fromkeys(names, 0.0) | dict(
+        zip(limited, map(float, -found.multipliers[: len(limited)] / problem.sizes), strict=True)
+    )
+    sines = np.sqrt(np.maximum(1 / np.maximum(np.diag(np.linalg.pinv(gram)), 1.0), 0.0))
+    change = z - unknowns.origin
+    if unknowns.signs is not None and len(unknowns.free) == problem.manifold.network.n_edges:
+        change = change - change.mean()
+    return Design(
+        value=solved.value,
+        status=status if solved.ok else solved.status,
+        stats=Stats("sqp", found.steps, found.violation, error_bound=solved.value.error_bound),
+        note=note,
+        achieved=dict(zip(names, map(float, values), strict=True)),
+        error_bounds=_error_bounds(problem.manifold, wants, solved.value),
+        multipliers=costs,
+        gram=gram,
+        independence=dict(zip(names, map(float, sines), strict=True)),
+        preference=problem.preference.sign * found.point.value,
+        distance=float(np.sqrt(np.mean(change**2))),
+    )
+
+
+def _error_bounds(manifold: CriticalManifold, wants: list[Wanted], critical: CriticalConfiguration) -> dict[str, float]:
+    """Error bounds (estimate) of the values: derivatives by the bond vectors times their errors, and rounding."""
+    sigma, L, found = critical.sigma, critical.bond_vectors, dict[str, float]()
+    volume = manifold.network.volume
+    for target in wants:
+        value, (by_sigma, by_L) = target.objective.evaluate(sigma, L)
+        size = np.linalg.norm(by_L, axis=1)
+        rounding = 4 * EPS * float(np.sum(np.abs(by_sigma * sigma)) + size @ critical.lengths + abs(value))
+        found[target.name] = float(size @ critical.bond_errors) + rounding
+        if isinstance(target.objective, StiffeningCoefficient):
+            errors = Growth(manifold, sigma, L).energy.third_error
+            found[target.name] += errors[int(target.objective.of_shear)] / volume
+    return found

@@ -69,6 +69,11 @@ UNSUPPORTED       Part of a stress that flows around an edge below which its cut
 Targets
 TARGET_REACHED    Largest relative error of a target of a design.
 TARGET_STATIONARY Change of log σ along the surface of the targets below which the nearest solution is reached.
+TARGET_OPTIMAL    Component of the gradient of the preference along the surface of the targets, relative to 1 plus the
+                  largest component of the gradient, below which it is least.
+UNLIMITED         Gradient of a target by log σ, in units of its size, below which a search cannot start there.
+BOUND_ROUNDING    Rounding of a closed-form bound, relative.
+ONLY_STIFFEST     Relative distance from the largest B_0 within which its own relations count as attained.
 INDEPENDENT_TARGETS
                   Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
 POSITIVE_TENSOR   Eigenvalues of a requested tensor below this part of the largest one count as zero.
@@ -94,6 +99,10 @@ UNSUPPORTED = 1e-10
 
 TARGET_REACHED = 1e-11
 TARGET_STATIONARY = 1e-3
+TARGET_OPTIMAL = 1e-3
+UNLIMITED = 1e-6
+BOUND_ROUNDING = 1e-12
+ONLY_STIFFEST = 1e-9
 INDEPENDENT_TARGETS = 1e-6
 POSITIVE_TENSOR = 1e-12
 

@@ -3,13 +3,13 @@
 A third derivative of the energy is stationary in the responses u and λ, so its derivative by σ needs none of theirs:
     dC/dσ = ∂C/∂σ|_(L,u,λ) + pull-back of ∂C/∂L|_(σ,u,λ),
 one bordered solve for the responses and one with P for the pull-back.  Both partial derivatives are those of a sum over
-edges, by complex steps, which are exact to rounding; the amplitudes c_a = σ̂·ḣ_a/D add the chain rule.
+edges; the amplitudes c_a = σ̂·ḣ_a/D add the chain rule.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from critflow.mechanics.laws import HOOKEAN
 from critflow.mechanics.third_order import Response, ThirdOrderEnergy, Triple
 from critflow.networks.network import Array
 
-# Imaginary step of complex differentiation: far below rounding of the real part.
-_STEP = 1e-30
-
 
 @dataclass(frozen=True)
 class StiffeningCoefficient(Objective):
@@ -29,7 +26,7 @@ class StiffeningCoefficient(Objective):
 
     manifold   of the network
     of_shear   C_G by the energy convention; otherwise C_B
-    maximise   whether the largest value is the best
+    largest    whether the largest value is the best
     """
 
     manifold: CriticalManifold = field(repr=False)
@@ -44,75 +41,102 @@ class StiffeningCoefficient(Objective):
         return self.largest
 
     def evaluate(self, sigma: Array, L: Array) -> tuple[float, Partials]:
-        network = self.manifold.network
-        energy = _energy(self.manifold, sigma, L)
-        terms = _Terms(network.stiffness, energy.responses, network.dimension)
-        norm = float(np.linalg.norm(sigma))
-        s = sigma / norm
-        amplitudes = np.array([response.amplitude for response in energy.responses])
-        value, by_s, by_L, by_c = terms.derivatives(s, L, amplitudes, self.of_shear)
+        return self.of(Growth(self.manifold, sigma, L))
+
+    def of(self, growth: Growth) -> tuple[float, Partials]:
+        """As `evaluate`, from responses that both coefficients share."""
+        network, L, s = growth.manifold.network, growth.bond_vectors, growth.unit_stress
+        responses = growth.energy.responses
+        amplitudes = np.array([response.amplitude for response in responses])
+        terms = _Terms(network.stiffness, responses, s, L, amplitudes)
+        value, by_s, by_L, by_c = terms.shear() if self.of_shear else terms.bulk()
         # The amplitudes are functions of σ̂ and L.
-        square = np.einsum("ad,ad->a", L, L)
-        flexibility = square / network.stiffness
+        flexibility = np.einsum("ad,ad->a", L, L) / network.stiffness
         D = float(s**2 @ flexibility)
-        for c, derivative, response in zip(amplitudes, by_c, energy.responses, strict=True):
+        for c, derivative, response in zip(amplitudes, by_c, responses, strict=True):
             symmetric = 0.5 * (response.strain + response.strain.T)
             AL = L @ symmetric
             hdot = np.einsum("ad,ad->a", L, AL)
             by_s += derivative * (hdot - 2 * c * s * flexibility) / D
             by_L += (derivative / D) * (2 * s[:, None] * AL - (2 * c * s**2 / network.stiffness)[:, None] * L)
-        by_sigma = (by_s - (by_s @ s) * s) / norm
+        by_sigma = (by_s - (by_s @ s) * s) / growth.norm
         return value / network.volume, (by_sigma / network.volume, by_L / network.volume)
 
 
-def _energy(manifold: CriticalManifold, sigma: Array, L: Array) -> ThirdOrderEnergy:
-    d = manifold.network.dimension
-    triples = (
-        Triple.cubed(0, (1 / d) * (1 / d - 1) * np.eye(d)),
-        Triple.squared(1, 0, np.zeros((d, d)), pure_shear(d) / d),
-    )
-    strains = (dilation(d), pure_shear(d))
-    return ThirdOrderEnergy(manifold.network, sigma, L, manifold.system(sigma), HOOKEAN, strains, triples)
+class Growth:
+    """The responses to dilation and shear at stresses σ and bond vectors L in balance: C_B and C_G share them.
+
+    unit_stress  σ̂ = σ/norm, (N_b,)
+    energy       third derivatives of the energy, for springs of Hooke's law
+    """
+
+    def __init__(self, manifold: CriticalManifold, sigma: Array, L: Array):
+        self.manifold, self.bond_vectors = manifold, L
+        self.norm = float(np.linalg.norm(sigma))
+        self.unit_stress = sigma / self.norm
+        d = manifold.network.dimension
+        triples = (
+            Triple.cubed(0, (1 / d) * (1 / d - 1) * np.eye(d)),
+            Triple.squared(1, 0, np.zeros((d, d)), pure_shear(d) / d),
+        )
+        strains = (dilation(d), pure_shear(d))
+        self.energy = ThirdOrderEnergy(manifold.network, sigma, L, manifold.system(sigma), HOOKEAN, strains, triples)
 
 
-@dataclass(frozen=True, eq=False)
 class _Terms:
-    """V C as a sum over edges at fixed responses u and λ."""
+    """V C as a sum over edges at fixed responses u and λ: a function of σ̂ (N_b,), L (N_b, d) and the amplitudes c.
 
-    stiffness: Array
-    responses: tuple[Response, ...]
-    dimension: int
+    rates  L̇ = L Aᵀ + g u of both strains; slips  R = L·L̇ − c σ̂|L|²/k of both, with their derivatives by L
+    """
 
-    def edges(self, s: Any, L: Any, c: Any, of_shear: bool) -> Any:
-        """Contributions (N_b,) of the edges, analytic in σ̂ (N_b,), L (N_b, d) and the amplitudes c (2,)."""
-        d, k = self.dimension, self.stiffness
-        square = np.sum(L * L, axis=1)
-        flexibility = square / k
-        goals = [amplitude * s * flexibility for amplitude in c]
-        rates = [L @ response.strain + response.bond_displacement for response in self.responses]
-        rests = [np.sum(L * rate, axis=1) - goal for rate, goal in zip(rates, goals, strict=True)]
-        m, n = (response.multipliers for response in self.responses)
-        third = -3 * k / square**2
-        if not of_shear:
-            dilating = np.sum(rates[0] * rates[0], axis=1) + (1 / d) * (1 / d - 1) * square
-            growth = third * goals[0] ** 3 + 3 * c[0] * (s * dilating + 2 * m * rests[0])
-            return c[0] ** 2 * s**2 * flexibility + growth
-        shearing = np.sum(rates[1] * rates[1], axis=1)
-        mixed = np.sum(rates[0] * rates[1], axis=1) + np.sum(L * (L @ self.responses[1].strain), axis=1) / d
-        growth = third * goals[0] * goals[1] ** 2 + c[0] * (s * shearing + 2 * n * rests[1])
-        growth = growth + 2 * c[1] * (s * mixed + n * rests[0] + m * rests[1])
-        return growth - c[1] ** 2 * s**2 * flexibility
+    def __init__(self, stiffness: Array, responses: tuple[Response, ...], s: Array, L: Array, c: Array):
+        self.k, self.s, self.L, self.c = stiffness, s, L, c
+        self.square = _dot(L, L)
+        self.flexibility = self.square / stiffness
+        self.strains = [response.strain for response in responses]
+        self.weights = [response.multipliers for response in responses]
+        self.rates = [L @ response.strain.T + response.bond_displacement for response in responses]
+        self.slips = [_dot(L, rate) - a * s * self.flexibility for rate, a in zip(self.rates, c, strict=True)]
+        stretch = 2 * (s / stiffness)[:, None] * L
+        self.slips_by_L = [rate + L @ A - a * stretch for rate, A, a in zip(self.rates, self.strains, c, strict=True)]
 
-    def derivatives(self, s: Array, L: Array, c: Array, of_shear: bool) -> tuple[float, Array, Array, Array]:
-        """V C and its partial derivatives by σ̂ (N_b,), L (N_b, d) and the amplitudes (2,)."""
-        by_L, by_c = np.empty_like(L), np.empty(len(c))
-        for axis in range(L.shape[1]):
-            step = np.zeros(L.shape, complex)
-            step[:, axis] = 1j * _STEP
-            by_L[:, axis] = self.edges(s, L + step, c, of_shear).imag / _STEP
-        by_s = self.edges(s + 1j * _STEP, L, c, of_shear).imag / _STEP
-        for n in range(len(c)):
-            moved = c.astype(complex)
-            moved[n] += 1j * _STEP
-            by_c[n] = float(np.sum(self.edges(s, L, moved, of_shear)).imag) / _STEP
-        return float(np.sum(self.edges(s, L, c, of_shear))), by_s, by_L, by_c
+    def bulk(self) -> tuple[float, Array, Array, Array]:
+        """V C_B, and its derivatives by σ̂, L and c (2,)."""
+        (A, _), (m, _), c, s, L = self.strains, self.weights, self.c[0], self.s, self.L
+        rate, slip, flexibility = self.rates[0], self.slips[0], self.flexibility
+        d = L.shape[1]
+        curvature = (1 / d) * (1 / d - 1)
+        dilating = _dot(rate, rate) + curvature * self.square
+        cube = s**2 * flexibility / self.k
+        edges = c**2 * s**2 * flexibility - 3 * c**3 * s * cube + 3 * c * (s * dilating + 2 * m * slip)
+        by_s = 2 * c**2 * s * flexibility - 9 * c**3 * cube + 3 * c * (dilating - 2 * c * m * flexibility)
+        along = 2 * c**2 * s**2 / self.k - 6 * c**3 * s**3 / self.k**2 + 6 * c * curvature * s
+        by_L = along[:, None] * L + (6 * c * s)[:, None] * (rate @ A) + (6 * c * m)[:, None] * self.slips_by_L[0]
+        by_c = 2 * c * s**2 * flexibility - 9 * c**2 * s * cube + 3 * (s * dilating + 2 * m * slip)
+        by_c -= 6 * c * m * s * flexibility
+        return float(np.sum(edges)), by_s, by_L, np.array([np.sum(by_c), 0.0])
+
+    def shear(self) -> tuple[float, Array, Array, Array]:
+        """V C_G, and its derivatives by σ̂, L and c (2,)."""
+        (A, B), (m, n), (a, b), s, L = self.strains, self.weights, self.c, self.s, self.L
+        (rate_a, rate_b), (slip_a, slip_b), flexibility = self.rates, self.slips, self.flexibility
+        d = L.shape[1]
+        shearing = _dot(rate_b, rate_b)
+        mixed = _dot(rate_a, rate_b) + _dot(L, L @ B) / d
+        cube = s**2 * flexibility / self.k
+        single, double = s * shearing + 2 * n * slip_b, s * mixed + n * slip_a + m * slip_b
+        edges = -3 * a * b**2 * s * cube + a * single + 2 * b * double - b**2 * s**2 * flexibility
+        by_s = -9 * a * b**2 * cube + a * (shearing - 2 * b * n * flexibility)
+        by_s += 2 * b * (mixed - (a * n + b * m) * flexibility) - 2 * b**2 * s * flexibility
+        along = -6 * a * b**2 * s**3 / self.k**2 - 2 * b**2 * s**2 / self.k
+        by_L = along[:, None] * L + (2 * a * s)[:, None] * (rate_b @ B) + (2 * a * n)[:, None] * self.slips_by_L[1]
+        by_L += (2 * b * s)[:, None] * (rate_b @ A + rate_a @ B + (L @ B + L @ B.T) / d)
+        by_L += (2 * b) * (n[:, None] * self.slips_by_L[0] + m[:, None] * self.slips_by_L[1])
+        by_a = -3 * b**2 * s * cube + single - 2 * b * n * s * flexibility
+        by_b = -6 * a * b * s * cube + 2 * double - 2 * (a * n + b * m + b * s) * s * flexibility
+        return float(np.sum(edges)), by_s, by_L, np.array([np.sum(by_a), np.sum(by_b)])
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Products of the vectors of each edge, (N_b,)."""
+    return np.asarray(np.einsum("ad,ad->a", a, b))

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -92,8 +93,6 @@ class ThirdOrderEnergy:
 
     responses    to the strains, in their order
     third        E_abc of each triple
-    third_error  bounds on their errors
-    sensitivity  change of each E_abc per relative error of the bond vectors
     """
 
     def __init__(
@@ -119,9 +118,22 @@ class ThirdOrderEnergy:
         self.responses = tuple(self._respond(A, sigma, factor) for A in strains)
         self._parts = self._edge_parts(L, [response.amplitude for response in self.responses])
         self.third = [float(np.sum(edges)) for edges in self._parts]
-        by_bonds = [np.linalg.norm(gradient, axis=1) * lengths for gradient in self._gradients()]
-        self.sensitivity = [float(np.sum(edges)) for edges in by_bonds]
-        self.third_error = self._third_errors(by_bonds)
+
+    @cached_property
+    def _by_bonds(self) -> list[Array]:
+        """Change of each third derivative per relative error of each bond vector, (N_b,) each."""
+        lengths = np.linalg.norm(self._L, axis=1)
+        return [np.linalg.norm(gradient, axis=1) * lengths for gradient in self._gradients()]
+
+    @cached_property
+    def sensitivity(self) -> list[float]:
+        """Change of each E_abc per relative error of the bond vectors."""
+        return [float(np.sum(edges)) for edges in self._by_bonds]
+
+    @cached_property
+    def third_error(self) -> list[float]:
+        """Error bounds (estimates) of the third derivatives."""
+        return self._third_errors(self._by_bonds)
 
     def second(self, a: int, b: int) -> float:
         """E_ab."""

@@ -8,6 +8,10 @@ NEGATIVE            Negative curvature that is not rounding, relative to the ste
                     Lanczos vectors do not resolve the end of the spectrum.
 NEGATIVE_GRADIENTS  The same in units of the largest component of the gradient: where the gradient does not quite
                     vanish, flat directions have an apparent curvature of that size.
+RESTORED            Violation of a constraint that counts as satisfied, in units of its size.
+DEPENDENT           Eigenvalue of the Gram matrix of gradients below which they count as dependent, relative to the
+                    largest: the rounding of gradients, squared, is below it.
+CURVED              Cosine between a step and its change of gradient below which it says nothing about the curvature.
 SEMIDEFINITE        Gap and feasibility of semidefinite programs: reached by Clarabel on all networks tested.
 TARGETS_MET         Largest miss of a target of order one that counts as met.
 NEARLY_MET          Largest miss from which shortest steps meet the targets.
@@ -26,6 +30,9 @@ FLAT = 1e-11
 IDLE = 100
 NEGATIVE = 1e-6
 NEGATIVE_GRADIENTS = 10.0
+RESTORED = 1e-11
+DEPENDENT = 1e-14
+CURVED = 1e-8
 SEMIDEFINITE = 1e-10
 TARGETS_MET = 1e-11
 NEARLY_MET = 1e-3

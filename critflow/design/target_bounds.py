@@ -1,0 +1,142 @@
+"""Closed-form bounds that exclude targets at the transition, each a proof.
+
+With w the part of L̇ normal to L in the response to dilation, and c = σ̂·ḣ/D, the third derivative of the energy is
+    V C_B = (3/d − 2) V B_0 + 3c Σ σ̂ |w|²,
+since the parts along the edges cancel the cubic terms of Hooke's law.  For σ > 0 hence C_B ≥ (3/d − 2) B_0, with
+equality at the largest B_0 only (`stiffening_bound`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from critflow.critical.manifold import CriticalManifold
+from critflow.critical.objectives import LengthVariance, TensionVariance, TransitionModulus, dilation, pure_shear
+from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound
+from critflow.design.target_table import StressComponent, Wanted
+from critflow.design.tolerances import BOUND_ROUNDING, ONLY_STIFFEST
+from critflow.mechanics.stiffening_objective import StiffeningCoefficient
+from critflow.networks.deformation import strain_basis
+from critflow.networks.network import Array
+from critflow.result import InputError
+
+
+def excluded(manifold: CriticalManifold, targets: Sequence[Wanted], positive: bool) -> str:
+    """A sentence where a closed-form bound excludes the targets, else an empty string.
+
+    positive  whether all stresses are positive
+    """
+    note = _beyond_sign(targets) or _beyond_modulus(manifold, targets)
+    note = note or _beyond_stress(manifold, targets, positive)
+    return note or (_beyond_softening(manifold, targets) if positive else "")
+
+
+def _beyond_sign(targets: Sequence[Wanted]) -> str:
+    for target in targets:
+        if isinstance(target.objective, TransitionModulus | LengthVariance | TensionVariance) and target.high < 0:
+            return f"{target.name} is never negative, and at most {target.high:.8g} was requested"
+    return ""
+
+
+def _beyond_modulus(manifold: CriticalManifold, targets: Sequence[Wanted]) -> str:
+    for target in targets:
+        if isinstance(target.objective, TransitionModulus) and np.isfinite(target.low):
+            bound = modulus_bound(manifold, target.objective.symmetric)
+            if target.low > bound * (1 + BOUND_ROUNDING):
+                return (
+                    f"{target.name} is at most {bound:.8g} for every stress of this network, and {target.low:.8g} was "
+                    "requested"
+                )
+    return ""
+
+
+def _beyond_stress(manifold: CriticalManifold, targets: Sequence[Wanted], positive: bool) -> str:
+    """The bound (S:A)² ≤ V D μ_A of a fully prescribed S, for the worst strain A."""
+    network = manifold.network
+    S = prescribed_stress(network.dimension, targets)
+    if S is None:
+        return ""
+    _, strains = strain_basis(network.dimension)
+    matrix = np.einsum("n,nij->ij", S, strains * np.where(np.einsum("nii->n", strains) > 0, 1, 2)[:, None, None])
+    if positive and np.linalg.eigvalsh(matrix)[0] <= 0:
+        return "S is positive definite where every edge is under tension: choose signs='any', or another S"
+    for target in targets:
+        # C = S⊗S/(V D): every modulus follows from S/√D.
+        if isinstance(target.objective, TransitionModulus):
+            implied = float(np.sum(matrix * target.objective.symmetric)) ** 2 / network.volume
+            if not target.low * (1 - 1e-9) <= implied <= target.high * (1 + 1e-9):
+                raise InputError(
+                    f"the targets contradict each other: these components of S/√D make {target.name} {implied:.8g}"
+                )
+    ratio = float(S @ np.linalg.solve(_modulus_form(manifold, strains) * network.volume, S))
+    if ratio <= 1 + BOUND_ROUNDING:
+        return ""
+    return f"S/√D exceeds its bound for every stress of this network by a factor of {np.sqrt(ratio):.6g}"
+
+
+def prescribed_stress(dimension: int, targets: Sequence[Wanted]) -> Array | None:
+    """The components S:A of a fully prescribed S/√D in the order of `strain_basis`, or None."""
+    _, strains = strain_basis(dimension)
+    found = np.full(len(strains), np.nan)
+    for target in targets:
+        if isinstance(target.objective, StressComponent) and target.low == target.high:
+            same = (strains == target.objective.strain).all(axis=(1, 2))
+            found[same] = target.low
+    return None if np.isnan(found).any() else found
+
+
+def _modulus_form(manifold: CriticalManifold, strains: Array) -> Array:
+    """The largest μ_A as a quadratic form of the strain A (m, m), from sums of two strains."""
+    m = len(strains)
+    form = np.empty((m, m))
+    for a in range(m):
+        for b in range(a + 1):
+            form[a, b] = form[b, a] = modulus_bound(manifold, strains[a] + strains[b])
+    single = np.diag(form) / 4
+    return np.asarray(0.5 * (form - single[:, None] - single[None]))
+
+
+def _beyond_softening(manifold: CriticalManifold, targets: Sequence[Wanted]) -> str:
+    """C_B ≥ (3/d − 2) B_0, equal at the largest B_0 only; C_G ≥ −(G_0/3B_0)(C_B − (3/d − 2) B_0)."""
+    d = manifold.network.dimension
+    growth = {t.objective.of_shear: t for t in targets if isinstance(t.objective, StiffeningCoefficient) and not t.goal}
+    if not growth:
+        return ""
+    coefficient, bound = 3 / d - 2, bulk_modulus_bound(manifold)
+    lowest, highest = _range_of_modulus(targets, dilation(d), bound)
+    bulk = growth.get(False)
+    if bulk is not None:
+        least = coefficient * highest
+        if bulk.high < least - BOUND_ROUNDING * bound:
+            return (
+                f"{bulk.name} is at least {coefficient:.3g} B_0 = {least:.8g} under tension, and {bulk.high:.8g} was "
+                "requested"
+            )
+        if bulk.high < least + ONLY_STIFFEST * bound and highest < bound * (1 - ONLY_STIFFEST):
+            return (
+                f"{bulk.name} = {coefficient:.3g} B_0 is attained at the largest B_0 = {bound:.8g} only, and at most "
+                f"{highest:.8g} was requested"
+            )
+        if lowest >= bound * (1 - BOUND_ROUNDING) and bulk.low > coefficient * bound * (1 - ONLY_STIFFEST):
+            return f"at the largest B_0 = {bound:.8g}, {bulk.name} is {coefficient * bound:.8g} for every configuration"
+    shear = growth.get(True)
+    if bulk is None or shear is None or lowest == 0:
+        return ""
+    _, shear_modulus = _range_of_modulus(targets, pure_shear(d), modulus_bound(manifold, pure_shear(d)))
+    ratio = bulk.high / (lowest if bulk.high > 0 else highest) - coefficient
+    least = -shear_modulus / 3 * ratio
+    if shear.high < least - BOUND_ROUNDING * bound:
+        return f"{shear.name} is at least {least:.8g} with these targets under tension, not {shear.high:.8g}"
+    return ""
+
+
+def _range_of_modulus(targets: Sequence[Wanted], strain: Array, bound: float) -> tuple[float, float]:
+    """The requested range of the modulus of a strain, inside 0 and its bound."""
+    same = [
+        t
+        for t in targets
+        if isinstance(t.objective, TransitionModulus) and np.array_equal(t.objective.symmetric, strain)
+    ]
+    return max([0.0, *(t.low for t in same)]), min([bound, *(t.high for t in same)])

@@ -1,0 +1,273 @@
+"""Smooth optimisation with few constraints and many unknowns: constraints first, then the objective as well.
+
+    minimise f(z)  subject to  l ≤ c(z) ≤ u,
+with z (N,), and n ≪ N constraints of size one that matter at a time.  With H the inverse of a limited-memory BFGS
+matrix of the Lagrangian, started from the unit matrix, a step is
+    d = −H (∇f + Jᵀμ),
+where μ is the solution of the dual quadratic program, of the size of the constraints: free for l = u, of one sign at a
+limit.  A step along the surface is followed by shortest steps, in the same metric, that restore the constraints.
+Restoration is damped where the gradients of the constraints are nearly dependent (Levenberg and Marquardt).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from critflow.result import Status
+from critflow.solvers.tolerances import ARMIJO, CURVED, DEPENDENT, RESTORED
+
+Array = NDArray[np.float64]
+
+# Pairs of the limited-memory matrix; steps that restore constraints after one along their surface.
+_MEMORY, _RESTORING = 20, 8
+# Largest and smallest damping of restoration, in units of the mean square gradient; shortest part of a step.
+_MOST_DAMPED, _LEAST_DAMPED, _SHORTEST = 1e4, 1e-10, 1e-4
+# Distance from a limit within which a constraint takes part in a step.
+_NEAR = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Values at z: f, ∇f (N,), constraints c (n,), and their gradients by index, rows(indices) (m, N)."""
+
+    z: Array
+    value: float
+    gradient: Array
+    constraints: Array
+    rows: Callable[[NDArray[np.intp]], Array] = field(repr=False)
+
+
+class Problem(Protocol):
+    """A constrained problem: limits (n,), and a function of z; a value that is not finite is outside the domain."""
+
+    low: Array
+    high: Array
+
+    def at(self, z: Array) -> Point: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """The end of a search: z, multipliers (n,) with ∇f + Jᵀμ = 0, remaining violation and gradient, and the outcome."""
+
+    point: Point
+    multipliers: Array
+    violation: float
+    residual: float
+    steps: int
+    status: Status
+
+    @property
+    def reached(self) -> bool:
+        """Whether all constraints are satisfied."""
+        return self.violation <= RESTORED
+
+
+class _Working:
+    """The constraints that matter at a point: all equations, and those near or beyond a limit, as c − limit."""
+
+    def __init__(self, problem: Problem, point: Point):
+        c, low, high = point.constraints, problem.low, problem.high
+        equal = low == high
+        near = np.flatnonzero(equal | (c < low + _NEAR) | (c > high - _NEAR))
+        self.indices, self.equal, self._point = near, equal[near], point
+        lower = ~self.equal & (c[near] - low[near] < high[near] - c[near])
+        # Signed so that a limit means c − limit ≤ 0 and μ ≥ 0.
+        self.sign = np.where(lower, -1.0, 1.0)
+        limit = np.where(lower, low[near], high[near])
+        self.excess = self.sign * (c[near] - limit)
+
+    @cached_property
+    def rows(self) -> Array:
+        return self.sign[:, None] * self._point.rows(self.indices)
+
+    def multipliers(self, gram: Array, right: Array) -> Array:
+        """μ of least ½μᵀ gram μ − right·μ, where μ ≥ 0 for limits."""
+        if not len(right):
+            return right
+        if self.equal.all():
+            return np.asarray(np.linalg.lstsq(gram, right, rcond=DEPENDENT)[0])
+        values, vectors = np.linalg.eigh(gram)
+        kept = values > DEPENDENT * max(values[-1], np.finfo(float).tiny)
+        root = np.sqrt(values[kept])
+        lower = np.where(self.equal, -np.inf, 0.0)
+        found = lsq_linear(
+            root[:, None] * vectors[:, kept].T, (vectors[:, kept].T @ right) / root, (lower, np.inf), method="bvls"
+        )
+        return np.asarray(found.x)
+
+
+class _Metric:
+    """H, the inverse of a limited-memory BFGS matrix: products with vectors (N,) or rows (n, N)."""
+
+    def __init__(self) -> None:
+        self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=_MEMORY)
+        self._scale = 1.0
+
+    def add(self, s: Array, y: Array) -> None:
+        curvature = float(s @ y)
+        if curvature > CURVED * float(np.linalg.norm(s) * np.linalg.norm(y)):
+            self._pairs.append((s, y, 1 / curvature))
+            self._scale = curvature / float(y @ y)
+
+    def forget(self) -> bool:
+        """Forget all pairs; whether there were any."""
+        some = bool(self._pairs)
+        self._pairs.clear()
+        self._scale = 1.0
+        return some
+
+    def times(self, rows: Array) -> Array:
+        q, parts = np.array(rows, copy=True), []
+        for s, y, rho in reversed(self._pairs):
+            part = rho * (q @ s)
+            q -= np.multiply.outer(part, y)
+            parts.append(part)
+        q *= self._scale
+        for (s, y, rho), part in zip(self._pairs, reversed(parts), strict=True):
+            q += np.multiply.outer(part - rho * (q @ y), s)
+        return q
+
+
+def minimise_constrained(problem: Problem, start: Array, tolerance: float, longest: float, max_steps: int) -> Minimum:
+    """A local minimum from a start (N,).
+
+    tolerance  largest component of ∇f + Jᵀμ, relative to 1 + |∇f|
+    longest    largest change of a component in one step
+
+    `Status.infeasible` where the violation cannot be reduced to first order, `Status.step_limit` and `Status.stalled`
+    for the objective: the constraints are then satisfied.
+    """
+    metric, search = _Metric(), _Search(problem, longest)
+    point = feasible = search.restored(problem.at(start), metric, max_steps)
+    if violation(problem, point) > RESTORED:
+        status = Status.step_limit if search.steps >= max_steps else Status.infeasible
+        return search.end(point, status)
+    while True:
+        step = search.step(point, metric)
+        if step.residual <= tolerance * (1 + float(np.abs(point.gradient).max())):
+            status = Status.ok
+        elif search.steps >= max_steps:
+            status = Status.step_limit
+        else:
+            moved = search.along(point, step, metric)
+            if moved is not None:
+                metric.add(moved.z - point.z, step.change_of_gradient(point, moved))
+                point = moved
+                continue
+            if metric.forget():
+                continue
+            status = Status.stalled
+        point = search.restored(point, metric, _RESTORING)
+        return search.end(point if violation(problem, point) <= RESTORED else feasible, status)
+
+
+def violation(problem: Problem, point: Point) -> float:
+    """The largest distance of a constraint from its limits."""
+    c = point.constraints
+    return float(np.abs(c - np.clip(c, problem.low, problem.high)).max(initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A step (N,) with the multipliers of the working constraints and the residual of optimality."""
+
+    d: Array
+    multipliers: Array
+    working: _Working
+    residual: float
+
+    def change_of_gradient(self, point: Point, moved: Point) -> Array:
+        """Change of the gradient of the Lagrangian."""
+        rows = self.working.sign[:, None] * moved.rows(self.working.indices) - self.working.rows
+        return np.asarray(moved.gradient - point.gradient + self.multipliers @ rows)
+
+
+class _Search:
+    """The steps of one search and their number."""
+
+    def __init__(self, problem: Problem, longest: float):
+        self.problem, self.longest, self.steps, self.penalty = problem, longest, 0, 0.0
+
+    def step(self, point: Point, metric: _Metric) -> _Step:
+        """The step to the minimum of the quadratic model, at linearised constraints."""
+        working = _Working(self.problem, point)
+        J, g = working.rows, point.gradient
+        HJ, Hg = metric.times(J), metric.times(g)
+        mu = working.multipliers(J @ HJ.T, working.excess - J @ Hg)
+        plain = working.multipliers(J @ J.T, np.where(working.equal, 0.0, np.minimum(working.excess, 0.0)) - J @ g)
+        return _Step(-(Hg + mu @ HJ), mu, working, float(np.abs(g + plain @ J).max()))
+
+    def along(self, point: Point, step: _Step, metric: _Metric) -> Point | None:
+        """A point with a smaller value of f + penalty·Σ|violation|, or None."""
+        self.penalty = max(self.penalty, 2 * float(np.abs(step.multipliers).max(initial=0.0)))
+        violated = self._violation(point)
+        here = point.value + self.penalty * violated
+        slope = float(point.gradient @ step.d) - self.penalty * violated
+        part = min(1.0, self.longest / max(float(np.abs(step.d).max()), 1e-300))
+        whole = True
+        while part > _SHORTEST:
+            self.steps += 1
+            moved = self.problem.at(point.z + part * step.d)
+            wanted = here - ARMIJO * part * abs(slope)
+            if not self._merit(moved) <= wanted and whole and np.isfinite(self._merit(moved)):
+                # Curvature of the constraints may hide a decrease: return to their surface first.
+                moved = self.restored(moved, metric, 2)
+            if self._merit(moved) <= wanted:
+                return moved
+            part, whole = 0.3 * part, False
+        return None
+
+    def _violation(self, point: Point) -> float:
+        c = point.constraints
+        return float(np.abs(c - np.clip(c, self.problem.low, self.problem.high)).sum())
+
+    def _merit(self, point: Point) -> float:
+        return point.value + self.penalty * self._violation(point)
+
+    def restored(self, point: Point, metric: _Metric, most: int) -> Point:
+        """The point after at most `most` damped Gauss-Newton steps that reduce the violation."""
+        damping, size, last = 0.0, self._size(point), self.steps + most
+        step: tuple[_Working, Array, Array] | None = None
+        while size > 0 and violation(self.problem, point) > 0.01 * RESTORED and self.steps < last:
+            if step is None:
+                working = _Working(self.problem, point)
+                HJ = metric.times(working.rows)
+                step = working, HJ, working.rows @ HJ.T
+            working, HJ, gram = step
+            damped = gram + damping * (np.trace(gram) / max(len(gram), 1)) * np.eye(len(gram))
+            d = -(working.multipliers(damped, working.excess) @ HJ)
+            d *= min(1.0, self.longest / max(float(np.abs(d).max()), 1e-300))
+            self.steps += 1
+            moved = self.problem.at(point.z + d)
+            there = self._size(moved)
+            if there < (1 - 1e-3) * size:
+                point, size, step = moved, there, None
+                damping = 0.1 * damping if damping > _LEAST_DAMPED else 0.0
+            elif violation(self.problem, point) <= RESTORED or damping > _MOST_DAMPED:
+                break
+            else:
+                damping = max(10 * damping, _LEAST_DAMPED)
+        return point
+
+    def _size(self, point: Point) -> float:
+        c = point.constraints
+        size = float(np.linalg.norm(c - np.clip(c, self.problem.low, self.problem.high)))
+        return size if np.isfinite(size) else np.inf
+
+    def end(self, point: Point, status: Status) -> Minimum:
+        working = _Working(self.problem, point)
+        J, g = working.rows, point.gradient
+        mu = working.multipliers(J @ J.T, np.where(working.equal, 0.0, np.minimum(working.excess, 0.0)) - J @ g)
+        multipliers = np.zeros(len(point.constraints))
+        multipliers[working.indices] = working.sign * mu
+        residual = float(np.abs(g + mu @ J).max(initial=0.0))
+        return Minimum(point, multipliers, violation(self.problem, point), residual, self.steps, status)
