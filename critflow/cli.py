@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from critflow.explore_cli import explore
 from critflow.network_cli import convert, examine_file, make
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
@@ -320,6 +321,7 @@ app.command("examine", help="Print whether and why a network is rigid, its criti
     examine_file
 )
 app.command(help="Read a network, find its best critical configuration, certify it and write it.")(make)
+app.command(help="Change critical configurations by hand on a page that only this machine can open.")(explore)
 
 
 def _print_report(folder: Folder, report: Report) -> None:

@@ -1,0 +1,133 @@
+"""The numbers on the page: what the library returns, with its error bounds, to the digits that these leave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.objectives import named_objective
+from critflow.linalg.tolerances import EPS
+from critflow.mechanics.moduli import transition_moduli
+from critflow.mechanics.moduli_bounds import transition_bounds
+from critflow.mechanics.stiffening import stiffening
+from critflow.networks.network import Array
+from critflow.result import CritflowError
+from critflow.rigidity.counts import certify
+
+T = TypeVar("T")
+PROOF, ESTIMATE = "proof", "estimate"
+# Digits of a number without a bound, and most decimals shown.
+_PLAIN, _MOST = 6, 17
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number with its error bound, NaN if unknown, and the kind of the bound; `note` replaces a missing value."""
+
+    key: str
+    value: float
+    bound: float = np.nan
+    kind: str = ""
+    note: str = ""
+
+    @property
+    def text(self) -> str:
+        """The value to the digits that its bound leaves certain up to one unit in ten of the last one."""
+        if not np.isfinite(self.value):
+            return "—"
+        if isinstance(self.value, int | np.integer):
+            return f"{self.value:d}"
+        if not (np.isfinite(self.bound) and self.bound > 0):
+            return f"{self.value:.{_PLAIN}g}"
+        decimals = int(np.floor(-np.log10(self.bound))) - 1
+        if abs(self.value) and decimals > _MOST:
+            digits = decimals + 1 + int(np.floor(np.log10(abs(self.value))))
+            return f"{self.value:.{min(max(digits - 1, 0), _MOST - 1)}e}"
+        return f"{self.value:.{max(decimals, 0)}f}"
+
+    def shown(self) -> dict[str, str]:
+        """What the page prints."""
+        bound = f"± {self.bound:.1e}" if np.isfinite(self.bound) and self.bound > 0 else ""
+        return {"key": self.key, "text": self.text, "bound": bound, "kind": self.kind, "note": self.note}
+
+
+def quick(critical: CriticalConfiguration) -> list[Number]:
+    """Moduli, variances and residual, without bounds of the moduli: what follows the hand."""
+    moduli, note = _attempt(lambda: transition_moduli(critical))
+    numbers = [
+        Number("B_0", moduli.bulk if moduli else np.nan, note=note),
+        Number("G_0", moduli.shear if moduli else np.nan, note=note),
+    ]
+    return numbers + variances(critical) + [Number("residual", critical.residual)]
+
+
+def precise(manifold: CriticalManifold, critical: CriticalConfiguration) -> list[Number]:
+    """The moduli with their bounds, and the stiffening coefficients with theirs."""
+    moduli, note = _attempt(lambda: transition_moduli(critical))
+    bounds, _ = _attempt(lambda: transition_bounds(critical))
+    growth, why = _attempt(lambda: stiffening(manifold, critical, throw=False))
+    numbers = []
+    for key, name in (("B_0", "bulk"), ("G_0", "shear")):
+        value, bound = (np.nan if record is None else float(getattr(record, name)) for record in (moduli, bounds))
+        numbers.append(Number(key, value, bound, PROOF, note))
+    for key in ("C_B", "C_G", "C_G_stress_corrected"):
+        value = np.nan if growth is None else getattr(growth.value, key)
+        bound = np.nan if growth is None else float(getattr(growth.stats.error_bound, key, np.nan))
+        reason = why or ("" if growth is None or growth.ok else growth.reason)
+        numbers.append(Number(key, float(value), bound, ESTIMATE, reason))
+    return numbers
+
+
+def counts(critical: CriticalConfiguration) -> list[Number]:
+    """Self-stresses, zero modes and whether the configuration is rigid, with the gap of singular values."""
+    certificate, note = _attempt(lambda: certify(critical))
+    if certificate is None:
+        return [Number(key, np.nan, note=note) for key in ("self-stresses", "zero modes")]
+    low, high = certificate.gap
+    gap = f"singular values {low:.1e} | {high:.1e}"
+    rigid = "rigid to second order" if certificate.rigid else "not shown to be rigid"
+    return [
+        Number("self-stresses", certificate.n_self_stresses, note=gap),
+        Number("zero modes", certificate.n_zero_modes, note=rigid),
+    ]
+
+
+def variances(critical: CriticalConfiguration) -> list[Number]:
+    """V_L and V_τ.
+
+    Error bound (proof for stresses of one sign): changes δ of values w with mean m change √V = std/m by at most
+    (rms δ + √V mean δ)/(m − mean δ), so V by e(2√V + e).
+    """
+    error = np.where(np.isfinite(critical.bond_errors), critical.bond_errors, np.inf)
+    error = error + 4 * EPS * critical.lengths
+    numbers = []
+    for key, name, values, change in (
+        ("V_L", "length_variance", critical.lengths, error),
+        ("V_τ", "tension_variance", critical.tensions, np.abs(critical.sigma) * error),
+    ):
+        value = named_objective(critical.network, name).evaluate(critical.sigma, critical.bond_vectors)[0]
+        numbers.append(Number(key, value, _variance_bound(value, values, change), PROOF))
+    return numbers
+
+
+def _variance_bound(variance: float, values: Array, change: Array) -> float:
+    mean, shift = float(abs(values.mean())), float(change.mean())
+    if not (np.isfinite(shift) and shift < mean):
+        return np.nan
+    root = float(np.sqrt(variance))
+    error = (float(np.sqrt(np.mean(change**2))) + root * shift) / (mean - shift)
+    # The sums of N_b terms round the mean and the variance.
+    rounding = EPS * np.log2(len(values) + 2)
+    return error * (2 * root + error) + 4 * rounding * variance + (2 * rounding) ** 2
+
+
+def _attempt(compute: Callable[[], T]) -> tuple[T | None, str]:
+    """The result, or None and the reason."""
+    try:
+        return compute(), ""
+    except CritflowError as error:
+        return None, str(error)

@@ -1,0 +1,359 @@
+"use strict";
+// The page draws what the server sends and reports what the hand does; every number is text from the server.
+const get = (id) => document.getElementById(id), token = document.body.dataset.token;
+const LABELS = { B_0: "B₀", G_0: "G₀", C_G_stress_corrected: "C_G, stress-corrected", V_L: "V_L", "V_τ": "V_τ", "force(γ)": "largest force at γ",
+  "B(γ)": "B at γ", "G(γ)": "G at γ", "M(γ)": "modulus along γ", residual: "force residual / ⟨τ⟩" };
+const ROWS = ["B_0", "bound", "G_0", "C_B", "C_G", "C_G_stress_corrected", "V_L", "V_τ", "residual", "self-stresses", "zero modes", "B(γ)", "G(γ)", "M(γ)", "force(γ)"];
+// Okabe and Ito's colours, and a shape for each, so that none depends on colour alone.
+const COLOURS = ["#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F", "#000000"];
+let state = {}, welcome = {}, panels = {}, series = [], seriesKey = null, point = null, trail = [], curve = null;
+let socket, waiting = false, queue = [], sequence = 0, sentAt = new Map(), drag = null, ready = false;
+window.latencies = []; window.replies = 0;
+
+// Messages: one at a time; a later position of the same slider replaces one that waits.
+
+function send(message) {
+  const last = queue[queue.length - 1], moves = (m) => m && m.do === "change" && m.change[0] + "/" + (m.change.length === 3 ? m.change[1] : "");
+  if (last && message.do === "change" && message.change[0] !== "cut" && moves(last) === moves(message)) queue.pop();
+  queue.push({ ...message, at: performance.now() });
+  pump();
+}
+function pump() {
+  if (waiting || !queue.length || !socket || socket.readyState !== 1) return;
+  const { at, ...message } = queue.shift();
+  waiting = true; message.seq = ++sequence; message.series = seriesKey; sentAt.set(message.seq, at);
+  socket.send(JSON.stringify(message));
+}
+function change(...values) { send({ do: "change", change: values }); }
+
+function connect() {
+  const tab = sessionStorage.getItem("tab") || "";
+  socket = new WebSocket(`ws://${location.host}/socket?token=${token}&tab=${encodeURIComponent(tab)}`);
+  socket.binaryType = "arraybuffer";
+  socket.onmessage = (event) => receive(event.data);
+  socket.onclose = (event) => {
+    waiting = false; queue = [];
+    say(event.reason || "The server has stopped: start critflow explore again, then open this page's link there. The picture here no longer changes.", true);
+    document.body.dataset.connected = "no";
+    setTimeout(connect, 2000);
+  };
+}
+
+function receive(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  if (header.busy) { say(`Computing: ${header.busy}`); get("stop").hidden = false; return; }
+  const full = "drawings" in header && Object.keys(header.drawings).length > 0;
+  if (full) {
+    panels = {};
+    let offset = 4 + length;
+    for (const [name, drawing] of Object.entries(header.drawings)) {
+      drawing.segments = new Float32Array(buffer, offset, 4 * drawing.n); offset += 16 * drawing.n;
+      drawing.edges = new Float32Array(buffer, offset, drawing.n); offset += 4 * drawing.n;
+      panels[name] = drawing;
+    }
+    state = header;
+    if ("seq" in header) { waiting = false; pump(); }
+  }
+  if (header.welcome) greet(header.welcome);
+  if (header.plane && header.plane.series) { series = header.plane.series; seriesKey = header.plane.key; }
+  if ("point" in header) { point = header.point; trail = header.trail; curve = header.curve; }
+  requestAnimationFrame(() => {
+    if (full) { drawPanels(); controls(); }
+    numbers(header);
+    if ("point" in header || (header.plane && header.plane.series)) plots();
+    if (full) setTimeout(() => painted(header), 0);
+    window.replies++;
+  });
+}
+function painted(header) {
+  if (sentAt.has(header.seq)) window.latencies.push(performance.now() - sentAt.get(header.seq));
+  sentAt.delete(header.seq); window.shown = header.seq;
+}
+function say(sentence, error = false) { get("sentence").textContent = sentence; get("sentence").className = error ? "error" : ""; }
+
+// Pictures
+
+function context(canvas) {
+  const ratio = window.devicePixelRatio || 1, box = canvas.getBoundingClientRect();
+  const width = Math.max(1, Math.round(box.width * ratio)), height = Math.max(1, Math.round(box.height * ratio));
+  if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
+  const c = canvas.getContext("2d");
+  c.setTransform(ratio, 0, 0, ratio, 0, 0); c.clearRect(0, 0, box.width, box.height);
+  return [c, box.width, box.height];
+}
+function fit(outline, width, height) {
+  const xs = outline.map((p) => p[0]), ys = outline.map((p) => p[1]), margin = 6;
+  const x0 = Math.min(...xs), y0 = Math.min(...ys), w = Math.max(...xs) - x0, h = Math.max(...ys) - y0;
+  const s = Math.min((width - 2 * margin) / w, (height - 2 * margin) / h);
+  const left = (width - s * w) / 2, top = (height - s * h) / 2;
+  return { s, x: (v) => left + s * (v - x0), y: (v) => top + s * (h - v + y0), inverse: (px, py) => [(px - left) / s + x0, h + y0 - (py - top) / s] };
+}
+function path(c, view, corners) {
+  c.beginPath(); corners.forEach(([x, y], i) => (i ? c.lineTo : c.moveTo).call(c, view.x(x), view.y(y))); c.closePath();
+}
+function drawPanels() {
+  for (const name of ["network", "forces"]) {
+    const drawing = panels[name], canvas = get(name);
+    canvas.hidden = !drawing;
+    if (drawing) drawPanel(canvas, drawing, name === "network" ? state.marks.face : []);
+  }
+  get("noforces").hidden = Boolean(panels.forces);
+}
+function drawPanel(canvas, drawing, faces) {
+  const [c, width, height] = context(canvas), view = (drawing.view = fit(drawing.outline, width, height));
+  const { segments, edges, runs, n } = drawing, palette = welcome.palette, unit = Math.min(2.2, Math.max(0.35, 60 * Math.min(width, height) / 500 / Math.sqrt(n)));
+  c.save(); path(c, view, drawing.outline); c.clip();
+  c.fillStyle = "#fbe3b5"; for (const face of faces) { path(c, view, face); c.fill(); }
+  const line = (i) => { c.moveTo(view.x(segments[4 * i]), view.y(segments[4 * i + 1])); c.lineTo(view.x(segments[4 * i + 2]), view.y(segments[4 * i + 3])); };
+  if (state.marks.edge !== null) {
+    c.beginPath(); c.lineCap = "round"; c.lineWidth = 9; c.strokeStyle = "#e69f00";
+    for (let i = 0; i < n; i++) if (edges[i] === state.marks.edge) line(i);
+    c.stroke();
+  }
+  c.lineCap = "butt";
+  runs.forEach(([shade, first], k) => {
+    const last = k + 1 < runs.length ? runs[k + 1][1] : n, compressed = shade === palette.length - 1;
+    c.beginPath(); for (let i = first; i < last; i++) line(i);
+    c.strokeStyle = palette[shade]; c.setLineDash(compressed ? [4, 2] : []);
+    c.lineWidth = unit * (compressed ? 1.6 : shade >= palette.length - 2 ? 0.6 : 0.6 + 1.5 * shade / 32); c.stroke();
+  });
+  c.restore(); c.setLineDash([]); path(c, view, drawing.outline); c.strokeStyle = "#8a949e"; c.lineWidth = 1; c.stroke();
+}
+
+// Plots
+
+function ticks(low, high) {
+  const step = 10 ** Math.floor(Math.log10((high - low) / 3)), factor = (high - low) / step > 12 ? 5 : (high - low) / step > 6 ? 2 : 1;
+  const out = []; for (let v = Math.ceil(low / step / factor); v * step * factor <= high; v++) out.push(+(v * step * factor).toPrecision(12));
+  return out;
+}
+function range(values) {
+  let low = Infinity, high = -Infinity; for (const v of values) { if (v < low) low = v; if (v > high) high = v; }
+  if (!(high > low)) { const pad = Math.abs(low) / 10 || 1; return [low - pad, high + pad]; }
+  const pad = 0.06 * (high - low); return [low - pad, high + pad];
+}
+function axes(canvas, xs, ys, xlabel, ylabel) {
+  const [c, width, height] = context(canvas), [x0, x1] = range(xs), [y0, y1] = range(ys), l = 52, b = 34, r = 8, t = 8;
+  const x = (v) => l + (v - x0) / (x1 - x0) * (width - l - r), y = (v) => height - b - (v - y0) / (y1 - y0) * (height - b - t);
+  c.font = "12px system-ui, sans-serif"; c.fillStyle = "#14202b"; c.strokeStyle = "#e3e7ea"; c.lineWidth = 1;
+  c.textAlign = "center"; for (const v of ticks(x0, x1)) { c.beginPath(); c.moveTo(x(v), t); c.lineTo(x(v), height - b); c.stroke(); c.fillText(v, x(v), height - b + 14); }
+  c.textAlign = "right"; for (const v of ticks(y0, y1)) { c.beginPath(); c.moveTo(l, y(v)); c.lineTo(width - r, y(v)); c.stroke(); c.fillText(v, l - 4, y(v) + 4); }
+  c.textAlign = "center"; c.fillText(xlabel, (l + width) / 2, height - 4);
+  c.save(); c.translate(11, (height - b) / 2); c.rotate(-Math.PI / 2); c.fillText(ylabel, 0, 0); c.restore();
+  return [c, x, y];
+}
+function mark(c, kind, x, y, r) {
+  c.beginPath(); c.fillStyle = COLOURS[kind % 8]; c.strokeStyle = COLOURS[kind % 8];
+  const shape = kind % 6, polygon = (n, turn) => { for (let k = 0; k < n; k++) c.lineTo(x + 1.25 * r * Math.cos(turn + 2 * Math.PI * k / n), y + 1.25 * r * Math.sin(turn + 2 * Math.PI * k / n)); c.closePath(); c.fill(); };
+  if (shape === 0) { c.arc(x, y, r, 0, 7); c.fill(); } else if (shape === 1) polygon(4, Math.PI / 4); else if (shape === 2) polygon(3, -Math.PI / 2);
+  else if (shape === 3) polygon(4, 0); else { const a = shape === 4 ? 0 : Math.PI / 4; for (const t of [a, a + Math.PI / 2]) { c.moveTo(x - r * Math.cos(t) * 1.2, y - r * Math.sin(t) * 1.2); c.lineTo(x + r * Math.cos(t) * 1.2, y + r * Math.sin(t) * 1.2); } c.lineWidth = 2; c.stroke(); }
+}
+function plots() {
+  const here = state.plane && state.plane.open === "cloud" || !state.plane || /^bulk_modulus_0$/.test(state.plane.x) && /^C_B/.test(state.plane.y);
+  const own = here && point ? [...trail, point] : [];
+  if (series.length || own.length) {
+    const [c, x, y] = axes(get("plane"), [...series.flatMap((s) => s.x), ...own.map((p) => p[0])], [...series.flatMap((s) => s.y), ...own.map((p) => p[1])], state.plane.x, state.plane.y);
+    get("plane").places = [];
+    for (const s of series) s.x.forEach((v, i) => { mark(c, s.kind, x(v), y(s.y[i]), 3.2); get("plane").places.push([x(v), y(s.y[i]), s.cases[i]]); });
+    if (own.length) {
+      c.beginPath(); c.strokeStyle = "#14202b"; c.lineWidth = 1; own.forEach((p) => c.lineTo(x(p[0]), y(p[1]))); c.stroke();
+      const [px, py] = own[own.length - 1]; c.beginPath(); c.arc(x(px), y(py), 6.5, 0, 7); c.lineWidth = 4; c.strokeStyle = "#fff"; c.stroke(); c.lineWidth = 2.2; c.strokeStyle = "#14202b"; c.stroke();
+    }
+    legend(own.length);
+  }
+  get("curvebox").hidden = !curve;
+  if (!curve) return;
+  get("curvename").textContent = `${curve.name} against ${curve.along}${curve.line ? "; the line is B₀ + C_B γ" : ""}`;
+  const line = curve.line || [[], []], [c, x, y] = axes(get("curve"), [...curve.x, ...line[0]], [...curve.y, ...line[1]], curve.along, curve.name);
+  c.beginPath(); c.strokeStyle = "#56B4E9"; c.lineWidth = 2; line[0].forEach((v, i) => c.lineTo(x(v), y(line[1][i]))); c.stroke();
+  c.beginPath(); c.strokeStyle = "#0072B2"; c.lineWidth = 1; curve.x.forEach((v, i) => c.lineTo(x(v), y(curve.y[i]))); c.stroke();
+  curve.x.forEach((v, i) => mark(c, 0, x(v), y(curve.y[i]), 3.5));
+}
+function legend(own) {
+  const box = get("legend"); box.replaceChildren();
+  for (const s of series) {
+    const item = document.createElement("span"), icon = document.createElement("canvas");
+    item.append(icon, s.label); box.append(item);
+    icon.width = 24; icon.height = 24; const c = icon.getContext("2d"); c.scale(2, 2); mark(c, s.kind, 6, 6, 3.6);
+  }
+  if (own) { const item = document.createElement("span"); item.textContent = "◯ this network, with its trail"; box.append(item); }
+}
+
+// Numbers and controls
+
+function numbers(header) {
+  const body = get("numbers"), rows = {};
+  for (const row of body.rows) rows[row.dataset.key] = row;
+  const put = (number, due = false) => {
+    let row = rows[number.key];
+    if (!row) {
+      row = document.createElement("tr"); row.dataset.key = number.key;
+      const head = document.createElement("th"); head.scope = "row"; head.textContent = LABELS[number.key] || number.key;
+      row.append(head, document.createElement("td"), document.createElement("td"));
+      const after = [...body.rows].find((other) => ROWS.indexOf(other.dataset.key) > ROWS.indexOf(number.key));
+      body.insertBefore(row, after || null); rows[number.key] = row;
+    }
+    row.className = due ? "due" : "";
+    if (number.text !== undefined) { row.cells[1].textContent = number.text; row.cells[2].textContent = [number.bound && `${number.bound} (${number.kind})`, number.note].filter(Boolean).join("; "); }
+  };
+  if (header.due) {
+    for (const key of Object.keys(rows)) if (key.includes("γ") && !header.strain[1]) rows[key].remove();
+    for (const key of header.due) put({ key }, true);
+  }
+  if (header.bound) put({ key: "bound", text: header.bound, bound: "", note: "largest B₀ over all stresses (proof)" });
+  const due = new Set(header.due || []);
+  for (const number of header.numbers || []) put(number, due.has(number.key));
+}
+LABELS.bound = "bound of B₀";
+function controls() {
+  document.body.dataset.connected = "yes";
+  if (!queue.length) get("stop").hidden = true;
+  if ("sentence" in state) say(state.sentence, state.error);
+  get("title").textContent = state.title; get("sizes").textContent = state.sizes; document.title = `critflow: ${state.title}`;
+  get("undo").disabled = !state.undo; get("redo").disabled = !state.redo;
+  const busy = waiting || queue.length;
+  slide("stress", state.edge, state.edge && [-state.edge.reach, state.edge.reach], busy); slide("size", state.face, state.face && [state.face.low, state.face.high], busy);
+  for (const [id, item] of [["edge", state.edge], ["face", state.face]]) {
+    if (document.activeElement !== get(id)) get(id).value = item ? item.number : "";
+    if (item) get(id + "text").textContent = item.text;
+  }
+  if (state.strain[0]) get("deformation").value = state.strain[0];
+  bounds(); if (!busy) get("gamma").value = state.strain[1]; get("gammavalue").textContent = (+state.strain[1]).toFixed(3);
+  if (!busy) state.weights.forEach((weight, i) => { const input = get("blend").querySelectorAll("input")[i]; if (input) { input.value = weight; input.nextSibling.textContent = weight.toFixed(2); } });
+  history.replaceState(null, "", "#" + state.link);
+  if (!get("script").hidden) showScript();
+}
+function slide(id, item, limits, busy) {
+  const input = get(id); input.disabled = !item || limits[0] === limits[1];
+  if (item && !busy) { input.min = limits[0]; input.max = limits[1]; input.value = item.value; }
+  get(id + "value").textContent = item ? item.value.toPrecision(3) : "0";
+}
+function bounds() { const limit = welcome.strains[get("deformation").value]; get("gamma").min = -limit / 5; get("gamma").max = limit / 5; }
+function option(value, text = value) { const o = document.createElement("option"); o.value = value; o.textContent = text; return o; }
+
+function greet(found) {
+  welcome = found;
+  sessionStorage.setItem("tab", found.tab);
+  get("deformation").replaceChildren(...Object.keys(found.strains).map((name) => option(name, name.replace("_", " "))));
+  const buttons = Object.entries(found.populations).map(([name, label]) => {
+    const button = document.createElement("button"); button.textContent = label; button.onclick = () => { say(`Computing ${label} …`); change("population", name); }; return button;
+  });
+  get("populations").replaceChildren(...buttons);
+  const sliders = Object.entries(found.populations).map(([name, label]) => {
+    const box = document.createElement("label"), input = document.createElement("input"), value = document.createElement("output");
+    Object.assign(input, { type: "range", min: 0, max: 1, step: 0.01, value: 0 });
+    input.oninput = () => { const weights = [...get("blend").querySelectorAll("input")].map((i) => +i.value); if (weights.some((w) => w > 0)) change("blend", ...weights); };
+    box.append(label, input, value); return box;
+  });
+  get("blend").replaceChildren(...sliders);
+  const scale = get("scale").getContext("2d"); get("scale").width = 32; get("scale").height = 1;
+  found.palette.slice(0, 32).forEach((colour, i) => { scale.fillStyle = colour; scale.fillRect(i, 0, 1, 1); });
+  dataset(found.dataset);
+  const hash = location.hash.slice(1);
+  if (!ready && hash && hash !== state.link) send({ do: "restore", link: hash });
+  ready = true;
+}
+function dataset(found) {
+  get("data").hidden = !found;
+  if (!found) return;
+  get("datatitle").textContent = found.title;
+  get("axes").replaceChildren(...found.axes.map((axis) => {
+    const box = document.createElement("label"), select = document.createElement("select"); box.append(axis.name + " ", select);
+    select.dataset.axis = axis.name; select.append(...axis.labels.map((label, i) => option(i, label))); select.onchange = chooseCase; return box;
+  }));
+  for (const id of ["x", "y"]) get(id).replaceChildren(option("", "automatic"), ...Object.entries(found.variables).map(([name, text]) => option(name, `${name}: ${text}`)));
+  get("status").replaceChildren(option("", "all"), ...Object.entries(found.statuses).map(([name, count]) => option(name, `${name} (${count})`)));
+  get("claim").replaceChildren(option("", found.claims.length ? "all" : "no claims.json next to the dataset"), ...found.claims.map((claim) => option(claim.key, `${claim.verdict}: ${claim.statement}`)));
+}
+function chooseCase() {
+  const index = welcome.dataset.axes.reduce((sum, axis, k) => sum * axis.labels.length + +get("axes").querySelectorAll("select")[k].value, 0);
+  send({ do: "case", case: index });
+}
+function openPoint(item) {
+  if (state.plane.open === "cloud") { send({ do: "open", n_vertices: welcome.cloud_vertices, seed: item[0], population: item[1] }); return; }
+  let rest = item;
+  [...welcome.dataset.axes].map((axis, k) => [k, axis.labels.length]).reverse().forEach(([k, size]) => { get("axes").querySelectorAll("select")[k].value = rest % size; rest = Math.floor(rest / size); });
+  send({ do: "case", case: item });
+}
+
+// The hand
+
+const tool = () => document.querySelector("input[name=tool]:checked").value;
+for (const name of ["network", "forces"]) {
+  const canvas = get(name);
+  canvas.onpointerdown = (event) => {
+    const box = canvas.getBoundingClientRect(), [x, y] = panels[name].view.inverse(event.clientX - box.left, event.clientY - box.top);
+    canvas.setPointerCapture(event.pointerId); canvas.focus(); event.preventDefault();
+    const kind = name === "forces" && tool() === "face" ? "edge" : tool();
+    drag = kind === "cut" ? null : { kind, y: event.clientY, moved: false, from: null };
+    send({ do: "pick", panel: name, x, y, tool: kind });
+  };
+  canvas.onpointermove = (event) => {
+    if (!drag || !(event.buttons & 1)) return;
+    const up = drag.y - event.clientY, item = state[drag.kind];
+    if (!item || (!drag.moved && Math.abs(up) < 4) || (!drag.moved && waiting)) return;
+    if (!drag.moved) { drag.moved = true; drag.from = item.value; drag.number = item.number; }
+    if (item.number === drag.number) move(drag.kind, item, drag.from + (drag.kind === "edge" ? up / 50 : up / 120 * (up > 0 ? item.high : -item.low)));
+  };
+  canvas.onpointerup = () => { drag = null; };
+  canvas.onkeydown = (event) => {
+    const kind = tool() === "face" ? "face" : "edge", item = state[kind], step = { ArrowLeft: -1, ArrowRight: 1 }[event.key], sign = { ArrowUp: 1, ArrowDown: -1 }[event.key];
+    if (step) send({ do: "select", [kind]: item ? item.number + step : 0 });
+    else if (sign && item) move(kind, item, item.value + sign * (kind === "edge" ? 0.1 : (item.high - item.low) / 40));
+    else if (event.key === "x" && state.edge) change("cut", state.edge.number);
+    else return;
+    event.preventDefault();
+  };
+}
+function move(kind, item, value) {
+  const [low, high] = kind === "edge" ? [-item.reach, item.reach] : [item.low, item.high];
+  change(kind, item.number, Math.min(high, Math.max(low, value)));
+}
+get("stress").oninput = () => state.edge && change("edge", state.edge.number, +get("stress").value);
+get("size").oninput = () => state.face && change("face", state.face.number, +get("size").value);
+get("gamma").oninput = () => change("strain", get("deformation").value, +get("gamma").value);
+get("deformation").onchange = () => { bounds(); get("gamma").value = 0; change("strain", get("deformation").value, 0); };
+for (const id of ["edge", "face"]) get(id).onchange = () => get(id).value !== "" && send({ do: "select", [id]: +get(id).value });
+get("undo").onclick = () => send({ do: "undo" });
+get("redo").onclick = () => send({ do: "redo" });
+get("stop").onclick = () => socket.send(JSON.stringify({ do: "stop" }));
+for (const id of ["x", "y", "status", "claim"]) get(id).onchange = () => {
+  const claim = welcome.dataset.claims.find((c) => c.key === get("claim").value);
+  get("claimtext").textContent = claim ? `${claim.verdict}: ${claim.statement}; measured: ${claim.value}` : "";
+  send({ do: "filter", [id]: get(id).value });
+};
+get("plane").onclick = (event) => {
+  const box = get("plane").getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;
+  const near = (get("plane").places || []).map((p) => [Math.hypot(p[0] - x, p[1] - y), p[2]]).sort((a, b) => a[0] - b[0])[0];
+  if (near && near[0] < 12) openPoint(near[1]);
+};
+get("new").onsubmit = (event) => { event.preventDefault(); say("Making the network …"); send({ do: "open", n_vertices: +get("vertices").value, seed: +get("seed").value }); };
+get("file").onchange = async () => {
+  const file = get("file").files[0]; if (!file) return;
+  const reply = await fetch(`upload?token=${token}&tab=${welcome.tab}&name=${encodeURIComponent(file.name)}`, { method: "POST", body: file }).catch(() => null);
+  if (reply && reply.ok) send({ do: "file", name: file.name }); else say(reply ? await reply.text() : "The file did not reach the server.", true);
+  get("file").value = "";
+};
+async function save(name) {
+  const reply = await fetch(`export/${name}?token=${token}&tab=${welcome.tab}`).catch(() => null);
+  if (!reply || !reply.ok) { say(reply ? await reply.text() : "The server has stopped.", true); return; }
+  const link = document.createElement("a"); link.href = URL.createObjectURL(await reply.blob());
+  link.download = /filename="(.+)"/.exec(reply.headers.get("Content-Disposition"))[1]; link.click(); URL.revokeObjectURL(link.href);
+  say(`${link.download} is saved.`);
+}
+get("picture").onclick = () => save(`picture.${get("pictureformat").value}`);
+get("savenetwork").onclick = () => save(`network.${get("networkformat").value}`);
+async function showScript() {
+  const reply = await fetch(`export/script.py?token=${token}&tab=${welcome.tab}`).catch(() => null);
+  if (reply) { get("script").textContent = await reply.text(); get("script").hidden = false; }
+}
+get("showscript").onclick = () => { if (get("script").hidden) showScript(); else get("script").hidden = true; };
+get("copylink").onclick = () => navigator.clipboard.writeText(location.href).then(() => say("The link is copied: it restores this state while the server runs; after that, give it to critflow explore --link."), () => say(location.href));
+document.addEventListener("keydown", (event) => {
+  if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || event.target.type === "number") return;
+  event.preventDefault(); send({ do: event.shiftKey ? "redo" : "undo" });
+});
+window.addEventListener("hashchange", () => { const hash = location.hash.slice(1); if (hash && hash !== state.link) send({ do: "restore", link: hash }); });
+window.addEventListener("resize", () => { if (state.marks) { drawPanels(); plots(); } });
+connect();

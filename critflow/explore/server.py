@@ -1,0 +1,328 @@
+"""The server of the page: loopback only, every request with the token, one page object a tab."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import secrets
+import sys
+import tempfile
+import threading
+import time
+import zipfile
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from importlib.resources import files
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tornado.httpserver import HTTPServer
+from tornado.netutil import bind_sockets
+from tornado.web import Application, HTTPError, RequestHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
+from critflow.drawing import draw, saved
+from critflow.exchange.convert import write_network
+from critflow.explore.datasets import Dataset
+from critflow.explore.page import Page, Reply
+from critflow.explore.source import Source
+from critflow.result import CritflowError, EnvironmentFailure, InputError
+
+LOOPBACK = "127.0.0.1"
+# Seconds without a message after which bounds and counts are computed, and the longest wait for the former.
+PAUSE, OVERDUE = 0.06, 0.5
+# Pages of closed tabs that are kept for a reload, and the largest file that is accepted, in bytes.
+_KEPT, _LARGEST_FILE = 12, 50_000_000
+_STATIC = {"": "page.html", "page.js": "page.js", "page.css": "page.css"}
+_KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
+_POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'"
+# matplotlib keeps the current figure in one place.
+_DRAWING = threading.Lock()
+
+
+class Explorer:
+    """All tabs of one server: pages by their name, and the source of a new page."""
+
+    def __init__(self, source: Source | Dataset, sentence: str = ""):
+        self.source, self.sentence = source, sentence
+        self.token = secrets.token_urlsafe(18)
+        self.pages: dict[str, Page] = {}
+        self.open_tabs: set[str] = set()
+        self.threads = ThreadPoolExecutor(4, thread_name_prefix="explore")
+        self.folder = tempfile.TemporaryDirectory(prefix="critflow-explore-")
+
+    def page(self, name: str) -> tuple[str, Page]:
+        """The page of a tab that was reloaded, or a new one; a copied tab has a page of its own."""
+        if name not in self.pages or name in self.open_tabs:
+            name = secrets.token_urlsafe(9)
+            self.pages[name] = Page(self.source)
+        closed = [other for other in self.pages if other not in self.open_tabs and other != name]
+        for other in closed[:-_KEPT]:
+            del self.pages[other]
+        return name, self.pages[name]
+
+
+class _Guarded(RequestHandler):
+    """A handler that refuses requests without the token."""
+
+    def initialize(self, explorer: Explorer) -> None:
+        self.explorer = explorer
+
+    def prepare(self) -> None:
+        given = self.get_query_argument("token", "")
+        if not hmac.compare_digest(given.encode(), self.explorer.token.encode()):
+            raise HTTPError(403)
+
+    def set_default_headers(self) -> None:
+        self.set_header("Content-Security-Policy", _POLICY)
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Cache-Control", "no-store")
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        sentence = "this page needs the link that critflow explore printed" if status_code == 403 else self._reason
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.finish(f"{status_code}: {sentence}\n")
+
+    def _page(self) -> Page:
+        page = self.explorer.pages.get(self.get_query_argument("tab", ""))
+        if page is None:
+            raise HTTPError(404, reason="this tab is closed, reload it")
+        return page
+
+
+class _Files(_Guarded):
+    """The three files of the page."""
+
+    def get(self, name: str) -> None:
+        if name not in _STATIC:
+            raise HTTPError(404)
+        file = files("critflow.explore") / _STATIC[name]
+        text = file.read_text(encoding="utf-8").replace("{{token}}", self.explorer.token)
+        self.set_header("Content-Type", f"{_KINDS[Path(_STATIC[name]).suffix]}; charset=utf-8")
+        self.finish(text)
+
+
+class _Export(_Guarded):
+    """Files made of the state of a tab: script.py, a picture, or the network in any format."""
+
+    async def get(self, name: str) -> None:
+        page, suffix = self._page(), Path(name).suffix
+        loop = asyncio.get_running_loop()
+        try:
+            if name == "script.py":
+                name, content = name, page.script().encode()
+            else:
+                make = _picture if name.startswith("picture") else _network_file
+                name, content = await loop.run_in_executor(self.explorer.threads, make, page, suffix)
+        except CritflowError as error:
+            self.set_status(409)
+            self.set_header("Content-Type", "text/plain; charset=utf-8")
+            self.finish(str(error))
+            return
+        self.set_header("Content-Type", "text/plain; charset=utf-8" if suffix == ".py" else "application/octet-stream")
+        self.set_header("Content-Disposition", f'attachment; filename="{name}"')
+        self.finish(content)
+
+
+def _picture(page: Page, suffix: str) -> tuple[str, bytes]:
+    """The picture of the state."""
+    if suffix not in (".png", ".svg", ".pdf"):
+        raise InputError("a picture is .png, .svg or .pdf")
+    state = page.session.state
+    with _DRAWING, tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"critflow{suffix}"
+        saved(draw(state.springs or state.critical, title=page.session.source.title).figure, path)
+        return path.name, path.read_bytes()
+
+
+def _network_file(page: Page, suffix: str) -> tuple[str, bytes]:
+    """The network in the format of an ending, in an archive where the format has several files."""
+    critical = page.session.state.critical
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"critflow{suffix}"
+        write_network(
+            critical.network,
+            path,
+            critical.coordinates,
+            rest_lengths=critical.lengths,
+            force_densities=critical.sigma,
+        )
+        written = sorted(Path(folder).iterdir())
+        if len(written) == 1:
+            return written[0].name, written[0].read_bytes()
+        archive = BytesIO()
+        with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
+            for file in written:
+                packed.write(file, file.name)
+        return "critflow.zip", archive.getvalue()
+
+
+class _Upload(_Guarded):
+    """A file that a tab may open."""
+
+    def post(self) -> None:
+        name = Path(self.get_query_argument("name", "network.json")).name
+        folder = Path(tempfile.mkdtemp(dir=self.explorer.folder.name))
+        (folder / name).write_bytes(self.request.body)
+        self._page().inbox[name] = folder / name
+
+
+class _Socket(WebSocketHandler):
+    """Messages of one tab, in turn; bounds and counts follow when the hand rests."""
+
+    def initialize(self, explorer: Explorer) -> None:
+        self.explorer, self.name = explorer, ""
+
+    def prepare(self) -> None:
+        if not hmac.compare_digest(self.get_query_argument("token", "").encode(), self.explorer.token.encode()):
+            raise HTTPError(403)
+
+    def open(self, *args: str, **kwargs: str) -> None:
+        self.set_nodelay(True)
+        try:
+            self.name, self.page = self.explorer.page(self.get_query_argument("tab", ""))
+        except CritflowError as error:
+            self.close(1011, str(error)[:100])
+            return
+        self.explorer.open_tabs.add(self.name)
+        self.messages: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self.loop = asyncio.get_running_loop()
+        self.page.progress = self._progress(self.loop)
+        self.messages.put_nowait({"do": "look"})
+        self.work = asyncio.create_task(self._work())
+
+    def on_message(self, text: str | bytes) -> None:
+        try:
+            message = json.loads(text)
+        except ValueError:
+            return
+        if isinstance(message, dict) and message.get("do") == "stop":
+            self.page.stopping = True
+        elif isinstance(message, dict):
+            self.messages.put_nowait(message)
+
+    def on_close(self) -> None:
+        if self.name:
+            self.explorer.open_tabs.discard(self.name)
+            self.page.stopping = True
+            self.work.cancel()
+
+    def _progress(self, loop: asyncio.AbstractEventLoop) -> Callable[[str], None]:
+        """Sends a sentence from another thread, a few times a second."""
+        last = 0.0
+
+        def send(sentence: str) -> None:
+            nonlocal last
+            if time.monotonic() - last > 0.3:
+                last = time.monotonic()
+                loop.call_soon_threadsafe(lambda: asyncio.ensure_future(self._send(Reply({"busy": sentence}))))
+
+        return send
+
+    async def _work(self) -> None:
+        refined = 0.0
+        while True:
+            try:
+                wait = PAUSE if self.page.due else None
+                message = await asyncio.wait_for(self.messages.get(), wait)
+            except TimeoutError:
+                await self._refine()
+                refined = time.monotonic()
+                continue
+            reply = await self._run(self.page.handle, message)
+            if message.get("do") in ("look", "file"):
+                reply.header["welcome"] = {**self.page.welcome(), "tab": self.name}
+            if message.get("do") == "look" and self.explorer.sentence:
+                reply.header.update(sentence=self.explorer.sentence, error=True)
+            if message.get("series") != reply.header["plane"]["key"]:
+                reply.header["plane"]["series"] = await self._run(self.page.series)
+            await self._send(reply)
+            if time.monotonic() - refined > OVERDUE and self.page.due:
+                await self._refine()
+                refined = time.monotonic()
+
+    async def _refine(self) -> None:
+        reply = await self._run(self.page.refine)
+        if reply is not None:
+            await self._send(reply)
+
+    async def _run(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        return await self.loop.run_in_executor(self.explorer.threads, function, *arguments)
+
+    async def _send(self, reply: Reply) -> None:
+        try:
+            await self.write_message(packed(reply), binary=True)
+        except WebSocketClosedError:
+            pass
+
+
+def packed(reply: Reply) -> bytes:
+    """A reply as bytes: the length of the header, the header, and the segments of all drawings as floats."""
+    drawings, arrays = {}, []
+    for panel, drawing in reply.drawings.items():
+        shade, first = np.unique(drawing.shades, return_index=True)
+        order = np.argsort(first)
+        drawings[panel] = {
+            "n": len(drawing.segments),
+            "outline": drawing.outline.tolist(),
+            "runs": list(zip(shade[order].tolist(), first[order].tolist(), strict=True)),
+        }
+        arrays.append(drawing.segments.astype("<f4").tobytes())
+        arrays.append(drawing.edges.astype("<f4").tobytes())
+    header = json.dumps({**reply.header, "drawings": drawings}, allow_nan=False).encode()
+    header += b" " * (-len(header) % 4)
+    return len(header).to_bytes(4, "little") + header + b"".join(arrays)
+
+
+def application(explorer: Explorer) -> Application:
+    """The routes of the page; an unknown address needs the token too."""
+    given = {"explorer": explorer}
+    return Application(
+        [
+            (r"/socket", _Socket, given),
+            (r"/export/([\w.]+)", _Export, given),
+            (r"/upload", _Upload, given),
+            (r"/(.*)", _Files, given),
+        ],
+        websocket_max_message_size=1_000_000,
+        websocket_ping_interval=20,
+    )
+
+
+def listening(explorer: Explorer, port: int = 0) -> tuple[HTTPServer, str]:
+    """A server on loopback, and the address of its page with the token."""
+    try:
+        sockets = bind_sockets(port, LOOPBACK)
+    except OSError as error:
+        raise EnvironmentFailure(
+            f"port {port} cannot be used, {error.strerror}: choose another, or leave it out"
+        ) from None
+    server = HTTPServer(application(explorer), max_buffer_size=_LARGEST_FILE)
+    server.add_sockets(sockets)
+    return server, f"http://{LOOPBACK}:{sockets[0].getsockname()[1]}/?token={explorer.token}"
+
+
+def serve(explorer: Explorer, port: int, announce: Callable[[str], None]) -> None:
+    """Serve until interrupted; `announce` is called with the address."""
+
+    async def run() -> None:
+        server, address = listening(explorer, port)
+        announce(address)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            server.stop()
+
+    try:
+        asyncio.run(run())
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+    finally:
+        for page in explorer.pages.values():
+            page.stopping = True
+        explorer.threads.shutdown(wait=False, cancel_futures=True)
+        explorer.folder.cleanup()
