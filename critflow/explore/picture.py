@@ -87,7 +87,7 @@ def force_drawing(positions: Array, periods: Array, offsets: IntArray, ends: Int
 def images(edges: IntArray, offsets: IntArray, cell: Array, coordinates: Array) -> tuple[Array, IntArray]:
     """All images of the edges that touch the cell: end points (n, 2, 2), and the edge of each (n,).
 
-    As `critflow.plot.periodic_segments`, in another order; further images are sought for edges that leave the cell only.
+    As `critflow.plot.periodic_segments`, in another order; only edges that leave the cell have further images.
     """
     fraction = coordinates @ np.linalg.inv(cell)
     tail = fraction[edges[:, 0]]
