@@ -21,6 +21,7 @@ from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
 from critflow.design.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
 from critflow.design.stiffness_design import StiffnessDesign, design_stiffness, isotropic_targets
+from critflow.design.strained_objective import StrainedObjective, StrainedResponse, strained_response
 from critflow.design.targets import Design, design
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
 from critflow.examination.examine import Examination, examine
@@ -112,6 +113,8 @@ __all__ = [
     "Status",
     "StereographicChart",
     "StiffnessDesign",
+    "StrainedObjective",
+    "StrainedResponse",
     "StressSpace",
     "StudyError",
     "TautComponent",
@@ -178,6 +181,7 @@ __all__ = [
     "stiffening_bound",
     "strain_path",
     "strain_plane",
+    "strained_response",
     "stress_hessian",
     "stresses_of",
     "surface_geometry",

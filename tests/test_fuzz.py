@@ -196,6 +196,9 @@ CALLS = {
     "design_stiffness": lambda p, r: critflow.design_stiffness(
         *geometry(p)[:2], {"bulk_modulus": 0.5 + r.random(), "shear_modulus": 0.5 + r.random()}, max_steps=60
     ),
+    "strained_response": lambda p, r: critflow.strained_response(
+        p.network, critical_of(p), 1e-3, deformation=a_deformation(p, r)
+    ),
     "edge_leverage": lambda p, r: critflow.edge_leverage(critical_of(p)),
     "prune": lambda p, r: critflow.prune(p.network, numbers(r, len(p.sigma)) < 0.5),
 }

@@ -77,6 +77,7 @@ ONLY_STIFFEST     Relative distance from the largest B_0 within which its own re
 INDEPENDENT_TARGETS
                   Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
 POSITIVE_TENSOR   Eigenvalues of a requested tensor below this part of the largest one count as zero.
+SAME_LAW          Relative difference of tensions below which a spring law counts as homogeneous.
 
 Isogonal design
 SHORTEST_ISOGONAL Shortest length of an isogonal design by default, in units of the mean: as SOUND.
@@ -105,6 +106,7 @@ BOUND_ROUNDING = 1e-12
 ONLY_STIFFEST = 1e-9
 INDEPENDENT_TARGETS = 1e-6
 POSITIVE_TENSOR = 1e-12
+SAME_LAW = 1e-12
 
 SHORTEST_ISOGONAL = 5e-2
 STIFFEST = 1e-9

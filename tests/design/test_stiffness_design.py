@@ -72,6 +72,8 @@ def test_tensors_that_no_springs_have_are_refused():
     targets = isotropic_targets(2, 1.0, 0.2) | {"C_xyxy": -0.1}
     with pytest.raises(SolveError, match="eigenvalue"):
         design_stiffness(CELL, CELL.positions, targets)
+    goals = _TensorGoals(CELL, CELL.positions, isotropic_targets(2, 1.0, 0.2), CELL.stiffness)
+    assert not goals.excess(3) and "rank 3" in goals.excess(2)
     # B is the mean of three of these components, whatever the stiffnesses.
     contradictory = {"bulk_modulus": 1.0, "C_xxxx": 0.5, "C_yyyy": 0.5, "C_xxyy": 0.1}
     found = design_stiffness(CELL, CELL.positions, contradictory, throw=False)
