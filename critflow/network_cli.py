@@ -5,15 +5,15 @@ A command imports inside its function the modules that draw, as in `critflow.cli
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import inspect
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 import typer
 
-from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import OBJECTIVES
 from critflow.design.optimize import optimize
 from critflow.examination.examine import examine
@@ -24,36 +24,66 @@ from critflow.result import InputError
 from critflow.rigidity.counts import certify
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A network; its ending names the format.")]
-CellOption = Annotated[
-    str, typer.Option(metavar="NUMBERS", help="Cell of a file without one: side lengths, or vectors row by row.")
-]
-PinsOption = Annotated[
-    str, typer.Option(metavar="RULE|LIST", help="Fixed vertices: hull, degree, box, or names with commas.")
-]
-NearestOption = Annotated[bool, typer.Option("--nearest", help="Accept nearest images of long edges.")]
-StrictOption = Annotated[bool, typer.Option("--strict", help="Refuse a file that needs a repair.")]
-ContractOption = Annotated[bool, typer.Option("--contract", help="Join the edges of vertices of two edges in series.")]
-CaseOption = Annotated[
-    list[str],
-    typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated."),
-]
 
 
 @dataclass(frozen=True)
 class Hints:
     """Options of the command line on how a file is read."""
 
-    cell: str
-    pins: str
-    nearest: bool
-    strict: bool
-    contract: bool
-    case: Sequence[str]
+    cell: Annotated[
+        str, typer.Option(metavar="NUMBERS", help="Cell of a file without one: side lengths, or vectors row by row.")
+    ] = ""
+    pins: Annotated[
+        str, typer.Option(metavar="RULE|LIST", help="Fixed vertices: hull, degree, box, or names with commas.")
+    ] = ""
+    volume: Annotated[
+        str, typer.Option(metavar="V", help="Volume to which moduli refer without a cell: a number, or hull.")
+    ] = ""
+    nearest: Annotated[bool, typer.Option("--nearest", help="Accept nearest images of long edges.")] = False
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse a file that needs a repair.")] = False
+    contract: Annotated[bool, typer.Option("--contract", help="Join the edges of vertices of two edges in series.")] = (
+        False
+    )
+    join_crossings: Annotated[
+        bool, typer.Option("--join-crossings", help="Put a vertex where two edges cross in the plane.")
+    ] = False
+    case: Annotated[
+        list[str],
+        typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated."),
+    ] = field(default_factory=list)
+
+
+def reading(command: Callable[..., int]) -> Callable[..., int]:
+    """The command with the options of `Hints` after its own, in place of its parameter `hints`."""
+    options = {
+        option.name: inspect.Parameter(
+            option.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=[] if option.default is MISSING else option.default,
+            annotation=kind,
+        )
+        for option, kind in zip(fields(Hints), get_type_hints(Hints, include_extras=True).values(), strict=True)
+    }
+    signature = inspect.signature(command, eval_str=True)
+    own = [
+        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for name, parameter in signature.parameters.items()
+        if name != "hints"
+    ]
+
+    def call(**given: Any) -> int:
+        hints = Hints(**{name: given.pop(name) for name in options})
+        return command(hints=hints, **given)
+
+    call.__doc__, call.__name__ = command.__doc__, command.__name__
+    parameters = [*own, *options.values()]
+    call.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return call
 
 
 def read(file: Path, hints: Hints) -> ImportedNetwork:
     """The network of a file with the hints of the command line, and its report on the screen."""
-    chosen: Any = hints.pins.split(",") if "," in hints.pins else hints.pins or None
     source: Any = file
     if file.suffix == ".nc":
         from critflow.workflow.dataset import opened_dataset
@@ -64,63 +94,47 @@ def read(file: Path, hints: Hints) -> ImportedNetwork:
     imported = network_from(
         source,
         cell=_cell(hints.cell),
-        pins=_counted(chosen),
+        pins=_pins(hints.pins),
+        volume=_volume(hints.volume),
         nearest=hints.nearest,
         strict=hints.strict,
         contract=hints.contract,
+        join_crossings=hints.join_crossings,
     )
     print(imported)
     return imported
 
 
+@reading
 def convert(
     file: FileArgument,
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write; its ending names the format.")],
-    cell: CellOption = "",
-    pins: PinsOption = "",
-    nearest: NearestOption = False,
-    strict: StrictOption = False,
-    contract: ContractOption = False,
-    case: CaseOption = [],  # noqa: B006 (typer reads the default and copies it)
+    hints: Hints,
     size: Annotated[float, typer.Option(metavar="MM", help="Largest extent of a drawing or solid.")] = 100.0,
     radius: Annotated[float, typer.Option(metavar="MM", help="Radius of the struts of a solid.")] = 1.0,
 ) -> int:
-    """Read a network, report each repair, and write it in another format.
-
-    Many parameters: each is an option of the command.
-    """
-    imported = read(file, Hints(cell, pins, nearest, strict, contract, case))
+    """Read a network, report each repair, and write it in another format."""
+    imported = read(file, hints)
     options: dict[str, Any] = {}
     if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
         options["size"] = size
     if out.suffix.lower() in (".stl", ".3mf"):
         options["radius"] = radius
-    write_network(
-        imported.network,
-        out,
-        imported.positions,
-        rest_lengths=imported.rest_lengths,
-        force_densities=imported.force_densities,
-        **options,
-    )
+    write_network(imported, out, **options)
     print(f"  written to {out}")
     return 0
 
 
+@reading
 def examine_file(
     file: FileArgument,
+    hints: Hints,
     out: Annotated[
         Path | None, typer.Option(metavar="PAGE", help="Also write a page with pictures, .html or .md.")
     ] = None,
-    cell: CellOption = "",
-    pins: PinsOption = "",
-    nearest: NearestOption = False,
-    strict: StrictOption = False,
-    contract: ContractOption = False,
-    case: CaseOption = [],  # noqa: B006 (typer reads the default and copies it)
 ) -> int:
     """Read a network and print whether and why it is rigid, its critical strains and moduli, and what to do next."""
-    found = examine(read(file, Hints(cell, pins, nearest, strict, contract, case)))
+    found = examine(read(file, hints))
     print("\n" + str(found))
     if out is not None:
         from critflow.examination.page import write_page
@@ -130,24 +144,18 @@ def examine_file(
     return 0
 
 
+@reading
 def make(
     file: FileArgument,
     out: Annotated[Path, typer.Option(metavar="OUT", help="The file to write; its ending names the format.")],
+    hints: Hints,
     objective: Annotated[str, typer.Option(metavar="NAME", help=f"One of {', '.join(OBJECTIVES)}.")] = "bulk_modulus",
     picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the configuration.")] = None,
-    cell: CellOption = "",
-    pins: PinsOption = "",
-    nearest: NearestOption = False,
-    strict: StrictOption = False,
-    contract: ContractOption = False,
-    case: CaseOption = [],  # noqa: B006 (typer reads the default and copies it)
 ) -> int:
-    """Read a network, find its best critical configuration, certify it and write it.
-
-    Many parameters: each is an option of the command.
-    """
-    imported = read(file, Hints(cell, pins, nearest, strict, contract, case))
-    write = writer(out)
+    """Read a network, find its best critical configuration, certify it and write it."""
+    imported = read(file, hints)
+    if format_of(out).write is None:
+        raise InputError(f"{out.name} cannot be written: choose another ending")
     optimum = optimize(imported.network, objective, throw=False)
     found = optimum.value
     certificate = certify(found)
@@ -159,7 +167,7 @@ def make(
     )
     if not np.isfinite(found.coordinates).all():
         return 3
-    write(found)
+    write_network(found, out)
     print(f"  written to {out}")
     if picture is not None:
         from critflow.drawing import draw, saved
@@ -167,17 +175,6 @@ def make(
         saved(draw(found, title=f"{objective} {optimum.objective:.6g}").figure, picture)
         print(f"  drawn in {picture}")
     return 0 if optimum.ok else 3
-
-
-def writer(out: Path) -> Callable[[CriticalConfiguration], None]:
-    """A function that writes a configuration to a file, whose ending is checked now."""
-    if format_of(out).write is None:
-        raise InputError(f"{out.name} cannot be written: choose another ending")
-
-    def write(found: CriticalConfiguration) -> None:
-        write_network(found.network, out, found.coordinates, rest_lengths=found.lengths, force_densities=found.sigma)
-
-    return write
 
 
 def _cell(text: str) -> Any:
@@ -194,8 +191,19 @@ def _cell(text: str) -> Any:
     return numbers[0] if len(numbers) == 1 else numbers
 
 
-def _counted(pins: Any) -> Any:
-    """Vertices of a list as numbers where all are numbers."""
-    if isinstance(pins, list) and all(name.strip().lstrip("-").isdigit() for name in pins):
-        return [int(name) for name in pins]
-    return pins
+def _pins(text: str) -> Any:
+    """A rule, or vertices, as numbers where all are numbers."""
+    if not text:
+        return None
+    names = [name.strip() for name in text.split(",")]
+    if all(name.lstrip("-").isdigit() for name in names):
+        return [int(name) for name in names]
+    return names if len(names) > 1 else text
+
+
+def _volume(text: str) -> Any:
+    """A number, or the rule that is named."""
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return text

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from critflow.exchange.data import NetworkData
+from critflow.exchange.data import Array, NetworkData
 from critflow.result import InputError, NetworkError
 
 Pins = str | Sequence[int | str] | ArrayLike | None
@@ -33,6 +33,16 @@ def with_pins(data: NetworkData, pins: Pins) -> NetworkData:
         )
     note = f"{len(chosen)} vertices are fixed" + (f" ({_RULES[pins]})" if isinstance(pins, str) else "")
     return replace(data, pins=tuple(map(int, chosen))).noting(note)
+
+
+def hull_volume(positions: Array) -> float:
+    """Volume (area in two dimensions) of the convex hull of vertices (N_v, d)."""
+    if positions.shape[1] == 1:
+        return float(np.ptp(positions))
+    try:
+        return float(ConvexHull(positions).volume)
+    except (QhullError, ValueError):
+        raise InputError("the vertices span no convex hull: name the volume as a number, such as volume=1.0") from None
 
 
 def require_boundary(data: NetworkData) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.exchange.boundaries import Pins, with_pins
+from critflow.exchange.boundaries import Pins, hull_volume, with_pins
 from critflow.exchange.data import NetworkData, data_of
 from critflow.exchange.datasets import from_dataset
 from critflow.exchange.formats import format_of
@@ -23,7 +23,7 @@ from critflow.exchange.particles import from_atoms
 from critflow.exchange.pictures import from_labels, from_skeleton
 from critflow.exchange.repair import ImportedNetwork, check, imported
 from critflow.networks.network import Network
-from critflow.result import InputError
+from critflow.result import InputError, Solution
 
 _KINDS = ("edges", "polygons", "picture", "labels")
 
@@ -37,6 +37,8 @@ def network_from(
     nearest: bool = False,
     strict: bool = False,
     contract: bool = False,
+    join_crossings: bool = False,
+    volume: float | str | None = None,
     **given: Any,
 ) -> ImportedNetwork:
     """A network from a file or an object of another program, checked and repaired, with one sentence for each repair.
@@ -49,6 +51,8 @@ def network_from(
     nearest  accept nearest images of edges longer than 0.4 of the height of the cell
     strict   refuse a source that needs any repair
     contract  join the edges of vertices of two edges: springs in series
+    join_crossings  put a vertex where two edges of a planar network cross
+    volume   V to which the moduli of a network without a cell refer; "hull": that of the convex hull
 
     Many parameters: hints that a source may lack.  Further keywords are those of the source: offsets, bond_vectors,
     stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel.  Raises `InputError` or `NetworkError`
@@ -60,12 +64,15 @@ def network_from(
     if data.cell is not None and data.cell.shape != (data.dimension,) * 2:
         data = replace(data, cell=_cell_in(data.cell, data.dimension))
     check(data)
-    return imported(with_pins(with_offsets(data, nearest), pins), strict, contract)
+    found = imported(with_pins(with_offsets(data, nearest), pins), strict, contract, join_crossings)
+    if volume is None and isinstance(source, Network):
+        volume = source.reference_volume
+    return found if volume is None else _referring(found, volume)
 
 
 @checked
 def write_network(
-    network: Network,
+    network: Any,
     path: str | PathLike[str],
     coordinates: ArrayLike | None = None,
     *,
@@ -75,6 +82,8 @@ def write_network(
 ) -> None:
     """Write a network to a file whose ending names the format, with all digits that the format can hold.
 
+    network          a `Network`; a configuration or state, with its coordinates, lengths and stresses; or a `Solution`
+                     that holds one of these
     coordinates      (N_v, d); positions of the network by default
     rest_lengths     ℓ (N_b,); the lengths by default, where a format needs them
     force_densities  σ (N_b,)
@@ -86,7 +95,37 @@ def write_network(
     known = format_of(target)
     if known.write is None:
         raise InputError(f"the format {known.name} is read only: choose another ending")
-    known.write(data_of(network, coordinates, rest_lengths, force_densities), target, **options)
+    known.write(_state(network, coordinates, rest_lengths, force_densities), target, **options)
+
+
+def _referring(found: ImportedNetwork, volume: float | str) -> ImportedNetwork:
+    """The network with the volume to which its moduli refer."""
+    if isinstance(volume, str):
+        if volume != "hull":
+            raise InputError(f"the volume must be a number or 'hull', not {volume!r}")
+        volume = hull_volume(found.positions)
+        found = replace(found, notes=(*found.notes, f"moduli refer to the convex hull, V = {volume:.8g}"))
+    return replace(found, value=found.value.with_volume(volume))
+
+
+def _state(
+    thing: Any, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None, force_densities: ArrayLike | None
+) -> NetworkData:
+    """The record of a network, or of a configuration or state with the values that are not given."""
+    if isinstance(thing, ImportedNetwork):
+        rest_lengths = thing.rest_lengths if rest_lengths is None else rest_lengths
+        force_densities = thing.force_densities if force_densities is None else force_densities
+    thing = thing.value if isinstance(thing, Solution) else thing
+    if isinstance(thing, Network):
+        return data_of(thing, coordinates, rest_lengths, force_densities)
+    if not isinstance(getattr(thing, "network", None), Network) or not hasattr(thing, "coordinates"):
+        raise InputError(f"a {type(thing).__name__} cannot be written: give a network, a configuration or a state")
+    if rest_lengths is None:
+        rest_lengths = getattr(thing, "rest_lengths", getattr(thing, "lengths", None))
+    force_densities = getattr(thing, "sigma", None) if force_densities is None else force_densities
+    return data_of(
+        thing.network, thing.coordinates if coordinates is None else coordinates, rest_lengths, force_densities
+    )
 
 
 def _record(source: Any, given: dict[str, Any]) -> NetworkData:

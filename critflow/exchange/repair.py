@@ -1,8 +1,8 @@
 """From a record to a network: each repair with one sentence, or refusal of all repairs.
 
 Repairs, in this order: dimensions without extent, self loops, repeated edges, bare vertices, edges between fixed
-vertices, and edges that cannot carry tension.  Chains are contracted on
-request.  Nothing is dropped silently.
+vertices, and edges that cannot carry tension.  Edges that cross get a vertex, and chains are contracted, on request.
+Nothing is dropped silently.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from critflow.exchange.boundaries import require_boundary
+from critflow.exchange.crossings import crossings_of, split
 from critflow.exchange.data import Array, IntArray, NetworkData
 from critflow.networks.network import Network
 from critflow.networks.pruning import carrying_part
@@ -31,7 +32,7 @@ class ImportedNetwork(Solution[Network]):
     notes            one sentence on each property of the source and each repair
     data             the record that the network was made of, after the repairs
     edges_kept       (N_b,) edge of the source of each edge
-    vertices_kept    (N_v,) vertex of the source of each vertex
+    vertices_kept    (N_v,) vertex of the source of each vertex; -1 for one at a crossing of edges
     repaired         whether anything was changed
     """
 
@@ -98,17 +99,21 @@ class _Ledger:
         self.data = self.data.with_vertices(kept)
 
 
-def imported(data: NetworkData, strict: bool = False, contract: bool = False) -> ImportedNetwork:
+def imported(
+    data: NetworkData, strict: bool = False, contract: bool = False, join_crossings: bool = False
+) -> ImportedNetwork:
     """The network of a checked record with all offsets and fixed vertices known.
 
     strict    refuse a record that needs any repair, with `NetworkError`
     contract  replace each chain of edges through vertices of two edges by one edge: springs in series
+    join_crossings  put a vertex where two edges of a planar network cross
     """
     ledger = _Ledger(data, strict)
     _without_flat_dimension(ledger)
     _without_loops(ledger)
     _without_repeats(ledger)
     require_boundary(ledger.data)
+    _crossings(ledger, join_crossings)
     bare = int((np.bincount(ledger.data.edges.ravel(), minlength=ledger.data.n_vertices) == 0).sum())
     if bare:
         ledger.note(f"{bare} vertices without edges were removed")
@@ -214,6 +219,27 @@ def _without_repeats(ledger: _Ledger) -> None:
         if both
         else f"{repeated} repeated edges were removed"
     )
+
+
+def _crossings(ledger: _Ledger, join: bool) -> None:
+    """Edges of a planar network that cross: reported, or joined by a vertex."""
+    data = ledger.data
+    if data.dimension != 2:
+        return
+    found = crossings_of(data)
+    if not len(found.pairs):
+        return
+    i, j = found.pairs[0]
+    if not join:
+        ledger.sentences.append(
+            f"{len(found.pairs)} pairs of edges cross without a vertex, edges {ledger.edges[i]} and {ledger.edges[j]} "
+            "first; join_crossings=True puts one there"
+        )
+        return
+    ledger.data, owner = split(data, found)
+    ledger.edges = ledger.edges[owner]
+    ledger.vertices = np.concatenate([ledger.vertices, np.full(ledger.data.n_vertices - data.n_vertices, -1)])
+    ledger.note(f"{len(found.pairs)} pairs of edges crossed; they were joined by a vertex there")
 
 
 def _without_fixed_edges(ledger: _Ledger) -> None:

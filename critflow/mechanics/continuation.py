@@ -180,7 +180,7 @@ class Continuation:
         if not (unique or self._expected(start, solution)):
             return Step(strain, state, q, n, Status.unstable, _JUMPED)
         moduli, errors, response = NO_MODULI, NO_MODULI, None
-        if self.relaxer.with_moduli and state.network.cell is not None and state.network.dimension > 1:
+        if self.relaxer.with_moduli and state.network.has_volume and state.network.dimension > 1:
             response = linear_response(state, self.relaxer.pattern, self.relaxer.method == "newton", factor)
             if not response.ok:
                 return Step(strain, state, q, n, response.status, response.reason)

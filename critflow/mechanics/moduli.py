@@ -162,7 +162,7 @@ def _rest_lengths(network: Network, coordinates: ArrayLike, rest_lengths: ArrayL
 
 def _volume(network: Network, volume: float | None) -> float:
     if volume is None:
-        if network.cell is None:
+        if not network.has_volume:
             raise InputError(
                 "a pinned network has no volume: name the one that its stiffness refers to, such as volume=1.0"
             )

@@ -318,5 +318,5 @@ def _record(end: Step) -> dict[str, float]:
 
 
 def volume_of(state: SpringState) -> float:
-    """V of the cell, or 1 without one."""
-    return 1.0 if state.network.cell is None else state.network.volume
+    """V of the cell or as named, or 1 without either."""
+    return state.network.volume if state.network.has_volume else 1.0

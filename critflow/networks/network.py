@@ -42,6 +42,7 @@ class Network:
     positions  (N_v, d) any embedding, to draw or to start from; not part of the physics
     faces      the polygons of a planar network, if known
     note       a sentence about its making, such as the edges that were removed
+    reference_volume  V of a network without a cell, to which its moduli refer (`with_volume`)
 
     Raises `NetworkError` when no positive stress can give every edge a length (but without a cell accepts pieces of
     several edges on one vertex, which stresses of both signs may open), and when the positions contradict the offsets:
@@ -58,6 +59,7 @@ class Network:
     positions: Array | None = None
     faces: Faces | None = None
     note: str = ""
+    reference_volume: float | None = None
 
     def __post_init__(self) -> None:
         edges = _integers(self.edges, "edges")
@@ -123,11 +125,21 @@ class Network:
 
     @property
     def volume(self) -> float:
-        """Volume V of the cell (area in two dimensions)."""
+        """Volume V of the cell (area in two dimensions), or the one named for a network without a cell."""
         if self.cell is None:
-            raise NetworkError("a network without a cell has no volume and so no modulus: give it a cell")
+            if self.reference_volume is None:
+                raise NetworkError(
+                    "a network without a cell has no volume and so no modulus: give it a cell, or name the volume to "
+                    "which moduli refer by network.with_volume(V)"
+                )
+            return self.reference_volume
         # NumPy's determinant is the exponential of a logarithm, which rounds more the farther V is from one.
         return float(abs(scipy.linalg.det(self.cell)))
+
+    @property
+    def has_volume(self) -> bool:
+        """Whether moduli are defined: a cell, or a named volume."""
+        return self.cell is not None or self.reference_volume is not None
 
     # Geometry
 
@@ -194,6 +206,15 @@ class Network:
         values.flags.writeable = False
         return self._copied(stiffness=values)
 
+    def with_volume(self, volume: float) -> Network:
+        """The same network without a cell, with the volume V (area in two dimensions) to which its moduli refer."""
+        if self.cell is not None:
+            raise NetworkError("the volume of a periodic network is that of its cell: name one only without a cell")
+        value = _floats(volume, "a volume")
+        if value.ndim or not 0 < value < np.inf:
+            raise NetworkError(f"a volume must be positive and finite, not {_shown(volume)}: give one number")
+        return self._copied(reference_volume=float(value))
+
     def deformed(self, gradient: ArrayLike) -> Network:
         """The network after the affine deformation F of its boundary: b → F b, including pins and positions."""
         F = _floats(gradient, "a deformation")
@@ -203,6 +224,7 @@ class Network:
             cell=None if self.cell is None else self.cell @ F.T,
             pins={i: F @ p for i, p in self.pins.items()},
             positions=None if self.positions is None else self.positions @ F.T,
+            reference_volume=None if self.reference_volume is None else self.reference_volume * abs(np.linalg.det(F)),
         )
         copied.__dict__.pop("boundary_vectors", None)
         copied.__dict__.pop("fixed_positions", None)
@@ -228,7 +250,8 @@ class Network:
             {int(index[i]): p for i, p in self.pins.items() if index[i] >= 0},
         )
         # The positions were checked in the whole, of which fewer edges may be no sample.
-        return part if self.positions is None else part._copied(positions=self.positions[vertices]), vertices
+        positions = None if self.positions is None else self.positions[vertices]
+        return part._copied(positions=positions, reference_volume=self.reference_volume), vertices
 
 
 def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True) -> Array:

@@ -182,5 +182,6 @@ def part_of(network: Network, kept: IntArray, note: str) -> Pruned:
         positions=positions,
         faces=faces,
         note=note,
+        reference_volume=network.reference_volume,
     )
     return Pruned(part, kept, vertices)
