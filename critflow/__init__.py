@@ -24,7 +24,8 @@ from critflow.design.stiffness_design import StiffnessDesign, design_stiffness, 
 from critflow.design.strained_objective import StrainedObjective, StrainedResponse, strained_response
 from critflow.design.targets import Design, design
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
-from critflow.examination.examine import Examination, examine
+from critflow.examination.examine import examine
+from critflow.examination.report import Examination
 from critflow.exchange.convert import network_from, write_network
 from critflow.exchange.repair import ImportedNetwork
 from critflow.mechanics.elasticity import Elasticity

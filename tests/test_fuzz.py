@@ -234,6 +234,7 @@ MAY_BE_NAN = {
     "error",
     "stress_error",
     "undetermined",
+    "cuts",
     "weights",
     "after",
 }

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from os import PathLike
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
+from critflow.design.leverage import edge_leverage
 from critflow.design.nearest import Nearest, nearest_critical
 from critflow.design.onset import Onset, critical_strain
 from critflow.design.tensegrity import signed_stress
+from critflow.examination.report import Examination, advice_of
+from critflow.exchange.boundaries import hull_volume
 from critflow.exchange.convert import network_from
-from critflow.exchange.repair import ImportedNetwork, described
-from critflow.mechanics.elasticity import Moduli
-from critflow.mechanics.moduli import elastic_moduli, transition_moduli
+from critflow.exchange.repair import ImportedNetwork
+from critflow.mechanics.elasticity import Elasticity
+from critflow.mechanics.moduli import elasticity
 from critflow.networks.network import Array, Network, edge_values, validated_coordinates
-from critflow.result import CritflowError, InputError, Record, Solution, SolveError, Status
+from critflow.result import CritflowError, InputError, Solution, SolveError, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
 from critflow.rigidity.second_order import second_order_rigidity
 
@@ -28,61 +32,15 @@ Result = TypeVar("Result")
 _ROUNDING_MARGIN = 10.0
 # Singular values below this count as zero where coordinates have all digits, as in `rigidity`.
 _TOLERANCE = 1e-6
-_MOST_EDGES = 5
+# Largest networks of which each edge is cut.
+_MOST_CUTS = 3000
 _USABLE = (Status.ok, Status.edge_collapse, Status.slack_edges)
 DEFORMATIONS = ("dilation", "simple_shear", "pure_shear", "uniaxial")
 
 
-@dataclass(frozen=True, eq=False)
-class Examination(Record):
-    """The answers to the questions about one network; parts that could not be computed are None with a sentence.
-
-    order        "floppy", "first-order rigid", "critical", "second-order rigid" or "undecided"
-    counts       self-stresses, zero modes and the gap of singular values
-    tolerance    singular values below it count as zero
-    tension      least |σ| over the largest of the best self-stress in tension everywhere; 0: none exists
-    participation  (N_v,) part of each vertex in the floppy motions, at most 1; NaN where they were not computed
-    nearest      the nearest critical configuration, or that towards which the descent tends
-    critical_moduli  B_0 and G_0 of the nearest critical configuration
-    onsets       critical strains by name of the deformation, for the rest lengths
-    moduli       bulk and shear modulus at the positions
-    weights      (N_b,) part of each edge in the energy of the self-stress of the nearest critical configuration
-    failures     sentences on parts that could not be computed
-    advice       sentences on what to do next
-    """
-
-    network: Network
-    coordinates: Array
-    rest_lengths: Array
-    notes: tuple[str, ...]
-    order: str
-    counts: Rigidity
-    doubt: str
-    tolerance: float
-    tension: float
-    participation: Array
-    nearest: Nearest | None
-    critical_moduli: Moduli | None
-    onsets: dict[str, Onset]
-    moduli: Solution | None
-    weights: Array
-    failures: tuple[str, ...] = ()
-    advice: tuple[str, ...] = field(default=())
-
-    @property
-    def heaviest_edges(self) -> list[int]:
-        """The edges with the largest weights."""
-        if not np.isfinite(self.weights).all():
-            return []
-        return [int(edge) for edge in np.argsort(self.weights)[::-1][:_MOST_EDGES]]
-
-    def __str__(self) -> str:
-        return "\n".join(report_lines(self))
-
-
 @checked
 def examine(
-    network: Network | ImportedNetwork | str,
+    network: Network | ImportedNetwork | str | PathLike,
     coordinates: ArrayLike | None = None,
     rest_lengths: ArrayLike | None = None,
     *,
@@ -98,15 +56,19 @@ def examine(
     Raises `InputError` where no positions are known; parts that fail are reported by a sentence, the others stand.
     """
     notes: tuple[str, ...] = ()
-    network = network_from(network) if isinstance(network, str) else network
-    if isinstance(network, ImportedNetwork):
-        notes, read, network = network.notes, network, network.network
+    read = network_from(network) if isinstance(network, str | PathLike) else network
+    if isinstance(read, ImportedNetwork):
+        notes, network = read.notes, read.network
         decimals = read.data.decimals if decimals is None else decimals
         rest_lengths = read.rest_lengths if rest_lengths is None else rest_lengths
+    assert isinstance(network, Network)
     x, rest = _state(network, coordinates, rest_lengths)
     rounding = 0.0 if decimals is None else 0.5 * 10.0**-decimals
     tolerance = max(_TOLERANCE, _ROUNDING_MARGIN * rounding / float(rest.mean()))
     attempts = _Attempts()
+    if not network.has_volume and network.dimension > 1:
+        network = network.with_volume(hull_volume(x))
+        notes = (*notes, f"moduli refer to the convex hull, V = {network.volume:.6g}: name another by volume=")
 
     counted = rigidity(network, x, tolerance)
     counts = counted.value
@@ -115,12 +77,7 @@ def examine(
     if nearest is not None and nearest.status not in _USABLE:
         attempts.failures.append(f"the nearest critical configuration: {nearest.reason}")
         nearest = None
-    onsets = _onsets(network, rest, deformations, attempts)
-    moduli = critical = None
-    if network.cell is not None:
-        moduli = attempts.value("the moduli", lambda: elastic_moduli(network, x))
-        if nearest is not None and nearest.ok and counts.n_self_stresses <= 1:
-            critical = attempts.value("B_0 and G_0", lambda: transition_moduli(nearest.value))
+    critical_strains = _critical_strains(network, rest, deformations, attempts)
     modes = attempts.value("the floppy motions", lambda: _participation(network, x, tolerance))
     found = Examination(
         network=network,
@@ -134,13 +91,14 @@ def examine(
         tension=tension,
         participation=np.full(network.n_vertices, np.nan) if modes is None else modes,
         nearest=nearest,
-        critical_moduli=critical,
-        onsets=onsets,
-        moduli=moduli,
+        critical_tensor=_critical_tensor(nearest, counts, attempts),
+        critical_strains=critical_strains,
+        tensor=_tensor(network, x, attempts),
         weights=_weights(nearest),
+        cuts=_cuts(nearest, counts, attempts),
         failures=tuple(attempts.failures),
     )
-    return _advised(found, rounding)
+    return replace(found, advice=advice_of(found, _ROUNDING_MARGIN * rounding))
 
 
 def _state(network: Network, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None) -> tuple[Array, Array]:
@@ -174,7 +132,9 @@ class _Attempts:
         return np.nan if value is None else float(value)
 
 
-def _onsets(network: Network, rest: Array, deformations: Sequence[str], attempts: _Attempts) -> dict[str, Onset]:
+def _critical_strains(
+    network: Network, rest: Array, deformations: Sequence[str], attempts: _Attempts
+) -> dict[str, Onset]:
     """Critical strains of the rest lengths; none where the network is rigid at strain zero."""
     onsets: dict[str, Onset] = {}
     for name in deformations:
@@ -204,15 +164,42 @@ def _order(
 ) -> str:
     counts = counted.value
     if counts.first_order_rigid:
-        return "first-order rigid"
+        return "first"
     if counts.n_self_stresses == 0:
         return "floppy"
     if counts.rigid and counts.n_self_stresses == 1:
-        return "critical" if tension > 0 else "second-order rigid"
+        return "critical" if tension > 0 else "prestress"
     second = attempts.value("rigidity to second order", lambda: second_order_rigidity(network, x, tolerance))
     if second is None or second.value.second_order_rigid is None:
         return "undecided"
-    return "second-order rigid" if second.value.second_order_rigid else "floppy"
+    if not second.value.second_order_rigid:
+        return "floppy"
+    return "prestress" if second.value.prestress_stable else "second"
+
+
+def _tensor(network: Network, x: Array, attempts: _Attempts) -> Solution[Elasticity] | None:
+    """Elasticity of the springs at rest at the positions."""
+    if network.dimension < 2:
+        attempts.failures.append("the moduli: in one dimension there is no shear")
+        return None
+    return attempts.value("the moduli", lambda: elasticity(network, x))
+
+
+def _critical_tensor(nearest: Nearest | None, counts: Rigidity, attempts: _Attempts) -> Solution[Elasticity] | None:
+    """Elasticity of the nearest critical configuration, where it has one self-stress."""
+    if nearest is None or not nearest or counts.n_self_stresses > 1 or nearest.value.network.dimension < 2:
+        return None
+    return attempts.value("B_0 and G_0", lambda: elasticity(nearest.value))
+
+
+def _cuts(nearest: Nearest | None, counts: Rigidity, attempts: _Attempts) -> Array:
+    """Relative change of B_0 by cutting each edge."""
+    if nearest is None or not nearest or counts.n_self_stresses > 1 or nearest.value.network.dimension < 2:
+        return np.full(1, np.nan)
+    if nearest.value.network.n_edges > _MOST_CUTS:
+        return np.full(1, np.nan)
+    found = attempts.value("the cuts of edges", lambda: edge_leverage(nearest.value))
+    return np.full(1, np.nan) if found is None else found.change / found.before
 
 
 def _participation(network: Network, x: Array, tolerance: float) -> Array:
@@ -228,87 +215,3 @@ def _weights(nearest: Nearest | None) -> Array:
     critical = nearest.value
     energy = critical.tensions**2 / critical.network.stiffness
     return np.asarray(energy / energy.sum())
-
-
-def _advised(found: Examination, rounding: float) -> Examination:
-    """The examination with sentences on what to do next."""
-    advice = []
-    near = found.nearest
-    critical_in_file = bool(
-        near is not None and rounding and near.distance <= _ROUNDING_MARGIN * rounding and found.order != "critical"
-    )
-    if critical_in_file and near is not None:
-        advice.append(
-            f"the network is critical within its digits: the nearest critical configuration is {near.distance:.1e} "
-            f"away, and coordinates are rounded to {rounding:.0e}; nearest_critical(...).value restores it"
-        )
-    elif found.order == "floppy" and near is not None:
-        advice.append(
-            f"a critical configuration is {near.distance:.3g} away (root mean square): nearest_critical(...).value; "
-            "optimize(network, 'bulk_modulus') gives the stiffest one"
-        )
-    if found.order == "floppy" and found.onsets:
-        name, onset = min(found.onsets.items(), key=lambda item: abs(item[1].strain))
-        advice.append(
-            f"it becomes rigid first in {name}, at strain {onset.strain:.4g}; strain_path follows it from there"
-        )
-    if found.order == "critical":
-        advice.append("transition_moduli and stiffening give its response; strain_path follows it past the transition")
-    if found.order == "first-order rigid":
-        advice.append("it is rigid at rest: elastic_moduli gives its moduli; dilute it to reach the transition")
-    if found.order == "undecided":
-        advice.append("singular values lie too close to the tolerance: give more digits or another tolerance")
-    return replace(found, advice=tuple(advice))
-
-
-def report_lines(found: Examination) -> list[str]:
-    """The report as lines of text, which are also Markdown."""
-    counts, near = found.counts, found.nearest
-    lines = [f"# {described(found.network)}", ""]
-    if found.notes:
-        lines += ["## As read", "", *(f"- {note}" for note in found.notes), ""]
-    lines += ["## Rigidity", "", f"- **{found.order}**" + (f" ({found.doubt})" if found.doubt else "")]
-    lines += [
-        f"- {counts.n_self_stresses} self-stresses, {counts.n_zero_modes - counts.n_trivial} floppy modes",
-        f"- singular values: {counts.largest_zero:.1e} counts as zero, the next is {counts.smallest_nonzero:.1e} "
-        f"(tolerance {found.tolerance:.0e})",
-        "- a self-stress in tension on every edge "
-        + (f"exists, least over largest σ {found.tension:.2g}" if found.tension > 0 else "does not exist"),
-        "",
-    ]
-    if near is not None:
-        weakest, strongest = float(near.value.sigma.min()), float(near.value.sigma.max())
-        lines += [
-            "## Nearest critical configuration",
-            "",
-            f"- root mean square distance {near.distance:.3e}, largest {np.abs(near.displacement).max():.3e}",
-            f"- stresses from {weakest:.3g} to {strongest:.3g} (mean square 1), relative standard error "
-            f"{np.sqrt(np.mean(near.stress_error**2)):.1e}",
-            f"- edges with the largest part in its compliance: {', '.join(map(str, found.heaviest_edges))}",
-        ]
-        if near.note:
-            lines.append(f"- {near.status.name}: {near.note}")
-        if found.critical_moduli is not None:
-            moduli = found.critical_moduli
-            lines.append(f"- B_0 = {moduli.bulk:.8g}, G_0 = {moduli.shear:.8g}")
-        lines.append("")
-    if found.onsets:
-        lines += ["## Critical strains", "", "| deformation | γ_c | taut edges | exact for |", "|---|---|---|---|"]
-        for name, onset in found.onsets.items():
-            lines.append(f"| {name} | {onset.strain:.8g} | {_taut(onset)} | {onset.value.exact_for} |")
-        lines.append("")
-    if found.moduli is not None:
-        value = found.moduli.value
-        lines += [
-            "## Moduli at rest",
-            "",
-            f"- {found.moduli.status.name}: B = {value.bulk:.8g}, G = {value.shear:.8g}",
-            "",
-        ]
-    if found.failures:
-        lines += ["## Not computed", "", *(f"- {sentence}" for sentence in found.failures), ""]
-    return [*lines, "## Next", "", *(f"- {sentence}" for sentence in found.advice)]
-
-
-def _taut(onset: Onset) -> str:
-    return f"{int(onset.value.taut.sum())} of {len(onset.value.taut)}"

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from critflow.arguments import checked
 from critflow.drawing import draw, saved
-from critflow.examination.examine import Examination, report_lines
+from critflow.examination.report import Examination, report_lines
 from critflow.result import InputError
 
 _STYLE = (
@@ -28,21 +28,23 @@ _STYLE = (
 def write_page(found: Examination, path: str | PathLike[str]) -> None:
     """Write a page with pictures; the ending is .html, or .md with a PNG file next to it."""
     target = Path(path)
-    figure = pictures(found)
+    if target.suffix not in (".md", ".html", ".htm"):
+        raise InputError(f"a page has the ending .html or .md, not {target.suffix!r}")
     if target.suffix == ".md":
         picture = target.with_suffix(".png")
-        saved(figure, picture)
+        saved(pictures(found), picture)
         lines = report_lines(found)
-        target.write_text(
-            "\n".join([*lines[:2], f"![The network]({picture.name})", "", *lines[2:], ""]), encoding="utf-8"
-        )
-    elif target.suffix in (".html", ".htm"):
-        image = io.BytesIO()
-        saved(figure, image)
-        target.write_text(_html(report_lines(found), image.getvalue()), encoding="utf-8")
+        text = "\n".join([*lines[:2], f"![The network]({picture.name})", "", *lines[2:], ""])
     else:
-        plt.close(figure)
-        raise InputError(f"a page has the ending .html or .md, not {target.suffix!r}")
+        text = html_page(found)
+    target.write_text(text, encoding="utf-8")
+
+
+def html_page(found: Examination) -> str:
+    """The page as HTML with its picture inside."""
+    image = io.BytesIO()
+    saved(pictures(found), image)
+    return _html(report_lines(found), image.getvalue())
 
 
 def pictures(found: Examination) -> Figure:

@@ -247,6 +247,8 @@ def _without_fixed_edges(ledger: _Ledger) -> None:
     fixed = np.zeros(data.n_vertices, bool)
     fixed[list(data.pins)] = True
     between = np.asarray(fixed[data.edges].all(axis=1))
+    if between.all():
+        raise NetworkError("every edge joins two fixed vertices, so none can carry tension: fix fewer of them")
     if between.any():
         ledger.keep_edges(~between)
         ledger.note(f"{int(between.sum())} edges between fixed vertices were removed: they cannot respond")

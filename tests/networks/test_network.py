@@ -257,3 +257,19 @@ def test_a_face_around_the_cell_is_refused():
         planar_faces(strip.edges, [[0.5, 0.1], [0.5, -0.1], [-0.5, 0.2], [-0.5, -0.2]], 3)
     with pytest.raises(NetworkError, match="direction"):
         planar_faces(strip.edges, np.zeros((4, 2)), 3)
+
+
+def test_a_network_without_a_cell_has_the_volume_that_is_named():
+    free = Network([[0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: [1.0, 0.0]}, positions=[[0, 0], [0.5, 0.2], [1, 0]])
+    assert not free.has_volume
+    with pytest.raises(NetworkError, match="with_volume"):
+        _ = free.volume
+    named = free.with_volume(3.0)
+    assert named.has_volume and named.volume == 3.0
+    assert named.with_stiffness(2.0).volume == 3.0 and named.part(np.ones(2, bool))[0].volume == 3.0
+    assert named.deformed(np.diag([2.0, 0.5001])).volume == pytest.approx(3.0006)
+    for wrong in (0, -1.0, np.inf, "much", [1.0, 2.0]):
+        with pytest.raises(NetworkError, match="volume"):
+            free.with_volume(wrong)
+    with pytest.raises(NetworkError, match="cell"):
+        honeycomb_network(2, 2).with_volume(1.0)

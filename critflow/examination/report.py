@@ -1,0 +1,243 @@
+"""An examination, its report as lines of text that are also Markdown, and the advice in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import import_module
+
+import numpy as np
+
+from critflow.design.nearest import Nearest
+from critflow.design.onset import Onset
+from critflow.exchange.repair import described
+from critflow.mechanics.elasticity import Elasticity, Moduli
+from critflow.networks.network import Array, Network
+from critflow.result import Record, Solution
+from critflow.rigidity.counts import Rigidity
+
+_MOST_EDGES = 5
+ORDERS = {
+    "floppy": "floppy: motions exist that change no length to second order, and every modulus is zero",
+    "critical": "critical: one self-stress, in tension on every edge, makes it rigid at the transition",
+    "first": "rigid to first order: no motion keeps all lengths",
+    "prestress": "rigid to second order: a self-stress stabilises every floppy motion",
+    "second": "rigid to second order, by several self-stresses of which none alone is enough",
+    "undecided": "undecided",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Examination(Record):
+    """The answers to the questions about one network; parts that could not be computed are None with a sentence.
+
+    order        "floppy", "critical" (one self-stress, in tension on every edge), "first" (rigid to first order),
+                 "prestress" (a self-stress stabilises all floppy modes), "second" or "undecided"
+    counts       self-stresses, zero modes and the gap of singular values
+    tolerance    singular values below it count as zero
+    tension      least |σ| over the largest of the best self-stress in tension everywhere; 0: none exists
+    participation  (N_v,) part of each vertex in the floppy motions, at most 1; NaN where they were not computed
+    nearest      the nearest critical configuration, or that towards which the descent tends
+    critical_tensor  elasticity at the transition, of the nearest critical configuration
+    critical_strains  by name of the deformation, for the rest lengths
+    tensor       elasticity at the positions
+    weights      (N_b,) part of each edge in the energy of the self-stress of the nearest critical configuration
+    cuts         (N_b,) relative change of B_0 of the nearest critical configuration by cutting each edge
+    failures     sentences on parts that could not be computed
+    advice       sentences on what to do next
+    """
+
+    network: Network
+    coordinates: Array
+    rest_lengths: Array
+    notes: tuple[str, ...]
+    order: str
+    counts: Rigidity
+    doubt: str
+    tolerance: float
+    tension: float
+    participation: Array
+    nearest: Nearest | None
+    critical_tensor: Solution[Elasticity] | None
+    critical_strains: dict[str, Onset]
+    tensor: Solution[Elasticity] | None
+    weights: Array
+    cuts: Array
+    failures: tuple[str, ...] = ()
+    advice: tuple[str, ...] = field(default=())
+
+    @property
+    def n_self_stresses(self) -> int:
+        return self.counts.n_self_stresses
+
+    @property
+    def n_floppy_modes(self) -> int:
+        """Zero modes other than translations."""
+        return self.counts.n_zero_modes - self.counts.n_trivial
+
+    @property
+    def distance(self) -> float:
+        """Root mean square distance to the nearest critical configuration; NaN where none was found."""
+        return np.nan if self.nearest is None else self.nearest.distance
+
+    @property
+    def moduli(self) -> Solution[Moduli] | None:
+        """Bulk and shear modulus at the positions."""
+        found = self.tensor
+        return None if found is None else Solution(found.value.moduli, found.status, found.stats, found.note)
+
+    @property
+    def critical_moduli(self) -> Moduli | None:
+        """B_0 and G_0 of the nearest critical configuration."""
+        return None if self.critical_tensor is None else self.critical_tensor.value.moduli
+
+    @property
+    def heaviest_edges(self) -> list[int]:
+        """The edges with the largest weights."""
+        if not np.isfinite(self.weights).all():
+            return []
+        return [int(edge) for edge in np.argsort(self.weights)[::-1][:_MOST_EDGES]]
+
+    @property
+    def most_loaded_cuts(self) -> list[int]:
+        """The edges whose cut lowers B_0 most, among those whose cut does not open the network."""
+        finite = np.flatnonzero(np.isfinite(self.cuts))
+        return [int(edge) for edge in finite[np.argsort(self.cuts[finite])][:_MOST_EDGES]]
+
+    @property
+    def text(self) -> str:
+        """The report as Markdown."""
+        return "\n".join(report_lines(self))
+
+    def to_html(self) -> str:
+        """The report as a page with pictures, which `write_page` writes to a file."""
+        # matplotlib is loaded at the first picture.
+        page = import_module("critflow.examination.page")
+        return str(page.html_page(self))
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def report_lines(found: Examination) -> list[str]:
+    """The report as lines of text, which are also Markdown."""
+    lines = [f"# {described(found.network)}", ""]
+    if found.notes:
+        lines += ["## As read", "", *(f"- {note}" for note in found.notes), ""]
+    lines += [*_rigidity(found), *_nearest(found)]
+    if found.critical_strains:
+        lines += ["## Critical strains", "", "| deformation | γ_c | taut edges | exact for |", "|---|---|---|---|"]
+        for name, onset in found.critical_strains.items():
+            lines.append(f"| {name} | {onset.strain:.8g} | {_taut(onset)} | {onset.value.exact_for} |")
+        lines.append("")
+    if found.tensor is not None:
+        lines += ["## Moduli at these positions, springs at rest", "", *_moduli(found.tensor), ""]
+    if found.failures:
+        lines += ["## Not computed", "", *(f"- {sentence}" for sentence in found.failures), ""]
+    return [*lines, "## Next", "", *(f"- {sentence}" for sentence in found.advice)]
+
+
+def _rigidity(found: Examination) -> list[str]:
+    counts = found.counts
+    name, _, meaning = ORDERS[found.order].partition(":")
+    lines = ["## Rigidity", "", f"- **{name}**" + (f":{meaning}" if meaning else "")]
+    if found.doubt:
+        lines.append(f"- {found.doubt}")
+    lines += [
+        f"- {counts.n_self_stresses} self-stresses, {found.n_floppy_modes} floppy modes",
+        f"- singular values: {counts.largest_zero:.1e} counts as zero, the next is {counts.smallest_nonzero:.1e} "
+        f"(tolerance {found.tolerance:.0e})",
+        "- a self-stress in tension on every edge "
+        + (f"exists, least over largest σ {found.tension:.2g}" if found.tension > 0 else "does not exist"),
+    ]
+    moving = found.participation
+    if found.n_floppy_modes and np.isfinite(moving).all():
+        most = np.argsort(moving)[::-1][:5]
+        lines.append(f"- vertices with the largest part in the floppy motions: {', '.join(map(str, most))}")
+    return [*lines, ""]
+
+
+def _nearest(found: Examination) -> list[str]:
+    near = found.nearest
+    if near is None:
+        return []
+    sigma, error = near.value.sigma, float(np.sqrt(np.mean(near.stress_error**2)))
+    known = f", relative standard error {error:.1e}" if np.isfinite(error) else ""
+    lines = [
+        "## Nearest critical configuration",
+        "",
+        f"- root mean square distance {near.distance:.3e}, largest {np.abs(near.displacement).max():.3e}",
+        f"- stresses from {float(sigma.min()):.3g} to {float(sigma.max()):.3g} (mean square 1){known}",
+        f"- edges with the largest part in its compliance: {', '.join(map(str, found.heaviest_edges))}",
+    ]
+    if cuts := found.most_loaded_cuts:
+        named = ", ".join(f"{edge} ({100 * found.cuts[edge]:.2g} %)" for edge in cuts)
+        lines.append(f"- edges whose cut lowers B_0 most, with the stress of the others unchanged: {named}")
+    if near.note:
+        lines.append(f"- {near.status.name}: {near.note}")
+    if found.critical_tensor is not None:
+        lines += _moduli(found.critical_tensor, "_0")
+    return [*lines, ""]
+
+
+def _moduli(solution: Solution[Elasticity], index: str = "") -> list[str]:
+    """Status, moduli and tensor of an elasticity."""
+    tensor = solution.value
+    if not np.isfinite(tensor.energy).all():
+        return [f"- {solution.status.name}: {solution.reason}"]
+    state = "" if solution.ok else f"{solution.status.name}: "
+    lines = [f"- {state}B{index} = {_number(tensor.bulk)}, G{index} = {_number(tensor.shear)}"]
+    if not tensor.energy.any():
+        return lines
+    x, y = np.eye(tensor.dimension)[:2]
+    ratio = tensor.poissons_ratio(x, y)
+    if np.isfinite(ratio):
+        lines.append(f"- along x: Young's modulus {_number(tensor.youngs_modulus(x))}, Poisson's ratio {ratio:.6g}")
+    names = tensor.components
+    size = float(np.abs(tensor.energy).max())
+    rows = [
+        f"| {name} | {' | '.join(f'{0.0 if abs(c) < 1e-12 * size else c:.6g}' for c in row)} |"
+        for name, row in zip(names, tensor.energy, strict=True)
+    ]
+    return [*lines, "", f"| C | {' | '.join(names)} |", "|---" * (1 + len(names)) + "|", *rows]
+
+
+def _number(value: float) -> str:
+    return f"{value:.8g}"
+
+
+def _taut(onset: Onset) -> str:
+    return f"{int(onset.value.taut.sum())} of {len(onset.value.taut)}"
+
+
+def advice_of(found: Examination, margin: float) -> tuple[str, ...]:
+    """Sentences on what to do next.
+
+    margin  distance to a critical configuration that rounded coordinates may cause; 0 where they have all digits
+    """
+    near, advice = found.nearest, []
+    if near is not None and margin and near.distance <= margin and found.order != "critical":
+        advice.append(
+            f"the network is critical within its digits: the nearest critical configuration is {near.distance:.1e} "
+            f"away, and rounded coordinates explain {margin:.0e}; nearest_critical(...).value restores it"
+        )
+    elif found.order == "floppy" and near is not None:
+        advice.append(
+            f"a critical configuration is {near.distance:.3g} away (root mean square): nearest_critical(...).value; "
+            "optimize(network, 'bulk_modulus') gives the stiffest one"
+        )
+    if found.order == "floppy" and found.critical_strains:
+        name, onset = min(found.critical_strains.items(), key=lambda item: abs(item[1].strain))
+        advice.append(
+            f"it becomes rigid first in {name}, at strain {onset.strain:.4g}; strain_path follows it from there"
+        )
+    if found.order == "floppy" and near is None and not found.critical_strains:
+        advice.append("add edges or fix vertices: neither a strain nor another configuration makes it rigid")
+    if found.order == "critical":
+        advice.append("transition_moduli and stiffening give its response; strain_path follows it past the transition")
+    if found.order == "first":
+        advice.append("it is rigid at rest: elasticity gives its tensor; diluted(...) leads to the transition")
+    if found.order in ("prestress", "second"):
+        advice.append("elasticity gives its tensor at rest; signed_stress and strain_path follow it under stress")
+    if found.order == "undecided":
+        advice.append("singular values lie too close to the tolerance: give more digits or another tolerance")
+    return tuple(advice)
