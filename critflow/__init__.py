@@ -13,12 +13,13 @@ from critflow.critical.stress_hessian import flat_directions, stress_hessian
 from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.isogonal import face_modes, isogonal_modes
 from critflow.design.isogonal_design import IsogonalDesign, isogonal_design
-from critflow.design.leverage import EdgeLeverage, edge_leverage
+from critflow.design.leverage import EdgeLeverage, add, cut, edge_leverage
 from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound, stiffening_bound
 from critflow.design.nearest import Nearest, nearest_critical
 from critflow.design.onset import Onset, critical_strain
 from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
+from critflow.design.prune_towards import PrunedDesign, prune_towards
 from critflow.design.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
 from critflow.design.stiffness_design import StiffnessDesign, design_stiffness, isotropic_targets
 from critflow.design.strained_objective import StrainedObjective, StrainedResponse, strained_response
@@ -104,6 +105,7 @@ __all__ = [
     "Optimum",
     "PowerLaw",
     "Pruned",
+    "PrunedDesign",
     "RigiditySurface",
     "SignedStress",
     "Solution",
@@ -121,6 +123,7 @@ __all__ = [
     "TautComponent",
     "WormLike",
     "__version__",
+    "add",
     "backbone",
     "bond_operator",
     "bulk_modulus_bound",
@@ -130,6 +133,7 @@ __all__ = [
     "critical_from_perimeters",
     "critical_strain",
     "cubic_network",
+    "cut",
     "deformation_of",
     "delaunay_network",
     "delaunay_of",
@@ -168,6 +172,7 @@ __all__ = [
     "planar_faces",
     "principal_curvatures",
     "prune",
+    "prune_towards",
     "pruned_network",
     "random_sequential_addition",
     "regular_network",

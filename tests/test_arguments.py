@@ -67,6 +67,9 @@ RIGHT = {
     "first": np.eye(2),
     "second": np.diag([1.0, -1.0]),
     "n": 4,
+    "edge": 0,
+    "tail": 0,
+    "head": 1,
     "chart": StereographicChart.about(CRITICAL.sigma),
     "s": np.zeros(5),
     "deformation": "dilation",
@@ -85,6 +88,7 @@ OF_FUNCTION = {
         "start": np.ones(LATTICE.n_edges),
     },
     "isotropic_targets": {"youngs_modulus": 1.0, "poissons_ratio": 0.2},
+    "prune_towards": {"target": 0.1},
     "isogonal_design": {
         "critical": CriticalManifold(HEXAGONS).configuration(1 + 0.1 * np.arange(HEXAGONS.n_edges)),
         "targets": {"length_0": 0.9},

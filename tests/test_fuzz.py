@@ -200,6 +200,9 @@ CALLS = {
         p.network, critical_of(p), 1e-3, deformation=a_deformation(p, r)
     ),
     "edge_leverage": lambda p, r: critflow.edge_leverage(critical_of(p)),
+    "cut": lambda p, r: critflow.cut(p.network, 0),
+    "add": lambda p, r: critflow.add(p.network, 0, p.network.n_vertices - 1),
+    "prune_towards": lambda p, r: critflow.prune_towards(critical_of(p), cuts=2),
     "prune": lambda p, r: critflow.prune(p.network, numbers(r, len(p.sigma)) < 0.5),
 }
 

@@ -13,13 +13,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import checked, shown
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import LengthVariance, Objective, TensionVariance, TransitionModulus, named_objective
 from critflow.design.tolerances import UNSUPPORTED
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array, IntArray, Network
 from critflow.result import InputError, Record
+
+Mask = NDArray[np.bool_]
 
 # Columns of g P⁻¹ gᵀ that are held at once, in numbers.
 _BLOCK = 4_000_000
@@ -71,18 +74,18 @@ def edge_leverage(
     balance = CriticalManifold(network).balance(sigma)
     g, L = network.free_incidence, balance.bond_vectors
     m = network.n_edges
-    after, bypass = np.empty(m), np.empty(m)
+    kept, after, bypass = np.ones(m, bool), np.empty(m), np.empty(m)
     width = max(1, _BLOCK // (m * network.dimension))
     for first in range(0, m, width):
         edges = np.arange(first, min(first + width, m))
         response = np.asarray(g @ balance.factor.solve(np.asarray(g[edges].todense().T)))
-        for column, edge in zip(response.T, edges, strict=True):
-            bypass[edge] = 1 - sigma[edge] * column[edge]
-            after[edge] = _without(goal, int(edge), sigma, L, column, bypass[edge])
+        bypass[edges] = 1 - sigma[edges] * response[edges, np.arange(len(edges))]
+        after[edges] = values_after(goal, sigma, L, response, edges, kept)
     name = objective if isinstance(objective, str) else type(goal).__name__
     return EdgeLeverage(name, goal.evaluate(sigma, L)[0], after, bypass)
 
 
+@checked
 def cut(network: Network, edge: int) -> Network:
     """The network without one edge; vertices that then hang on nothing leave with it."""
     if not 0 <= edge < network.n_edges:
@@ -92,21 +95,71 @@ def cut(network: Network, edge: int) -> Network:
     return network.part(kept)[0]
 
 
-def _without(goal: Objective, edge: int, sigma: Array, L: Array, column: Array, bypass: float) -> float:
-    """The objective of the other edges after the cut of one, whose column of g P⁻¹ gᵀ is given."""
-    if abs(bypass) <= UNSUPPORTED:
-        return np.nan
-    kept = np.ones(len(sigma), bool)
-    kept[edge] = False
-    there = (L + (sigma[edge] / bypass) * column[:, None] * L[edge])[kept]
-    if not np.abs(there).max(initial=0.0) > UNSUPPORTED * np.abs(L).max():
-        # The rest collapses to a point.
-        return np.nan
-    return _of_part(goal, kept).evaluate(sigma[kept], there)[0]
+@checked
+def add(network: Network, tail: int, head: int, offset: ArrayLike | None = None, stiffness: float = 1.0) -> Network:
+    """The network with one edge more, its last one, from a vertex to the image of another in a cell at `offset` (d,).
+
+    The faces of the network, if it has any, are not kept: the edge may cross others.
+    """
+    n, d = network.n_vertices, network.dimension
+    if not (0 <= tail < n and 0 <= head < n):
+        raise InputError(f"an edge joins two vertices, counted from 0 to {n - 1}, not {tail} and {head}")
+    image = np.zeros(d) if offset is None else np.asarray(offset, dtype=float)
+    if image.shape != (d,) or not (image == np.round(image)).all():
+        raise InputError(f"the offset must be {d} whole numbers of cells, not {shown(offset)}")
+    return Network(
+        np.concatenate([network.edges, [[tail, head]]]),
+        np.concatenate([network.offsets, [image.astype(int)]]),
+        network.cell,
+        np.append(network.stiffness, stiffness),
+        network.pins,
+        positions=network.positions,
+    )
 
 
-def _of_part(goal: Objective, kept: Array) -> Objective:
-    """The objective for some of the edges."""
+def values_after(goal: Objective, sigma: Array, L: Array, columns: Array, edges: IntArray, kept: Mask) -> Array:
+    """The objective of the kept edges (N_b,) without each of n edges, NaN where the cut opens the network, (n,).
+
+    columns  (N_b, n) of g P⁻¹ gᵀ
+    """
+    own = np.arange(len(edges))
+    bypass = 1 - sigma[edges] * columns[edges, own]
+    opened = np.abs(bypass) <= UNSUPPORTED
+    bypass = np.where(opened, 1.0, bypass)
+    growth = sigma[edges] / bypass
     if isinstance(goal, TransitionModulus):
-        return TransitionModulus(goal.strain, goal.stiffness[kept], goal.volume)
-    return goal
+        value = _modulus_after(goal, sigma, L, columns, edges, bypass, kept)
+    else:
+        there = L[:, None, :] + (growth * columns)[:, :, None] * L[edges]
+        measured = np.linalg.norm(there, axis=2) * (sigma[:, None] if isinstance(goal, TensionVariance) else 1.0)
+        rest = np.repeat(kept[:, None], len(edges), axis=1)
+        rest[edges, own] = False
+        # Without stress nothing has a length: the rest collapses to a point.
+        size = np.abs(measured).max(axis=0, initial=0.0, where=rest)
+        opened |= size <= UNSUPPORTED * np.abs(measured).max(axis=0)
+        mean = np.mean(measured, axis=0, where=rest)
+        value = np.mean((measured - mean) ** 2, axis=0, where=rest) / np.where(opened, 1.0, mean) ** 2
+    return np.where(opened, np.nan, value)
+
+
+def _modulus_after(
+    goal: TransitionModulus, sigma: Array, L: Array, columns: Array, edges: IntArray, bypass: Array, kept: Mask
+) -> Array:
+    """μ = W²/(V D) without each edge: with C = g P⁻¹ gᵀ, CσC = C and C(σ ∘ L) = 0, W = Σσ L·A L loses σ L·A L/(1 − σr).
+
+    The parameters of `values_after`, with 1 − σr of each edge.
+    """
+    removed, weight = L[edges], np.where(kept, sigma**2 / goal.stiffness, 0.0)
+    growth = sigma[edges] / bypass
+    work = float(np.einsum("a,ad,ad->", np.where(kept, sigma, 0.0), L, L @ goal.symmetric))
+    work = work - sigma[edges] * np.einsum("ad,ad->a", removed, removed @ goal.symmetric) / bypass
+    square = np.einsum("ad,ad->a", removed, removed)
+    linear = np.einsum("ad,ad->a", columns.T @ (weight[:, None] * L), removed)
+    cost = float(weight @ np.einsum("ad,ad->a", L, L)) + 2 * growth * linear
+    cost = (
+        cost
+        + growth**2 * square * np.einsum("a,ab,ab->b", weight, columns, columns)
+        - weight[edges] * square / bypass**2
+    )
+    collapsed = cost <= UNSUPPORTED**2 * float(weight @ np.einsum("ad,ad->a", L, L))
+    return np.where(collapsed, np.nan, work**2 / (goal.volume * np.where(collapsed, 1.0, cost)))

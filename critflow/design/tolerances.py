@@ -65,6 +65,8 @@ INSIDE            Part of the distance to a limit that a step uses, to stay insi
 Cuts
 UNSUPPORTED       Part of a stress that flows around an edge below which its cut opens the network; rounding leaves
                   1e-13.
+PRUNING_DRIFT     Error of rank-one updates from which P is factorised again: far below the digits of a design.
+PRUNING_REACHED   Distance from a target that counts as reached, relative to it: cuts are discrete.
 
 Targets
 TARGET_REACHED    Largest relative error of a target of a design.
@@ -97,6 +99,8 @@ SMALLEST_START    Smallest stress that a descent starts from, relative to the me
 """
 
 UNSUPPORTED = 1e-10
+PRUNING_DRIFT = 1e-10
+PRUNING_REACHED = 1e-3
 
 TARGET_REACHED = 1e-11
 TARGET_STATIONARY = 1e-3

@@ -1,0 +1,234 @@
+"""Pruning towards a target: edges are cut one at a time with the stress of the others unchanged.
+
+All values after the next cut follow from C = g P⁻¹ gᵀ, which a cut changes by a matrix of rank one, and the bond
+vectors with it: with its column c of edge α and r = C_αα,
+    C → C + σ_α c cᵀ/(1 − σ_α r),   L → L + σ_α c L_αᵀ/(1 − σ_α r).
+No matrix is factorised while the identities of C and the balance of forces hold to a bound; beyond it C is computed
+again from the edges that remain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg.blas import dger
+
+from critflow.arguments import checked, generator
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.objectives import LengthVariance, Objective, TensionVariance, TransitionModulus, named_objective
+from critflow.design.leverage import Mask, values_after
+from critflow.design.tolerances import NO_LENGTH, PRUNING_DRIFT, PRUNING_REACHED
+from critflow.networks.network import Array, IntArray
+from critflow.networks.pruning import prune
+from critflow.result import InputError, Solution, Stats, Status
+from critflow.rigidity.tolerances import LARGEST_DENSE
+
+# The column of C that is checked changes from cut to cut.
+_PRIME = 7919
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PrunedDesign(Solution[CriticalConfiguration]):
+    """A configuration of a part of the edges, with the stress that they had.
+
+    cuts            edges in the order of their cuts, by their index in the whole network
+    edges           (n,) edges of the configuration, likewise; those that a cut leaves hanging are not among them
+    values          objective before the first cut and after each one
+    factorisations  of P: 1 without drift, and the one of the returned configuration
+    drift           |value − exact| of the last value, relative to the exact one of the returned configuration
+    """
+
+    cuts: IntArray
+    edges: IntArray
+    values: Array = field(repr=False)
+    factorisations: int
+    drift: float
+
+    @property
+    def objective(self) -> float:
+        """Value of the objective after the last cut."""
+        return float(self.values[-1])
+
+
+@checked
+def prune_towards(
+    critical: CriticalConfiguration,
+    objective: str = "bulk_modulus",
+    target: float | None = None,
+    cuts: int | None = None,
+    seed: int | None = None,
+    tolerance: float = PRUNING_REACHED,
+    drift: float = PRUNING_DRIFT,
+    throw: bool = True,
+) -> PrunedDesign:
+    """Cut edges of a critical configuration until an objective is near a target, or a number of edges at least loss.
+
+    objective  "bulk_modulus", "shear_modulus" (without penalty), "length_variance" or "tension_variance"
+    target     value; None: the best value after every cut, the largest for moduli and the least for variances
+    cuts       largest number of cuts; with a target as many as reduce its distance by default
+    seed       None: each cut is the best one (greedy).  A number: edges are tried in random order, and cut if the
+               distance from the target becomes smaller; without a target all are
+    tolerance  distance from the target, relative to it, that counts as reached
+    drift      error of the identities of C, and of the balance of forces over the mean tension, from which P is
+               factorised again
+
+    Cuts are discrete: `Status.infeasible` where no further cut reduces the distance from the target and it is larger
+    than the tolerance.  `Status.floppy` where every further cut opens the network.  A search cut by cut is not
+    exhaustive: other sets of edges may be nearer.
+    Raises `InputError` for unknown objectives, stresses with zeros, networks beyond about 4,000 edges, and without
+    target and number of cuts.
+    """
+    goal = _goal(critical, objective, target, cuts)
+    search = _Search(critical, goal, drift, seed)
+    limit = critical.network.n_edges if cuts is None else cuts
+    values, status, note = [search.value()], Status.ok, ""
+    while len(search.cuts) < limit:
+        edge = search.next_edge(target, values[-1])
+        if edge is None:
+            status, note = (Status.floppy, "every further cut opens the network") if target is None else (status, note)
+            break
+        search.cut(edge)
+        values.append(search.value())
+    if target is not None and not abs(values[-1] - target) <= tolerance * target:
+        status = Status.infeasible
+        note = (
+            f"{objective} is {values[-1]:.6g} after {len(search.cuts)} cuts: no further one is nearer to {target:.6g}"
+        )
+    configuration, edges = search.result(critical)
+    exact = _of(goal, edges).evaluate(configuration.sigma, configuration.bond_vectors)[0]
+    solution = PrunedDesign(
+        value=configuration,
+        status=status,
+        stats=Stats("rank-one updates", len(search.cuts), np.nan if target is None else abs(values[-1] / target - 1)),
+        note=note,
+        cuts=np.array(search.cuts, dtype=np.int64),
+        edges=edges,
+        values=np.array(values),
+        factorisations=search.factorisations + 1,
+        drift=abs(values[-1] - exact) / max(abs(exact), np.finfo(float).tiny),
+    )
+    return solution.or_raise("the cuts did not lead to the target") if throw else solution
+
+
+def _of(goal: Objective, edges: IntArray | Mask) -> Objective:
+    """The objective of some of the edges."""
+    if isinstance(goal, TransitionModulus):
+        return TransitionModulus(goal.strain, goal.stiffness[edges], goal.volume)
+    return goal
+
+
+def _goal(critical: CriticalConfiguration, objective: str, target: float | None, cuts: int | None) -> Objective:
+    """The objective, after checks of all arguments."""
+    network = critical.network
+    goal = named_objective(network, objective, None)
+    if not isinstance(goal, LengthVariance | TensionVariance | TransitionModulus):
+        raise InputError(f"{objective} has no value for a part of the edges: choose another objective")
+    if target is None and cuts is None:
+        raise InputError("give a target, a number of cuts, or both")
+    if target is not None and not (np.isfinite(target) and target > 0):
+        raise InputError(f"the target of {objective} must be a positive number, not {target}")
+    if cuts is not None and not 0 <= cuts < network.n_edges:
+        raise InputError(f"the number of cuts must be from 0 to {network.n_edges - 1}, not {cuts}")
+    if not (critical.sigma != 0).all():
+        raise InputError(
+            "edges without stress change nothing when they are cut: use the configuration of the taut part"
+        )
+    if network.n_edges**2 > LARGEST_DENSE:
+        raise InputError(
+            f"a matrix of {network.n_edges}² numbers is too large: use edge_leverage and cut, one edge at a time"
+        )
+    return goal
+
+
+class _Search:
+    """The edges that remain, C of them, and their bond vectors.
+
+    kept      edges that remain and have a length
+    untried   edges in random order, the next one last
+    """
+
+    def __init__(self, critical: CriticalConfiguration, goal: Objective, bound: float, seed: int | None):
+        self._manifold, self._goal, self._bound = CriticalManifold(critical.network), goal, bound
+        m = critical.network.n_edges
+        self.sigma, self.kept, self.cuts, self.factorisations = critical.sigma.copy(), np.ones(m, bool), list[int](), 0
+        self.untried = None if seed is None else generator(seed).permutation(m).tolist()
+        self._factorise()
+
+    def _factorise(self) -> None:
+        g = self._manifold.network.free_incidence
+        balance = self._manifold.balance(self.sigma)
+        self.L = balance.bond_vectors
+        self.C = np.ascontiguousarray(g @ balance.factor.solve(g.T.toarray()))
+        self.factorisations += 1
+
+    def value(self) -> float:
+        """The objective of the edges that remain."""
+        kept = self.kept
+        return _of(self._goal, kept).evaluate(self.sigma[kept], self.L[kept])[0]
+
+    def after(self, first: int, last: int) -> Array:
+        """The objective after the cut of each edge from `first` to `last`, NaN where it opens the network."""
+        edges = np.arange(first, last)
+        values = values_after(self._goal, self.sigma, self.L, self.C[:, first:last], edges, self.kept)
+        return np.where(self.kept[edges], values, np.nan)
+
+    def after_all(self) -> Array:
+        """The objective after the cut of each edge, (N_b,), NaN for those that do not remain."""
+        m = len(self.kept)
+        width = m if isinstance(self._goal, TransitionModulus) else max(1, LARGEST_DENSE // (4 * self.L.size))
+        return np.concatenate([self.after(first, min(first + width, m)) for first in range(0, m, width)])
+
+    def next_edge(self, target: float | None, now: float) -> int | None:
+        """The edge that is cut next, or None where every cut opens the network or is away from the target."""
+        reached = np.inf if target is None else abs(now - target)
+        if self.untried is None:
+            best, distance = _best(self._goal, self.after_all(), target)
+            return best if target is None or distance < reached else None
+        while self.untried:
+            edge = self.untried.pop()
+            if self.kept[edge]:
+                best, distance = _best(self._goal, self.after(edge, edge + 1), target)
+                if best is not None and (target is None or distance < reached):
+                    return int(edge)
+        return None
+
+    def cut(self, edge: int) -> None:
+        """Cut an edge by updates of rank one, or by a new factorisation where their errors exceed the bound."""
+        column, stress = self.C[:, edge].copy(), self.sigma[edge]
+        growth = stress / (1 - stress * column[edge])
+        self.L += growth * np.outer(column, self.L[edge])
+        # C is symmetric, so that its transpose has the order of BLAS and is updated in place.
+        dger(growth, column, column, a=self.C.T, overwrite_a=True)
+        self.sigma[edge], self.kept[edge] = 0.0, False
+        self.cuts.append(edge)
+        if not self.error() <= self._bound:
+            self._factorise()
+        # Edges that hang on one vertex have no length, and change nothing.
+        lengths = np.linalg.norm(self.L, axis=1)
+        self.kept &= lengths > NO_LENGTH * lengths[self.kept].mean()
+
+    def error(self) -> float:
+        """Error of σCσC = σC in one entry, and of the balance of forces over the mean tension."""
+        edges = np.flatnonzero(self.kept)
+        probe = edges[_PRIME * len(self.cuts) % len(edges)]
+        column = self.C[:, probe]
+        of_C = abs(self.sigma[probe] * (column @ (self.sigma * column) - column[probe]))
+        force = self._manifold.network.divergence @ (self.sigma[:, None] * self.L)
+        mean = np.abs(self.sigma * np.linalg.norm(self.L, axis=1))[edges].mean()
+        return float(max(of_C, np.abs(force).max(initial=0.0) / mean))
+
+    def result(self, critical: CriticalConfiguration) -> tuple[CriticalConfiguration, IntArray]:
+        """The configuration of the edges that remain, solved from their stresses, and their indices."""
+        network, edges, _ = prune(critical.network, self.kept)
+        return CriticalManifold(network).configuration(critical.sigma[edges]), edges
+
+
+def _best(goal: Objective, values: Array, target: float | None) -> tuple[int | None, float]:
+    """Place of the best value, and its distance from the target; None where all cuts open the network."""
+    if not np.isfinite(values).any():
+        return None, np.inf
+    sign = -1.0 if goal.maximise else 1.0
+    distance = sign * values if target is None else np.abs(values - target)
+    best = int(np.nanargmin(distance))
+    return best, float(distance[best])

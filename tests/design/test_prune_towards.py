@@ -1,0 +1,110 @@
+"""Pruning towards a target: values of the networks that remain, greedy cuts, drift, adding edges, bad input."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from problems import random_stress, square_octagon, with_random_stiffness
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    SolveError,
+    Status,
+    add,
+    cut,
+    edge_leverage,
+    prune,
+    prune_towards,
+    transition_moduli,
+    voronoi_network,
+)
+from critflow.rigidity.structure import length_variance, tension_variance
+
+VALUES = {
+    "bulk_modulus": lambda critical: transition_moduli(critical).bulk,
+    "shear_modulus": lambda critical: transition_moduli(critical).shear,
+    "length_variance": length_variance,
+    "tension_variance": tension_variance,
+}
+
+
+@cache
+def critical(n_vertices=60):
+    network = with_random_stiffness(voronoi_network(n_vertices, seed=1), seed=2)
+    return CriticalManifold(network).configuration(random_stress(network.n_edges, seed=4))
+
+
+@pytest.mark.parametrize("objective", VALUES)
+def test_values_and_choices_are_those_of_new_factorisations(objective):
+    before = critical()
+    found = prune_towards(before, objective, cuts=6)
+    assert found.ok and len(found.values) == 7 and found.factorisations == 2
+    kept, best = np.ones(before.network.n_edges, bool), np.nanargmax if "modulus" in objective else np.nanargmin
+    for edge, value in zip(found.cuts, found.values[1:], strict=True):
+        part = prune(before.network, kept)
+        now = CriticalManifold(part.network).configuration(before.sigma[part.edges])
+        after = edge_leverage(now, objective).after
+        assert after[np.flatnonzero(part.edges == edge)[0]] == pytest.approx(after[best(after)], rel=1e-9)
+        assert value == pytest.approx(after[best(after)], rel=1e-9)
+        kept[edge] = False
+    np.testing.assert_array_equal(found.edges, prune(before.network, kept).edges)
+    assert found.objective == pytest.approx(VALUES[objective](found.value), rel=1e-11)
+    assert found.drift < 1e-11
+    np.testing.assert_allclose(np.ptp(found.value.sigma / before.sigma[found.edges]), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [None, 3])
+def test_a_target_is_reached_or_the_distance_reported(seed):
+    before = critical()
+    target = 0.7 * transition_moduli(before).bulk
+    found = prune_towards(before, target=target, seed=seed, tolerance=0.03)
+    assert found.ok and abs(found.objective / target - 1) < 0.03
+    assert (np.diff(np.abs(found.values - target)) < 0).all()
+    with pytest.raises(SolveError, match="no further") as refusal:
+        prune_towards(before, target=target, seed=seed, tolerance=1e-12)
+    assert refusal.value.solution.status is Status.infeasible
+    again = prune_towards(before, target=target, seed=seed, tolerance=0.03)
+    np.testing.assert_array_equal(again.cuts, found.cuts)
+
+
+def test_drift_is_corrected_by_new_factorisations():
+    before = critical()
+    updated, factorised = (prune_towards(before, cuts=12, seed=1, drift=bound) for bound in (1e-10, 0.0))
+    assert updated.factorisations == 2 and factorised.factorisations > 10
+    np.testing.assert_array_equal(updated.cuts, factorised.cuts)
+    np.testing.assert_allclose(updated.values, factorised.values, rtol=1e-11)
+
+
+def test_cuts_end_where_every_further_one_opens_the_network():
+    network = square_octagon()
+    found = prune_towards(CriticalManifold(network).configuration(np.ones(6)), cuts=5, throw=False)
+    assert found.status is Status.floppy and "opens" in found.note
+    assert len(found.cuts) < 5 and found.value.residual < 1e-12
+
+
+def test_an_added_edge_is_the_last_one_and_its_cut_restores_the_network():
+    network = critical().network
+    more = add(network, 3, 17, (1, 0), stiffness=2.0)
+    assert more.n_edges == network.n_edges + 1 and more.stiffness[-1] == 2.0
+    np.testing.assert_array_equal(more.offsets[-1], [1, 0])
+    np.testing.assert_array_equal(cut(more, network.n_edges).edges, network.edges)
+    with pytest.raises(InputError, match="60"):
+        add(network, 3, 60)
+    with pytest.raises(InputError, match="offset"):
+        add(network, 3, 17, (0.5, 0))
+
+
+@pytest.mark.parametrize(
+    "wrong, word",
+    [
+        ({}, "target"),
+        ({"objective": "colour", "cuts": 1}, "colour"),
+        ({"target": -1.0}, "positive"),
+        ({"cuts": 90}, "89"),
+        ({"cuts": 1, "seed": -1}, "seed"),
+    ],
+)
+def test_bad_input_is_one_sentence(wrong, word):
+    with pytest.raises(InputError, match=word):
+        prune_towards(critical(), **wrong)
