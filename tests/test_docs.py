@@ -30,10 +30,17 @@ from critflow.linalg import backends
 from workflows.pages.paper import EQUATIONS
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+sys.path.append(str(ROOT / "docs" / "_ext"))
+
+import programs  # noqa: E402
+
+DOCS = ROOT / "docs"
+MADE = {DOCS / "studies.md", *(path.with_suffix(".md") for path in (DOCS / "notebooks").glob("*.py"))}  # by the site
+PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted(set(DOCS.rglob("*.md")) - MADE)]
 LINES_OF_EXTENDING = 30
 LINES_OF_README = 120
-INFO_STRINGS = {"python", "output", "console", "text", "sh"}
+LINES_OF_PICTURE, PICTURES = 40, 24
+INFO_STRINGS = {"python", "output", "console", "text", "sh", "{layer}", "{gallery}"}
 _MARK = "<<< next block >>>"
 
 
@@ -49,7 +56,7 @@ def blocks(page: Path) -> list[Block]:
     found, current = [], None
     for number, line in enumerate(page.read_text(encoding="utf-8").split("\n"), 1):
         if current is None:
-            if opening := re.fullmatch(r"\s*```(\w*) ?(\S*)", line):
+            if opening := re.fullmatch(r"\s*```([\w{}]*) ?(\S*)", line):
                 current = (opening[1], opening[2], [], number)
         elif line.strip() == "```":
             kind, file, lines, start = current
@@ -122,7 +129,7 @@ def test_every_block_says_how_it_is_used(page):
         assert block.kind in INFO_STRINGS, f"{name_of(page)}, line {block.line}: ```{block.kind}"
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "workflows" / "notebooks" / "README.md"], ids=name_of)
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_relative_links_and_anchors_lead_somewhere(page):
     prose = re.sub(r"^\s*```.*?^\s*```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
     for target in re.findall(r"\]\(([^)\s]+)\)", prose):
@@ -142,10 +149,11 @@ def anchors(page: Path) -> set[str]:
 
 
 def test_every_page_is_in_the_contents():
-    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     for page in PAGES[2:]:
-        if page.name != "index.md":
-            assert f"({page.relative_to(ROOT / 'docs')})" in index, f"{name_of(page)} is missing in docs/index.md"
+        folder = page.parent if page.name != "index.md" else page.parent.parent
+        above = [index for index in (folder / "index.md", DOCS / "index.md") if index.exists() and index != page]
+        links = [f"({page.relative_to(index.parent)})" in index.read_text(encoding="utf-8") for index in above]
+        assert page == DOCS / "index.md" or any(links), f"{name_of(page)} is in no index.md"
 
 
 def test_the_readme_is_short_and_has_one_table():
@@ -203,3 +211,17 @@ def test_error_bounds_have_the_kind_that_their_modules_state():
             stated += "".join(source_of(module) for module in DELEGATES.get(name, ()))
             for kind in ("proof", "estimate"):
                 assert (f"rror bound ({kind}" in stated or f"rror bounds ({kind}" in stated) == (kind in kinds), name
+
+
+def test_the_gallery_has_short_scripts_and_shows_them_all():
+    scripts = programs.gallery_scripts()
+    listed = re.search(r"```{gallery}\n(.*?)```", (DOCS / "gallery" / "index.md").read_text("utf-8"), flags=re.S)
+    assert sorted(listed[1].split()) == [script.stem for script in scripts]
+    assert len(scripts) >= PICTURES
+    for script in scripts:
+        assert len(script.read_text(encoding="utf-8").splitlines()) <= LINES_OF_PICTURE, script.name
+
+
+@pytest.mark.parametrize("script", programs.gallery_scripts(), ids=lambda script: script.stem)
+def test_a_picture_of_the_gallery_is_made_by_its_script(script):
+    assert 5_000 < programs.execute_script(script).stat().st_size < 120_000

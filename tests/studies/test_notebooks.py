@@ -1,54 +1,40 @@
-"""The notebooks run as they are, on a small ensemble, and arrive where they say they do."""
+"""The notebooks run as they are, compute an ensemble where none is found, and arrive where they say they do."""
 
-import io
 import re
-import runpy
 import sys
 from pathlib import Path
 
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from critflow.cli import main
 from critflow.workflow.load import named_studies
 
-matplotlib.use("Agg")
+ROOT = Path(__file__).parents[2]
+sys.path.append(str(ROOT / "docs" / "_ext"))
 
-FOLDER = Path(__file__).parents[2] / "workflows" / "notebooks"
-NAMES = sorted(path.stem for path in FOLDER.glob("*.py"))
+import programs  # noqa: E402
+
+FOLDER = ROOT / "docs" / "notebooks"
+NAMES = [path.stem for path in programs.notebooks()]
 
 
 @pytest.fixture(scope="module")
-def ensemble(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("notebooks") / "ensemble"
-    settings = ["--set", "n_vertices=60", "--set", "seeds=0:4", "--set", "strains=0.002,0.005,0.01"]
-    assert main(["run", "ensemble", "--workers", "0", "--out", str(folder), *settings]) == 0
-    return folder / "ensemble.nc"
+def folder(tmp_path_factory):
+    """A folder without an ensemble; the first notebook that runs in it computes one."""
+    return tmp_path_factory.mktemp("notebooks")
 
 
 @pytest.fixture
-def execute(monkeypatch, tmp_path):
-    """Run a notebook in an empty folder; figures are drawn where they would be shown."""
-    pictures = []
+def execute(monkeypatch, folder):
+    """The names, pictures and printed text of an executed notebook."""
+    monkeypatch.setattr(sys, "argv", ["notebook"])
 
-    def show():
-        for number in plt.get_fignums():
-            picture = io.BytesIO()
-            plt.figure(number).savefig(picture, format="png", dpi=40)
-            pictures.append(picture.getvalue())
-        plt.close("all")
-
-    def run(name, *words):
-        plt.close("all")
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(plt, "show", show)
-        monkeypatch.setattr(sys, "argv", [f"{name}.py", *words])
-        names = runpy.run_path(str(FOLDER / f"{name}.py"), run_name="__main__")
+    def run(name):
+        cells, names = programs.execute_notebook(FOLDER / f"{name}.py", folder)
         names["ensemble"].close()
         assert not plt.get_fignums(), "a figure was drawn and never shown"
-        return names, pictures
+        return names, [picture for cell in cells for picture in cell.pictures], "".join(cell.printed for cell in cells)
 
     return run
 
@@ -56,8 +42,8 @@ def execute(monkeypatch, tmp_path):
 def test_there_are_four_and_none_is_a_study():
     assert [name[:2] for name in NAMES] == ["01", "02", "03", "04"]
     assert not set(NAMES) & set(named_studies())
-    text = (FOLDER / "README.md").read_text(encoding="utf-8")
-    assert all(f"`{name}.py`" in text for name in NAMES)
+    text = (FOLDER / "index.md").read_text(encoding="utf-8")
+    assert all(f"({name}.py)" in text for name in NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -75,9 +61,8 @@ def test_the_text_is_cells(name):
             compile("\n".join(lines), name, "exec")
 
 
-def test_a_first_look(execute, ensemble, capsys):
-    names, pictures = execute("01_first_look", str(ensemble))
-    said = capsys.readouterr().out
+def test_a_first_look(execute):
+    names, pictures, said = execute("01_first_look")
     assert len(pictures) == 2
     table = names["table"]
     good = names["ensemble"].status.sel(population="random_stress") == 0
@@ -89,8 +74,8 @@ def test_a_first_look(execute, ensemble, capsys):
     np.testing.assert_allclose([float(shown[1]), float(shown[2])], [B_0.mean(), B_0.std()], rtol=0, atol=5e-5)
 
 
-def test_structure_and_response(execute, ensemble):
-    names, pictures = execute("02_structure_and_response", str(ensemble))
+def test_structure_and_response(execute):
+    names, pictures, _ = execute("02_structure_and_response")
     assert len(pictures) == 3
     between, within = names["between"], names["within"]
     assert between.shape == within.shape == (4, 4)
@@ -103,8 +88,8 @@ def test_structure_and_response(execute, ensemble):
     assert np.isnan(rank(x, np.ones(5)))
 
 
-def test_from_the_transition_to_stiffening(execute, ensemble, capsys):
-    names, pictures = execute("03_critical_to_stiffening", str(ensemble))
+def test_from_the_transition_to_stiffening(execute):
+    names, pictures, _ = execute("03_critical_to_stiffening")
     assert len(pictures) == 1
     assert np.abs(names["critical"].coordinates - names["one"].coordinates.values).max() < 1e-12
     # Errors fall with the window, as its first and second power.
@@ -116,8 +101,8 @@ def test_from_the_transition_to_stiffening(execute, ensemble, capsys):
     np.testing.assert_allclose(names["ratio"], -0.5, rtol=1e-9)
 
 
-def test_designing_with_isogonal_modes(execute, ensemble):
-    names, pictures = execute("04_designing_with_isogonal_modes", str(ensemble))
+def test_designing_with_isogonal_modes(execute):
+    names, pictures, _ = execute("04_designing_with_isogonal_modes")
     assert len(pictures) == 2
     assert 0.2 < names["gain"] < 1
     assert np.abs(names["gradient"]).max() < 1e-10
@@ -128,17 +113,16 @@ def test_designing_with_isogonal_modes(execute, ensemble):
     assert names["miss"] < 1e-11
 
 
-def test_the_file_is_found_by_environment_and_above(execute, ensemble, monkeypatch, tmp_path):
-    named = execute("01_first_look", str(ensemble))[0]["dataset_path"]
+def test_the_file_is_found_by_environment_and_above(execute, folder, monkeypatch, tmp_path):
+    named = execute("01_first_look")[0]["dataset_path"]
     monkeypatch.setattr(sys, "argv", ["kernel", "-f", "connection.json"])
-    assert named() == Path("results/ensemble/ensemble.nc")
     below = tmp_path / "results" / "ensemble" / "deep"
     below.mkdir(parents=True)
     (below.parent / "ensemble.nc").touch()
     monkeypatch.chdir(below)
     assert named() == below.parent / "ensemble.nc"
-    monkeypatch.setenv("CRITFLOW_ENSEMBLE", str(ensemble))
-    assert named() == ensemble
+    monkeypatch.setenv("CRITFLOW_ENSEMBLE", str(folder / "mine.nc"))
+    assert named() == folder / "mine.nc"
 
 
 def test_all_notebooks_find_their_file_alike():

@@ -1,0 +1,80 @@
+"""Pages made from programs: the directive `gallery`, and a page for each notebook."""
+
+import ast
+import base64
+import json
+import os
+from html import escape
+from pathlib import Path
+
+from docutils import nodes
+from docutils.parsers.rst import Directive
+from programs import BUILT, DOCS, ipynb_of, notebooks, picture_of
+from pygments import highlight
+from pygments.formatters import HtmlFormatter
+from pygments.lexers.python import PythonLexer
+
+
+class Gallery(Directive):
+    """`gallery`: for each script that is named the picture, the title, the text and the code."""
+
+    has_content = True
+
+    def run(self):
+        grid = nodes.container(classes=["gallery"])
+        for name in " ".join(self.content).split():
+            grid += self.item(DOCS / "gallery" / f"{name}.py")
+        return [grid]
+
+    def item(self, script: Path):
+        self.state.document.settings.env.note_dependency(str(script))
+        code = script.read_text(encoding="utf-8")
+        title, _, text = ast.get_docstring(ast.parse(code)).partition("\n")
+        picture = os.path.relpath(picture_of(script), DOCS / "gallery")
+        item = nodes.container(classes=["picture"], ids=[script.stem])
+        item += nodes.image(uri=Path(picture).as_posix(), alt=title)
+        item += nodes.paragraph("", "", nodes.strong("", title.rstrip(".")))
+        if text.strip():
+            item += nodes.paragraph("", " ".join(text.split()))
+        coloured = highlight(code, PythonLexer(), HtmlFormatter())
+        lines = len(code.splitlines())
+        summary = f"<summary>{escape(script.name)}, {lines} lines</summary>"
+        item += nodes.raw("", f"<details>{summary}{coloured}</details>", format="html")
+        return item
+
+
+def page_of(notebook: Path) -> str:
+    """The Markdown of an executed notebook."""
+    executed = ipynb_of(notebook)
+    parts = []
+    pictures = 0
+    for number, cell in enumerate(json.loads(executed.read_text(encoding="utf-8"))["cells"]):
+        if cell["cell_type"] == "markdown":
+            parts.append(cell["source"])
+            if number == 0:
+                parts.append(f"Download: [{executed.name}](../_build/programs/notebooks/{executed.name})")
+            continue
+        parts.append(f"```python\n{cell['source']}\n```")
+        for output in cell["outputs"]:
+            if output["output_type"] == "stream":
+                parts.append(f"```output\n{output['text'].rstrip()}\n```")
+            else:
+                pictures += 1
+                file = executed.with_name(f"{notebook.stem}_{pictures}.png")
+                file.write_bytes(base64.b64decode(output["data"]["image/png"]))
+                parts.append(f"![](../_build/programs/notebooks/{file.name})")
+    return "\n\n".join(parts) + "\n"
+
+
+def make_notebooks(app):
+    BUILT.mkdir(parents=True, exist_ok=True)
+    for notebook in notebooks():
+        page, text = notebook.with_suffix(".md"), page_of(notebook)
+        if not page.exists() or page.read_text(encoding="utf-8") != text:
+            page.write_text(text, encoding="utf-8")
+
+
+def setup(app):
+    app.add_directive("gallery", Gallery)
+    make_notebooks(app)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,183 @@
+"""The programs of the documents, executed: scripts of the gallery, and notebooks with their outputs.
+
+What they make is kept in docs/_build/programs until a program or the package changes.  The tests execute the programs
+by the functions below, so that a site built after the tests executes nothing.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import os
+import re
+import runpy
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest.mock import patch
+
+import matplotlib
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+DOCS = Path(__file__).parents[1]
+BUILT = DOCS / "_build" / "programs"
+PACKAGES = ("critflow", "workflows/ensemble", "workflows/shared")
+SHARPNESS = 80  # dots per inch of the pictures of a notebook
+
+
+def gallery_scripts() -> list[Path]:
+    return sorted((DOCS / "gallery").glob("*.py"))
+
+
+def notebooks() -> list[Path]:
+    return sorted((DOCS / "notebooks").glob("*.py"))
+
+
+@cache
+def _package_digest() -> str:
+    digest = hashlib.sha256(matplotlib.__version__.encode())
+    for package in PACKAGES:
+        for module in sorted((DOCS.parent / package).rglob("*.py")):
+            digest.update(module.read_bytes())
+    return digest.hexdigest()
+
+
+def _digest(program: Path) -> str:
+    return hashlib.sha256(_package_digest().encode() + program.read_bytes()).hexdigest()
+
+
+@contextmanager
+def _inside(folder: Path) -> Iterator[None]:
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+        plt.close("all")
+
+
+def execute_script(script: Path) -> Path:
+    """Execute a script of the gallery in an empty folder and keep the picture NAME.png that it writes."""
+    matplotlib.use("Agg")
+    kept = BUILT / "gallery"
+    kept.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as name:
+        with _inside(Path(name)), matplotlib.rc_context(matplotlib.rcParamsDefault | {"backend": "Agg"}):
+            runpy.run_path(str(script), run_name="__main__")
+        shutil.move(Path(name) / f"{script.stem}.png", kept / f"{script.stem}.png")
+    (kept / f"{script.stem}.digest").write_text(_digest(script), encoding="utf-8")
+    return kept / f"{script.stem}.png"
+
+
+def picture_of(script: Path) -> Path:
+    """The picture of a script, executed if it or the package has changed."""
+    kept = BUILT / "gallery" / f"{script.stem}.digest"
+    if kept.exists() and kept.read_text(encoding="utf-8") == _digest(script):
+        return kept.with_suffix(".png")
+    return execute_script(script)
+
+
+class Cell(NamedTuple):
+    """A cell of a notebook: its text, whether it is code, and what it printed and drew."""
+
+    text: str
+    code: bool
+    printed: str = ""
+    pictures: tuple[bytes, ...] = ()
+
+
+def cells_of(notebook: Path) -> list[Cell]:
+    """The cells of a notebook that is stored as text: `# %%` begins code, `# %% [markdown]` prose in comments."""
+    found = []
+    for part in re.split(r"^# %%", notebook.read_text(encoding="utf-8"), flags=re.M)[1:]:
+        kind, _, text = part.partition("\n")
+        code = kind.strip() != "[markdown]"
+        found.append(Cell(text.strip() if code else re.sub(r"^# ?", "", text, flags=re.M).strip(), code))
+    return found
+
+
+def execute_notebook(notebook: Path, folder: Path) -> tuple[list[Cell], dict[str, Any]]:
+    """Execute a notebook in a folder: its cells with their outputs, and the names that it defines.
+
+    Figures are drawn where they are shown; those of the ensemble that a notebook computes stay empty.
+    """
+    matplotlib.use("Agg")
+    names: dict[str, Any] = {"__name__": "__main__"}
+    draw, cells = Figure.draw, []
+    pictures: list[bytes] = []
+
+    def show() -> None:
+        with patch.object(Figure, "draw", draw):
+            pictures.extend(_drawn())
+
+    empty = patch.object(Figure, "draw", lambda figure, renderer: None)
+    with _inside(folder), patch.object(plt, "show", show), empty:
+        for cell in cells_of(notebook):
+            with redirect_stdout(io.StringIO()) as stream:
+                if cell.code:
+                    exec(compile(cell.text, notebook.name, "exec"), names)
+            cells.append(cell._replace(printed=stream.getvalue(), pictures=tuple(pictures)))
+            pictures.clear()
+    _keep(notebook, cells)
+    return cells, names
+
+
+def _drawn() -> Iterator[bytes]:
+    for number in plt.get_fignums():
+        stream = io.BytesIO()
+        plt.figure(number).savefig(stream, format="png", dpi=SHARPNESS)
+        yield stream.getvalue()
+    plt.close("all")
+
+
+def _keep(notebook: Path, cells: list[Cell]) -> None:
+    kept = BUILT / "notebooks"
+    kept.mkdir(parents=True, exist_ok=True)
+    (kept / f"{notebook.stem}.ipynb").write_text(json.dumps(_ipynb(cells), indent=1, ensure_ascii=False), "utf-8")
+    (kept / f"{notebook.stem}.digest").write_text(_digest(notebook), encoding="utf-8")
+
+
+def _ipynb(cells: list[Cell]) -> dict[str, Any]:
+    """The notebook in Jupyter's format, version 4.5."""
+    made = []
+    count = 0
+    for number, cell in enumerate(cells):
+        entry: dict[str, Any] = {"id": f"cell-{number}", "metadata": {}, "source": cell.text}
+        if cell.code:
+            count += 1
+            outputs: list[dict[str, Any]] = []
+            if cell.printed:
+                outputs.append({"output_type": "stream", "name": "stdout", "text": cell.printed})
+            for picture in cell.pictures:
+                data = {"image/png": base64.b64encode(picture).decode()}
+                outputs.append({"output_type": "display_data", "data": data, "metadata": {}})
+            entry |= {"cell_type": "code", "execution_count": count, "outputs": outputs}
+        else:
+            entry |= {"cell_type": "markdown"}
+        made.append(entry)
+    kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    metadata = {"kernelspec": kernel, "language_info": {"name": "python"}}
+    return {"cells": made, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
+
+
+@cache
+def _folder_without_ensemble() -> tempfile.TemporaryDirectory:
+    return tempfile.TemporaryDirectory()
+
+
+def ipynb_of(notebook: Path) -> Path:
+    """The executed notebook, executed again if it or the package has changed."""
+    kept = BUILT / "notebooks" / f"{notebook.stem}.digest"
+    if not kept.exists() or kept.read_text(encoding="utf-8") != _digest(notebook):
+        with patch.object(sys, "argv", ["notebook"]):
+            execute_notebook(notebook, Path(_folder_without_ensemble().name))
+    return kept.with_suffix(".ipynb")

@@ -1,0 +1,37 @@
+"""The site of the documents: sphinx-build -W docs docs/_build/site."""
+
+import sys
+from pathlib import Path
+
+from pygments.lexers.shell import BashSessionLexer
+from pygments.lexers.special import TextLexer
+
+DOCS = Path(__file__).parent
+sys.path[:0] = [str(DOCS / "_ext"), str(DOCS.parent)]
+
+project = "critflow"
+author = "the critflow developers"
+copyright = author
+extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml", "equations", "api", "contents", "pages"]
+exclude_patterns = ["_build", "_ext", "pictures"]
+suppress_warnings = ["config.cache"]
+myst_enable_extensions = ["dollarmath", "attrs_block"]
+myst_heading_anchors = 4
+html_math_renderer = "mathml"
+html_theme = "furo"
+html_title = "critflow"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_copyright = False
+html_show_sphinx = False
+html_copy_source = False
+autodoc_typehints = "signature"
+autodoc_preserve_defaults = True
+python_display_short_literal_types = True
+python_maximum_signature_line_length = 88
+highlight_language = "text"
+
+
+def setup(app):
+    app.add_lexer("output", TextLexer)
+    app.add_lexer("console", BashSessionLexer)

@@ -1,0 +1,12 @@
+"""The largest shear modulus over all stresses.
+
+It requires compressed edges, dashed here; the value is known in closed form.
+"""
+
+import critflow as cf
+
+network = cf.voronoi_network(n_vertices=100, seed=7)
+stiffest = cf.optimize(network, "shear_modulus", signs="any")
+bound = cf.modulus_bound(network, [[0.0, 0.5], [0.5, 0.0]])
+axes = cf.draw(stiffest, title=f"$G_0$ = {stiffest.objective:.6f} k, bound {bound:.6f} k")
+axes.figure.savefig("compression.png", dpi=60)

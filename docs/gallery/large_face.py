@@ -1,0 +1,19 @@
+"""One face as large as possible, at the largest B_0.
+
+A linear program over the isogonal modes; no edge is shorter than 0.15.
+"""
+
+import numpy as np
+
+import critflow as cf
+
+network = cf.voronoi_network(n_vertices=100, seed=6)
+modes = cf.face_modes(cf.optimize(network, "bulk_modulus").value)
+faces = network.faces
+chosen = int(faces.sizes.argmax())
+sides = faces.edges[faces.starts[chosen] : faces.starts[chosen + 1]]
+large = modes.largest(np.bincount(sides, minlength=network.n_edges), shortest=0.15).value
+axes = cf.draw(
+    large, title=f"perimeter {large.lengths[sides].sum():.2f}, $B_0$ = {cf.transition_moduli(large).bulk:.6f} k"
+)
+axes.figure.savefig("large_face.png", dpi=60)

@@ -1,0 +1,17 @@
+"""The change of B_0 by cutting each edge.
+
+All edges at once, exactly, from one factorisation.
+"""
+
+import numpy as np
+
+import critflow as cf
+
+network = cf.voronoi_network(n_vertices=150, seed=5)
+critical = cf.optimize(network, "length_variance").value
+leverage = cf.edge_leverage(critical, "bulk_modulus")
+axes = cf.draw(critical, color=np.abs(leverage.change), cmap="viridis", width=2.5)
+axes.set_title(
+    f"$B_0$ = {leverage.before:.4f} k, largest change by a cut {np.nanmin(leverage.change):.4f} k", fontsize=10
+)
+axes.figure.savefig("leverage.png", dpi=60)

@@ -1,0 +1,22 @@
+"""One network in four critical configurations.
+
+Every panel has the same edges and a single self-stress; only the objective differs.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import critflow as cf
+
+network = cf.voronoi_network(n_vertices=100, seed=3)
+stress = np.abs(np.random.default_rng(0).standard_normal(network.n_edges))
+found = {
+    "largest bulk modulus": cf.optimize(network, "bulk_modulus").value,
+    "equal lengths": cf.optimize(network, "length_variance").value,
+    "equal tensions": cf.optimize(network, "tension_variance").value,
+    "random stress": cf.CriticalManifold(network).configuration(stress),
+}
+figure, grid = plt.subplots(2, 2, figsize=(6, 6), layout="constrained")
+for axes, (title, critical) in zip(grid.flat, found.items(), strict=True):
+    cf.draw(critical, axes, title=title)
+figure.savefig("populations.png", dpi=60)

@@ -1,0 +1,17 @@
+"""A tensegrity: cables and struts.
+
+Six cables around a hexagon are stretched by three struts, which are dashed.
+"""
+
+import numpy as np
+
+import critflow as cf
+
+angles = np.arange(6) * np.pi / 3
+corners = np.column_stack([np.cos(angles), np.sin(angles)])
+sides = [[i, (i + 1) % 6] for i in range(6)]
+network = cf.Network([*sides, [0, 3], [1, 4], [2, 5]], pins={0: corners[0]})
+found = cf.signed_stress(network, corners, signs=[1] * 6 + [-1] * 3).value
+stable = cf.stability(found.critical).super_stable
+axes = cf.draw(found.critical, width=3, title=f"super stable: {stable}")
+axes.figure.savefig("tensegrity.png", dpi=60)
