@@ -17,6 +17,7 @@ from critflow.design.leverage import EdgeLeverage, add, cut, edge_leverage
 from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound, stiffening_bound
 from critflow.design.nearest import Nearest, nearest_critical
 from critflow.design.onset import Onset, critical_strain
+from critflow.design.onset_target import OnsetDesign, design_onset
 from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
 from critflow.design.prune_towards import PrunedDesign, prune_towards
@@ -102,6 +103,7 @@ __all__ = [
     "NetworkError",
     "Objective",
     "Onset",
+    "OnsetDesign",
     "Optimum",
     "PowerLaw",
     "Pruned",
@@ -138,6 +140,7 @@ __all__ = [
     "delaunay_network",
     "delaunay_of",
     "design",
+    "design_onset",
     "design_stiffness",
     "diamond_network",
     "diluted",

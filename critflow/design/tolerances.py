@@ -74,6 +74,7 @@ TARGET_STATIONARY Change of log σ along the surface of the targets below which 
 TARGET_OPTIMAL    Component of the gradient of the preference along the surface of the targets, relative to 1 plus the
                   largest component of the gradient, below which it is least.
 UNLIMITED         Gradient of a target by log σ, in units of its size, below which a search cannot start there.
+ONSET_REACHED     Error of the strain of a designed onset.
 BOUND_ROUNDING    Rounding of a closed-form bound, relative.
 ONLY_STIFFEST     Relative distance from the largest B_0 within which its own relations count as attained.
 INDEPENDENT_TARGETS
@@ -106,6 +107,7 @@ TARGET_REACHED = 1e-11
 TARGET_STATIONARY = 1e-3
 TARGET_OPTIMAL = 1e-3
 UNLIMITED = 1e-6
+ONSET_REACHED = 1e-10
 BOUND_ROUNDING = 1e-12
 ONLY_STIFFEST = 1e-9
 INDEPENDENT_TARGETS = 1e-6
