@@ -355,5 +355,7 @@ document.addEventListener("keydown", (event) => {
   event.preventDefault(); send({ do: event.shiftKey ? "redo" : "undo" });
 });
 window.addEventListener("hashchange", () => { const hash = location.hash.slice(1); if (hash && hash !== state.link) send({ do: "restore", link: hash }); });
+// A reload finds its state under the name of the tab, which must be free by then.
+window.addEventListener("pagehide", () => { socket.onclose = null; socket.close(); });
 window.addEventListener("resize", () => { if (state.marks) { drawPanels(); plots(); } });
 connect();

@@ -6,6 +6,7 @@ import asyncio
 import hmac
 import json
 import secrets
+import socket
 import sys
 import tempfile
 import threading
@@ -20,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from tornado.httpserver import HTTPServer
-from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
@@ -50,7 +50,7 @@ class Explorer:
         self.source, self.sentence = source, sentence
         self.token = secrets.token_urlsafe(18)
         self.pages: dict[str, Page] = {}
-        self.open_tabs: set[str] = set()
+        self.open_tabs: dict[str, _Socket] = {}
         self.threads = ThreadPoolExecutor(4, thread_name_prefix="explore")
         self.folder = tempfile.TemporaryDirectory(prefix="critflow-explore-")
 
@@ -188,7 +188,7 @@ class _Socket(WebSocketHandler):
         except CritflowError as error:
             self.close(1011, str(error)[:100])
             return
-        self.explorer.open_tabs.add(self.name)
+        self.explorer.open_tabs[self.name] = self
         self.messages: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         self.loop = asyncio.get_running_loop()
         self.page.progress = self._progress(self.loop)
@@ -207,7 +207,7 @@ class _Socket(WebSocketHandler):
 
     def on_close(self) -> None:
         if self.name:
-            self.explorer.open_tabs.discard(self.name)
+            self.explorer.open_tabs.pop(self.name, None)
             self.page.stopping = True
             self.work.cancel()
 
@@ -296,14 +296,15 @@ def application(explorer: Explorer) -> Application:
 def listening(explorer: Explorer, port: int = 0) -> tuple[HTTPServer, str]:
     """A server on loopback, and the address of its page with the token."""
     try:
-        sockets = bind_sockets(port, LOOPBACK)
+        listener = socket.create_server((LOOPBACK, port))
     except OSError as error:
         raise EnvironmentFailure(
             f"port {port} cannot be used, {error.strerror}: choose another, or leave it out"
         ) from None
     server = HTTPServer(application(explorer), max_buffer_size=_LARGEST_FILE)
-    server.add_sockets(sockets)
-    return server, f"http://{LOOPBACK}:{sockets[0].getsockname()[1]}/?token={explorer.token}"
+    listener.setblocking(False)
+    server.add_sockets([listener])
+    return server, f"http://{LOOPBACK}:{listener.getsockname()[1]}/?token={explorer.token}"
 
 
 def serve(explorer: Explorer, port: int, announce: Callable[[str], None]) -> None:

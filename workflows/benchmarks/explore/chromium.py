@@ -53,12 +53,16 @@ class Chromium:
         except TimeoutError:
             await self.__aexit__(None, None, None)
             raise
+        self.tabs: list[Tab] = []
         self.port = int(written.read_text().split()[0])
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        for tab in getattr(self, "tabs", []):
+            tab.socket.close()
+        await asyncio.sleep(0)
         os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -70,6 +74,7 @@ class Chromium:
         )
         socket = await websocket_connect(json.loads(reply.body)["webSocketDebuggerUrl"], max_message_size=2**28)
         tab = Tab(socket)
+        self.tabs.append(tab)
         await tab.send("Page.enable")
         await tab.send("Runtime.enable")
         await tab.size(width, height)

@@ -1,0 +1,209 @@
+"""The page in a real Chromium: what it shows, what the hand does, and what happens when something breaks."""
+
+import asyncio
+
+import pytest
+
+from critflow import bulk_modulus_bound, certify, stiffening, transition_bounds, transition_moduli
+from critflow.explore.server import Explorer, listening
+from critflow.explore.source import Random
+from workflows.benchmarks.explore.chromium import Chromium, executable
+
+pytestmark = pytest.mark.skipif(executable() is None, reason="no Chromium: install the package chromium")
+# All numbers are shown, and nothing waits.
+SETTLED = "window.replies > 0 && !waiting && !queue.length && window.shown >= 0 && !document.querySelector('tr.due')"
+
+
+class Browser:
+    """A server and a browser in one loop, which runs while a test waits."""
+
+    def __init__(self):
+        self.runner = asyncio.Runner()
+        self.explorer = Explorer(Random(64, 3))
+        self.chromium = Chromium()
+        self.runner.run(self._start())
+
+    async def _start(self):
+        self.server, self.address = listening(self.explorer)
+        await self.chromium.__aenter__()
+
+    def __call__(self, coroutine):
+        return self.runner.run(coroutine)
+
+    def close(self):
+        self.runner.run(self._stop())
+        self.runner.close()
+        self.explorer.threads.shutdown()
+        self.explorer.folder.cleanup()
+
+    async def _stop(self):
+        await self.chromium.__aexit__(None, None, None)
+        self.server.stop()
+        while self.explorer.open_tabs:
+            await asyncio.sleep(0.01)
+
+    async def tab(self, link="", **size):
+        tab = await self.chromium.tab(self.address + link, **size)
+        await tab.until(SETTLED)
+        return tab
+
+    async def page_of(self, tab):
+        return self.explorer.pages[await tab.run("welcome.tab")]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    browser = Browser()
+    yield browser
+    browser.close()
+
+
+async def rows(tab):
+    """Text of the values by the key of the number."""
+    script = "[...document.querySelectorAll('#numbers tr')].map(row => [row.dataset.key, row.cells[1].textContent])"
+    return dict(await tab.run(script))
+
+
+async def slide(tab, name, value):
+    await tab.run(f"(() => {{ const i = get('{name}'); i.value = {value}; i.dispatchEvent(new Event('input')); }})()")
+    await tab.until(SETTLED)
+
+
+async def place(tab, name="network"):
+    box = f"(() => {{ const r = get('{name}').getBoundingClientRect(); return [r.left, r.top, r.width, r.height]; }})()"
+    left, top, width, height = await tab.run(box)
+    return left + 0.45 * width, top + 0.4 * height
+
+
+async def pixels(tab):
+    return await tab.run("get('network').toDataURL()")
+
+
+def test_the_page_shows_what_the_library_returns(browser):
+    async def check():
+        tab = await browser.tab()
+        await tab.run("send({do: 'select', edge: 5})")
+        await tab.until(SETTLED)
+        await slide(tab, "stress", 0.75)
+        state = (await browser.page_of(tab)).session.state
+        critical, manifold = state.critical, state.model.manifold
+        growth, moduli = stiffening(manifold, critical).value, transition_moduli(critical)
+        shown = await rows(tab)
+        for key, value in {
+            "B_0": moduli.bulk,
+            "G_0": moduli.shear,
+            "C_B": growth.C_B,
+            "C_G": growth.C_G,
+            "bound": bulk_modulus_bound(manifold),
+        }.items():
+            decimals = len(shown[key].partition(".")[2])
+            assert decimals > 11 and shown[key] == f"{value:.{decimals}f}", key
+        assert float(shown["B_0"]) != pytest.approx(moduli.bulk + 20 * transition_bounds(critical).bulk, abs=0)
+        assert shown["residual"] == f"{critical.residual:.6g}"
+        assert shown["zero modes"] == str(certify(critical).n_zero_modes)
+        assert tab.problems == []
+
+    browser(check())
+
+
+def test_the_hand_changes_edges_and_faces(browser):
+    async def check():
+        tab = await browser.tab()
+        x, y = await place(tab)
+        first = await pixels(tab)
+        await tab.mouse("mousePressed", x, y)
+        await tab.until(SETTLED)
+        for step in range(1, 6):
+            await tab.mouse("mouseMoved", x, y - 12 * step)
+        await tab.mouse("mouseReleased", x, y - 60)
+        await tab.until(SETTLED)
+        page = await browser.page_of(tab)
+        assert page.session.state.change[0] == "edge" and page.session.state.change[2] > 0.5
+        raised, before = await pixels(tab), (await rows(tab))["B_0"]
+        assert raised != first
+        await tab.run("document.querySelector('input[value=face]').click()")
+        await tab.mouse("mousePressed", x + 40, y + 30)
+        await tab.mouse("mouseReleased", x + 40, y + 30)
+        await tab.until(SETTLED)
+        for _ in range(3):
+            await tab.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowUp")
+        await tab.until(SETTLED)
+        assert page.session.state.change[0] == "face"
+        assert (await rows(tab))["B_0"] == before and await pixels(tab) != raised
+        await tab.send("Input.dispatchKeyEvent", type="keyDown", key="z", modifiers=2)
+        await tab.until(SETTLED)
+        assert page.session.state.change[0] == "edge"
+        await tab.run("get('populations').children[2].click()")
+        await tab.until(SETTLED)
+        found = await rows(tab)
+        assert found["B_0"][:14] == found["bound"][:14]
+        await slide(tab, "gamma", 0.02)
+        assert "B(γ)" in await rows(tab) and not await tab.run("get('curvebox').hidden")
+        assert tab.problems == []
+
+    browser(check())
+
+
+def test_reload_link_and_two_tabs(browser):
+    async def check():
+        tab = await browser.tab()
+        await tab.run("send({do: 'select', edge: 5})")
+        await slide(tab, "stress", -1.25)
+        shown = await rows(tab)
+        link = await tab.run("location.hash")
+        other = await browser.tab(link)
+        assert await rows(other) == shown
+        await slide(other, "gamma", 0.01)
+        await tab.run("window.old = true")
+        await tab.send("Page.bringToFront")
+        await tab.send("Page.reload")
+        await tab.until(f"!window.old && {SETTLED}")
+        assert await rows(tab) == shown and not await tab.run("get('undo').disabled")
+        broken = await browser.chromium.tab(browser.address + "#nonsense")
+        await broken.until("window.replies > 0 && get('sentence').textContent.includes('link')")
+
+    browser(check())
+
+
+def test_a_broken_file_is_a_sentence(browser, tmp_path):
+    (tmp_path / "broken.json").write_text("{")
+
+    async def check():
+        tab = await browser.tab()
+        root = await tab.send("DOM.getDocument")
+        found = await tab.send("DOM.querySelector", nodeId=root["root"]["nodeId"], selector="#file")
+        await tab.send("DOM.setFileInputFiles", files=[str(tmp_path / "broken.json")], nodeId=found["nodeId"])
+        await tab.until("get('sentence').className === 'error' && get('sentence').textContent.includes('broken.json')")
+        assert await tab.run("document.querySelectorAll('#numbers tr').length") > 5
+
+    browser(check())
+
+
+def test_a_narrow_window_and_names_of_all_controls(browser):
+    async def check():
+        tab = await browser.tab(width=360, height=700)
+        assert await tab.run("document.documentElement.scrollWidth") <= 360
+        unnamed = (
+            "[...document.querySelectorAll('input,select,canvas[tabindex],button')].filter(e => "
+            "!(e.labels && e.labels.length) && !e.ariaLabel && !e.textContent.trim()).map(e => e.id)"
+        )
+        assert await tab.run(unnamed) == []
+
+    browser(check())
+
+
+def test_a_stopped_server_is_reported(browser):
+    async def check():
+        explorer = Explorer(Random(36, 3))
+        server, address = listening(explorer)
+        tab = await browser.chromium.tab(address)
+        await tab.until(SETTLED)
+        server.stop()
+        for connection in list(explorer.open_tabs.values()):
+            connection.close()
+        await tab.until("get('sentence').textContent.includes('stopped')")
+        assert await tab.run("document.body.dataset.connected") == "no"
+        explorer.threads.shutdown()
+        explorer.folder.cleanup()
+
+    browser(check())

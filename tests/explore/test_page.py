@@ -1,0 +1,138 @@
+"""Messages of a tab and the replies, without a browser."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from critflow.explore.cloud import cloud_series
+from critflow.explore.datasets import Dataset, Filter
+from critflow.explore.page import Page
+from critflow.explore.server import packed
+from critflow.explore.source import Random
+
+
+@pytest.fixture
+def page():
+    return Page(Random(64, 3))
+
+
+@pytest.fixture
+def data(dataset):
+    return Page(Dataset(dataset))
+
+
+def header(page, **message):
+    return page.handle(message).header
+
+
+def test_a_reply_has_all_that_is_shown(page):
+    reply = page.handle({"do": "look"})
+    assert {"network", "forces"} == set(reply.drawings)
+    size = int.from_bytes(packed(reply)[:4], "little")
+    read = json.loads(packed(reply)[4 : 4 + size])
+    assert read["sizes"] == "64 vertices, 96 edges, 32 faces"
+    n = sum(5 * drawing["n"] for drawing in read["drawings"].values())
+    assert len(packed(reply)) == 4 + size + 4 * n
+    stages = [page.refine().header for _ in range(2)]
+    assert page.refine() is None
+    shown = {number["key"] for part in [reply.header, *stages] for number in part["numbers"]}
+    assert set(reply.header["due"]) <= shown
+
+
+def test_picking_and_keys(page):
+    page.handle({"do": "look"})
+    segment = 7
+    x, y = page.drawings["network"].segments[segment].mean(axis=0)
+    edge = int(page.drawings["network"].edges[segment])
+    assert header(page, do="pick", panel="network", x=x, y=y, tool="edge")["edge"]["number"] == edge
+    assert header(page, do="select", edge=96)["edge"]["number"] == 0
+    found = header(page, do="pick", panel="network", x=x, y=y, tool="face")
+    assert found["face"]["low"] < 0 < found["face"]["high"]
+    face, high = found["face"]["number"], found["face"]["high"]
+    found = header(page, do="change", change=["face", face, high])
+    assert not found["error"] and found["face"]["value"] == high and found["face"]["high"] == high
+    cut = header(page, do="pick", panel="network", x=x, y=y, tool="cut")
+    assert "95 edges" in cut["sizes"] and cut["edge"] is None
+    assert header(page, do="undo")["sizes"].startswith("64 vertices, 96 edges")
+
+
+def test_the_curve_past_the_transition(page):
+    for gamma in (0.01, 0.02):
+        page.handle({"do": "change", "change": ["strain", "dilation", gamma]})
+        reply = page.refine().header
+    assert reply["curve"]["x"] == (0.01, 0.02)
+    values = {number["key"]: number["text"] for number in reply["numbers"]}
+    assert abs(float(values["B(γ)"]) - reply["curve"]["y"][1]) < 1e-12
+    # B_0 + C_B γ is the tangent at the transition, so its error falls with the square of γ.
+    zero, slope = float(values["B_0"]), float(values["C_B"])
+    errors = [abs(b - zero - slope * g) for g, b in zip(reply["curve"]["x"], reply["curve"]["y"], strict=True)]
+    assert 3 < errors[1] / errors[0] < 5
+
+
+WRONG = {
+    "unknown": ({"do": "fly"}, "fly"),
+    "nothing": ({}, "None"),
+    "no change": ({"do": "change"}, "incomplete"),
+    "bad panel": ({"do": "pick", "panel": "sky", "x": 0, "y": 0}, "incomplete"),
+    "face after a cut": ({"do": "change", "change": ["face", 0, 0.1]}, "three edges"),
+    "case without dataset": ({"do": "case", "case": 0}, "dataset"),
+    "link": ({"do": "restore", "link": "x"}, "link"),
+    "size": ({"do": "open", "n_vertices": 7, "seed": 0}, "even"),
+    "stolen file": ({"do": "file", "name": "/etc/passwd"}, "incomplete"),
+}
+
+
+@pytest.mark.parametrize(("message", "word"), WRONG.values(), ids=WRONG)
+def test_a_wrong_message_is_a_sentence(page, message, word):
+    page.session.apply(("cut", 0))
+    before = page.session.state
+    found = page.handle(message).header
+    assert found["error"] and word in found["sentence"]
+    assert page.session.state is before
+
+
+def test_a_broken_file_is_a_sentence(page, tmp_path):
+    page.inbox["broken.nc"] = tmp_path / "broken.nc"
+    page.inbox["broken.nc"].write_bytes(b"no dataset")
+    found = header(page, do="file", name="broken.nc")
+    assert found["error"] and "broken.nc" in found["sentence"]
+
+
+def test_every_point_of_the_cloud_opens(page):
+    (name, label), series = ("random_stress", "random σ"), cloud_series()
+    one = next(s for s in series if s["label"] == label)
+    assert one["cases"][3] == [3, name] and sum(len(s["x"]) for s in series) > 100
+    found = header(page, do="open", n_vertices=64, seed=3, population=name)
+    assert not found["error"] and page.session.recipe() == [("population", name)]
+
+
+def test_a_dataset_shows_its_cases(data, dataset):
+    stored = xr.open_dataset(dataset)
+    for case in (0, 3):
+        assert not header(data, do="case", case=case)["error"]
+        where = data.dataset.position(case)
+        moduli = {number["key"]: number for number in data.refine().header["numbers"]}
+        assert float(moduli["B_0"]["text"]) == pytest.approx(float(stored.bulk_modulus_0.sel(where)), rel=1e-11)
+        assert np.allclose(data.session.state.critical.sigma, stored.sigma.sel(where), rtol=1e-12, atol=0)
+    curve = data.dataset.case_curves(3)
+    assert np.allclose(curve["y"], stored.bulk_modulus.sel(where)) and curve["along"] == "strain"
+    assert "dataset.sel(" in data.script()
+    link = header(data, do="look")["link"]
+    other = Page(Dataset(dataset))
+    assert header(other, do="restore", link=link)["title"] == data.session.source.title
+    assert "start critflow explore" in header(Page(Random(64, 3)), do="restore", link=link)["sentence"]
+
+
+def test_filters_of_a_dataset(data):
+    found = data.dataset
+    assert found.variables(Filter()) == ("bulk_modulus_0", "C_B_exact")
+    assert {s["label"] for s in found.points(Filter())} == {"max B₀", "random σ"}
+    assert found.description()["statuses"] == {"ok": 4}
+    assert found.mask(Filter(status="floppy")).sum() == 0
+    assert found.mask(Filter(claim="ResponseMetrics-A-random_stress")).sum() == 4
+    assert found.mask(Filter(claim="StructuralMetrics-random_stress")).tolist() == [False, True, False, True]
+    assert found.variables(Filter(claim="ResponseMetrics-C")) == ("bulk_modulus_0", "shear_modulus_0")
+    header(data, do="filter", x="C_B_exact", y="shear_modulus_0")
+    assert data.handle({"do": "look"}).header["plane"]["x"] == "C_B_exact"

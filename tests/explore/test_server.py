@@ -1,0 +1,144 @@
+"""The server of the page: loopback only, nothing without the token, exports equal to the state."""
+
+import asyncio
+import json
+import socket
+from urllib.parse import urlsplit
+
+import pytest
+from tornado.httpclient import AsyncHTTPClient, HTTPClientError
+from tornado.websocket import websocket_connect
+
+from critflow import EnvironmentFailure, network_from
+from critflow.explore.server import Explorer, listening
+from critflow.explore.source import Random
+
+
+class Served:
+    """A server in a loop that runs while a test waits."""
+
+    def __init__(self):
+        self.explorer = Explorer(Random(36, 3))
+        self.server, self.address = listening(self.explorer)
+        self.connections = []
+        self.host = f"http://{urlsplit(self.address).netloc}"
+
+    async def get(self, path, token=None, **given):
+        token = self.explorer.token if token is None else token
+        url = f"{self.host}/{path}{'&' if '?' in path else '?'}token={token}"
+        try:
+            return await AsyncHTTPClient().fetch(url, **given)
+        except HTTPClientError as error:
+            return error.response
+
+    async def tab(self, name=""):
+        url = f"ws{self.host[4:]}/socket?token={self.explorer.token}&tab={name}"
+        self.connections.append(await websocket_connect(url))
+        return self.connections[-1]
+
+    @staticmethod
+    async def reply(connection):
+        content = await connection.read_message()
+        size = int.from_bytes(content[:4], "little")
+        return json.loads(content[4 : 4 + size])
+
+
+def served(test):
+    """Run a coroutine with a server."""
+
+    async def run():
+        server = Served()
+        try:
+            await test(server)
+        finally:
+            for connection in server.connections:
+                connection.close()
+            while server.explorer.open_tabs:
+                await asyncio.sleep(0.01)
+            server.server.stop()
+            server.explorer.threads.shutdown()
+            server.explorer.folder.cleanup()
+
+    asyncio.run(run())
+
+
+def test_nothing_is_served_without_the_token():
+    async def check(server):
+        for path in ("", "page.js", "nothing", "export/script.py?tab=x", "export/picture.png?tab=x", "socket"):
+            for token in ("", "wrong", server.explorer.token[:-1], "%C3%A9"):
+                assert (await server.get(path, token)).code == 403, (path, token)
+        assert (await server.get("upload?name=a", "wrong", method="POST", body="x")).code == 403
+        with pytest.raises(HTTPClientError, match="403"):
+            await websocket_connect(f"ws{server.host[4:]}/socket?token=wrong")
+        page = await server.get("")
+        assert page.code == 200 and server.explorer.token in page.body.decode()
+        assert "default-src 'none'" in page.headers["Content-Security-Policy"]
+        assert (await server.get("nothing")).code == 404
+        assert (await server.get("export/script.py?tab=x")).code == 404
+
+    served(check)
+
+
+def test_nothing_listens_beyond_loopback():
+    async def check(server):
+        port = urlsplit(server.address).port
+        # A server on all addresses would answer on each of 127/8.
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.2", port), timeout=2)
+        with pytest.raises(EnvironmentFailure, match="port"):
+            listening(server.explorer, port)
+
+    served(check)
+
+
+def test_exports_are_the_state(tmp_path):
+    async def check(server):
+        connection = await server.tab()
+        name = (await server.reply(connection))["welcome"]["tab"]
+        await connection.write_message(json.dumps({"do": "change", "change": ["edge", 3, 0.5], "seq": 1}))
+        while (await server.reply(connection)).get("seq") != 1:
+            pass
+        state = server.explorer.pages[name].session.state
+        script = await server.get(f"export/script.py?tab={name}")
+        assert "for edge, change in [(3, 0.5)]" in script.body.decode()
+        picture = await server.get(f"export/picture.png?tab={name}")
+        assert picture.body.startswith(b"\x89PNG") and "attachment" in picture.headers["Content-Disposition"]
+        file = await server.get(f"export/network.json?tab={name}")
+        (tmp_path / "network.json").write_bytes(file.body)
+        assert network_from(tmp_path / "network.json").force_densities.tolist() == state.critical.sigma.tolist()
+        assert (await server.get(f"export/network.csv?tab={name}")).body.startswith(b"PK")
+        refused = await server.get(f"export/network.exe?tab={name}")
+        assert refused.code == 409 and "ending" in refused.body.decode()
+
+    served(check)
+
+
+def test_tabs_are_apart_and_a_reload_finds_its_state():
+    async def check(server):
+        first = await server.tab()
+        name = (await server.reply(first))["welcome"]["tab"]
+        copied = await server.reply(await server.tab(name))
+        assert copied["welcome"]["tab"] != name
+        await first.write_message(json.dumps({"do": "change", "change": ["edge", 3, 0.5], "seq": 1}))
+        while (await server.reply(first)).get("seq") != 1:
+            pass
+        first.close()
+        while name in server.explorer.open_tabs:
+            await asyncio.sleep(0.01)
+        again = await server.reply(await server.tab(name))
+        assert again["welcome"]["tab"] == name and again["undo"]
+
+    served(check)
+
+
+def test_a_page_that_cannot_be_read_leaves_the_server_running():
+    async def check(server):
+        connection = await server.tab()
+        await server.reply(connection)
+        for text in ("{", "[]", "7", '{"do": 7}', json.dumps({"do": "pick", "panel": "network", "x": "x", "y": 0})):
+            await connection.write_message(text)
+        found = {}
+        while "incomplete" not in found.get("sentence", ""):
+            found = await server.reply(connection)
+
+    served(check)

@@ -1,0 +1,223 @@
+"""The state of the page without a browser: changes, undo, recipes, and numbers equal to those of the library."""
+
+import numpy as np
+import pytest
+
+import critflow
+from critflow import CritflowError, bulk_modulus_bound, certify, stiffening, transition_bounds, transition_moduli
+from critflow.explore import numbers
+from critflow.explore.model import POPULATIONS
+from critflow.explore.picture import face_outline, images, network_drawing, shades_of
+from critflow.explore.script import from_link, link_text, script
+from critflow.explore.session import Session
+from critflow.explore.source import File, Random
+from critflow.plot import periodic_segments
+
+SOURCE = Random(64, 3)
+
+
+@pytest.fixture
+def session():
+    return Session(SOURCE)
+
+
+def text(session, key):
+    state = session.state
+    found = numbers.variances(state.critical) + numbers.precise(state.model.manifold, state.critical)
+    return next(number.text for number in found if number.key == key)
+
+
+RECIPES = {
+    "edges": [("edge", 5, 0.7), ("edge", 9, -1.5), ("edge", 5, 0.1)],
+    "population and face": [("population", "random_stress"), ("face", 4, 0.05), ("edge", 2, 0.3)],
+    "optimum": [("population", "tension_variance"), ("edge", 7, 0.2)],
+    "blend": [("blend", 0.0, 0.0, 1.0, 0.0, 0.25, 0.5), ("face", 1, 0.01)],
+    "cut": [("population", "random_stress"), ("cut", 11), ("edge", 3, 1.0), ("cut", 0)],
+}
+
+
+@pytest.mark.parametrize("changes", RECIPES.values(), ids=RECIPES)
+def test_script_and_link_repeat_the_state_to_the_last_digit(session, changes):
+    session.replay(changes)
+    scope = {}
+    exec(script(session), scope)
+    assert np.array_equal(scope["critical"].coordinates, session.state.critical.coordinates)
+    assert np.array_equal(scope["critical"].sigma, session.state.critical.sigma)
+    source, recipe = from_link(link_text(session))
+    again = Session(Random(**source))
+    again.replay(recipe)
+    assert np.array_equal(again.state.critical.sigma, session.state.critical.sigma)
+    assert script(again) == script(session)
+
+
+def test_script_repeats_a_strain(session, capsys):
+    session.replay([("edge", 5, 0.7), ("strain", "dilation", 0.01)])
+    scope = {}
+    exec(script(session), scope)
+    strained = session.state.path(moduli=True).value
+    assert np.array_equal(scope["path"].states[-1].coordinates, session.state.springs.coordinates)
+    assert str(strained.bulk_modulus) in capsys.readouterr().out
+
+
+def test_a_face_changes_while_b_0_stands_still_to_the_last_digit(session):
+    session.apply(("population", "random_stress"))
+    before, growth = text(session, "B_0"), text(session, "C_B")
+    lengths = session.state.critical.lengths
+    for amplitude in (0.01, 0.02, -0.03):
+        session.apply(("face", 4, amplitude))
+        assert text(session, "B_0") == before
+    assert text(session, "C_B") != growth
+    assert np.abs(session.state.critical.lengths - lengths).max() > 0.01
+
+
+def test_a_slider_that_moves_on_is_one_step_of_undo(session):
+    start = session.state
+    for value in (0.1, 0.2, 0.3):
+        session.apply(("edge", 5, value))
+    raised = session.state
+    assert raised.critical.sigma[5] / start.critical.sigma[5] > 1.2
+    session.apply(("edge", 6, 0.1))
+    session.undo()
+    assert session.state is raised
+    session.undo()
+    assert session.state is start and not session.can_undo
+    session.redo()
+    assert session.state is raised
+    session.apply(("cut", 1))
+    assert not session.can_redo
+
+
+def test_the_recipe_leaves_out_what_later_changes_overrule(session):
+    session.replay([("edge", 5, 1.0), ("cut", 2), ("strain", "dilation", 0.01), ("population", "bulk_modulus")])
+    assert session.recipe() == [("cut", 2), ("population", "bulk_modulus")]
+
+
+def test_numbers_are_those_of_the_library(session):
+    session.replay([("population", "random_stress"), ("edge", 1, 0.5)])
+    critical, manifold = session.state.critical, session.state.model.manifold
+    moduli, bounds = transition_moduli(critical), critflow.transition_bounds(critical)
+    growth = stiffening(manifold, critical)
+    shown = {n.key: n for n in numbers.precise(manifold, critical) + numbers.counts(critical)}
+    for key, value, bound in (
+        ("B_0", moduli.bulk, bounds.bulk),
+        ("G_0", moduli.shear, bounds.shear),
+        ("C_B", growth.value.C_B, growth.stats.error_bound.C_B),
+        ("C_G", growth.value.C_G, growth.stats.error_bound.C_G),
+    ):
+        decimals = len(shown[key].text.partition(".")[2])
+        assert shown[key].text == f"{value:.{decimals}f}"
+        assert 0 < shown[key].bound == bound < 10.0**-decimals
+    assert int(shown["self-stresses"].text) == certify(critical).n_self_stresses == 1
+    assert session.state.model.bulk_bound == bulk_modulus_bound(manifold) > moduli.bulk
+    assert transition_bounds(critical).bulk > 0
+
+
+def test_bound_of_a_variance_covers_changes_of_the_values():
+    rng = np.random.default_rng(0)
+    values, change = rng.uniform(0.5, 2.0, 40), rng.uniform(0, 1e-3, 40)
+
+    def variance(values):
+        return values.var() / values.mean() ** 2
+
+    bound = numbers._variance_bound(variance(values), values, change)
+    moved = [abs(variance(values + change * s) - variance(values)) for s in rng.choice([-1, 1], (300, 40))]
+    assert max(moved) < bound < 30 * max(moved)
+    equal = numbers._variance_bound(0.0, np.ones(40), change)
+    assert max(variance(1 + change * s) for s in rng.choice([-1, 1], (300, 40))) < equal
+
+
+BAD = {
+    "unknown": (("explode", 1), "explode"),
+    "edge": (("edge", 1000, 0.1), "edge 1000"),
+    "negative edge": (("edge", -1, 0.1), "edge -1"),
+    "steep": (("edge", 1, 1e9), "log"),
+    "not a number": (("edge", 1, float("nan")), "between"),
+    "text": (("edge", "one", 0.1), "change"),
+    "short": (("edge",), "change"),
+    "face": (("face", 1, 100.0), "length"),
+    "population": (("population", "best"), "best"),
+    "blend of nothing": (("blend", *[0.0] * len(POPULATIONS)), "weight"),
+    "strain": (("strain", "dilation", 7.0), "strain"),
+    "deformation": (("strain", "twist", 0.1), "change"),
+    "loosening": (("strain", "dilation", -0.01), "loosens"),
+}
+
+
+@pytest.mark.parametrize(("change", "word"), BAD.values(), ids=BAD)
+def test_a_change_that_fails_leaves_the_state(session, change, word):
+    session.apply(("edge", 3, 0.4))
+    before = session.state
+    with pytest.raises(CritflowError, match=word):
+        session.apply(change)
+    assert session.state is before
+
+
+@pytest.mark.parametrize("link", ["", "no link!", "eNo1zMEKwyA", "é", "A" * 300_000])
+def test_a_broken_link_is_a_sentence(link):
+    with pytest.raises(CritflowError, match="link"):
+        from_link(link)
+
+
+def test_sources_refuse_what_they_cannot_show(tmp_path):
+    for given in ({"n_vertices": 10**7}, {"n_vertices": 2.5}, {"seed": "x"}):
+        with pytest.raises(CritflowError):
+            Random(**given)
+    for name, content in (("a.json", "{"), ("b.graphml", "<graph"), ("c.xyz", "1"), ("d.csv", "1,2")):
+        (tmp_path / name).write_text(content)
+        with pytest.raises(CritflowError):
+            File(tmp_path / name).open()
+
+
+def test_a_file_opens_at_its_stress(tmp_path):
+    session = Session(SOURCE)
+    session.apply(("population", "random_stress"))
+    critical = session.state.critical
+    path = tmp_path / "made.csv"
+    critflow.write_network(critical.network, path, critical.coordinates, force_densities=critical.sigma)
+    opened = Session(File(path))
+    assert np.allclose(opened.state.critical.sigma, critical.sigma, rtol=1e-12, atol=0)
+    assert "force_densities" in script(opened)
+    opened.apply(("edge", 3, 0.5))
+    assert opened.state.model.dual is not None
+
+
+def test_the_force_diagram_closes_around_every_vertex(session):
+    session.apply(("population", "random_stress"))
+    critical, dual = session.state.critical, session.state.model.dual
+    y, periods, offsets = dual.diagram(critical.network, critical.sigma, critical.bond_vectors)
+    forces = critical.sigma[:, None] * critical.bond_vectors @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    right, left = dual.ends.T
+    assert np.abs(y[left] + offsets @ periods - y[right] - forces).max() < 1e-11
+    segments, edges = images(dual.ends, offsets, periods, y)
+    assert np.allclose(np.diff(segments, axis=1)[:, 0], forces[edges], atol=1e-11)
+
+
+def test_segments_are_those_of_the_figures(session):
+    critical = session.state.critical
+    network = critical.network
+    found = images(network.edges, network.offsets, network.cell, critical.coordinates)
+    known = periodic_segments(network.edges, network.offsets, network.cell, critical.coordinates)
+    rows = [
+        {(int(e), *np.round(row, 9)) for row, e in zip(s.reshape(-1, 4), owner, strict=True)}
+        for s, owner in (found, known)
+    ]
+    assert rows[1] <= rows[0]
+    # The ground is a corner of the cell, so its edges may lie outside.
+    assert len(rows[0]) == len(found[1]) <= len(rows[1]) + 3
+
+
+def test_a_point_in_a_face_picks_it(session):
+    critical, dual = session.state.critical, session.state.model.dual
+    drawing = network_drawing(critical.network, critical.coordinates, critical.tensions)
+    for face in range(dual.faces.n_faces):
+        outline = face_outline(dual.faces, face, critical.network, critical.coordinates, critical.bond_vectors)[0]
+        point = outline.mean(axis=0)
+        inside = point @ np.linalg.inv(critical.network.cell)
+        point = (inside - np.floor(inside)) @ critical.network.cell
+        segment = drawing.nearest(point)
+        assert dual.ends[drawing.edges[segment], drawing.side(segment, point)] == face
+
+
+def test_shades_separate_tension_slackness_and_compression():
+    shades = shades_of(np.array([0.0, 1.0, 0.5, -1.0, 1.0]))
+    assert shades.tolist() == [32, 31, 16, 33, 31]
