@@ -11,7 +11,7 @@ from workflows.benchmarks.explore.chromium import Chromium, executable
 
 pytestmark = pytest.mark.skipif(executable() is None, reason="no Chromium: install the package chromium")
 # All numbers are shown, and nothing waits.
-SETTLED = "window.replies > 0 && !waiting && !queue.length && window.shown >= 0 && !document.querySelector('tr.due')"
+SETTLED = "window.shown === sequence && !waiting && !queue.length && !document.querySelector('tr.due')"
 
 
 class Browser:
