@@ -20,6 +20,7 @@ from critflow.design.onset import Onset, critical_strain
 from critflow.design.onset_target import OnsetDesign, design_onset
 from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
+from critflow.design.pareto import Front, pareto
 from critflow.design.prune_towards import PrunedDesign, prune_towards
 from critflow.design.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
 from critflow.design.stiffness_design import StiffnessDesign, design_stiffness, isotropic_targets
@@ -93,6 +94,7 @@ __all__ = [
     "EnvironmentFailure",
     "Examination",
     "Faces",
+    "Front",
     "Hookean",
     "ImportedNetwork",
     "InputError",
@@ -169,6 +171,7 @@ __all__ = [
     "network_from",
     "optimize",
     "packing_network",
+    "pareto",
     "perimeter_moduli",
     "perimeter_state",
     "phantom_network",

@@ -93,6 +93,7 @@ OF_FUNCTION = {
         "critical": CriticalManifold(HEXAGONS).configuration(1 + 0.1 * np.arange(HEXAGONS.n_edges)),
         "targets": {"length_0": 0.9},
     },
+    "pareto": {"objectives": {"B_0": "largest", "V_L": "smallest"}, "start": np.ones(6), "n": 2},
     "optimize": {"start": np.ones(6), "signs": "positive"},
     "planar_faces": {"edges": HEXAGONS.edges, "bond_vectors": HEXAGONS.bond_vectors(HEXAGONS.positions)},
     "voronoi_network": {"n_vertices": 8},

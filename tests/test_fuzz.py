@@ -199,6 +199,7 @@ CALLS = {
     "strained_response": lambda p, r: critflow.strained_response(
         p.network, critical_of(p), 1e-3, deformation=a_deformation(p, r)
     ),
+    "pareto": lambda p, r: critflow.pareto(p.network, {"V_tau": "smallest", "V_L": "smallest"}, 3, max_steps=40),
     "edge_leverage": lambda p, r: critflow.edge_leverage(critical_of(p)),
     "cut": lambda p, r: critflow.cut(p.network, 0),
     "add": lambda p, r: critflow.add(p.network, 0, p.network.n_vertices - 1),

@@ -86,6 +86,12 @@ Isogonal design
 SHORTEST_ISOGONAL Shortest length of an isogonal design by default, in units of the mean: as SOUND.
 STIFFEST          Relative distance from the largest B_0 at which C_B is the closed form for all isogonal changes.
 
+Fronts
+FRONT_OPTIMAL     Gradient at which the search for a point ends, in units of the ends of the front.
+FRONT_CERTIFIED   Largest relative residual of the first-order conditions of a certified point.
+FRONT_FLAT        Gradients below this, in units of the ends, count as zero.
+END_WEIGHT        Weight of the other objective at an end: without it ends with many best configurations are arbitrary.
+
 Nearest configuration
 NEAREST_CONVERGED Change of log σ in a step of Gauss and Newton below which it has converged.
 NEAREST_DAMPING   First damping of these steps, in units of the mean square of the coordinates.
@@ -113,6 +119,11 @@ ONLY_STIFFEST = 1e-9
 INDEPENDENT_TARGETS = 1e-6
 POSITIVE_TENSOR = 1e-12
 SAME_LAW = 1e-12
+
+FRONT_OPTIMAL = 1e-10
+FRONT_CERTIFIED = 1e-5
+FRONT_FLAT = 1e-4
+END_WEIGHT = 1e-2
 
 SHORTEST_ISOGONAL = 5e-2
 STIFFEST = 1e-9

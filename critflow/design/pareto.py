@@ -1,0 +1,259 @@
+"""Fronts of two objectives over the stresses: evenly spread points, each certified by its first-order conditions.
+
+Both objectives are written as φ_1, φ_2 to be minimised, in units in which the ends of the front are (0, 1) and (1, 0).
+Normal-boundary intersection (Das and Dennis 1998) moves from n evenly spaced points of the line between the ends in the
+direction of its normal,
+    minimise ½(φ_1 + φ_2)  subject to  φ_1 − φ_2 = d_j  and the limits of the edges,
+with exact gradients by log σ.  With the multiplier μ of the constraint, w = (½ + μ, ½ − μ) are the weights of the
+first-order condition  w_1 ∇φ_1 + w_2 ∇φ_2 + Σ ν ∇(limits) = 0,  ν ≥ 0: a point of a front needs w ≥ 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from critflow.arguments import checked
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
+from critflow.design.target_problem import Preference, TargetProblem, Unknowns
+from critflow.design.target_table import ALIASES, EdgeLimits, Wanted, edge_limits, wanted
+from critflow.design.tolerances import END_WEIGHT, FRONT_CERTIFIED, FRONT_FLAT, FRONT_OPTIMAL
+from critflow.networks.network import Array, Network
+from critflow.result import InputError, Solution, Stats, Status
+from critflow.solvers.constrained import Minimum, Point, minimise_constrained
+
+_MOST_STEPS = 2000
+_LONGEST = 1.0
+# Change of log σ from the start to the second one.
+_SHAKEN = 0.3
+_BACKWARDS = "a multiplier is negative: here an objective improves without cost, so the point is not on the front"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Front(Solution[tuple[CriticalConfiguration, ...]]):
+    """Configurations of a front in the order of the first objective, from its best value on.
+
+    names        of both objectives
+    achieved     their values, (n, 2)
+    units        differences of each value between the two ends, the units of the weights, (2,)
+    weights      multipliers w ≥ 0 of the first-order conditions in units of the ends of the front, (n, 2), sum 1
+    residuals    largest component of w_1 ∇φ_1 + w_2 ∇φ_2 + Σ ν ∇(limits) by log σ, relative to that of its first two
+                 terms or to `FRONT_FLAT`, (n,)
+    statuses     outcome of each point: `ok` where it is certified
+    n_limited    number of limits of edges that are active, (n,)
+    """
+
+    names: tuple[str, str]
+    achieved: Array
+    units: Array = field(repr=False)
+    weights: Array = field(repr=False)
+    residuals: Array = field(repr=False)
+    statuses: tuple[Status, ...]
+    n_limited: NDArray[np.intp] = field(repr=False)
+
+
+@checked
+def pareto(
+    network: Network | CriticalManifold,
+    objectives: Mapping[str, str],
+    n: int = 11,
+    *,
+    within: Mapping[str, Any] | None = None,
+    start: ArrayLike | None = None,
+    max_steps: int = _MOST_STEPS,
+    throw: bool = True,
+) -> Front:
+    """The front of two objectives over all positive stresses: n points, evenly spread in units of its ends.
+
+    objectives  two names of targets of `design`, each with "largest" or "smallest"
+    within      limits (low, high) of "lengths", "tensions" and "force_densities" of the edges, as for `design`.  Some
+                objectives have no extreme value without them, as C_B, which grows without limit as edges shrink
+    start       stresses (N_b,) from which the ends are found; 1 by default
+    max_steps   of each point
+
+    A point is certified, `Status.ok`, if its weights are not negative and the residual of its first-order conditions is
+    below `FRONT_CERTIFIED`.  That is a proof of stationarity up to the residual, not of a global optimum: fronts are
+    local, as every optimum of a descent.  The ends minimise one objective and a hundredth of the other.
+    `Status.infeasible` at a point where the front has no point in front of the line between its ends.
+    Raises `InputError` for unknown objectives, for two that have the same best configuration, and networks with several
+    self-stresses; `SolveError` where a point is not certified and `throw` is set.
+    """
+    manifold = CriticalManifold.of(network)
+    if n < 2:
+        raise InputError(f"a front has at least its two ends, n = 2 points, not {n}")
+    pair = _pair(manifold, objectives)
+    unknowns = Unknowns.of(manifold.network, start, None, "positive")
+    limits = edge_limits(manifold.network.n_edges, within or {})
+    search = _Search(manifold, unknowns, pair, limits, max_steps)
+    solution = _front(manifold, unknowns, pair, search.points(n), search.units)
+    return solution.or_raise("the front is not complete") if throw else solution
+
+
+def _pair(manifold: CriticalManifold, objectives: Mapping[str, str]) -> list[Wanted]:
+    """The two objectives; `InputError` where there are not two, or one is no objective."""
+    if len(objectives) != 2:
+        raise InputError(
+            f"a front has two objectives, such as {{'B_0': 'largest', 'V_L': 'smallest'}}, not {len(objectives)}"
+        )
+    for name, goal in objectives.items():
+        if goal not in ("largest", "smallest"):
+            raise InputError(f"the objective {name!s:.40} must be 'largest' or 'smallest', not {goal!r:.40}")
+    pair = [wanted(manifold, {name: goal})[0] for name, goal in objectives.items()]
+    if len({ALIASES.get(one.name, one.name) for one in pair}) < 2:
+        raise InputError("both objectives are the same quantity: give two different ones")
+    if any(one.objective.one_self_stress for one in pair):
+        require_one_self_stress(manifold.network, "design its stiffnesses, or prune it to one self-stress")
+    return pair
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """The end of the search for one point of the front."""
+
+    minimum: Minimum
+    weights: Array
+    residual: float
+    n_limited: int
+    status: Status
+    note: str
+
+
+class _Weighted:
+    """½(φ_1 + φ_2) or w·φ, with φ_1 − φ_2 as first constraint where it is prescribed, then the limits of the edges."""
+
+    def __init__(self, search: _Search, weights: tuple[float, float], difference: float | None):
+        self._search, self.weights, self.difference = search, np.array(weights), difference
+        first = [] if difference is None else [difference]
+        self.low = np.concatenate([first, search.problem.low])
+        self.high = np.concatenate([first, search.problem.high])
+
+    def at(self, z: Array) -> Point:
+        values, gradients, limits = self._search.objectives(z)
+        shift = int(self.difference is not None)
+        first = [values[0] - values[1]] if shift else []
+
+        def rows(indices: NDArray[np.intp]) -> Array:
+            own = limits.rows(indices[indices >= shift] - shift)
+            return np.concatenate([[gradients[0] - gradients[1]], own]) if shift and 0 in indices else own
+
+        constraints = np.concatenate([first, limits.constraints])
+        return Point(z, float(self.weights @ values), self.weights @ gradients, constraints, rows)
+
+
+class _Search:
+    """The points of one front."""
+
+    def __init__(
+        self,
+        manifold: CriticalManifold,
+        unknowns: Unknowns,
+        pair: list[Wanted],
+        limits: list[EdgeLimits],
+        max_steps: int,
+    ):
+        self._manifold, self._unknowns, self._pair, self._max_steps = manifold, unknowns, pair, max_steps
+        self._signs = np.array([float(one.goal) for one in pair])
+        self.problem = TargetProblem(manifold, unknowns, Preference(manifold.network, "least_change", None), [], limits)
+        self._ideal, self.units = np.zeros(2), np.ones(2)
+
+    def objectives(self, z: Array) -> tuple[Array, Array, Point]:
+        """φ (2,), their gradients (2, N), and the limits of the edges, at z."""
+        balance = self._manifold.balance(self._unknowns.stress(z))
+        with np.errstate(all="ignore"):
+            values, rows = self.problem.values(balance, [one.objective for one in self._pair])
+            limits = self.problem.at(z)
+        gradients = self._unknowns.gradients(rows, balance.sigma)
+        return (
+            (self._signs * values - self._ideal) / self.units,
+            (self._signs / self.units)[:, None] * gradients,
+            limits,
+        )
+
+    def points(self, n: int) -> list[_Point]:
+        """The ends, then the points between them, each from its neighbour."""
+        ends = self._ends()
+        if n == 2 or not all(end.minimum.reached for end in ends):
+            return ends
+        found = [ends[0]]
+        (first, last) = (self.objectives(end.minimum.point.z)[0] for end in ends)
+        differences = np.linspace(first[0] - first[1], last[0] - last[1], n)
+        for difference in differences[1:-1]:
+            found.append(self._point(_Weighted(self, (0.5, 0.5), float(difference)), found[-1].minimum.point.z))
+        return [*found, ends[1]]
+
+    def _ends(self) -> list[_Point]:
+        """Each end first alone, which gives the units, then with a small weight of the other objective."""
+        alone = [self._alone(weights) for weights in ((1.0, 0.0), (0.0, 1.0))]
+        values = np.array([self.objectives(z)[0] for z in alone])
+        spread = np.diag(values[::-1]) - np.diag(values)
+        if not (spread > FRONT_OPTIMAL * np.abs(values).max()).all():
+            raise InputError(
+                "both objectives have the same best configuration, so there is no front between them: change one"
+            )
+        self._ideal, self.units = np.diag(values).copy(), spread
+        small = END_WEIGHT
+        return [
+            self._point(_Weighted(self, (1 - small, small), None), alone[0]),
+            self._point(_Weighted(self, (small, 1 - small), None), alone[1]),
+        ]
+
+    def _alone(self, weights: tuple[float, float]) -> Array:
+        """The best z of one objective, from the start, where B_0 and C_B may be stationary, and from one near it."""
+        origin, problem = self._unknowns.origin, _Weighted(self, weights, None)
+        shaken = origin + _SHAKEN * np.random.default_rng(0).standard_normal(len(origin))
+        found = [
+            minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps) for start in (origin, shaken)
+        ]
+        best = min(found, key=lambda end: end.point.value if end.reached else np.inf)
+        return best.point.z
+
+    def _point(self, problem: _Weighted, start: Array) -> _Point:
+        found = minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps)
+        weights, first = problem.weights.copy(), int(problem.difference is not None)
+        if first:
+            weights += found.multipliers[0] * np.array([1.0, -1.0])
+        gradients = self.objectives(found.point.z)[1]
+        # Where both objectives are stationary, as B_0 and C_B at σ = k, the gradients are rounding.
+        residual = found.residual / max(float(np.abs(weights[:, None] * gradients).max()), FRONT_FLAT)
+        status, note = found.status, ""
+        if not found.reached:
+            status, note = Status.infeasible, "the front has no point at this position: relax a limit of the edges"
+        elif weights.min() < -FRONT_CERTIFIED:
+            status, note = Status.infeasible, _BACKWARDS
+        elif residual < FRONT_CERTIFIED:
+            status = Status.ok
+        elif status is Status.ok:
+            status = Status.stalled
+        return _Point(found, weights, residual, int(np.count_nonzero(found.multipliers[first:])), status, note)
+
+
+def _front(
+    manifold: CriticalManifold, unknowns: Unknowns, pair: list[Wanted], found: list[_Point], units: Array
+) -> Front:
+    """The front with the values at configurations that are solved to the last digit."""
+    solved = [manifold.solve(unknowns.stress(one.minimum.point.z)) for one in found]
+    statuses = [one.status if balance.ok else balance.status for one, balance in zip(found, solved, strict=True)]
+    achieved = np.array(
+        [[each.objective.evaluate(one.value.sigma, one.value.bond_vectors)[0] for each in pair] for one in solved]
+    )
+    worst = next((i for i, status in enumerate(statuses) if status is not Status.ok), None)
+    note = "" if worst is None else f"point {worst}: {found[worst].note or statuses[worst].message}"
+    residuals = np.array([one.residual for one in found])
+    stats = Stats("normal-boundary intersection", sum(one.minimum.steps for one in found), float(residuals.max()))
+    return Front(
+        tuple(one.value for one in solved),
+        Status.ok if worst is None else statuses[worst],
+        stats,
+        note,
+        names=(pair[0].name, pair[1].name),
+        achieved=achieved,
+        units=units,
+        weights=np.array([one.weights for one in found]),
+        residuals=residuals,
+        statuses=tuple(statuses),
+        n_limited=np.array([one.n_limited for one in found]),
+    )

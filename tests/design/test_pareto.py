@@ -1,0 +1,69 @@
+"""Fronts: certificates checked independently, points that an epsilon-constraint finds too, even spread, refusals."""
+
+import numpy as np
+import pytest
+
+from critflow import CriticalManifold, InputError, Status, design, pareto, voronoi_network
+from critflow.critical.derivatives import evaluate
+from critflow.critical.objectives import LengthVariance, TensionVariance, dilation, transition_modulus
+
+MANIFOLD = CriticalManifold(voronoi_network(16, seed=1))
+
+
+@pytest.fixture(scope="module")
+def stiff_and_equal():
+    return pareto(MANIFOLD, {"B_0": "largest", "V_L": "smallest"}, 4)
+
+
+def test_every_point_satisfies_its_first_order_conditions(stiff_and_equal):
+    front = stiff_and_equal
+    assert front.ok and front.statuses == (Status.ok,) * 4 and (front.weights >= 0).all()
+    size = np.abs(front.units)
+    modulus = transition_modulus(MANIFOLD.network, dilation(2))
+    for critical, weights, values in zip(front.value, front.weights, front.achieved, strict=True):
+        stiff, equal = (evaluate(MANIFOLD, goal, critical.sigma) for goal in (modulus, LengthVariance()))
+        assert values == pytest.approx((stiff.value, equal.value), rel=1e-9)
+        parts = np.array([-weights[0] / size[0] * stiff.gradient, weights[1] / size[1] * equal.gradient])
+        assert np.abs(parts.sum(axis=0) * critical.sigma).max() < 1e-5 * np.abs(parts * critical.sigma).max()
+
+
+def test_points_are_evenly_spread_and_none_dominates_another(stiff_and_equal):
+    stiff, unequal = stiff_and_equal.achieved.T
+    assert (np.diff(stiff) < 0).all() and (np.diff(unequal) < 0).all()
+    size = np.abs(stiff_and_equal.units)
+    steps = np.diff(stiff / size[0] + unequal / size[1])
+    np.testing.assert_allclose(steps, steps.mean(), rtol=1e-6)
+
+
+def test_the_same_points_follow_from_a_limit_on_one_objective(stiff_and_equal):
+    stiffness, variance = stiff_and_equal.achieved[2]
+    other = design(
+        MANIFOLD, {"B_0": (stiffness, np.inf)}, prefer="length_variance", start=stiff_and_equal.value[2].sigma
+    )
+    assert other.preference == pytest.approx(variance, rel=1e-6)
+
+
+def test_limits_of_edges_bound_a_front():
+    network = voronoi_network(8, seed=1)
+    front = pareto(network, {"V_tau": "smallest", "B_0": "smallest"}, 2, within={"force_densities": (0.7, None)})
+    for critical in front.value:
+        assert critical.sigma.min() >= 0.7 * critical.sigma.mean() * (1 - 1e-9)
+    assert front.n_limited[1] > 0
+    assert front.achieved[0, 0] == pytest.approx(
+        TensionVariance().evaluate(front.value[0].sigma, front.value[0].bond_vectors)[0], rel=1e-12
+    )
+
+
+def test_bad_input_raises_one_sentence():
+    for objectives, n, word in (
+        ({"B_0": "largest"}, 3, "two objectives"),
+        ({"B_0": "largest", "V_L": "least"}, 3, "smallest"),
+        ({"B_0": "largest", "stiffness": "smallest"}, 3, "stiffness"),
+        ({"B_0": "largest", "bulk_modulus": "smallest"}, 3, "same quantity"),
+        ({"B_0": "largest", "C_B": "smallest"}, 3, "same best"),
+        ({"B_0": "largest", "V_L": "smallest"}, 1, "ends"),
+    ):
+        with pytest.raises(InputError, match=word):
+            pareto(MANIFOLD, objectives, n)
+    stopped = pareto(MANIFOLD, {"B_0": "largest", "V_L": "smallest"}, 3, max_steps=2, throw=False)
+    assert stopped.status is Status.step_limit and not stopped.ok
