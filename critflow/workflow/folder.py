@@ -166,7 +166,8 @@ class Folder:
         loaded = load_study(note.study) if note.file is None else load_file(self.path / note.file)
         study = loaded.study
         variables = {variable.name for variable in study.variables}
-        same = set(note.parameters) == set(study.parameters) and tuple(note.axes) == study.axis_names
+        needed = {key for key, default in study.parameters.items() if default != ""}
+        same = needed <= set(note.parameters) <= set(study.parameters) and tuple(note.axes) == study.axis_names
         if not same or not set(note.variables) <= variables:
             raise StudyError(f"study {study.name!r} has other settings now than {self.path}: run it again there")
         return loaded, Selection(study.storing(note.variables), note.parameters, note.axes)

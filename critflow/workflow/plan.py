@@ -105,7 +105,11 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
     given = _settings(study, words)
     values = {a.name: _axis_values(a, given[a.key]) if a.key in given else tuple(a.values) for a in study.axes}
     axes = {axis.name: axis.ordered(values[axis.name]) for axis in study.axes}
-    parameters = {k: _parameter(k, given[k], v) if k in given else v for k, v in study.parameters.items()}
+    chosen = {k: _parameter(k, given[k], v) if k in given else v for k, v in study.parameters.items()}
+    # An empty word is no setting, so that a new one leaves the identity of stored cases.
+    parameters: Mapping[str, Any] = {k: v for k, v in chosen.items() if v != ""}
+    if study.complete is not None:
+        parameters = study.complete(parameters)
     for coordinate in study.coordinates:
         labels = parameters[coordinate.parameter]
         if not isinstance(labels[0], str) and any(later <= earlier for earlier, later in itertools.pairwise(labels)):

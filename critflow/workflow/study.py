@@ -201,6 +201,8 @@ class Study:
     coordinates: Sequence[Coordinate] = ()
     version: int = 1
     check: Callable[[Mapping[str, Any], Mapping[str, tuple]], None] | None = None  # raises StudyError for bad settings
+    # Adds to the settings before cases have identities, for example the digest of a file.
+    complete: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None
     figures: Mapping[str, Callable[[xr.Dataset], Figure]] = field(default_factory=dict)
     animations: Mapping[str, Callable[[xr.Dataset], Iterable[Figure]]] = field(default_factory=dict)  # frames in turn
     claims: Callable[[xr.Dataset], Sequence[Claim]] | None = None

@@ -127,8 +127,11 @@ def _drawing(one, caption):
 def claims(ds):
     """The statements of the paper on the populations; claims on populations without a run are left out.
 
-    So are those on the growth with strain for other deformations than the dilation of the paper.
+    So are those on the growth with strain for other deformations than the dilation of the paper, and all for a network
+    from a file.
     """
+    if "network" in parameters(ds):
+        return []
     have = {p for p in ds.population.values if len(of(ds, "C_B_exact", p)) or p == "random_lengths_wide"}
     dilated = parameters(ds).get("deformation", "dilation") == "dilation"
     made = [make for needs, make in _CLAIMS if have.issuperset(needs) and (dilated or make is not _growth)]

@@ -3,6 +3,8 @@
 The paper's main ensemble: `StructuralMetrics`, `ResponseMetrics` and the claims around them.  Random rest lengths come
 twice, with the spread that the paper prints (0.3, `random_lengths_wide`) and with the largest one that leaves every
 edge of these networks stressed (0.1, `random_lengths`).
+
+With `network=FILE` the network is that of a file; seeds are then those of random populations and of random starts.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from ..shared.checks import check_deformation, check_network, check_positive
 from ..shared.measurements import DRAWN, planar_member, table, verify
+from ..shared.own_network import check_own, own_network, with_digest
 from ..shared.population_reports import summary
 from ..shared.populations import POPULATIONS
 from ..shared.reports import PAPER
@@ -32,7 +35,10 @@ def check(parameters, axes):
     if parameters["protocol"] not in ("conic", "strain"):
         raise StudyError(f"protocol={parameters['protocol']} must be conic (exact) or strain (the paper's steps)")
     check_deformation(parameters["deformation"])
-    check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
+    if network := own_network(parameters):
+        check_own(network)
+    else:
+        check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
 
 
 study = Study(
@@ -54,12 +60,14 @@ study = Study(
         "strains": decimals("0.001:0.010:0.001"),
         "fit_window": 0.01,
         "deformation": "dilation",
+        "network": "",
     },
     coordinates=(
         Coordinate("strain", "strains", "strain |γ| past the transition, of the deformation and sign that tightens"),
     ),
     case=case,
     check=check,
+    complete=with_digest,
     variables=tuple(table(planar=True)),
     figures={"gallery": gallery, "structure": structure_figure, "response": response_figure},
     needs={

@@ -6,6 +6,8 @@ of the printed one, which does not.  L, M random stresses.
 
 The least V_τ need not be attained: in about one network of six some edge shrinks to zero length
 (`edge_collapse`).  The network drawn, seed 0, attains it.
+
+With `network=FILE` the network is that of a file; seeds are then those of the random panels.
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ from critflow.rigidity.structure import length_variance, tension_variance
 from critflow.workflow import Axis, Study, Variable, stable_rng
 
 from ..shared.checks import check_network, check_positive
+from ..shared.own_network import check_own, own_manifold, own_network, with_digest
 from ..shared.populations import random_lengths
 from ..shared.reports import PAPER
 from .report import PANELS, claims, gallery, summary
@@ -46,9 +49,9 @@ FLAT, MOST_EDGES = 1e-9, 1500
 
 
 @lru_cache(maxsize=2)
-def prepared(n_vertices, seed, hard_core):
+def prepared(n_vertices, seed, hard_core, own=""):
     """Manifold, bound of B_0 and faces to inflate of one network, which its panels share."""
-    manifold = CriticalManifold(voronoi_network(n_vertices, seed, hard_core))
+    manifold = own_manifold(own) if own else CriticalManifold(voronoi_network(n_vertices, seed, hard_core))
     network = manifold.network
     at = face_centres(manifold.configuration(network.stiffness)) @ np.linalg.inv(network.cell)
     chosen = np.zeros(len(at), bool)
@@ -108,7 +111,8 @@ def pressure(critical):
 
 def case(parameters, *, seed, panel):
     """One configuration, its tensions at unit pressure, and its moduli at the transition."""
-    manifold, bound, chosen = prepared(parameters["n_vertices"], seed, parameters["hard_core"])
+    own = parameters.get("network", "")
+    manifold, bound, chosen = prepared(parameters["n_vertices"], seed, parameters["hard_core"], own)
     network = manifold.network
     found, amplitudes = configuration(manifold, chosen, parameters, seed, panel)
     shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "chosen": chosen.astype("i1")}
@@ -149,7 +153,10 @@ def check(parameters, axes):
     if not 0 < parameters["fraction"] < 1:
         raise StudyError(f"fraction={parameters['fraction']} must lie between 0 and 1, where the first edge vanishes")
     check_positive(parameters, "spread", "spread_wide", "shortest", "starts", "hard_core")
-    check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
+    if network := own_network(parameters):
+        check_own(network, planar_faces_needed=True)
+    else:
+        check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
 
 
 def table():
@@ -209,9 +216,11 @@ study = Study(
         "spread_wide": 0.3,
         "fraction": 0.9,
         "shortest": 0.15,
+        "network": "",
     },
     case=case,
     check=check,
+    complete=with_digest,
     variables=tuple(table()),
     figures={"gallery": gallery},
     claims=claims,

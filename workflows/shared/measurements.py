@@ -22,6 +22,7 @@ from critflow.mechanics.stiffening import NO_STIFFENING
 from critflow.rigidity.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Variable
 
+from .own_network import own_manifold
 from .populations import configuration, prepared
 from .reports import parameters as parameters_of
 from .verification import bond_vectors, contradictions, forces, variances
@@ -40,8 +41,12 @@ _ALONG = (
 
 def planar_member(parameters, *, seed, population, wanted):
     """Arrays of one member of the planar ensemble: configuration, structure, moduli at and past the transition."""
-    manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"])
-    found = configuration(manifold, parameters, seed, population)
+    own = parameters.get("network", "")
+    if own:
+        manifold = own_manifold(own)
+    else:
+        manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"])
+    found = configuration(manifold, parameters, seed, population, random_start=bool(own and seed))
     if not np.isfinite(found.value.coordinates).all():
         return identified(manifold.network, found)
     # Where an edge collapses the infimum is not attained, and its coefficients are not defined.
@@ -49,7 +54,8 @@ def planar_member(parameters, *, seed, population, wanted):
     result = measured(manifold, found, parameters, wanted, undefined)
     for name, anisotropy in (("anisotropy_physical", face_anisotropy), ("anisotropy_force", force_anisotropy)):
         if name in wanted:
-            result[name] = np.nanmean(anisotropy(found.value))
+            known = name == "anisotropy_force" or manifold.network.faces is not None
+            result[name] = np.nanmean(anisotropy(found.value)) if known else np.nan
     return result
 
 

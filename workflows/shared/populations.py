@@ -33,14 +33,17 @@ def prepared(make, n_vertices, seed, hard_core):
     return CriticalManifold(make(n_vertices, seed, hard_core))
 
 
-def configuration(manifold, parameters, seed, population, method="auto") -> Solution[CriticalConfiguration]:
+def configuration(
+    manifold, parameters, seed, population, method="auto", random_start=False
+) -> Solution[CriticalConfiguration]:
     """One configuration of a population, by a method of `optimize` where it is an optimum.
 
-    Random populations draw from a generator of the network and the population.
+    Random populations, and random starts of descents, draw from a generator of the seed and the population.
     """
-    if population in OPTIMA:
-        return optimize(manifold, population, method, threshold=parameters["threshold"], throw=False)
     rng = stable_rng(seed, population)
+    if population in OPTIMA:
+        start = np.exp(0.5 * rng.standard_normal(manifold.network.n_edges)) if random_start else None
+        return optimize(manifold, population, method, threshold=parameters["threshold"], start=start, throw=False)
     if population == "random_stress":
         return manifold.solve(np.abs(rng.standard_normal(manifold.network.n_edges)))
     spread = parameters["spread_wide" if population == "random_lengths_wide" else "spread"]

@@ -1,0 +1,77 @@
+"""Studies on the network of a file: its contents are part of the identity of the cases."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from critflow import bulk_modulus_bound, triangular_network, voronoi_network, write_network
+from critflow.cli import main
+
+NETWORK = voronoi_network(24, seed=3).deformed([[1.1, 0.2], [0.0, 1.0]])
+SMALL = ["--set", "variables=bulk_modulus_0,iterations,status", "--workers", "0", "--out", "out"]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_network(NETWORK, "mine.csv")
+
+
+def run(study, *settings):
+    return main(["run", study, *SMALL, *(f"--set={word}" for word in settings)])
+
+
+def test_the_ensemble_of_a_file_is_resumed_while_its_network_is_the_same(capsys):
+    settings = ("network=mine.csv", "populations=bulk_modulus,random_stress,tension_variance", "seeds=0:2")
+    assert run("ensemble", *settings) == 0
+    with xr.open_dataset("out/ensemble.nc") as dataset:
+        stiffest = dataset.bulk_modulus_0.sel(population="bulk_modulus").values
+        np.testing.assert_allclose(stiffest, bulk_modulus_bound(NETWORK), rtol=1e-10)
+        drawn = dataset.bulk_modulus_0.sel(population="random_stress").values
+        assert drawn[0] != drawn[1] and (drawn < stiffest).all()
+        assert (dataset.status == 0).all()
+        # The second descent starts elsewhere.
+        assert np.diff(dataset.iterations.sel(population="tension_variance")) != 0
+    capsys.readouterr()
+    # A note in the file changes nothing, another spring makes new cases.
+    vertices = Path("mine_vertices.csv")
+    vertices.write_text("# measured in May\n" + vertices.read_text())
+    assert run("ensemble", *settings) == 0
+    assert "6 of 6 requested cases were stored before" in capsys.readouterr().out
+    write_network(NETWORK.with_stiffness(np.linspace(1, 2, 36)), "mine.csv")
+    assert run("ensemble", *settings) == 0
+    assert "0 of 6 requested cases were stored before" in capsys.readouterr().out
+
+
+def test_the_gallery_of_a_file():
+    panels = "panels=bulk_modulus,bulk_modulus_wave,random_lengths"
+    assert run("gallery", "network=mine.csv", panels) == 0
+    with xr.open_dataset("out/gallery.nc") as dataset:
+        both = dataset.bulk_modulus_0.sel(panel=["bulk_modulus", "bulk_modulus_wave"]).values
+        np.testing.assert_allclose(both, bulk_modulus_bound(NETWORK), rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("network", "word"),
+    [
+        ("missing.csv", "no file"),
+        ("mine", "ending"),
+        ("mine.csv@0123456789abcdef", "another network"),
+        ("mine.png", "ending"),
+        ("stiff.csv", "self-stress"),
+        ("patch.csv", "periodic"),
+        ("loop.csv", "convert"),
+    ],
+)
+def test_a_network_that_does_not_fit_is_one_sentence(network, word, capsys):
+    write_network(triangular_network(3, 3), "stiff.csv")
+    for name, edges in (("patch", "0,1\n1,2\n"), ("loop", "0,1\n1,2\n1,1\n")):
+        with open(f"{name}_edges.csv", "w") as table:
+            table.write("tail,head\n" + edges)
+        with open(f"{name}_vertices.csv", "w") as table:
+            table.write("id,x,y,fixed\n0,0,0,1\n1,1,0.5,0\n2,2,0,1\n")
+    assert run("ensemble", f"network={network}") == 2
+    error = capsys.readouterr().err
+    assert word in error and error.count("\n") == 1

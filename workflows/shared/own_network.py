@@ -1,0 +1,93 @@
+"""A network of the user in place of generated ones: `--set network=FILE`.
+
+The identity of a case contains the file with a digest of its network, FILE@DIGEST, so that other contents are other
+cases.  A file that needs a repair is refused: `critflow convert` repairs it and reports how.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from critflow import CritflowError, CriticalManifold, Network, NetworkError, StudyError, network_from, planar_faces
+from critflow.critical.manifold import require_one_self_stress
+
+_DIGEST = re.compile(r"(.+)@([0-9a-f]{16})")
+
+
+def with_digest(parameters):
+    """The parameters with the digest of the network of the file in them, if there is one."""
+    text = parameters.get("network", "")
+    return {**parameters, "network": _identified(text)} if text else parameters
+
+
+def own_network(parameters):
+    """The network of the file in the parameters, or None."""
+    text = parameters.get("network", "")
+    return _read(text) if text else None
+
+
+@lru_cache(maxsize=2)
+def own_manifold(text):
+    """The manifold of the network of FILE@DIGEST, with the analysis of its matrices."""
+    return CriticalManifold(_read(text))
+
+
+def check_own(network, *, planar_faces_needed=False):
+    """Raise `StudyError` unless a network is periodic in the plane and generic stresses give it one self-stress."""
+    if network.cell is None or network.dimension != 2:
+        raise StudyError("network: this study needs a periodic network in the plane, to deform its cell: give one")
+    try:
+        require_one_self_stress(network, "remove edges, for example by diluted(...)")
+    except CritflowError as error:
+        raise StudyError(f"network: {error}") from error
+    if planar_faces_needed and network.faces is None:
+        raise StudyError("network: this study needs the faces of a network without crossing edges: give such a one")
+
+
+def _identified(text):
+    """FILE@DIGEST of FILE, or of FILE@DIGEST if its network is still the same."""
+    given = _DIGEST.fullmatch(text)
+    file = given[1] if given else text
+    found = f"{file}@{_digest(_network_of(file))}"
+    if given and found != text:
+        raise StudyError(f"{file} contains another network than {text}: give --set network={file} for new cases")
+    return found
+
+
+@lru_cache(maxsize=2)
+def _read(text):
+    """The network of FILE@DIGEST."""
+    _identified(text)
+    return _network_of(_DIGEST.fullmatch(text)[1])
+
+
+def _network_of(file) -> Network:
+    """The network of a file that needs no repair, with its faces if no edges cross."""
+    if not Path(file).suffix:
+        raise StudyError(f"network={file} must be a file whose ending names its format, such as tissue.csv")
+    try:
+        read = network_from(file, strict=True)
+    except CritflowError as error:
+        raise StudyError(f"network={file}: {error}; critflow convert reads and repairs it") from error
+    network = read.network
+    if network.cell is None or network.dimension != 2:
+        return network
+    try:
+        faces = planar_faces(network.edges, network.bond_vectors(read.positions), network.n_vertices)
+    except NetworkError:
+        return network
+    return replace(network, faces=faces)
+
+
+def _digest(network):
+    arrays = (network.edges, network.offsets, network.cell, network.stiffness, network.positions, *network.pins.items())
+    digest = sha256()
+    for array in arrays:
+        digest.update(repr([] if array is None else np.asarray(array, dtype=object).tolist()).encode())
+    return digest.hexdigest()[:16]
