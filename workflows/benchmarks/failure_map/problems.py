@@ -165,7 +165,7 @@ class Difficulty:
     name: str
     label: str  # meaning of the strength
     strengths: tuple[float, ...]
-    problem: Callable[[float, int, int], Problem]  # strength, seed, n_vertices
+    problem: Callable[[float, int, int | Network], Problem]  # strength, seed, number of vertices or network
     quantities: tuple[str, ...]
 
 
@@ -179,8 +179,13 @@ ALL = (*CONFIGURATION, *SPRINGS, *LENGTHS, *OPTIMA)
 QUANTITIES = (*CONFIGURATION, "elastic_moduli", *SPRINGS, *LENGTHS, *OPTIMA)
 
 
-def _standard(n_vertices, seed):
-    return lambda: voronoi_network(n_vertices, seed)
+def _standard(source, seed):
+    """Maker of the network of a file, or of a generated one of a number of vertices."""
+    return (lambda: source) if isinstance(source, Network) else lambda: voronoi_network(source, seed)
+
+
+def _n_edges(source):
+    return source.n_edges if isinstance(source, Network) else 3 * source // 2
 
 
 def _draw(seed, name):
@@ -188,7 +193,7 @@ def _draw(seed, name):
 
 
 def _spread(strength, seed, n_vertices):
-    powers = _draw(seed, "spread").uniform(-1, 1, 3 * n_vertices // 2)
+    powers = _draw(seed, "spread").uniform(-1, 1, _n_edges(n_vertices))
     return Problem(_standard(n_vertices, seed), lambda network: 10.0 ** (strength * powers))
 
 
@@ -250,7 +255,7 @@ def _small_strain(strength, seed, n_vertices):
 
 
 def _rest_lengths(strength, seed, n_vertices):
-    normal = _draw(seed, "lengths").standard_normal(3 * n_vertices // 2)
+    normal = _draw(seed, "lengths").standard_normal(_n_edges(n_vertices))
     return Problem(_standard(n_vertices, seed), lengths=lambda network: np.maximum(1 + strength * normal, 1e-3))
 
 
@@ -270,7 +275,7 @@ def _smallest(strength, seed, n_vertices):
 
 def _contrast(strength, seed, n_vertices):
     def make():
-        network = voronoi_network(n_vertices, seed)
+        network = _standard(n_vertices, seed)()
         return network.with_stiffness(strength ** _draw(seed, "contrast").random(network.n_edges))
 
     return Problem(make, _generic(seed))
@@ -345,7 +350,7 @@ def _deformed(gradient):
     """The standard network in the cell deformed by F(strength)."""
 
     def problem(strength, seed, n_vertices):
-        return Problem(lambda: voronoi_network(n_vertices, seed).deformed(gradient(strength)), _generic(seed))
+        return Problem(lambda: _standard(n_vertices, seed)().deformed(gradient(strength)), _generic(seed))
 
     return problem
 
@@ -354,7 +359,7 @@ def _skew_cell(strength, seed, n_vertices):
     """The same network in ever longer vectors of its lattice: large offsets, whose sum cancels."""
 
     def make():
-        network, turns = voronoi_network(n_vertices, seed), int(strength)
+        network, turns = _standard(n_vertices, seed)(), int(strength)
         # b = offset @ cell: the second vector gains multiples of the first, and offsets give them back.
         back = network.offsets - np.outer(network.offsets[:, 1], [turns, 0])
         cell = network.cell + np.array([[0.0, 0.0], turns * network.cell[0]])
@@ -365,11 +370,13 @@ def _skew_cell(strength, seed, n_vertices):
 
 def _single_precision(strength, seed, n_vertices):
     problem = _spread(strength, seed, n_vertices)
-    powers = _draw(seed, "single").uniform(-1, 1, 3 * n_vertices // 2)
+    powers = _draw(seed, "single").uniform(-1, 1, _n_edges(n_vertices))
     problem.dtype, problem.lengths = np.float32, lambda network: 1 + 0.05 * powers
     return problem
 
 
+# Difficulties that make their own networks, and are left out for the network of a file.
+GENERATED = ("hard_core", "smallest", "soft_edges", "extra_edges", "straight_lines")
 _DECADES = tuple(10.0**-n for n in range(1, 17))
 DIFFICULTIES = {
     difficulty.name: difficulty

@@ -2,6 +2,8 @@
 
 No answer may be silently wrong.  Every point is correct within its claimed bound, returns a status, or raises an error
 with the reason; every other outcome is a violation.
+
+With `network=FILE` the difficulties are those of the network of a file; those with their own networks stay empty.
 """
 
 from __future__ import annotations
@@ -13,15 +15,17 @@ from critflow.networks.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network
+from ...shared.own_network import check_own, own_network, with_digest
 from .assembly import ASSEMBLIES, DIFFICULT, errors, seconds
 from .outcomes import Outcome, Violation
 from .percolation import percolation
 from .percolation_report import percolation_figure
-from .problems import DIFFICULTIES, QUANTITIES
+from .problems import DIFFICULTIES, GENERATED, QUANTITIES
 from .quantities import finding
 from .report import assembly_figure, bound_figure, claims, map_figure, summary
 
 PERCOLATION = "percolation"
+MOST_VERTICES = 64
 
 
 def case(parameters, *, difficulty, seed):
@@ -35,7 +39,11 @@ def case(parameters, *, difficulty, seed):
     assemblies = parameters["assemblies"]
     assembly_error, assembly_seconds = np.full((len(assemblies), n_steps), np.nan), np.full(len(assemblies), np.nan)
     curve = np.zeros((len(sizes), len(spreads)), int), *np.full((2, len(sizes), len(spreads)), np.nan)
-    if difficulty == PERCOLATION:
+    own = own_network(parameters)
+    source = own or parameters["n_vertices"]
+    if own and difficulty in (PERCOLATION, *GENERATED):
+        pass
+    elif difficulty == PERCOLATION:
         curve = percolation(sizes, spreads, parameters["networks"], seed)
     else:
         strengths = chosen(DIFFICULTIES[difficulty].strengths, n_steps)
@@ -44,14 +52,14 @@ def case(parameters, *, difficulty, seed):
             if quantity not in DIFFICULTIES[difficulty].quantities:
                 continue
             for step, value in enumerate(strengths):
-                problem = DIFFICULTIES[difficulty].problem(value, seed, parameters["n_vertices"])
+                problem = DIFFICULTIES[difficulty].problem(value, seed, source)
                 found = finding(quantity, problem)
                 error[row, step], bound[row, step] = found.error, found.bound
                 outcome[row, step], violation[row, step] = found.outcome, found.violation
                 status[row, step] = found.status
         if difficulty in DIFFICULT:
             for step, value in enumerate(strengths):
-                problem = DIFFICULTIES[difficulty].problem(value, seed, parameters["n_vertices"])
+                problem = DIFFICULTIES[difficulty].problem(value, seed, source)
                 assembly_error[:, step] = errors(problem, assemblies)
             assembly_seconds[:] = seconds(voronoi_network(parameters["timed_vertices"], seed), assemblies)
     return {
@@ -87,6 +95,13 @@ def check(parameters, axes):
         raise StudyError(f"n_steps={parameters['n_steps']} must be at least 2")
     if unknown := sorted(set(parameters["assemblies"]) - set(ASSEMBLIES)):
         raise StudyError(f"there is no assembly {unknown[0]!r}: choose among {', '.join(ASSEMBLIES)}")
+    if own := own_network(parameters):
+        check_own(own)
+        if own.n_vertices > MOST_VERTICES:
+            raise StudyError(
+                f"network: the references in many digits are for at most {MOST_VERTICES} vertices, not "
+                f"{own.n_vertices}: give a smaller network"
+            )
     for n_vertices in (parameters["n_vertices"], parameters["timed_vertices"], *parameters["sizes"]):
         check_network(check_voronoi, n_vertices, 0.82)
 
@@ -110,6 +125,7 @@ study = Study(
         "sizes": (50, 100, 200, 400, 1000),
         "networks": (40, 40, 24, 12, 6),
         "spreads": (0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.14, 0.16, 0.18, 0.2, 0.25, 0.3, 0.4, 0.5),
+        "network": "",
     },
     coordinates=(
         Coordinate("quantity", "quantities", "computed quantity, and the method"),
@@ -119,6 +135,7 @@ study = Study(
     ),
     case=case,
     check=check,
+    complete=with_digest,
     variables=(
         Variable("strength", ("difficulty", "step"), "f8", long_name="strength of the difficulty"),
         Variable("error", POINT, "f8", long_name="true error, relative to the largest number of the answer"),
