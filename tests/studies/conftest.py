@@ -7,7 +7,17 @@ from critflow.cli import main
 
 SETTINGS = {
     "boundary": ("seeds=0:3", "n_vertices=40"),
-    "design": ("seeds=0:1", "topology_n_vertices=24", "topology_cuts=3"),
+    "design": (
+        "seeds=0:1",
+        "isogonal_n_vertices=24",
+        "isogonal_coefficients=0.1,0.3",
+        "isogonal_strains=0.01",
+        "topology_n_vertices=24",
+        "topology_cuts=3",
+        "pruning_n_vertices=40",
+        "pruning_cuts=4",
+        "pruning_repeats=2",
+    ),
     "ensemble": ("seeds=0:3", "n_vertices=60"),
     "gallery": ("seeds=1:3", "n_vertices=60", "starts=2"),
     "onset": (

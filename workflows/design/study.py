@@ -23,11 +23,11 @@ from __future__ import annotations
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Study, Variable
 
-from . import topology
+from . import isogonal, pruning, topology
 from .parts import all_parameters, complete, figure_of, name_of, own_parameters, table
 from .report import claims_of, summary_of
 
-MODULES = (topology,)
+MODULES = (isogonal, topology, pruning)
 PARTS = {name_of(module): module for module in MODULES}
 
 
