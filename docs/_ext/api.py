@@ -7,6 +7,7 @@ Docstrings are plain text.  Tables of two columns become definition lists, inden
 import inspect
 import re
 from importlib import import_module
+from pathlib import Path
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
@@ -14,10 +15,14 @@ from docutils.statemachine import StringList
 from equations import tex_of
 
 import critflow
-from workflows.pages.paper import EQUATIONS
 
 ROW = re.compile(r"(\S+(?: \S+)*) {2,}(\S.*)")
-LABELS = {equation.label for equation in EQUATIONS}
+THEORY = Path(__file__).parents[1] / "theory"
+LABELS = {  # label: the page that explains the equation
+    label: page.stem
+    for page in THEORY.glob("*.md")
+    for label in re.findall(r"^\| `([^`]+)` \|", page.read_text(encoding="utf-8"), flags=re.M)
+}
 CLASS = "   :members:\n   :undoc-members:\n   :member-order: bysource\n   :exclude-members: __init__, __new__\n"
 
 
@@ -108,7 +113,7 @@ def escaped(line: str) -> str:
 
 def reference(name: str) -> str:
     if name in LABELS:
-        return f":ref:`{name} <equation-{name.lower()}>`"
+        return f":doc:`{name} </theory/{LABELS[name]}>`"
     if name in critflow.__all__:
         return f":py:obj:`~critflow.{name}`"
     return f"``{name}``"
