@@ -11,7 +11,10 @@ from workflows.benchmarks.explore.chromium import Chromium, executable
 
 pytestmark = pytest.mark.skipif(executable() is None, reason="no Chromium: install the package chromium")
 # All numbers are shown, and nothing waits.
-SETTLED = "window.shown === sequence && !waiting && !queue.length && !document.querySelector('tr.due')"
+SETTLED = (
+    "typeof sequence !== 'undefined' && window.shown === sequence && !waiting && !queue.length "
+    "&& !document.querySelector('tr.due')"
+)
 
 
 class Browser:
@@ -147,9 +150,12 @@ def test_the_hand_changes_edges_and_faces(browser):
 def test_reload_link_and_two_tabs(browser):
     async def check():
         tab = await browser.tab()
+        first = await rows(tab)
         await tab.run("send({do: 'select', edge: 5})")
+        await tab.until(SETTLED)
         await slide(tab, "stress", -1.25)
         shown = await rows(tab)
+        assert shown != first
         link = await tab.run("location.hash")
         other = await browser.tab(link)
         assert await rows(other) == shown
