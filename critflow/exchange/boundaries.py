@@ -29,7 +29,7 @@ def with_pins(data: NetworkData, pins: Pins) -> NetworkData:
     chosen = _by_rule(data, pins) if isinstance(pins, str) else _listed(data, pins)
     if not len(chosen):
         raise InputError(
-            f"no vertex is fixed by pins={pins!r:.40}: choose 'hull', 'degree', 'box' or a list of vertices"
+            f"no vertex is fixed by pins={pins!r:.40}: choose another rule, 'hull', 'degree' or 'box', or list vertices"
         )
     note = f"{len(chosen)} vertices are fixed" + (f" ({_RULES[pins]})" if isinstance(pins, str) else "")
     return replace(data, pins=tuple(map(int, chosen))).noting(note)
