@@ -20,11 +20,12 @@ from critflow.arguments import checked
 from critflow.critical.backbone import Backbone, backbone
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.design.boundary_path import BoundaryPath
+from critflow.design.central_path import follow_central_path
 from critflow.design.onset_bounds import StrainBounds, onset_bounds
 from critflow.design.onset_search import Interior, Search, floppy_start, search_onset
 from critflow.design.stressed_part import unknown_configuration
-from critflow.design.taut_edges import OnsetState, polish_taut, settled
-from critflow.design.tolerances import ONSET_GAP
+from critflow.design.taut_edges import OnsetState, polish_taut, resolved, settled, without_slack_stress
+from critflow.design.tolerances import FITTED, ONSET_GAP
 from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network, edge_values
 from critflow.result import InputError, Record, Solution, Stats, Status
@@ -160,7 +161,7 @@ def critical_strain(
 
     Raises `InputError` for bad arguments, `SolveError` where no onset exists: `Status.rigid` at γ = 0 already,
     `Status.floppy` on the whole path, or up to a flat cell.  `Status.stalled`: the bounds differ by more than 1e-9,
-    or one is an estimate.
+    one is an estimate, or forces of taut edges balance to less than 1e-9.
     """
     lengths = edge_values(rest_lengths, network.n_edges, "rest_lengths")
     if direction not in (1, -1):
@@ -180,11 +181,18 @@ def critical_strain(
 
 def _polished(path: BoundaryPath, lengths: Array, found: Search, start: OnsetState, interior: Interior) -> Onset:
     state = settled(path, lengths, polish_taut(path, lengths, start))
+    if not resolved(path, lengths, state) and (central := follow_central_path(path, lengths, start)) is not None:
+        state, start = settled(path, lengths, polish_taut(path, lengths, central)), central
+        if not resolved(path, lengths, state):
+            state = without_slack_stress(path, lengths, central)
     bounds = onset_bounds(path, lengths, state, start, interior)
     gap = bounds.upper - bounds.lower
     status, note = Status.ok, ""
     if not gap <= ONSET_GAP * (1 + state.strain):
         status, note = Status.stalled, f"the bounds on the strain differ by {gap:.1g}: see `lower` and `upper`"
+    elif not state.error < FITTED:
+        status = Status.stalled
+        note = "the bounds on the strain hold, but the weakest stresses were not separated from slack edges"
     elif not all(bounds.proven):
         status, note = (
             Status.stalled,

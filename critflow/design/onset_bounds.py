@@ -35,15 +35,16 @@ def onset_bounds(
 ) -> StrainBounds:
     """Bounds on the onset strain s from a state at or close to it.
 
-    start     solution of the cone program
+    start     solution of the cone program, or the end of the central path
     interior  free components and coordinates at strain zero with all |L| < ℓ
     """
-    lower = _retreat(path, lengths, state)
-    if lower is None and path.linear:
-        found = (_mixed(path, lengths, near, interior) for near in (state, start))
-        lower = max((s for s in found if s is not None), default=None)
+    found = [_retreat(path, lengths, state)]
+    if path.linear:
+        found += [_mixed(path, lengths, near, interior) for near in (state, start)]
+    lower = max((s for s in found if s is not None), default=None)
     forces = _Forces(path, lengths, state)
-    upper = forces.rigid_strain()
+    rigid = (forces.rigid_strain(), _Forces(path, lengths, start).rigid_strain())
+    upper = min((s for s in rigid if s is not None), default=None)
     # Without a proof: the error of the lengths over their rate.
     estimate = 2 * max(state.error, EPS) / forces.rate * forces.virtual_length if np.isfinite(state.error) else np.inf
     return StrainBounds(
@@ -73,8 +74,9 @@ def _retreat(path: BoundaryPath, lengths: Array, state: OnsetState) -> float | N
     """
     if not np.isfinite(state.error):
         return None
-    rounding = float((_rounding(path, state.strain, state.free, state.coordinates) / lengths).max())
-    for margin in (4 * max(rounding, state.error), *RETREATS):
+    # Each edge by its own rounding, or the shortest would decide on all.
+    rounding = _rounding(path, state.strain, state.free, state.coordinates) / lengths
+    for margin in (4 * np.maximum(rounding, state.error), *RETREATS):
         shorter = newton_taut(path, (1 - margin) * lengths, state)
         try:
             if shorter is None or shorter.strain > state.strain:
@@ -92,9 +94,9 @@ def _mixed(path: BoundaryPath, lengths: Array, state: OnsetState, interior: tupl
     size = np.linalg.norm(state.bond_vectors(path), axis=1) / lengths
     q_0, x_0 = interior
     inner = np.linalg.norm(path.boundary_vectors(path.gradient(0.0, q_0)) + path.network.free_incidence @ x_0, axis=1)
-    slack = 1 - float((inner / lengths).max())
-    rounding = float((_rounding(path, state.strain, state.free, state.coordinates) / lengths).max())
-    weight = 2 * (max(float(size.max()) - 1, 0.0) + rounding) / slack
+    rounding = _rounding(path, state.strain, state.free, state.coordinates) / lengths
+    # Each edge is convex in the weight.
+    weight = 2 * float(((np.maximum(size - 1, 0.0) + rounding) / (1 - inner / lengths)).max())
     for _ in range(3):
         if not weight < 1:
             return None

@@ -8,6 +8,7 @@ with the boundary, so that forces change by second order only.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,7 +27,7 @@ from critflow.design.tolerances import (
     WEAK_GROWTH,
     WEAK_STRESS,
 )
-from critflow.linalg.saddle import Saddle
+from critflow.linalg.saddle import Saddle, SaddleFactor
 from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION
 from critflow.networks.network import Array, IntArray, Network
 from critflow.result import InputError, NetworkError
@@ -107,6 +108,18 @@ def _longer(path: BoundaryPath, lengths: Array, state: OnsetState) -> Mask:
     return ~state.taut & (np.linalg.norm(state.bond_vectors(path), axis=1) > (1 + VIOLATED) * lengths)
 
 
+def resolved(path: BoundaryPath, lengths: Array, state: OnsetState) -> bool:
+    """Whether Newton's method converged to a state without longer slack edges."""
+    return state.error < FITTED and not _longer(path, lengths, state).any()
+
+
+def without_slack_stress(path: BoundaryPath, lengths: Array, state: OnsetState) -> OnsetState:
+    """The state without the small stresses of its slack edges, with its error."""
+    part = taut_part(path, state.taut)
+    state = replace(state, sigma=np.where(state.taut, state.sigma, 0.0))
+    return replace(state, error=np.inf if part is None else part.residuals(path, lengths, state).error)
+
+
 def settled(path: BoundaryPath, lengths: Array, state: OnsetState) -> OnsetState:
     """The state with coordinates of the vertices off the taut edges that shorten the longest slack edge, |L|/ℓ > 1.
 
@@ -137,7 +150,7 @@ def newton_taut(path: BoundaryPath, lengths: Array, start: OnsetState, damping: 
     damping  compliance of the edges, relative to their stress, for parts with several self-stresses: far from the
              solution their equations of lengths contradict each other, and stresses would grow without bound
     """
-    part = _part(path, start.taut)
+    part = taut_part(path, start.taut)
     if part is None:
         return None
     misses = 0
@@ -162,7 +175,7 @@ def newton_taut(path: BoundaryPath, lengths: Array, start: OnsetState, damping: 
 
 
 @dataclass(frozen=True, eq=False)
-class _Residuals:
+class Residuals:
     """Bond vectors L, forces, ½(ℓ² − |L|²) and changes of |L|²/2 by (q, s) of the taut edges, and the largest error."""
 
     L: Array
@@ -172,8 +185,16 @@ class _Residuals:
     error: float
 
 
+class Change(NamedTuple):
+    """Displacements (n, d) on top of the affine motion with the boundary, changes of σ and of (q, s)."""
+
+    displacements: Array
+    sigma: Array
+    boundary: Array
+
+
 @dataclass(frozen=True, eq=False)
-class _Part:
+class TautPart:
     """The taut edges as a network whose components are grounded at one vertex each.
 
     taut  its edges in the whole network, (N_b,)
@@ -185,7 +206,7 @@ class _Part:
     taut: Mask
     rows: IntArray
 
-    def residuals(self, path: BoundaryPath, lengths: Array, state: OnsetState) -> _Residuals:
+    def residuals(self, path: BoundaryPath, lengths: Array, state: OnsetState) -> Residuals:
         """The equations at a state."""
         L, sigma = state.bond_vectors(path)[self.taut], state.sigma[self.taut]
         inverse = np.linalg.inv(path.gradient(state.strain, state.free))
@@ -201,26 +222,40 @@ class _Part:
                 float(np.abs(force).max(initial=0.0) / tension.mean()),
                 float(np.abs(changes[:-1] @ sigma).max(initial=0.0) / (np.abs(sigma) @ (2 * h))),
             )
-        return _Residuals(L, force, target - h, changes, error if np.isfinite(error) else np.inf)
+        return Residuals(L, force, target - h, changes, error if np.isfinite(error) else np.inf)
 
-    def step(self, path: BoundaryPath, state: OnsetState, at: _Residuals, damping: float) -> OnsetState:
-        """One step: displacements on top of the affine motion with the boundary, stresses, q and s."""
-        sigma, determined = state.sigma[self.taut], path.determined
-        factor = self.saddle.factorize(sigma, at.L, damping or REGULARISATION)
-        corner = np.zeros((len(determined) + 1,) * 2)
+    def step(self, path: BoundaryPath, state: OnsetState, at: Residuals, damping: float) -> OnsetState:
+        """One step of Newton's method."""
+        factor = self.saddle.factorize(state.sigma[self.taut], at.L, damping or REGULARISATION)
+        change = self.change(path, state, at, factor, at.elongation, 1 if damping else MOST_REFINEMENTS)
+        return self.moved(path, state, change)
+
+    def change(
+        self,
+        path: BoundaryPath,
+        state: OnsetState,
+        at: Residuals,
+        factor: SaddleFactor,
+        elongation: Array,
+        max_refinements: int = MOST_REFINEMENTS,
+    ) -> Change:
+        """The change for which forces balance and the taut edges have these changes of |L|²/2."""
+        sigma, m = state.sigma[self.taut], len(path.determined)
+        corner = np.zeros((m + 1, m + 1))
         corner[:-1] = self._corner(path, state, at.L, sigma)
         sums = np.append(-at.changes[:-1] @ sigma, 0.0)
-        u, dsigma, y = factor.solve_bordered(
-            -at.force, at.elongation, at.changes, corner, sums, 1 if damping else MOST_REFINEMENTS
-        )
-        s, q = state.strain + float(y[-1]), state.free.copy()
-        q[determined] += y[:-1]
+        return Change(*factor.solve_bordered(-at.force, elongation, at.changes, corner, sums, max_refinements))
+
+    def moved(self, path: BoundaryPath, state: OnsetState, change: Change, fraction: float = 1.0) -> OnsetState:
+        """The state after a fraction of a change."""
+        s, q = state.strain + fraction * float(change.boundary[-1]), state.free.copy()
+        q[path.determined] += fraction * change.boundary[:-1]
         before = path.gradient(state.strain, state.free)
         x = state.coordinates @ np.linalg.solve(before.T, path.gradient(s, q).T)
-        x[self.rows] += u
-        changed = state.sigma.copy()
-        changed[self.taut] += dsigma
-        return replace(state, strain=s, free=q, coordinates=x, sigma=changed, steps=state.steps + 1)
+        x[self.rows] += fraction * change.displacements
+        sigma = state.sigma.copy()
+        sigma[self.taut] += fraction * change.sigma
+        return replace(state, strain=s, free=q, coordinates=x, sigma=sigma, steps=state.steps + 1)
 
     @staticmethod
     def _corner(path: BoundaryPath, state: OnsetState, L: Array, sigma: Array) -> Array:
@@ -235,7 +270,8 @@ class _Part:
         return corner
 
 
-def _part(path: BoundaryPath, taut: Mask) -> _Part | None:
+def taut_part(path: BoundaryPath, taut: Mask) -> TautPart | None:
+    """The taut edges as a network; None where they cannot be in balance."""
     network = path.network
     edges = network.edges[taut]
     vertices = np.unique(edges)
@@ -253,7 +289,7 @@ def _part(path: BoundaryPath, taut: Mask) -> _Part | None:
         return None
     row = np.full(network.n_vertices, -1)
     row[network.free] = np.arange(len(network.free))
-    return _Part(part, Saddle(part), taut, row[vertices[part.free]])
+    return TautPart(part, Saddle(part), taut, row[vertices[part.free]])
 
 
 def without_hanging(network: Network, kept: Mask) -> Mask:

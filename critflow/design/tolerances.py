@@ -56,6 +56,12 @@ DAMPING           Compliance of taut edges with several self-stresses, relative 
 WEAK_GROWTH       Factor between the stresses below which edges are released when Newton's method fails again.
 ONSET_STEPS       Steps of Newton's method in one attempt; convergence is quadratic.
 VIOLATED          Excess of |L|/ℓ over 1 of a slack edge that becomes a candidate; errors of the program are smaller.
+CENTRAL_START     σ h of an edge at the start of a central path, relative to ⟨σ⟩⟨ℓ²⟩: that where cone programs end.
+CENTRAL_END       The same at its end: stresses above 1e-8 of the mean are separated from slack.
+CENTRAL_DECREASE  Factor of the mean σ h in one step.
+CENTRAL_FITTED    Relative error of ½|L|² + h at which it ends.
+CENTRAL_STEPS     Steps of Newton's method on it; ten to twenty are needed.
+TO_BOUNDARY       Part of the step to a vanishing stress or slack.
 NEARBY            Step of the strain, relative to 1 + |s|, after which the next program is the last one.
 MOST_PROGRAMS     Linear programs on one path; smooth paths need two to four.
 FLAT_STEPS        Programs in a row that end beyond a flat cell, after which the path counts as floppy to its end.
@@ -167,12 +173,18 @@ ROUGH_CONE = 1e-6
 FLOPPY_CONE = 1e-3
 ONSET_CONE = 1e-10
 ONSET_GAP = 1e-9
-RETREATS = (3e-11, 1e-10, 3e-10)
+RETREATS = (1e-12, 3e-11, 1e-10, 3e-10)
 ONSET_ROUNDS = 16
 WEAK_GROWTH = 3.0
 DAMPING = 1e-3
 ONSET_STEPS = 16
 VIOLATED = 1e-8
+CENTRAL_START = 1e-9
+CENTRAL_END = 1e-17
+CENTRAL_DECREASE = 0.1
+CENTRAL_FITTED = 1e-13
+CENTRAL_STEPS = 30
+TO_BOUNDARY = 0.95
 NEARBY = 0.01
 MOST_PROGRAMS = 24
 FLAT_STEPS = 5

@@ -72,13 +72,25 @@ class Saddle:
         """Name of the sparse solver."""
         return self._pattern.backend
 
-    def factorize(self, sigma: Array, bond_vectors: Array, regularisation: float = REGULARISATION) -> SaddleFactor:
-        """The factor at stresses σ (N_b,) and bond vectors L (N_b, d), with δ in units of 1/⟨|σ|⟩."""
+    def factorize(
+        self,
+        sigma: Array,
+        bond_vectors: Array,
+        regularisation: float = REGULARISATION,
+        compliance: Array | None = None,
+    ) -> SaddleFactor:
+        """The factor at stresses σ (N_b,) and bond vectors L (N_b, d), with δ in units of 1/⟨|σ|⟩.
+
+        A compliance C (N_b,) makes R u = e the equations R u − C λ = e; iteration does not remove it.
+        """
         shift = self._shifts(sigma, regularisation)
         length = np.linalg.norm(bond_vectors, axis=1)
+        compliances = np.zeros(self._pattern.size)
+        if compliance is not None:
+            compliances[self._shape[0] * self._shape[1] :] = compliance / _divisors(length) ** 2
         scale = np.full(self._pattern.size, float(np.mean(length)))
         scale[: self._shape[0] * self._shape[1]] = float(np.mean(np.abs(sigma) * length))
-        factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift)
+        factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift - compliances)
         return SaddleFactor(factor, shift, sigma / np.linalg.norm(sigma), scale, _divisors(length))
 
     def stable(self, sigma: Array, bond_vectors: Array, margin: float = STABLE_MARGIN) -> bool:

@@ -1,0 +1,64 @@
+"""The central path to an onset of rigidity, where nearly unstressed edges cannot be told apart from slack ones.
+
+The onset is the largest strain s with ½|L_α|² + h_α = ½ℓ_α², h ≥ 0; its multipliers are the stresses σ ≥ 0 in balance.
+Cone programs end with relative errors of about 1e-10, which hide stresses below 1e-5 of the mean, as those of straight
+fibres whose crossings hardly deflect them.  Newton's method on σ_α h_α = μ, with refined factors and decreasing μ,
+separates them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from critflow.design.boundary_path import BoundaryPath
+from critflow.design.taut_edges import OnsetState, taut_part
+from critflow.design.tolerances import (
+    CENTRAL_DECREASE,
+    CENTRAL_END,
+    CENTRAL_FITTED,
+    CENTRAL_START,
+    CENTRAL_STEPS,
+    TO_BOUNDARY,
+)
+from critflow.networks.network import Array
+from critflow.result import InputError
+
+
+def follow_central_path(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetState | None:
+    """The state at the end of the central path, σ > 0 on all edges, with those that are taut; None without an end."""
+    everything = np.ones(path.network.n_edges, bool)
+    part = taut_part(path, everything)
+    if part is None or not start.taut.any():
+        return None
+    square = lengths**2
+    unit = float(start.sigma[start.taut].mean() * square.mean())
+    L = start.bond_vectors(path)
+    h = np.maximum(0.5 * (square - np.einsum("ad,ad->a", L, L)), CENTRAL_START * square)
+    state = replace(start, sigma=np.maximum(start.sigma, CENTRAL_START * unit / h), taut=everything)
+    for _ in range(CENTRAL_STEPS):
+        mean = float(np.mean(state.sigma * h))
+        try:
+            at = part.residuals(path, lengths, state)
+            # At the end of the path steps remain until lengths are right.
+            ended = mean < CENTRAL_END * unit
+            if ended and float((np.abs(at.elongation - h) / square).max()) < CENTRAL_FITTED:
+                break
+            factor = part.saddle.factorize(state.sigma, at.L, compliance=h / state.sigma)
+            target = (1.0 if ended else CENTRAL_DECREASE) * mean / state.sigma
+            change = part.change(path, state, at, factor, at.elongation - target)
+            h_change = target - h - h * change.sigma / state.sigma
+            fraction = min(_fraction(state.sigma, change.sigma), _fraction(h, h_change))
+            state, h = part.moved(path, state, change, fraction), h + fraction * h_change
+        except (InputError, np.linalg.LinAlgError):
+            return None
+        if not (np.isfinite(state.strain) and np.isfinite(state.sigma).all()):
+            return None
+    return replace(state, taut=state.sigma / state.sigma.mean() > h / square.mean())
+
+
+def _fraction(values: Array, change: Array) -> float:
+    """The part of a change that leaves positive values positive, at most 1."""
+    steepest = float((-change / values).max())
+    return min(1.0, TO_BOUNDARY / steepest) if steepest > 0 else 1.0
