@@ -70,10 +70,15 @@ def test_a_target_is_reached_or_the_distance_reported(seed):
 
 def test_drift_is_corrected_by_new_factorisations():
     before = critical()
-    updated, factorised = (prune_towards(before, cuts=12, seed=1, drift=bound) for bound in (1e-10, 0.0))
+    updated, factorised = (
+        prune_towards(before, "length_variance", cuts=30, seed=1, drift=bound) for bound in (1e-10, 0.0)
+    )
     assert updated.factorisations == 2 and factorised.factorisations > 10
     np.testing.assert_array_equal(updated.cuts, factorised.cuts)
     np.testing.assert_allclose(updated.values, factorised.values, rtol=1e-11)
+    # Edges that hang on one vertex after a cut are not counted.
+    assert len(updated.edges) < before.network.n_edges - 30
+    assert updated.objective == pytest.approx(length_variance(updated.value), rel=1e-11)
 
 
 def test_cuts_end_where_every_further_one_opens_the_network():

@@ -26,7 +26,7 @@ from ..shared.reports import series, spread, status_counts
 _OUT_OF_REACH = -10.0
 
 PARAMETERS = {
-    "n_vertices": 100,
+    "n_vertices": 64,
     "spread": 0.4,
     "coefficients": (-0.08, -0.04, 0.0, 0.1, 0.2),
     "strains": (0.002, 0.005, 0.01, 0.02, 0.04, 0.07, 0.1),

@@ -13,7 +13,7 @@ from critflow.workflow import Claim
 from ..shared.checks import check_network, check_positive
 from ..shared.reports import series, spread
 
-PARAMETERS = {"n_vertices": 600, "cuts": 180, "repeats": 40}
+PARAMETERS = {"n_vertices": 300, "cuts": 90, "repeats": 20}
 METHODS = {"greedy": "greedy", "random": "at random"}
 VARIABLES = {
     "modulus": (("method", "cut"), "B_0 after each number of cuts at constant stress, over the first one"),

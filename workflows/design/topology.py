@@ -30,7 +30,7 @@ from ..shared.reports import finite, series, spread, status_counts
 LAWS = {"largest": "largest tension", "smallest": "smallest tension", "random": "at random"}
 PATHS = {"dilation": "dilation", "simple_shear": "simple shear"}
 
-PARAMETERS = {"n_vertices": 100, "cuts": 24, "pictured": 8}
+PARAMETERS = {"n_vertices": 64, "cuts": 16, "pictured": 6}
 VARIABLES = {
     "critical_strain": (("path", "law", "cut"), "strain of the onset after each number of cuts"),
     "strain_status": (("path", "law", "cut"), "its outcome"),
