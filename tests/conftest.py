@@ -1,10 +1,11 @@
 """Two sizes of the test suite.
 
 `pytest` runs every test but the sweeps: repetitions of a test over many seeds, sizes or steps. `pytest -m ""` runs
-everything, and draws all pictures; `.ci/run` does that.
+everything, and draws the pictures of the studies; `.ci/run` does that.
 """
 
 import os
+from contextlib import contextmanager, nullcontext
 
 # Before NumPy is imported: the tests run in one process per core, and threads of BLAS in each of them wait for the
 # cores of the others, at twice the processor time.
@@ -26,12 +27,28 @@ def everything(config):
     return "not sweep" not in config.getoption("markexpr")
 
 
-@pytest.fixture(scope="module")
-def undrawn(request):
-    """Pictures are made but remain empty: drawing them takes most of the time of a small study."""
+@contextmanager
+def _empty_pictures():
     with pytest.MonkeyPatch.context() as patch:
-        if not everything(request.config):
-            patch.setattr(Figure, "draw", lambda figure, renderer: None)
+        patch.setattr(Figure, "draw", lambda figure, renderer: None)
+        yield
+
+
+@pytest.fixture(scope="session")
+def empty_pictures():
+    """A context in which pictures are made but remain empty: drawing takes most of the time of a small study."""
+    return _empty_pictures
+
+
+@pytest.fixture(scope="module")
+def undrawn(empty_pictures):
+    with empty_pictures():
+        yield
+
+
+@pytest.fixture(scope="module")
+def undrawn_but_in_sweeps(request, empty_pictures):
+    with nullcontext() if everything(request.config) else empty_pictures():
         yield
 
 

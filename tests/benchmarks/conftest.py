@@ -4,5 +4,5 @@ import pytest
 
 
 @pytest.fixture(scope="module", autouse=True)
-def quick(undrawn):
+def quick(undrawn_but_in_sweeps):
     """Studies are run without drawing their pictures, unless the sweeps run too."""

@@ -1,5 +1,7 @@
 """Small runs of the studies, one for each process of the tests, and the study of a test module: its `STUDY`."""
 
+from contextlib import nullcontext
+
 import pytest
 import xarray as xr
 
@@ -49,12 +51,13 @@ def words(study, *settings):
 
 
 @pytest.fixture(scope="session")
-def run_study():
+def run_study(empty_pictures):
     """A function that runs the study of this name into a folder and returns its dataset."""
 
-    def run(study, folder, *settings):
+    def run(study, folder, *settings, drawn=False):
         command = ["run", study, "--workers", "0", "--out", str(folder), *words(study, *settings)]
-        assert main(command) == 0
+        with nullcontext() if drawn else empty_pictures():
+            assert main(command) == 0
         with xr.open_dataset(folder / f"{study}.nc") as dataset:
             return dataset.load()
 
@@ -69,7 +72,7 @@ def runs(run_study, tmp_path_factory):
     def of(study):
         if study not in made:
             folder = tmp_path_factory.mktemp(study) / "out"
-            made[study] = folder, run_study(study, folder)
+            made[study] = folder, run_study(study, folder, drawn=True)
         return made[study]
 
     return of
@@ -88,5 +91,5 @@ def dataset(request, runs):
 
 
 @pytest.fixture(scope="module", autouse=True)
-def quick(undrawn):
+def quick(undrawn_but_in_sweeps):
     """Studies are run without drawing their pictures, unless the sweeps run too."""

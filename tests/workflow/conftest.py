@@ -18,7 +18,7 @@ COMMAND = "import sys; from critflow.cli import main; sys.exit(main())"
 
 @pytest.fixture(scope="module", autouse=True)
 def quick(request):
-    """Pictures are drawn in the tests of reports only, unless the sweeps run too."""
+    """Pictures are drawn in the tests of reports only."""
     if request.module.__name__ != "test_report":
         request.getfixturevalue("undrawn")
 
