@@ -6,6 +6,7 @@ Tension is shown by colour (a map for all kinds of colour vision and for grey pr
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -68,7 +69,9 @@ def draw_network(
     loose = strength == 0 if values.any() else np.zeros(len(strength), bool)
     tense = (strength >= 0) & ~loose
     widths = width * (0.45 + 1.1 * norm(np.abs(strength)))
-    lines = LineCollection(segments[tense], cmap=TENSION_MAP, norm=norm, linewidths=widths[tense], capstyle="round")
+    lines = LineCollection(segments[tense], cmap=TENSION_MAP, norm=norm, capstyle="round")
+    # The constructor would distribute widths three times.
+    lines.set_linewidth(widths[tense])
     lines.set_array(strength[tense])
     pushed = strength < 0
     compressed = LineCollection(
@@ -259,7 +262,8 @@ class Drawing:
         self, axes: Axes, font_size: float, width: float, limits: tuple[float, float] | None = None
     ) -> LineCollection:
         """Draw the network with its caption as title; options as of `draw_network`."""
-        axes.set_title(self.caption, fontsize=font_size)
+        # A given height is not searched for: that takes as long as the drawing.
+        axes.set_title(self.caption, fontsize=font_size, y=1.0)
         arrays = (self.edges, self.offsets, self.cell, self.coordinates, self.tensions)
         return draw_network(axes, *arrays, limits=limits, width=width)
 
@@ -278,39 +282,52 @@ class Panel:
 def panel_figure(panels: Sequence[Panel], labels: Sequence[str], title: str, note: str = "") -> Figure:
     """Panels two by two, violins on the left and drawings on the right of each."""
     rows = (len(panels) + 1) // 2
-    figure = Figure(figsize=(12.5, 4.3 * rows + 0.8), dpi=150, layout="constrained")
-    figure.suptitle(title, fontsize=13)
-    for part, panel, letter in zip(figure.subfigures(rows, 2, squeeze=False).flat, panels, "ABCDEFGH", strict=False):
-        grid = part.add_gridspec(max(len(panel.drawings), 1), 2, width_ratios=(3.4, 1))
-        axes = part.add_subplot(grid[:, 0])
+    lines = textwrap.wrap(note, _NOTE_WIDTH)
+    low = 0.15 + 0.17 * len(lines)
+    size = (12.5, 4.3 * rows + 0.45 + low)
+    figure = Figure(figsize=size, dpi=150)
+    figure.suptitle(title, fontsize=13, y=1 - 0.1 / size[1], va="top")
+    for n, (panel, letter) in enumerate(zip(panels, "ABCDEFGH", strict=False)):
+        left, bottom = 6.25 * (n % 2), low + 4.3 * (rows - 1 - n // 2)
+        axes = _axes(figure, left + 0.72, bottom + 0.5, 4.1, 3.55)
         if panel.zero_line:
             axes.axhline(0.0, color="#C00000", linewidth=1.0, zorder=0)
         violins(axes, panel.groups, labels, log=panel.log)
         axes.set_ylabel(panel.label, fontsize=10)
-        axes.set_title(letter, loc="left", fontweight="bold", fontsize=12)
+        axes.set_title(letter, loc="left", fontweight="bold", fontsize=12, y=1.0)
+        height = 3.6 / max(len(panel.drawings), 1)
         for row, drawing in enumerate(panel.drawings):
-            small = part.add_subplot(grid[row, 1])
+            small = _axes(figure, left + 4.93, bottom + 4.05 - height * (row + 1), 1.25, height - 0.35)
             drawing.draw(small, 8, width=0.75)
-    if note:
-        figure.supxlabel(note, fontsize=8.5, color="0.25")
+    if lines:
+        figure.supxlabel("\n".join(lines), fontsize=8.5, color="0.25", y=0.07 / size[1], va="bottom")
     return figure
+
+
+# Characters of a line of the note under a figure of panels, which leave a margin on both sides.
+_NOTE_WIDTH = 190
+
+
+def _axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
+    """Axes at a place of a figure in inches: a layout by the sizes of all labels takes longer than the drawing."""
+    across, up = figure.get_size_inches()
+    return figure.add_axes((left / across, bottom / up, width / across, height / up))
 
 
 def gallery_figure(drawings: Sequence[Drawing], title: str, columns: int = 4) -> Figure:
     """Networks side by side on one colour scale of the tension at unit pressure, with its bar in the last place."""
     columns = min(columns, len(drawings) + 1)
     rows = (len(drawings) + columns) // columns
-    figure = Figure(figsize=(3.1 * columns, 3.35 * rows + 0.4), dpi=100, layout="constrained")
-    figure.suptitle(title, fontsize=13)
+    size = (3.1 * columns, 3.35 * rows + 0.4)
+    figure = Figure(figsize=size, dpi=100)
+    figure.suptitle(title, fontsize=13, y=1 - 0.1 / size[1], va="top")
     high = float(np.percentile(np.concatenate([np.abs(drawing.tensions) for drawing in drawings]), 97))
-    places = figure.subplots(rows, columns, squeeze=False).flat
-    for axes, drawing in zip(places, drawings, strict=False):
-        lines = drawing.draw(axes, 10, width=1.1, limits=(0.0, high))
-    rest = list(figure.axes)[len(drawings) :]
-    for axes in rest:
-        axes.set_axis_off()
-    if rest:
-        bar = figure.colorbar(lines, cax=rest[0].inset_axes((0.12, 0.05, 0.07, 0.9)), extend="max")
+    places = [(3.1 * (n % columns), 3.35 * (rows - 1 - n // columns)) for n in range(rows * columns)]
+    for (left, bottom), drawing in zip(places, drawings, strict=False):
+        lines = drawing.draw(_axes(figure, left + 0.05, bottom + 0.05, 3.0, 3.0), 10, width=1.1, limits=(0.0, high))
+    if len(places) > len(drawings):
+        left, bottom = places[len(drawings)]
+        bar = figure.colorbar(lines, cax=_axes(figure, left + 0.4, bottom + 0.2, 0.2, 2.7), extend="max")
         bar.set_label("edge tension at unit pressure")
     return figure
 

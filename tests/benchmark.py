@@ -1,5 +1,7 @@
 """Times of the library at N_v = 1,000 with the accuracy beside them: `python tests/benchmark.py`.
 
+The argument `step` selects strain steps alone.
+
 One process, one thread of numerics; each row is the median of repeats, and what is compared is compared in this run.
 """
 
@@ -11,6 +13,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")  # before NumPy is loaded
 
 import statistics
+import sys
 import time
 
 import numpy as np
@@ -34,6 +37,43 @@ def median_ms(function, repeats=1, arguments=SEEDS):
     return statistics.median(times)
 
 
+def refactor_and_solve(pattern, right):
+    """One numeric refactorisation and four solves of the last matrix of a pattern, without the library around them."""
+    solver = pattern._solvers[0]
+    solver.update(pattern._matrix)
+    for _ in range(4):
+        solver.solve(right)
+
+
+def strain_steps(networks, critical, repeats=3):
+    """Paths of ten steps, and the processor time in ms of a step and of its refactorisation with four solves, in turn.
+
+    Processor time, since another load of the machine enters the time that passes.
+    """
+    strains, patterns = 1e-3 * np.arange(1, 11), [CriticalManifold(network).hessian for network in networks]
+    paths, steps, units = [], [], []
+    for _ in range(repeats + 1):
+        for network, start, pattern in zip(networks, critical, patterns, strict=True):
+            right, begin = np.random.default_rng(1).standard_normal(pattern.size), time.process_time()
+            paths.append(strain_path(network, start, strains, pattern=pattern))
+            after = time.process_time()
+            refactor_and_solve(pattern, right)
+            steps.append(1e3 * (after - begin) / len(strains))
+            units.append(1e3 * (time.process_time() - after))
+    # The first round makes the patterns.
+    return paths, steps[len(networks) :], units[len(networks) :]
+
+
+def strain_rows(networks, manifolds, stressed):
+    largest_bulk = [optimize(manifold, "bulk_modulus").value for manifold in manifolds]
+    for kind, starts in (("random stress", stressed), ("largest bulk modulus", largest_bulk)):
+        paths, steps, units = strain_steps(networks, starts)
+        ratio = statistics.median(step / unit for step, unit in zip(steps, units, strict=True))
+        worst = max(s.value.max_force.max() for s in paths)
+        said = f"{ratio:.2f} x a refactor and four solves, {statistics.median(units):.2f} ms; largest force {worst:.0e}"
+        row(f"strain step with moduli, {kind}", statistics.median(steps), said)
+
+
 def row(name, milliseconds, said):
     print(f"{name:<46}{milliseconds:10.2f} ms   {said}")
 
@@ -41,6 +81,10 @@ def row(name, milliseconds, said):
 def main():
     networks = [voronoi_network(1000, seed) for seed in SEEDS]
     manifolds = [CriticalManifold(network) for network in networks]
+    if "step" in sys.argv[1:]:
+        rng = np.random.default_rng(1)
+        strain_rows(networks, manifolds, [m.configuration(np.abs(rng.standard_normal(1500))) for m in manifolds])
+        return
     row("network", median_ms(lambda seed: voronoi_network(1000, seed), 3), "generation, faces included")
 
     rng = np.random.default_rng(1)
@@ -56,10 +100,7 @@ def main():
     right = rng.standard_normal(pattern.size)
 
     def bare(_seed):
-        solver = pattern._solvers[0]
-        solver.update(pattern._matrix)
-        for _ in range(4):
-            solver.solve(right)
+        refactor_and_solve(pattern, right)
 
     whole, least = [], []
     for _ in range(20):
@@ -94,14 +135,8 @@ def main():
     )
 
     stressed = [m.configuration(np.abs(rng.standard_normal(1500))) for m in manifolds]
-    strains = 1e-3 * np.arange(1, 11)
     patterns = [m.hessian for m in manifolds]
-    paths = []
-    spent = median_ms(
-        lambda seed: paths.append(strain_path(networks[seed], stressed[seed], strains, pattern=patterns[seed]))
-    )
-    worst = max(s.value.max_force.max() for s in paths)
-    row("strain step with its moduli", spent / len(strains), f"ten steps of 0.001, largest force {worst:.0e}")
+    strain_rows(networks, manifolds, stressed)
 
     spent = median_ms(lambda seed: stiffening(manifolds[seed], stressed[seed]), 3)
     row("exact C_B and C_G", spent, "from the transition alone")

@@ -1,4 +1,4 @@
-"""Vectors without symmetry, to start iterations from."""
+"""Vectors without symmetry, to start iterations from, and the lengths of many short vectors."""
 
 from __future__ import annotations
 
@@ -15,3 +15,12 @@ def quasi_random(n: int) -> NDArray[np.float64]:
     fixed sequence does the same as a random one, with the same result in every run.
     """
     return np.mod(_GOLDEN * np.arange(1.0, n + 1), 1.0)
+
+
+def norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """|v| of each row, (n,), of vectors (n, d): the bits of `numpy.linalg.norm`, whose sum of few terms is slow."""
+    squares = vectors * vectors
+    total = squares[:, 0]
+    for axis in range(1, vectors.shape[1]):
+        total = total + squares[:, axis]
+    return np.sqrt(total)

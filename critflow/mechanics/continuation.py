@@ -16,7 +16,7 @@ from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli
 from critflow.mechanics.equilibrium import Equilibrium, relaxed
 from critflow.mechanics.free_cell import FreeCellState, relaxed_with_cell, stretched
 from critflow.mechanics.laws import HOOKEAN
-from critflow.mechanics.response import LinearResponse, linear_response
+from critflow.mechanics.response import LinearResponse, response_of
 from critflow.mechanics.springs import SpringState
 from critflow.mechanics.tangent import Tangent, path_rates, relaxations_to, tangent, tangent_of_response
 from critflow.mechanics.tolerances import (
@@ -40,6 +40,8 @@ _DEPARTING_STRESS = 1e-6
 _WHOLE = 0.999
 # Beyond this number of previous steps ahead a polynomial extrapolates worse than a straight line.
 _FARTHEST = 2
+# Points of the path from which it is extrapolated.
+_MOST_POINTS = 3
 
 _LIMIT = "the steps became too short to arrive: give strains that are closer together, or another method"
 _UNRESOLVED = "this strain and the one before it give the same cell in floating-point numbers: choose larger ones"
@@ -181,7 +183,8 @@ class Continuation:
             return Step(strain, state, q, n, Status.unstable, _JUMPED)
         moduli, errors, response = NO_MODULI, NO_MODULI, None
         if self.relaxer.with_moduli and state.network.has_volume and state.network.dimension > 1:
-            response = linear_response(state, self.relaxer.pattern, self.relaxer.method == "newton", factor)
+            exact = self.relaxer.method == "newton"
+            response = response_of(state, self.relaxer.pattern, exact, factor, state.network.volume, condition=False)
             if not response.ok:
                 return Step(strain, state, q, n, response.status, response.reason)
             moduli, errors = response.value, response.stats.error_bound
@@ -210,7 +213,7 @@ class Continuation:
         """The equilibrium at a strain, a factor of the Hessian near it, and the free components."""
         relaxer = self.relaxer
         if not len(q):
-            return *relaxed(start, relaxer.pattern, relaxer.method, relaxer.tolerance), q
+            return *relaxed(start, relaxer.pattern, relaxer.method, relaxer.tolerance, condition=False), q
         free = FreeCellState.of(start, q, self.deformation.free_strains)
         gradient = self._affine(strain)
         return relaxed_with_cell(free, self.reference, gradient, relaxer.pattern, relaxer.tolerance)
@@ -268,7 +271,7 @@ class Continuation:
     def _point(self, state: SpringState, strain: float, q: Array) -> Array:
         """(y, q) of a state, (n_free·d + m,)."""
         back = np.linalg.inv(self._gradient(strain, q))
-        return np.concatenate([(state.coordinates[state.network.free] @ back.T).ravel(), q])
+        return np.concatenate([(state.coordinates[state.network.free_rows] @ back.T).ravel(), q])
 
     def _predicted(self, strain: float) -> tuple[SpringState, Array]:
         """The last state moved to a strain affinely and by the predictor, and the free components."""
@@ -318,10 +321,12 @@ def _distance(one: SpringState, other: SpringState) -> float:
 
 
 class _Predictor:
-    """Extrapolates the path (y, q)(γ) from its last two points."""
+    """Extrapolates the path (y, q)(γ) from its last two or three points, whichever predicted the last one better."""
 
     def __init__(self, start: Array, velocity: Array | None = None):
         self._points: list[tuple[float, Array, Array | None]] = [(0.0, start, velocity)]
+        # The changes (1 or 2, n) extrapolated last, from two points and from three, and the strain there.
+        self._changes, self._strain, self._better = np.zeros((1, len(start))), np.nan, -1
 
     @property
     def last(self) -> Array:
@@ -329,23 +334,45 @@ class _Predictor:
         return self._points[-1][1]
 
     def add(self, strain: float, y: Array, velocity: Array | None) -> None:
-        """Add a point of the path (n,) with its velocity dy/dγ; the last two are kept."""
-        self._points = [*self._points[-1:], (strain, y, velocity)]
+        """Add a point of the path (n,) with its velocity dy/dγ; the last three are kept."""
+        if strain == self._strain and len(self._changes) > 1:
+            self._better = int(np.abs(self._changes - (y - self.last)).max(axis=1).argmin())
+        self._points = [*self._points[1 - _MOST_POINTS :], (strain, y, velocity)]
 
     def displacement(self, strain: float) -> Array:
-        """Extrapolated change of y from the last point: Hermite polynomial of the last points, up to third order."""
+        """Extrapolated change of y (n,) from the last point."""
         last, y, velocity = self._points[-1]
+        self._strain = np.nan
         if velocity is None:
             return np.zeros_like(y)
-        ahead = strain - last
-        earlier, y_earlier, velocity_earlier = self._points[0]
-        behind = last - earlier
+        ahead, behind = strain - last, last - self._points[-2:][0][0]
         if abs(ahead) > _FARTHEST * abs(behind):
             return velocity * ahead
-        # y(last − t) = y − velocity t + a t² − b t³ with y and, if known, the velocity of the earlier point.
-        second = (y_earlier - y + velocity * behind) / behind**2
-        if velocity_earlier is None:
-            return velocity * ahead + second * ahead**2
-        change = (velocity - velocity_earlier) / behind
-        third = (change - 2 * second) / behind
-        return velocity * ahead + (second + third * behind) * ahead**2 + third * ahead**3
+        # Conditions on a polynomial that vanishes at the last point, in units of the last step.
+        rows, values, counts = [_monomial_rates(0.0)], [velocity * behind], []
+        for there, y_there, velocity_there in self._points[-2::-1]:
+            place = (there - last) / behind
+            rows.append(_monomials(place))
+            values.append(y_there - y)
+            if velocity_there is not None:
+                rows.append(_monomial_rates(place))
+                values.append(velocity_there * behind)
+            counts.append(len(rows))
+        weights = np.zeros((len(counts), len(rows)))
+        for weight, n in zip(weights, counts, strict=True):
+            weight[:n] = np.linalg.solve(np.array(rows)[:n, :n].T, _monomials(ahead / behind)[:n])
+        self._changes, self._strain = weights @ np.array(values), strain
+        return np.asarray(self._changes[self._better if len(counts) > 1 else 0])
+
+
+_POWERS = np.arange(1, 2 * _MOST_POINTS)
+
+
+def _monomials(t: float) -> Array:
+    """t, t², …, of as many powers as a Hermite polynomial of the points may have."""
+    return np.power(t, _POWERS)
+
+
+def _monomial_rates(t: float) -> Array:
+    """Derivatives of `_monomials`."""
+    return np.asarray(_POWERS * np.power(t, _POWERS - 1))

@@ -85,9 +85,17 @@ def relaxation_method(name: str) -> str:
 
 
 def relaxed(
-    state: State, pattern: FixedPattern, method: str, tolerance: float, max_steps: int | None = None
+    state: State,
+    pattern: FixedPattern,
+    method: str,
+    tolerance: float,
+    max_steps: int | None = None,
+    condition: bool = True,
 ) -> tuple[Equilibrium[State], Factor | None]:
-    """As `equilibrium`, with a factor of the Hessian near the answer where one exists."""
+    """As `equilibrium`, with a factor of the Hessian near the answer where one exists.
+
+    condition  whether `stats.condition` is computed, which costs a solve; else it is NaN
+    """
     method = relaxation_method(method)
     if not tolerance > 0:
         raise InputError(f"the tolerance must be positive, not {tolerance}: 1e-14 is rounding")
@@ -95,12 +103,12 @@ def relaxed(
         note = "an edge is longer than its law allows: take smaller strain steps"
         return Equilibrium(state, Status.stalled, Stats(method), note), None
     if method == "newton":
-        return _by_newton(state, pattern, tolerance, max_steps)
+        return _by_newton(state, pattern, tolerance, max_steps, condition)
     return _by_fire(state, pattern, tolerance, max_steps), None
 
 
 def _by_newton(
-    state: State, pattern: FixedPattern, tolerance: float, max_steps: int | None
+    state: State, pattern: FixedPattern, tolerance: float, max_steps: int | None, condition: bool = True
 ) -> tuple[Equilibrium[State], Factor | None]:
     tolerance = min(tolerance, LOOSEST_TOLERANCE)
     end = newton(state, tolerance, NEWTON_STEPS if max_steps is None else max_steps, pattern)
@@ -112,12 +120,12 @@ def _by_newton(
     if end.indefinite or compressed_edges(end.state).any():
         # The path passed other branches, so the correction needs a factor at the last state.
         factor = minimum_factor(end.state, pattern)
-    bounded, nearby = with_bounds(solution, pattern, factor, corrected=True)
+    bounded, nearby = with_bounds(solution, pattern, factor, corrected=True, condition=condition)
     if bounded.status is not Status.ill_conditioned or tolerance <= FINEST_TOLERANCE:
         return bounded, nearby
     # Too far from equilibrium for corrections by one factor: continue with factors at new states.
     left = None if max_steps is None else max_steps - end.steps
-    finer, factor = _by_newton(end.state, pattern, max(_REFINEMENT * tolerance, FINEST_TOLERANCE), left)
+    finer, factor = _by_newton(end.state, pattern, max(_REFINEMENT * tolerance, FINEST_TOLERANCE), left, condition)
     stats = replace(finer.stats, steps=end.steps + finer.stats.steps)
     return replace(finer, stats=stats, indefinite=end.indefinite or finer.indefinite), factor
 
@@ -171,29 +179,32 @@ def with_bounds(
     factor: Factor | None,
     corrected: bool,
     judged: bool = True,
+    condition: bool = True,
 ) -> tuple[Equilibrium[State], Factor]:
     """An equilibrium with its distance to the exact one, moved onto it if `corrected`, and the factor used.
 
     factor  of the Hessian near the state, if there is one
     judged  whether the exact equilibrium must be a minimum, else `Status.unstable`
+    condition  whether `stats.condition` is computed, which costs a solve
     """
     state = solution.value
     correction, factor = _correction(state, pattern, factor)
     error = correction.displacement
     if corrected and np.isfinite(correction.remainder):
-        x, free = state.coordinates.copy(), state.network.free
+        x, free = state.coordinates.copy(), state.network.free_rows
         x[free], error = two_sum(state.coordinates[free], correction.displacement)
         state = replace(state, coordinates=x, bond_vectors=correction.bond_vectors)  # type: ignore[type-var]
         apart = 0.5 * EPS * float(np.abs(correction.bond_vectors).max())
     else:
         apart = float(np.abs(state.bond_vectors - correction.bond_vectors).max())
     bound = max(float(np.abs(error).max()), apart) + 2 * correction.remainder
-    condition = state.largest_stiffness * inverse_norm(factor, correction.last)
-    stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=condition)
+    number = state.largest_stiffness * inverse_norm(factor, correction.last) if condition else np.nan
+    stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=number)
     if np.isfinite(bound):
         found = replace(solution, value=state, stats=stats)
         if judged:
-            exact = replace(state, bond_vectors=correction.bond_vectors)  # type: ignore[type-var]
+            here = state.bond_vectors is correction.bond_vectors
+            exact = state if here else replace(state, bond_vectors=correction.bond_vectors)  # type: ignore[type-var]
             found = as_minimum(found, *stability_of(exact, pattern))
         return found, factor
     note = "rounding hides the distance to the exact equilibrium: go further from the transition"

@@ -29,6 +29,8 @@ from critflow.result import InputError, Solution, Stats, Status
 
 # Corrections of a relaxation below this part of it have converged; largest number of corrections.
 _CONVERGED, _MOST_CORRECTIONS = 0.05, 4
+# The contraction of corrections is that observed between two of them times this margin.
+_CONTRACTION_MARGIN = 10.0
 # Relaxations below this part of the mean length are compared with it instead: all edges then respond affinely.
 _NO_RELAXATION = 1e-5
 
@@ -77,35 +79,46 @@ def linear_response(
     V = state.network.volume if volume is None else volume
     if not V > 0:
         raise InputError(f"the volume must be positive, not {V}")
-    pattern = pattern or state.pattern()
+    return response_of(state, pattern or state.pattern(), exact, factor, V)
+
+
+def response_of(
+    state: ElasticState,
+    pattern: FixedPattern,
+    exact: bool,
+    factor: Factor | None,
+    volume: float,
+    condition: bool = True,
+) -> LinearResponse:
+    """As `linear_response`; without `condition`, which costs a solve, `stats.condition` is NaN."""
     # Without negative eigenvalues any factor near the state will do; convergence shows whether it is near enough.
-    found = _responses(state, factor, V) if factor is not None and _taut(state) else None
+    found = _responses(state, factor, volume) if factor is not None and _taut(state) else None
     if factor is None or found is None or not found.converged:
         factor = state.factorize(pattern)
-        found = _responses(state, factor, V) if factor.sound and not factor.n_negative else None
+        found = _responses(state, factor, volume) if factor.sound and not factor.n_negative else None
     floppy = found is None or not found.converged
     if floppy:
         factor = state.factorize(pattern, FLOPPY_SHIFT * state.stiffness_scale)
         if factor.indefinite:
             return _unstable(state, factor)
-        found = _responses(state, factor, V)
+        found = _responses(state, factor, volume)
     assert found is not None
     bounds = (found.moduli_rounding, found.rounding) if found.converged else None
     if bounds is not None and not exact:
-        change = _change_to_equilibrium(state, factor, found, floppy, V)
+        change = _change_to_equilibrium(state, factor, found, floppy, volume)
         bounds = None if change is None else (bounds[0] + change[0], bounds[1] + change[1])
-    condition = state.largest_stiffness * inverse_norm(factor, found.last[0])
+    number = state.largest_stiffness * inverse_norm(factor, found.last[0]) if condition else np.nan
     bound = Moduli(np.inf, np.inf, np.inf) if bounds is None else Moduli(*map(float, bounds[0]))
-    stats = Stats("linear response", 1, residual=found.residual, condition=condition, error_bound=bound)
+    stats = Stats("linear response", 1, residual=found.residual, condition=number, error_bound=bound)
     d = state.network.dimension
     relaxations = np.tensordot(_basis_change(d).T, found.relaxations, axes=1)
     relaxation = found.relaxations[0]
     if bounds is None or bounds[0].max() > TRUSTED_ERROR * np.abs(found.moduli[:2]).max():
-        value, status, tensors = NO_MODULI, Status.ill_conditioned, no_elasticity(d, V)
+        value, status, tensors = NO_MODULI, Status.ill_conditioned, no_elasticity(d, volume)
         note = "rounding errors exceed a tenth of the response to strain: measure it further from the transition"
     else:
         value, status, note = Moduli(*map(float, found.moduli)), Status.ok, ""
-        tensors = Elasticity(found.tensor, found.affine, found.stress, V, bounds[1])
+        tensors = Elasticity(found.tensor, found.affine, found.stress, volume, bounds[1])
     return LinearResponse(
         value, status, stats, note, elasticity=tensors, relaxations=relaxations, relaxation=relaxation, floppy=floppy
     )
@@ -203,7 +216,7 @@ def _responses(state: ElasticState, factor: Factor, volume: float) -> _Responses
     L = np.ascontiguousarray(state.bond_vectors.T)
     affine = (_strains(d).reshape(m * d, d) @ L).reshape(m, d, n)
     rate, direct = affine, np.zeros((m, m))
-    u, scale = np.zeros((m, *state.forces.shape)), np.zeros(m)
+    u, scale, energy = np.zeros((m, *state.forces.shape)), np.zeros(m), np.zeros(m)
     for refinement in range(_MOST_CORRECTIONS + 1):
         hdot = np.einsum("ie,aie->ae", L, rate)
         tension = state.resistance(hdot)
@@ -211,13 +224,16 @@ def _responses(state: ElasticState, factor: Factor, volume: float) -> _Responses
         force = -_at_vertices(network, tension[:, None] * L + stressed)
         form = hdot @ tension.T + stressed.reshape(m, -1) @ rate.reshape(m, -1).T
         direct = direct if refinement else form
-        correction = np.stack([factor.solve(side.ravel()).reshape(side.shape) for side in force])
+        correction = np.empty_like(force)
+        for solved, side in zip(correction, force, strict=True):
+            solved[:] = factor.solve(side.ravel()).reshape(side.shape)
         gained = force.reshape(m, -1) @ correction.reshape(m, -1).T
         moved, size = _largest(correction), _largest(force)
         u, scale = u + correction, np.maximum(scale, size)
         small = bool((moved <= _CONVERGED * np.maximum(_largest(u), _NO_RELAXATION * state.length_scale)).all())
-        # The energy gained by the last correction estimates the remaining error, so it must be rounding.
-        unfinished = np.abs(np.diag(gained))
+        before, energy = energy, np.abs(np.diag(gained))
+        # The energy that a correction leaves is its gain times the contraction, and must be rounding.
+        unfinished = energy * _contraction(energy, before)
         if refinement and small and (unfinished <= 4 * EPS * np.einsum("ae,ae->a", hdot, tension)).all():
             break
         rate = affine + _at_edges(network, u)
@@ -254,6 +270,17 @@ def _responses(state: ElasticState, factor: Factor, volume: float) -> _Responses
     )
 
 
+def _contraction(energy: Array, before: Array) -> float:
+    """The part of an error that a correction leaves, from the energies (m,) of two; at most 1.
+
+    The largest of all strains with a margin, since the first correction may shrink faster than those after it.
+    """
+    ratio = max(
+        (one / other if other > 0 else 1.0 for one, other in zip(energy.tolist(), before.tolist(), strict=True))
+    )
+    return float(min(1.0, _CONTRACTION_MARGIN * np.sqrt(ratio)))
+
+
 def _rounding(state: ElasticState, speed: Array, u: Array, tension: Array) -> tuple[Array, Array]:
     """Rounding errors of V C_ab, (m, m), and the parts (N_b,) of the first one.
 
@@ -262,15 +289,15 @@ def _rounding(state: ElasticState, speed: Array, u: Array, tension: Array) -> tu
     """
     network, sigma, length = state.network, np.abs(state.sigma), state.lengths
     vertex_speed = np.zeros((len(u), network.n_vertices))
-    vertex_speed[:, network.free] = np.sqrt(np.einsum("aiv,aiv->ai", u, u))
+    vertex_speed[:, network.free_rows] = np.sqrt(np.einsum("aiv,aiv->ai", u, u))
     tail, head = network.edges.T
-    rate_rounding = EPS * (speed + vertex_speed[:, tail] + vertex_speed[:, head] + length)
+    rate_rounding = EPS * (speed + vertex_speed.take(tail, 1) + vertex_speed.take(head, 1) + length)
     pull = np.abs(tension) * length + sigma * speed
     loose = state.stress_rounding * speed
     total, first = np.empty((len(u), len(u))), np.zeros(len(length))
     for a in range(len(u)):
-        noise = loose[a] * speed + pull * rate_rounding[a] + pull[a] * rate_rounding
-        total[a] = accumulated_rounding(noise)
+        noise = loose[a] * speed[a:] + pull[a:] * rate_rounding[a] + pull[a] * rate_rounding[a:]
+        total[a, a:] = total[a:, a] = accumulated_rounding(noise)
         if a == 0:
             first = noise[0]
     return total, first

@@ -19,9 +19,10 @@ from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import norms
 from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.networks.network import Array, Network, edge_values, validated_coordinates
-from critflow.precision.double_double import Extended, dot, subtract, two_product
+from critflow.precision.double_double import Extended, difference_of_squares
 from critflow.precision.residual import Displacement, exact_displacement
 from critflow.result import InputError, Record
 
@@ -92,7 +93,7 @@ class ElasticState(Record, ABC):
     @cached_property
     def lengths(self) -> Array:
         """|L|, (N_b,)."""
-        return np.linalg.norm(self.bond_vectors, axis=1)
+        return norms(self.bond_vectors)
 
     @cached_property
     def forces(self) -> Array:
@@ -114,6 +115,12 @@ class ElasticState(Record, ABC):
         """Changes (N_b, d) of the bond vectors by a motion, of as many components as `forces`."""
         return np.asarray(self.network.free_incidence @ motion.reshape(-1, self.network.dimension))
 
+    def force_rates(self, rates: Array) -> Array:
+        """−gᵀ(K ḣ L + σ L̇), (n_free, d): changes of the forces by changes L̇ (N_b, d) of the bond vectors."""
+        L = self.bond_vectors
+        tension = self.resistance(np.einsum("ad,ad->a", L, rates))
+        return -np.asarray(self.network.divergence @ (tension[:, None] * L + self.sigma[:, None] * rates))
+
     def exact_displacement(self, factor: Factor, regularised: bool = False) -> Displacement:
         """The displacement to the exact equilibrium, by a factor of the Hessian at or near this state.
 
@@ -128,7 +135,7 @@ class ElasticState(Record, ABC):
     def moved(self: State, displacement: Array) -> State:
         """The state after displacing the free vertices by u (n_free, d)."""
         x = self.coordinates.copy()
-        x[self.network.free] += displacement
+        x[self.network.free_rows] += displacement
         L = self.bond_vectors + self.network.free_incidence @ displacement
         return replace(self, coordinates=x, bond_vectors=L)  # type: ignore[type-var]
 
@@ -200,9 +207,8 @@ class SpringState(ElasticState):
 
     def exact_stress(self, bond_vectors: Extended) -> Array:
         rest = self.rest_lengths
-        square = dot(bond_vectors, bond_vectors)
-        length = np.sqrt(square.high)
-        extension = subtract(square, two_product(rest, rest)).high / (length + rest)
+        length = norms(bond_vectors.high)
+        extension = difference_of_squares(bond_vectors, rest) / (length + rest)
         return self.law.tension(extension, rest, self.network.stiffness) / length
 
     def resistance(self, hdot: Array) -> Array:

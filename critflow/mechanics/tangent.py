@@ -104,7 +104,8 @@ def relaxations_to(state: SpringState, factor: Factor, rates: Array) -> Array | 
         # The antisymmetric part rotates all.
         affine, before = 0.5 * (state.bond_vectors @ (A + A.T)), np.inf
         for _ in range(_MOST_CORRECTIONS):
-            correction = factor.solve(_response_force(state, affine, u).ravel()).reshape(u.shape)
+            force = state.force_rates(affine + state.edge_rates(u))
+            correction = factor.solve(force.ravel()).reshape(u.shape)
             u += correction
             size = float(np.abs(correction).max(initial=0.0))
             small = float(np.abs(u).max(initial=0.0))
@@ -117,14 +118,6 @@ def relaxations_to(state: SpringState, factor: Factor, rates: Array) -> Array | 
                 break
             before = size
     return found
-
-
-def _response_force(state: SpringState, affine: Array, u: Array) -> Array:
-    """−∂²E/∂x∂a − H u of the rates (N_b, d) of an affine motion, (n_free, d)."""
-    L, sigma, network = state.bond_vectors, state.sigma, state.network
-    speed = affine + network.free_incidence @ u
-    stress = state.resistance(np.einsum("ad,ad->a", L, speed))
-    return -np.asarray(network.divergence @ (stress[:, None] * L + sigma[:, None] * speed))
 
 
 def _edge_rounding(state: SpringState, speed: Array, u: Array) -> Array:

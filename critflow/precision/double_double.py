@@ -41,6 +41,14 @@ def two_product(a: Array, b: Array) -> Extended:
     return Extended(product, ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low)
 
 
+def two_square(a: Array) -> Extended:
+    """a² exactly, as `two_product`."""
+    square = a * a
+    high, low = _halves(a)
+    cross = high * low
+    return Extended(square, ((high * high - square) + 2 * cross) + low * low)
+
+
 def _halves(a: Array) -> tuple[Array, Array]:
     scaled = 134217729.0 * a  # 2²⁷ + 1
     high = scaled - (scaled - a)
@@ -93,6 +101,19 @@ def dot(a: Extended, b: Extended) -> Extended:
     for axis in range(1, product.high.shape[1]):
         result = add(result, part(product, (..., axis)))
     return result
+
+
+def difference_of_squares(vectors: Extended, lengths: Array) -> Array:
+    """|v|² − ℓ², (n,), rounded once but for 1e-31 |v|², of vectors (n, d) and lengths (n,)."""
+    square, rest = two_square(vectors.high)
+    rest += 2 * vectors.high * vectors.low
+    result, error = two_square(lengths)
+    result, error = -result, -error
+    for axis in range(square.shape[1]):
+        result, rounding = two_sum(result, square[:, axis])
+        error += rounding
+        error += rest[:, axis]
+    return result + error
 
 
 def lengths(vectors: Extended) -> Extended:

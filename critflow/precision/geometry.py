@@ -18,18 +18,18 @@ from critflow.precision.double_double import Extended, two_product, two_sum
 
 def edge_differences(tail: IntArray, head: IntArray, x: Extended, b: Array) -> Extended:
     """L_α = x_head − x_tail + b_α, (N_b, d), of coordinates x (n, d), to 32 digits of those."""
-    ends, rest = two_sum(x.high[head], -x.high[tail])
+    ends, rest = two_sum(x.high.take(head, 0), -x.high.take(tail, 0))
     high, low = two_sum(ends, b)
     low += rest
     if x.low.any():
-        low += x.low[head] - x.low[tail]
+        low += x.low.take(head, 0) - x.low.take(tail, 0)
     return two_sum(high, low)
 
 
 def exact_bond_vectors(network: Network, coordinates: Array, displacement: Array) -> Extended:
     """L = g (x + D) + b, (N_b, d), with displacements D (n_free, d) below the rounding of the coordinates (N_v, d)."""
     x, D = coordinates, np.zeros_like(coordinates)
-    D[network.free] = displacement
+    D[network.free_rows] = displacement
     if network.pins:
         # Pins are part of b; of a periodic network only differences count.
         x = coordinates.copy()
@@ -77,9 +77,13 @@ class ExtendedGeometry:
 
 def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Array:
     """−gᵀ(σ ∘ L), (n_free, d), with the rounding of σ and of the result alone."""
-    L, weight = bond_vectors, sigma[:, None]
+    L = bond_vectors
+    weight = np.repeat(sigma, network.dimension).reshape(L.high.shape)
     pull = two_product(weight, L.high)
-    return -exact_sums(network.divergence, Extended(pull.high, pull.low + weight * L.low))
+    # All entries of the divergence are 1 or −1.
+    leading = _leading(pull.high)
+    small = network.divergence @ ((pull.high - leading) + (pull.low + weight * L.low))
+    return -np.asarray(network.divergence @ leading + small)
 
 
 def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.0) -> Array:

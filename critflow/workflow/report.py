@@ -106,6 +106,10 @@ def _figure(draw: Callable[[xr.Dataset], Figure], format: str, dataset: xr.Datas
     file = io.BytesIO()
     with np.errstate(over="ignore", invalid="ignore"):  # axes in three dimensions compute with NaN of missing data
         figure = draw(dataset)
+        if (engine := figure.get_layout_engine()) is not None:
+            # `savefig` would draw all twice, the first time for the layout alone.
+            engine.execute(figure)
+            figure.set_layout_engine("none")
         # Without the version of matplotlib equal data give equal bytes.
         figure.savefig(file, format=format, metadata={"Software": None} if format == "png" else None)
     plt.close(figure)

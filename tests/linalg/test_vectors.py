@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from critflow.linalg.vectors import quasi_random
+from critflow.linalg.vectors import norms, quasi_random
 
 
 def test_no_value_repeats_and_no_symmetry_maps_it_to_itself():
@@ -16,3 +16,9 @@ def test_no_value_repeats_and_no_symmetry_maps_it_to_itself():
     assert not np.isclose(values, values[::-1]).all()
     np.testing.assert_array_equal(values[:100], quasi_random(100))
     assert abs(values[0] - 0.618034) < 1e-6
+
+
+def test_norms_have_the_bits_of_numpy():
+    for dimension in (1, 2, 3):
+        vectors = np.random.default_rng(dimension).standard_normal((50, dimension))
+        np.testing.assert_array_equal(norms(vectors), np.linalg.norm(vectors, axis=1))

@@ -41,7 +41,7 @@ from critflow import (
 from critflow import voronoi_network as voronoi
 from critflow.critical.manifold import critical_configuration
 from critflow.mechanics import continuation
-from critflow.mechanics.continuation import Continuation
+from critflow.mechanics.continuation import Continuation, _Predictor
 from critflow.mechanics.free_cell import stretched
 from workflows.benchmarks import reference
 
@@ -506,3 +506,30 @@ def test_other_units_give_the_same_path(length, stiffness):
     np.testing.assert_array_equal(other.steps, path.steps)
     np.testing.assert_allclose(other.energy, path.energy * stiffness * length**2, rtol=1e-11)
     np.testing.assert_allclose(other.modulus, path.modulus * stiffness, rtol=1e-12)
+
+
+@pytest.mark.parametrize("strains, degree", [([0.0, 1.0], 3), ([0.0, 0.3, 1.0], 5)])
+def test_a_path_is_extrapolated_to_the_order_of_its_points(strains, degree):
+    """Hermite polynomials of two and three points with velocities are exact up to the third and the fifth power."""
+
+    def path(t):
+        return np.array([t**degree, 1 - 2 * t**degree])
+
+    def velocity(t):
+        return degree * np.array([t ** (degree - 1), -2 * t ** (degree - 1)])
+
+    predictor = _Predictor(path(0.0), velocity(0.0))
+    for t in strains[1:]:
+        predictor.add(t, path(t), velocity(t))
+    np.testing.assert_allclose(predictor.displacement(1.7), path(1.7) - path(1.0), rtol=1e-11)
+    # Far beyond the last step a straight line errs least.
+    np.testing.assert_allclose(predictor.displacement(9.0), 8.0 * velocity(1.0))
+
+
+def test_a_path_with_a_kink_is_extrapolated_from_two_points():
+    predictor = _Predictor(np.zeros(1), np.ones(1))
+    for t in (1.0, 2.0, 3.0, 4.0):
+        predictor.displacement(t)
+        predictor.add(t, np.array([abs(t - 1.5)]), np.sign([t - 1.5]))
+    # Two points after the kink lie on a line; three points across it do not.
+    np.testing.assert_allclose(predictor.displacement(5.0), [1.0])

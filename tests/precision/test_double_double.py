@@ -8,12 +8,14 @@ import pytest
 from critflow.precision.double_double import (
     Extended,
     add,
+    difference_of_squares,
     divide,
     multiply,
     square_root,
     subtract,
     total,
     two_product,
+    two_square,
     two_sum,
 )
 
@@ -45,6 +47,7 @@ def test_sums_and_products_of_doubles_lose_nothing(seed):
     assert (exact(two_sum(a, b)) == fractions(a) + fractions(b)).all()
     assert (exact(two_sum(a, -a * (1 + 2e-16))) == fractions(a) + fractions(-a * (1 + 2e-16))).all()
     assert (exact(two_product(a, b)) == fractions(a) * fractions(b)).all()
+    assert (exact(two_square(a)) == fractions(a) ** 2).all()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -69,3 +72,14 @@ def test_sums_of_many_numbers(n):
     a = Extended(*(part[:n] for part in pairs(4)))
     (found,) = exact(total(a))
     assert abs(found - sum(exact(a))) <= DIGITS * sum(np.abs(exact(a)))
+
+
+@pytest.mark.parametrize("extension", [1e-3, 1e-9, 1e-15])
+def test_differences_of_squares_keep_the_digits_of_small_extensions(extension):
+    vectors = pairs(5)
+    v = Extended(vectors.high.reshape(-1, 2), vectors.low.reshape(-1, 2))
+    lengths = np.linalg.norm(v.high, axis=1) * (1 - extension)
+    expected = np.sum(exact(v) ** 2, axis=1) - fractions(lengths) ** 2
+    found = fractions(difference_of_squares(v, lengths))
+    # One rounding of the result, and 30 digits of the squares that cancel in it.
+    assert (np.abs(found - expected) <= Fraction(1, 2**52) * np.abs(expected) + DIGITS * fractions(lengths) ** 2).all()
