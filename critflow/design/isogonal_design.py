@@ -71,8 +71,8 @@ def isogonal_design(
     S, D, B_0 and G_0 are those of the given configuration, to rounding.  The optimum is local, and its distance is the
     least one to about a percent.  `stats.residual` is the largest error of a target relative to its size.
     `Status.infeasible`: no isogonal change reduces the errors further, and the configuration is the best compromise
-    found.  At the largest B_0 of the network C_B = −B_0/2 for every isogonal change (proof), and other targets of C_B
-    are refused with that value.
+    found.  Targets of C_B below −B_0/2 are refused where all stresses are positive, and all but −B_0/2 at the largest
+    B_0 of the network: bounds for every isogonal change (proof, `stiffening_bound`).
     Raises `InputError` for unknown or contradictory targets, stresses with zeros, and networks that are not planar,
     `SolveError` with `throw`.
     """
@@ -160,10 +160,13 @@ class _Family:
         """A sentence where a closed form excludes the target of C_B, else an empty string."""
         if "C_B" not in self.names:
             return ""
+        n, bulk = self.names.index("C_B"), transition_moduli(self.critical).bulk
         bound = bulk_modulus_bound(self.network)
-        if transition_moduli(self.critical).bulk < bound * (1 - STIFFEST):
+        least = -bulk / 2
+        if (self.critical.sigma > 0).all() and self.high[n] < least * (1 + STIFFEST):
+            return f"C_B is at least -B_0/2 = {least:.8g} for every isogonal change: start from a larger B_0"
+        if bulk < bound * (1 - STIFFEST):
             return ""
-        n = self.names.index("C_B")
         if self.low[n] - STIFFEST * bound <= -bound / 2 <= self.high[n] + STIFFEST * bound:
             return ""
         return f"at the largest B_0, C_B is {-bound / 2:.8g} for every isogonal change: start from a smaller B_0"

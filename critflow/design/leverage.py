@@ -24,7 +24,7 @@ from critflow.result import InputError, Record
 
 Mask = NDArray[np.bool_]
 
-# Columns of g P⁻¹ gᵀ that are held at once, in numbers.
+# Columns of g P⁻¹ gᵀ in memory at once, in numbers.
 _BLOCK = 4_000_000
 
 

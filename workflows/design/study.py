@@ -1,4 +1,4 @@
-"""Design for a target: what a network at the transition can be made to do, and at which cost.
+"""Design for a target: the properties that a network at the transition can have, and the cost of each.
 
 Each question is a module of this folder, listed in `MODULES`; a module contains
 
@@ -10,7 +10,7 @@ Each question is a module of this folder, listed in `MODULES`; a module contains
                                 optional `status` is the outcome of the case, `Status.ok` by default
     figure(ds, parameters)      draws one figure
     claims(ds, parameters)      returns the claims (`critflow.workflow.Claim`)
-    summary(ds, parameters)     returns what results keep in `summary.json` (optional)
+    summary(ds, parameters)     returns the numbers of `summary.json` (optional)
     check(parameters)           raises `StudyError` for settings that could only fail (optional)
 
 `ds` is the dataset of the module alone, under the names that it declares, with dimensions (seed, ...) and `ds.status`
