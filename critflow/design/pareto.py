@@ -21,12 +21,12 @@ from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.design.target_problem import Preference, TargetProblem, Unknowns
 from critflow.design.target_table import ALIASES, EdgeLimits, Wanted, edge_limits, wanted
-from critflow.design.tolerances import END_WEIGHT, FRONT_CERTIFIED, FRONT_FLAT, FRONT_OPTIMAL
+from critflow.design.tolerances import END_WEIGHT, FRONT_CERTIFIED, FRONT_FLAT, FRONT_OPTIMAL, SAME_END
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
 
-_MOST_STEPS = 2000
+_MOST_STEPS = 600
 _LONGEST = 1.0
 # Change of log σ from the start to the second one.
 _SHAKEN = 0.3
@@ -190,7 +190,7 @@ class _Search:
         alone = [self._alone(weights) for weights in ((1.0, 0.0), (0.0, 1.0))]
         values = np.array([self.objectives(z)[0] for z in alone])
         spread = np.diag(values[::-1]) - np.diag(values)
-        if not (spread > FRONT_OPTIMAL * np.abs(values).max()).all():
+        if not (spread > SAME_END * np.abs(values).max(axis=0)).all():
             raise InputError(
                 "both objectives have the same best configuration, so there is no front between them: change one"
             )

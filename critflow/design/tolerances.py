@@ -96,6 +96,7 @@ Fronts
 FRONT_OPTIMAL     Gradient at which the search for a point ends, in units of the ends of the front.
 FRONT_CERTIFIED   Largest relative residual of the first-order conditions of a certified point.
 FRONT_FLAT        Gradients below this, in units of the ends, count as zero.
+SAME_END          Relative difference of values below which both objectives have the same best configuration.
 END_WEIGHT        Weight of the other objective at an end: without it ends with many best configurations are arbitrary.
 
 Nearest configuration
@@ -126,9 +127,10 @@ INDEPENDENT_TARGETS = 1e-6
 POSITIVE_TENSOR = 1e-12
 SAME_LAW = 1e-12
 
-FRONT_OPTIMAL = 1e-10
+FRONT_OPTIMAL = 1e-8
 FRONT_CERTIFIED = 1e-5
 FRONT_FLAT = 1e-4
+SAME_END = 1e-4
 END_WEIGHT = 1e-2
 
 SHORTEST_ISOGONAL = 5e-2
