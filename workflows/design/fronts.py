@@ -16,12 +16,19 @@ from critflow.workflow import Claim
 from ..shared.checks import check_network
 from ..shared.reports import series
 
-PARAMETERS = {"sizes": (12, 18, 24), "points": 5, "least_stress": 0.2, "samples": 60, "spreads": (0.1, 0.3, 1.0)}
 FRONTS = {
     "stiff_stiffening": {"B_0": "largest", "C_B": "largest"},
     "soft_softening": {"B_0": "smallest", "C_B": "smallest"},
     "stiff_shear": {"B_0": "largest", "C_G": "largest"},
     "stiff_shear_softening": {"B_0": "largest", "C_G": "smallest"},
+}
+PARAMETERS = {
+    "fronts": tuple(FRONTS),
+    "sizes": (12, 18, 24),
+    "points": 5,
+    "least_stress": 0.2,
+    "samples": 60,
+    "spreads": (0.1, 0.3, 1.0),
 }
 VARIABLES = {
     "bulk": (("front", "point"), "bulk modulus B_0 on the front [k]"),
@@ -49,6 +56,9 @@ def check(parameters):
     """Refuse settings that could only fail."""
     if parameters["points"] < 2:
         raise StudyError(f"points={parameters['points']} must be at least the two ends")
+    unknown = [name for name in parameters["fronts"] if name not in FRONTS]
+    if unknown:
+        raise StudyError(f"no front is called {unknown[0]}: choose from {', '.join(FRONTS)}")
     if not 0 < parameters["least_stress"] < 1:
         raise StudyError(f"least_stress={parameters['least_stress']} must lie between 0 and 1, the mean stress")
     for size in parameters["sizes"]:
@@ -63,7 +73,9 @@ def case(parameters, seed):
     found = {name: np.full(shape, np.nan) for name in ("bulk", "growth", "weight", "residual")}
     found["point_status"] = np.full(shape, int(Status.missing))
     within = {"force_densities": (parameters["least_stress"], None)}
-    for row, objectives in enumerate(FRONTS.values()):
+    for row, (name, objectives) in enumerate(FRONTS.items()):
+        if name not in parameters["fronts"]:
+            continue
         front = pareto(manifold, objectives, parameters["points"], within=within, throw=False)
         n = len(front.value)
         found["bulk"][row, :n], found["growth"][row, :n] = front.achieved.T

@@ -197,7 +197,7 @@ def claims(ds, parameters):
             "DesignPoisson",
             "isotropic Poisson's ratios are designed by stiffnesses in triangulated cells",
             "median error 0.0063, 55 % within 0.05",
-            f"median error {np.median(error):.0e}, check {np.median(checked):.0e}; {reached} of {total} within {WITHIN:g}",
+            f"median {np.median(error):.0e}, check {np.median(checked):.0e}; {reached} of {total} within {WITHIN:g}",
             reached == total and np.median(error) <= BOUND_OF_ERROR and np.median(checked) <= BOUND_OF_ERROR,
             "some ratio was not reached",
             f"{seconds:.0f} s of processor time; status {outcomes}",

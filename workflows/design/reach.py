@@ -126,7 +126,8 @@ def figure(ds, parameters):
     left.fill_between(edge, -edge, edge, color="0.95", zorder=-1)
     left.text(0.62, 0.85, "S positive definite", fontsize=8, color="0.4")
     left.set(
-        xlabel="$\\frac{1}{2}(S_{xx} + S_{yy})/\\sqrt{VD}$, relative", ylabel="$\\frac{1}{2}(S_{xx} - S_{yy})/\\sqrt{VD}$",
+        xlabel="$\\frac{1}{2}(S_{xx} + S_{yy})/\\sqrt{VD}$, relative",
+        ylabel="$\\frac{1}{2}(S_{xx} - S_{yy})/\\sqrt{VD}$",
         xlim=(-1.1, 1.1), ylim=(-1.1, 1.1), aspect="equal", title="reach of S",
     )  # fmt: skip
     left.legend(fontsize=7.5, frameon=False, loc=(0.1, 0.38))

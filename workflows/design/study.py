@@ -23,11 +23,11 @@ from __future__ import annotations
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Study, Variable
 
-from . import isogonal, pruning, topology
+from . import fronts, isogonal, poisson, pruning, reach, topology
 from .parts import all_parameters, complete, figure_of, name_of, own_parameters, table
 from .report import claims_of, summary_of
 
-MODULES = (isogonal, topology, pruning)
+MODULES = (isogonal, topology, pruning, poisson, fronts, reach)
 PARTS = {name_of(module): module for module in MODULES}
 
 
