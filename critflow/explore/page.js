@@ -7,7 +7,9 @@ const ROWS = ["B_0", "bound", "G_0", "C_B", "C_G", "C_G_stress_corrected", "V_L"
 // Okabe and Ito's colours, and a shape for each, so that none depends on colour alone.
 const COLOURS = ["#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F", "#000000"];
 let state = {}, welcome = {}, panels = {}, series = [], seriesKey = null, point = null, trail = [], curve = null;
-let socket, waiting = false, queue = [], sequence = 0, sentAt = new Map(), drag = null, ready = false;
+let socket, waiting = false, queue = [], sequence = 0, sentAt = new Map(), drag = null, ready = false, picked = null;
+const HINT = "Click an edge and drag it up or down, choose a population, or move γ past the transition. Every number below is exact to its error bound.";
+const SLOW = "This network is large: a change takes about a second, bounds and counts several.";
 window.latencies = []; window.replies = 0;
 
 // Messages: one at a time; a later position of the same slider replaces one that waits.
@@ -43,6 +45,7 @@ function receive(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
   if (header.busy) { say(`Computing: ${header.busy}`); get("stop").hidden = false; return; }
+  if (header.fault) { say(header.fault, true); waiting = false; pump(); return; }
   const full = "drawings" in header && Object.keys(header.drawings).length > 0;
   if (full) {
     panels = {};
@@ -209,7 +212,7 @@ LABELS.bound = "bound of B₀";
 function controls() {
   document.body.dataset.connected = "yes";
   if (!queue.length) get("stop").hidden = true;
-  if ("sentence" in state) say(state.sentence, state.error);
+  if ("sentence" in state) say(state.sentence || (state.slow ? SLOW : HINT), state.error);
   get("title").textContent = state.title; get("sizes").textContent = state.sizes; document.title = `critflow: ${state.title}`;
   get("undo").disabled = !state.undo; get("redo").disabled = !state.redo;
   const busy = waiting || queue.length;
@@ -327,6 +330,15 @@ get("plane").onclick = (event) => {
   const box = get("plane").getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;
   const near = (get("plane").places || []).map((p) => [Math.hypot(p[0] - x, p[1] - y), p[2]]).sort((a, b) => a[0] - b[0])[0];
   if (near && near[0] < 12) openPoint(near[1]);
+};
+get("plane").onkeydown = (event) => {
+  const places = (get("plane").places || []).slice().sort((a, b) => a[0] - b[0]), step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+  if (!places.length || !(step || event.key === "Enter")) return;
+  event.preventDefault();
+  if (!step) { if (picked !== null) openPoint(places[picked][2]); return; }
+  picked = picked === null ? 0 : (picked + step + places.length) % places.length;
+  plots();
+  const c = get("plane").getContext("2d"); c.beginPath(); c.arc(places[picked][0], places[picked][1], 8, 0, 7); c.strokeStyle = "#e69f00"; c.lineWidth = 3; c.stroke();
 };
 get("new").onsubmit = (event) => { event.preventDefault(); say("Making the network …"); send({ do: "open", n_vertices: +get("vertices").value, seed: +get("seed").value }); };
 get("file").onchange = async () => {

@@ -24,6 +24,8 @@ from critflow.explore.session import LARGEST_STRAIN, STEEPEST, Session, State
 from critflow.explore.source import File, Random, Source
 from critflow.result import CritflowError, InputError
 
+# Vertices beyond which a change takes longer than the eye, and sessions that undo returns to.
+_LIVE, _SESSIONS = 3000, 6
 # Points of the trail in the (B_0, C_B) plane, and of the curve past the transition.
 _TRAIL = 60
 # Part of the amplitude at which an edge loses its length that a slider reaches.
@@ -54,6 +56,7 @@ class Page:
         self.edge: int | None = None
         self.face: int | None = None
         self._stages: list[Callable[[], Reply]] = []
+        self._sessions: list[Session] = []
         self._trail: list[tuple[float, float]] = []
         self._curve: list[tuple[float, float]] = []
         self._curve_of: Any = None
@@ -91,19 +94,34 @@ class Page:
         return reply
 
     def _change(self, message: dict[str, Any]) -> str:
-        before = self.session.state.model
+        before = self.session.state
         state = self.session.apply(message["change"])
-        if state.model is not before:
+        if state.model is not before.model:
             self.edge = self.face = None
+        if before.strain and not state.strain and state.change[0] != "strain":
+            return "γ is 0 again: stresses are changed at the transition"
         if state.change[0] == "population":
             return state.model.remarks.get(state.change[1], "")
         return ""
 
-    def _undo(self, message: dict[str, Any]) -> None:
-        self.session.undo()
+    def _undo(self, message: dict[str, Any]) -> str:
+        """Undo a change, or the opening of another network."""
+        if self.session.can_undo or not self._sessions:
+            self._forget_picked_after(self.session.undo)
+            return ""
+        self.session = self._sessions.pop()
+        self.edge = self.face = None
+        return f"{self.session.source.title} is open again"
 
     def _redo(self, message: dict[str, Any]) -> None:
-        self.session.redo()
+        self._forget_picked_after(self.session.redo)
+
+    def _forget_picked_after(self, step: Callable[[], None]) -> None:
+        """Edges and faces have other numbers in another network."""
+        model = self.session.state.model
+        step()
+        if self.session.state.model is not model:
+            self.edge = self.face = None
 
     def _pick(self, message: dict[str, Any]) -> str:
         """Pick the edge, or the face, at a point of a panel."""
@@ -189,6 +207,7 @@ class Page:
         self._replace(Session(source, self._observe))
 
     def _replace(self, session: Session) -> None:
+        self._sessions = [*self._sessions, self.session][-_SESSIONS:]
         self.session, self.edge, self.face = session, None, None
         self._trail.clear()
 
@@ -213,9 +232,10 @@ class Page:
         header = {
             "title": session.source.title,
             "sizes": self._sizes(state),
+            "slow": state.model.network.n_vertices > _LIVE,
             "numbers": [number.shown() for number in numbers.quick(state.critical)],
             "due": ["B_0", "G_0", "C_B", "C_G", "C_G_stress_corrected", "self-stresses", "zero modes"],
-            "undo": session.can_undo,
+            "undo": session.can_undo or bool(self._sessions),
             "redo": session.can_redo,
             "link": link_text(session),
             "edge": self._edge_slider(),
@@ -312,8 +332,9 @@ class Page:
         if self._limits[0] != (base, face):
             try:
                 modes = face_modes(base.critical)
-                way = np.eye(1, modes.elongations.shape[0], face)[0]
-                limits = (-_REACH * modes.limit(-way), _REACH * modes.limit(way))
+                one = np.eye(1, modes.elongations.shape[0], face)[0]
+                far = float(np.sqrt(base.model.network.n_vertices))
+                limits = (-_REACH * min(modes.limit(-one), far), _REACH * min(modes.limit(one), far))
             except CritflowError as error:
                 return {"number": face, "value": 0.0, "low": 0.0, "high": 0.0, "text": str(error)}
             self._limits = ((base, face), limits)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import json
+import logging
 import secrets
 import socket
 import sys
@@ -233,6 +234,14 @@ class _Socket(WebSocketHandler):
                 await self._refine()
                 refined = time.monotonic()
                 continue
+            await self._answer(message)
+            if time.monotonic() - refined > OVERDUE and self.page.due:
+                await self._refine()
+                refined = time.monotonic()
+
+    async def _answer(self, message: dict[str, Any]) -> None:
+        """Send the reply to a message; a fault of the program is a sentence too, and the tab stays usable."""
+        try:
             reply = await self._run(self.page.handle, message)
             if message.get("do") in ("look", "file"):
                 reply.header["welcome"] = {**self.page.welcome(), "tab": self.name}
@@ -241,14 +250,18 @@ class _Socket(WebSocketHandler):
             if message.get("series") != reply.header["plane"]["key"]:
                 reply.header["plane"]["series"] = await self._run(self.page.series)
             await self._send(reply)
-            if time.monotonic() - refined > OVERDUE and self.page.due:
-                await self._refine()
-                refined = time.monotonic()
+        except Exception as error:
+            logging.exception("a message failed")
+            await self._send(Reply({"fault": f"unexpected {type(error).__name__}, {error}: undo the last change"}))
 
     async def _refine(self) -> None:
-        reply = await self._run(self.page.refine)
-        if reply is not None:
-            await self._send(reply)
+        try:
+            reply = await self._run(self.page.refine)
+            if reply is not None:
+                await self._send(reply)
+        except Exception as error:
+            logging.exception("numbers failed")
+            await self._send(Reply({"fault": f"unexpected {type(error).__name__}, {error}: undo the last change"}))
 
     async def _run(self, function: Callable[..., Any], *arguments: Any) -> Any:
         return await self.loop.run_in_executor(self.explorer.threads, function, *arguments)
