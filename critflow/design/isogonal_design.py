@@ -69,7 +69,7 @@ def isogonal_design(
     shortest  least length of every edge; a twentieth of the mean by default
 
     S, D, B_0 and G_0 are those of the given configuration, to rounding.  The optimum is local, and its distance is the
-    least one to about a percent.  `stats.residual` is the largest error of a target relative to its size.
+    least one within a few percent.  `stats.residual` is the largest error of a target relative to its size.
     `Status.infeasible`: no isogonal change reduces the errors further, and the configuration is the best compromise
     found.  Targets of C_B below −B_0/2 are refused where all stresses are positive, and all but −B_0/2 at the largest
     B_0 of the network: bounds for every isogonal change (proof, `stiffening_bound`).
