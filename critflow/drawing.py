@@ -43,6 +43,10 @@ def draw(
 
     Compressed edges are orange and dashed, edges without tension thin and grey, fixed vertices black squares.
     Raises `InputError` for a network without positions.
+
+    >>> import critflow as cf
+    >>> axes = cf.draw(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus'))
+    >>> axes.figure.clear()
     """
     network, x, tensions = _parts(thing)
     values = tensions if color is None else np.asarray(color, dtype=float)

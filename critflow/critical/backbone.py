@@ -109,6 +109,14 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
     its first vertex is at the origin.
 
     Raises `InputError` for stresses that are not finite or zero everywhere, and as `taut_networks`.
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> critical = cf.critical_from_lengths(network, np.linspace(0.5, 1.5, 30), throw=False).value
+    >>> found = cf.backbone(critical)
+    >>> int(found.taut.sum()), len(found.components)
+    (30, 1)
     """
     network, sigma = critical.network, critical.sigma
     if not np.isfinite(sigma).all() or not sigma.any():

@@ -208,6 +208,12 @@ def transition_modulus(network: Network, strain: Deformable) -> TransitionModulu
 
     An objective of `optimize` for any deformation.
     Raises `InputError` for a deformation with free components, which follow without resistance at the transition.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> found = cf.optimize(network, cf.transition_modulus(network, 'dilation'), 'closed_form')
+    >>> abs(found.objective - cf.bulk_modulus_bound(network)) < 1e-9
+    True
     """
     deformation = deformation_of(strain, network.dimension)
     if deformation.free:

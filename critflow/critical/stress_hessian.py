@@ -69,6 +69,10 @@ def flat_directions(
 
     Meant for an optimum: elsewhere ∂²O/∂σ∂σ σ = −dO/dσ, so that not even the scaling of σ is flat.  Raises
     `InputError` for networks of more than 2,000 edges.
+
+    >>> import critflow as cf
+    >>> cf.flat_directions(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus')).n_flat
+    4
     """
     n = critical.network.n_edges
     if n > DENSE_EDGES:

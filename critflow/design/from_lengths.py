@@ -93,6 +93,13 @@ def critical_from_lengths(
     `relaxation` of `equilibrium`; the recorded state is then slightly past the transition, and the solution is a
     `FromStrain`.  Where the cone program shows that every edge will be stressed, the end does not
     depend on the path, and the steps of the floppy network are skipped (not by "fire").
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> solution = cf.critical_from_lengths(network, np.ones(30))
+    >>> solution.ok, bool(np.ptp(solution.value.lengths) < 1e-12)
+    (True, True)
     """
     manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")

@@ -133,6 +133,10 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
 
     Raises `InputError` unless the network is planar, periodic, with known faces, three edges at every vertex, and no
     three tensions at a vertex parallel; `isogonal_modes` has none of these requirements.
+
+    >>> import critflow as cf
+    >>> cf.face_modes(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus')).n_independent
+    3
     """
     network = critical.network
     faces = network.faces
@@ -171,6 +175,11 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
 
     Displacements u with no component of g u across any edge, by a dense singular value decomposition; singular values
     below `tolerance` (rows have norm √2) count as zero.  Raises `InputError` beyond about 2,000 vertices.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> cf.isogonal_modes(cf.optimize(network, 'bulk_modulus')).n_independent
+    9
     """
     network = critical.network
     if network.dimension != 2:

@@ -60,6 +60,11 @@ def edge_leverage(
 
     The cost is that of N_b solves with one factor and N_b evaluations.  Raises `InputError` for other objectives, whose
     values at fewer edges are not defined, and for stresses that are zero somewhere.
+
+    >>> import critflow as cf
+    >>> found = cf.edge_leverage(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus'))
+    >>> round(found.before, 6), round(float(found.change[0]), 6)
+    (0.288675, -0.057735)
     """
     network, sigma = critical.network, critical.sigma
     goal = named_objective(network, objective, threshold) if isinstance(objective, str) else objective

@@ -36,6 +36,10 @@ def modulus_bound(network: Network | CriticalManifold, strain: Deformable) -> fl
     """The largest modulus μ_A for the affine strain A (d, d), or a deformation, over all stresses of any sign.
 
     Error bound (proof, up to rounding) of every modulus at the transition.
+
+    >>> import critflow as cf
+    >>> round(cf.modulus_bound(cf.honeycomb_network(2, 2), 'dilation'), 6)
+    0.288675
     """
     manifold = CriticalManifold.of(network)
     A = transition_modulus(manifold.network, strain).symmetric
@@ -48,6 +52,10 @@ def bulk_modulus_bound(network: Network | CriticalManifold) -> float:
     """The largest B_0 over all stresses, (1/d²V) Σ k|L*|² with L* the configuration at σ = k.
 
     Error bound (proof, up to rounding) of every B_0.
+
+    >>> import critflow as cf
+    >>> round(cf.bulk_modulus_bound(cf.honeycomb_network(2, 2)), 6)
+    0.288675
     """
     manifold = CriticalManifold.of(network)
     return modulus_bound(manifold, dilation(manifold.network.dimension))

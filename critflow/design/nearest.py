@@ -94,6 +94,12 @@ def nearest_critical(
     weak regularisation of θ: `Status.edge_collapse` or `Status.slack_edges`.
     Raises `InputError` for coordinates or stresses of a wrong shape and for an error that is not positive,
     `SolveError` where the descent stalls and `throw` is set.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> found = cf.nearest_critical(network, network.positions)
+    >>> found.distance < 1e-6  # a Voronoi tessellation is critical
+    True
     """
     manifold = CriticalManifold.of(network)
     x = validated_coordinates(manifold.network, coordinates)

@@ -162,6 +162,13 @@ def critical_strain(
     Raises `InputError` for bad arguments, `SolveError` where no onset exists: `Status.rigid` at γ = 0 already,
     `Status.floppy` on the whole path, or up to a flat cell.  `Status.stalled`: the bounds differ by more than 1e-9,
     one is an estimate, or forces of taut edges balance to less than 1e-9.
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> onset = cf.critical_strain(network, 1.1 * cf.optimize(network, 'length_variance').value.lengths)
+    >>> round(onset.strain, 6)  # (1.1)² − 1 of the area
+    0.21
     """
     lengths = edge_values(rest_lengths, network.n_edges, "rest_lengths")
     if direction not in (1, -1):

@@ -67,6 +67,12 @@ def optimize(
     Raises `InputError` for bad arguments, `SolveError` when the status is not `ok` and `throw`.
 
     Many parameters: all after the method are options of a descent, by keyword only.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> found = cf.optimize(network, 'bulk_modulus')
+    >>> abs(found.objective - cf.bulk_modulus_bound(network)) < 1e-12
+    True
     """
     manifold = CriticalManifold.of(network)
     if signs not in ("positive", "any"):

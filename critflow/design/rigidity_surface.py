@@ -53,6 +53,13 @@ def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: Arra
 
     Raises `InputError` for directions of another shape.  A ray on which the network stays floppy to a flat cell, or
     rigid at γ = 0, has a status other than `ok` and NaN.
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> network = cf.honeycomb_network(2, 2)
+    >>> surface = cf.rigidity_surface(network, np.full(12, 1.1), np.eye(2)[None])
+    >>> surface.strains.round(6)
+    array([0.1])
     """
     A = np.array(directions, dtype=float)
     if A.ndim != 3 or A.shape[1:] != (network.dimension,) * 2 or not np.isfinite(A).all():
@@ -74,6 +81,11 @@ def strain_plane(first: ArrayLike, second: ArrayLike, n: int) -> Array:
     """Directions cos θ A + sin θ B (n, d, d) at n equal angles θ: a plane section of the space of strains.
 
     In two dimensions A = diag(1, −1) and B = 1 span pure shear and dilation.
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> cf.strain_plane(np.eye(2), np.diag([1.0, -1.0]), 4).shape
+    (4, 2, 2)
     """
     A, B = np.array(first, dtype=float), np.array(second, dtype=float)
     if A.shape != B.shape or A.ndim != 2 or n < 1:

@@ -98,6 +98,10 @@ def isotropic_targets(dimension: int, youngs_modulus: float, poissons_ratio: flo
 
     C = λ 1⊗1 + 2μ 𝟙 with μ = E/(2(1 + ν)) and λ = E ν/((1 + ν)(1 − (d − 1)ν)): targets of `design_stiffness`.
     Raises `InputError` for ν at or beyond its limits, and E that is not positive.
+
+    >>> import critflow as cf
+    >>> cf.isotropic_targets(2, youngs_modulus=1.0, poissons_ratio=0.0)
+    {'C_xxxx': 1.0, 'C_xxyy': 0.0, 'C_xxxy': 0.0, 'C_yyyy': 1.0, 'C_yyxy': 0.0, 'C_xyxy': 0.5}
     """
     d, E, nu = dimension, youngs_modulus, poissons_ratio
     if d not in (2, 3):

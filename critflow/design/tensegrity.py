@@ -62,6 +62,12 @@ def signed_stress(
     with s_α L_α·(g u)_α ≤ 0 on every cable and strut, not zero on all, and 0 on bars; it is returned as the proof.
     Where lengths span decades, so that t is too small for a linear program, the tensions σ|L| take the place of σ.
     Raises `InputError` for wrong signs or coordinates, or an edge of no length.
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> network = cf.square_network(3, 3)
+    >>> cf.signed_stress(network, network.positions, np.ones(18, int)).value.least
+    1.0
     """
     x, s = _checked(network, coordinates, signs)
     L = network.bond_vectors(x)
@@ -143,6 +149,10 @@ def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stabilit
 
     `Status.undecided` where an eigenvalue that no affine map explains, or the stiffness of a flex, is too small to have
     a sign; what is open is None.  `Status.ill_conditioned` where σ does not balance at the coordinates.
+
+    >>> import critflow as cf
+    >>> cf.stability(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus')).ok
+    True
     """
     network, sigma = critical.network, critical.sigma
     affine = _affine_maps(network, critical.coordinates)

@@ -54,6 +54,11 @@ def examine(
     deformations  names of the deformations whose critical strains are computed
 
     Raises `InputError` where no positions are known; parts that fail are reported by a sentence, the others stand.
+
+    >>> import critflow as cf
+    >>> found = cf.examine(cf.honeycomb_network(2, 2), deformations=())
+    >>> found.order, found.n_self_stresses
+    ('critical', 1)
     """
     notes: tuple[str, ...] = ()
     read = network_from(network) if isinstance(network, str | PathLike) else network

@@ -26,7 +26,13 @@ _STYLE = (
 
 @checked
 def write_page(found: Examination, path: str | PathLike[str]) -> None:
-    """Write a page with pictures; the ending is .html, or .md with a PNG file next to it."""
+    """Write a page with pictures; the ending is .html, or .md with a PNG file next to it.
+
+    >>> import critflow as cf
+    >>> import tempfile
+    >>> page = tempfile.mkdtemp() + '/page.md'
+    >>> cf.write_page(cf.examine(cf.honeycomb_network(2, 2), deformations=()), page)
+    """
     target = Path(path)
     if target.suffix not in (".md", ".html", ".htm"):
         raise InputError(f"a page has the ending .html or .md, not {target.suffix!r}")

@@ -57,6 +57,10 @@ def network_from(
     Many parameters: hints that a source may lack.  Further keywords are those of the source: offsets, bond_vectors,
     stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel.  Raises `InputError` or `NetworkError`
     with a question where the source is ambiguous, and `EnvironmentFailure` where a package is missing.
+
+    >>> import critflow as cf
+    >>> cf.network_from(edges=[[0, 1], [1, 2]], positions=[[0, 0], [1, 1], [2, 0]], pins=[0, 2]).network
+    Network(3 vertices, 2 edges, 2 dimensions, 2 pins, z = 1.333)
     """
     data = _record(source, given)
     if cell is not None:
@@ -90,6 +94,13 @@ def write_network(
 
     Many parameters: the state of a network is more than its graph.  Options: size (mm) and width or radius (mm) of
     drawings and solids.
+
+    >>> import critflow as cf
+    >>> import tempfile
+    >>> path = tempfile.mkdtemp() + '/network.csv'
+    >>> cf.write_network(cf.honeycomb_network(2, 2), path)
+    >>> print(cf.network_from(path).network)
+    Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
     """
     target = Path(path)
     known = format_of(target)

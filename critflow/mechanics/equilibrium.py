@@ -72,6 +72,13 @@ def equilibrium(
 
     Raises `SolveError` where no equilibrium is found and `throw` is set, `InputError` for an unknown method or a
     tolerance that is not positive.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> critical = cf.optimize(network, 'bulk_modulus').value
+    >>> state = cf.spring_state(network, 0.95 * critical.lengths, critical.coordinates)
+    >>> cf.equilibrium(state).ok
+    True
     """
     solution, _ = relaxed(state, pattern or state.pattern(), method, tolerance, max_steps)
     return solution.or_raise("the springs found no equilibrium") if throw else solution

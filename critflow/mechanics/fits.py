@@ -27,6 +27,11 @@ def fit_stiffening(strains: ArrayLike, moduli: ArrayLike, window: float = np.inf
 
     A straight line over a window w has a bias of order w, a parabola of order w².  Raises `InputError` where fewer
     points than degree + 2 lie in the window, whose standard error would be undefined, or they do not differ.
+
+    >>> import critflow as cf
+    >>> fit = cf.fit_stiffening([0.001, 0.002, 0.003, 0.004], [0.301, 0.302, 0.303, 0.304])
+    >>> round(fit.slope, 6)
+    1.0
     """
     gamma, values = np.asarray(strains, dtype=float), np.asarray(moduli, dtype=float)
     if gamma.ndim != 1 or gamma.shape != values.shape:

@@ -48,6 +48,11 @@ def transition_moduli(critical: CriticalConfiguration) -> Moduli:
     Slack edges, σ = 0, resist nothing; disconnected taut parts add up, each with its self-stress.
     Raises `InputError` for configurations with several self-stresses, all of which contribute to the moduli, and where
     rounding hides their number.
+
+    >>> import critflow as cf
+    >>> moduli = cf.transition_moduli(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus'))
+    >>> round(moduli.bulk, 6)
+    0.288675
     """
     parts = taut_configurations(critical)
     mask = "" if critical.sigma.all() else ", taut=critical.sigma != 0"
@@ -82,6 +87,12 @@ def elastic_moduli(
     Stressed springs respond linearly (`LinearResponse`).  Springs at rest resist through their self-stresses, for any
     stiffnesses (`SelfStressModuli`, `response_at_rest`); without any the network is floppy: moduli exactly 0 and
     `Status.floppy`.  Raises `InputError` when the forces do not balance.
+
+    >>> import critflow as cf
+    >>> network = cf.triangular_network(3, 3)
+    >>> moduli = cf.elastic_moduli(network, network.positions).value
+    >>> round(moduli.bulk, 6), round(moduli.shear, 6)
+    (0.866025, 0.433013)
     """
     mask = np.ones(network.n_edges, bool) if taut is None else taut_edges(network, taut)
     if not mask.all():
@@ -121,6 +132,12 @@ def elasticity(
     linear response.
     Error bound (proof) at the transition, error bound (estimate) otherwise: `bounds` of the tensor.
     Raises `InputError` for a pinned network without a volume and where the forces do not balance.
+
+    >>> import critflow as cf
+    >>> network = cf.triangular_network(3, 3)
+    >>> tensor = cf.elasticity(network, network.positions).value
+    >>> round(tensor.poissons_ratio([1, 0], [0, 1]), 6)
+    0.333333
     """
     if isinstance(springs, CriticalConfiguration):
         V, parts = _volume(springs.network, volume), taut_configurations(springs)

@@ -26,6 +26,10 @@ def transition_bounds(critical: CriticalConfiguration) -> Moduli:
     """Error bounds of `transition_moduli`, against the exact moduli of the stress of the configuration.
 
     NaN where the configuration has no bounds, and infinite where the bounds exceed the lengths.
+
+    >>> import critflow as cf
+    >>> cf.transition_bounds(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus')).bulk < 1e-14
+    True
     """
     d, parts = critical.network.dimension, taut_configurations(critical)
     # The stress of a taut part was scaled with the whole and for itself.

@@ -59,6 +59,10 @@ def cells_of(network: Network, stiffness: ArrayLike = 1.0, sides: sp.sparray | A
     """The faces of a network as cells, or cells of given sides A (N_c, N_b), with stiffness κ (N_c,) or one for all.
 
     Raises `InputError` where faces are unknown, a side is negative, or an edge belongs to no cell.
+
+    >>> import critflow as cf
+    >>> cf.cells_of(cf.honeycomb_network(2, 2)).sides.shape  # cells, edges
+    (4, 12)
     """
     if sides is None:
         faces = network.faces
@@ -239,6 +243,13 @@ def critical_from_perimeters(cells: Cells, targets: ArrayLike, throw: bool = Tru
     perimeter fixes the length of a single edge (`Status.edge_collapse`), the ratio and the cell tensions are valid,
     and the coordinates have the accuracy of the program, about 1e-6; where cells are slack they are not unique.
     `stats.residual` is the relative error of perimeters and forces.
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> found = cf.critical_from_perimeters(cf.cells_of(network), np.ones(10))
+    >>> round(float(found.value.shape_index.mean()), 2)
+    3.82
     """
     network, p0 = cells.network, _positive(targets, cells.sides, "targets")
     cone = fit_perimeters(network.free_incidence, network.boundary_vectors, cells.sides, p0, 1e-12)

@@ -73,6 +73,13 @@ def linear_response(
     `Status.unstable` and NaN where the Hessian has negative eigenvalues: the springs then buckle under any strain.
     `Status.ill_conditioned` and NaN where a bound exceeds a tenth of the larger modulus.
     Floppy parts, such as slack ones, do not resist and contribute nothing.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> critical = cf.optimize(network, 'bulk_modulus').value
+    >>> state = cf.equilibrium(cf.spring_state(network, 0.95 * critical.lengths, critical.coordinates))
+    >>> cf.linear_response(state).ok
+    True
     """
     if state.network.dimension < 2:
         raise InputError("a shear needs at least two dimensions")

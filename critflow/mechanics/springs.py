@@ -237,7 +237,15 @@ class SpringState(ElasticState):
 def spring_state(
     network: Network, rest_lengths: ArrayLike, coordinates: ArrayLike, law: SpringLaw = HOOKEAN
 ) -> SpringState:
-    """Springs of positive rest lengths ℓ (N_b,) at coordinates (N_v, d).  Raises `NetworkError` or `InputError`."""
+    """Springs of positive rest lengths ℓ (N_b,) at coordinates (N_v, d).  Raises `NetworkError` or `InputError`.
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> network = cf.honeycomb_network(2, 2)
+    >>> state = cf.spring_state(network, np.full(12, 0.9), network.positions)
+    >>> round(state.energy, 6)
+    0.06
+    """
     rest = edge_values(rest_lengths, network.n_edges, "rest_lengths")
     x, L = edge_directions(network, coordinates)
     return SpringState(network, rest, x, L, checked_law(law, rest, network.stiffness))

@@ -100,6 +100,12 @@ def stiffening(
     `Status.ill_conditioned` and NaN where the bound exceeds a tenth of the largest coefficient;
     `Status.floppy` and NaN where the strain does no work on the self-stress, or free components of the cell relax it.
     Raises `InputError` for configurations with several self-stresses, and for free components that leave it as it is.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> found = cf.stiffening(network, cf.optimize(network, 'bulk_modulus')).value
+    >>> round(found.C_B / found.bulk_0, 6)  # −1/2 of springs as stiff as their stress
+    -0.5
     """
     manifold = CriticalManifold.of(network)
     critical = replace(critical, network=critical.springs_of(manifold.network))

@@ -133,6 +133,12 @@ def strain_path(
 
     Raises `InputError` for strains that do not lead away from zero, a deformation that inverts the cell, a start of
     another network or without balance, `SolveError` where the path stops and `throw` is set.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> path = cf.strain_path(network, cf.optimize(network, 'bulk_modulus'), [0.001, 0.002]).value
+    >>> path.bulk_modulus.round(6)
+    array([0.296637, 0.296489])
     """
     state, critical, note = _start(network, _value(start), law, rest_lengths)
     gamma, method = check_strains(strains, signed=True, zero=critical is None), relaxation_method(method)

@@ -230,6 +230,11 @@ def deformation_of(value: Deformation | str | ArrayLike | Function, dimension: i
     """A deformation from itself, its name, a matrix A for F = 1 + γA, or a function γ → F(γ).
 
     Raises `InputError` for unknown names and for other dimensions.
+
+    >>> import critflow as cf
+    >>> cf.deformation_of('simple_shear', 2).gradient(0.1)
+    array([[1. , 0.1],
+           [0. , 1. ]])
     """
     if dimension < 1:
         raise InputError(f"a deformation needs a dimension of at least 1, not {dimension}")

@@ -20,6 +20,10 @@ def diluted(network: Network, z: float, seed: int | np.random.Generator = 0) -> 
     z is that of the pruned network, to 1/N_v; its `note` counts the edges removed at random and those that carry no
     tension without them.  The same seed gives the same network, always.  Raises `InputError` for a z above that of the
     network, or so low that no part spans the cell in every direction.
+
+    >>> import critflow as cf
+    >>> cf.diluted(cf.triangular_network(6, 6), z=4.0, seed=0).n_edges
+    72
     """
     order = generator(seed).permutation(network.n_edges)
 

@@ -65,6 +65,11 @@ def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> 
     Walking an edge and taking the sharpest left turn at each vertex goes once around a face counterclockwise, and
     clockwise around the outside of a network that is not periodic, which is no face.  Raises `NetworkError` where the
     walks are no polygons because edges cross or have no length, or because a face winds around the cell.
+
+    >>> import critflow as cf
+    >>> network = cf.honeycomb_network(2, 2)
+    >>> cf.planar_faces(network.edges, network.bond_vectors(network.positions), 8).sizes
+    array([6, 6, 6, 6])
     """
     edges, bond_vectors = np.asarray(edges), np.asarray(bond_vectors, dtype=float)
     if edges.ndim != 2 or edges.shape[1] != 2 or edges.shape != bond_vectors.shape or len(edges) == 0:

@@ -31,6 +31,10 @@ def phantom_network(
     Every vertex then has four edges, of 1, 2, ... lattice spacings; edges are removed at random to reach z <= 4
     (Broedersz, Sheinman, MacKintosh, Phys. Rev. Lett. 108, 078102, 2012; Licup et al., PNAS 112, 9573, 2015).
     Raises `InputError` for a z out of reach and for sizes that are no whole numbers.
+
+    >>> import critflow as cf
+    >>> cf.phantom_network(6, 6, z=3.4, seed=1).dimension
+    2
     """
     rng = generator(seed)
     lattice = triangular_network(columns, rows, edge_length)
@@ -61,6 +65,10 @@ def mikado_network(n_vertices: int = 1000, z: float = 3.6, seed: int | np.random
     other parts that carry no tension are removed, and n_vertices is reached to a few per cent (Wilhelm, Frey, Phys.
     Rev. Lett. 91, 108103, 2003; Head, Levine, MacKintosh, ibid. 108102).
     Raises `InputError` for z outside 2 < z < 4, and for so few vertices that z is out of reach.
+
+    >>> import critflow as cf
+    >>> cf.mikado_network(n_vertices=60, seed=1).dimension
+    2
     """
     if not (np.isfinite(n_vertices) and int(n_vertices) == n_vertices and n_vertices >= 1):
         raise InputError(f"n_vertices must be a positive whole number, not {n_vertices}")

@@ -35,7 +35,12 @@ Bond = tuple[int, int, tuple[int, ...]]
 
 @checked
 def honeycomb_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0) -> Network:
-    """The honeycomb of columns × rows hexagons in its oblique cell: three edges a vertex, B_0 = √3 k/6 at σ = k."""
+    """The honeycomb of columns × rows hexagons in its oblique cell: three edges a vertex, B_0 = √3 k/6 at σ = k.
+
+    >>> import critflow as cf
+    >>> cf.honeycomb_network(2, 2)
+    Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
+    """
     # An upper vertex joins the lower one below it and the lower ones of the two cells that meet above it.
     bonds: list[Bond] = [(1, 0, (0, 0)), (1, 0, (0, 1)), (1, 0, (-1, 1))]
     return _repeated([[np.sqrt(3), 0.0], [np.sqrt(3) / 2, 1.5]], [[0, 0], [0, 1]], bonds, (columns, rows), edge_length)
@@ -43,21 +48,36 @@ def honeycomb_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0)
 
 @checked
 def square_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0) -> Network:
-    """The square lattice: four edges a vertex, B_0 = k/2; each of its columns + rows lines is stressed alone."""
+    """The square lattice: four edges a vertex, B_0 = k/2; each of its columns + rows lines is stressed alone.
+
+    >>> import critflow as cf
+    >>> cf.square_network(2, 2)
+    Network(4 vertices, 8 edges, 2 dimensions, periodic, z = 4)
+    """
     bonds: list[Bond] = [(0, 0, (1, 0)), (0, 0, (0, 1))]
     return _repeated(np.eye(2), [[0, 0]], bonds, (columns, rows), edge_length)
 
 
 @checked
 def triangular_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0) -> Network:
-    """The triangular lattice: six edges a vertex, overconstrained; springs at rest have B = √3 k/2 and G = √3 k/4."""
+    """The triangular lattice: six edges a vertex, overconstrained; springs at rest have B = √3 k/2 and G = √3 k/4.
+
+    >>> import critflow as cf
+    >>> cf.triangular_network(3, 3)
+    Network(9 vertices, 27 edges, 2 dimensions, periodic, z = 6)
+    """
     bonds: list[Bond] = [(0, 0, (1, 0)), (0, 0, (0, 1)), (0, 0, (-1, 1))]
     return _repeated(_RHOMBUS / 2, [[0, 0]], bonds, (columns, rows), edge_length)
 
 
 @checked
 def kagome_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0) -> Network:
-    """The kagome lattice of corner-sharing triangles: four edges a vertex; B = √3 k/4 and G = √3 k/8 at rest."""
+    """The kagome lattice of corner-sharing triangles: four edges a vertex; B = √3 k/4 and G = √3 k/8 at rest.
+
+    >>> import critflow as cf
+    >>> cf.kagome_network(2, 2)
+    Network(12 vertices, 24 edges, 2 dimensions, periodic, z = 4)
+    """
     # Each vertex begins two edges: across the triangle that points up, and across the one that points down.
     bonds: list[Bond] = [
         (0, 1, (0, 0)), (0, 2, (0, 0)), (1, 2, (0, 0)),
@@ -68,7 +88,12 @@ def kagome_network(columns: int = 4, rows: int = 4, edge_length: float = 1.0) ->
 
 @checked
 def diamond_network(columns: int = 3, rows: int = 3, layers: int = 3, edge_length: float = 1.0) -> Network:
-    """The diamond lattice in three dimensions: four edges a vertex, B_0 = √3 k/(12 a) at σ = k."""
+    """The diamond lattice in three dimensions: four edges a vertex, B_0 = √3 k/(12 a) at σ = k.
+
+    >>> import critflow as cf
+    >>> cf.diamond_network(2, 2, 2)
+    Network(16 vertices, 32 edges, 3 dimensions, periodic, z = 4)
+    """
     face_centred = (np.ones((3, 3)) - np.eye(3)) * 2 / np.sqrt(3)
     bonds: list[Bond] = [(0, 1, (0, 0, 0)), (0, 1, (-1, 0, 0)), (0, 1, (0, -1, 0)), (0, 1, (0, 0, -1))]
     basis = [np.zeros(3), np.ones(3) / np.sqrt(3)]
@@ -77,7 +102,12 @@ def diamond_network(columns: int = 3, rows: int = 3, layers: int = 3, edge_lengt
 
 @checked
 def cubic_network(columns: int = 3, rows: int = 3, layers: int = 3, edge_length: float = 1.0) -> Network:
-    """The simple cubic lattice: six edges a vertex, B_0 = k/(3 a); each of its straight lines is stressed alone."""
+    """The simple cubic lattice: six edges a vertex, B_0 = k/(3 a); each of its straight lines is stressed alone.
+
+    >>> import critflow as cf
+    >>> cf.cubic_network(2, 2, 2)
+    Network(8 vertices, 24 edges, 3 dimensions, periodic, z = 6)
+    """
     bonds: list[Bond] = [(0, 0, (1, 0, 0)), (0, 0, (0, 1, 0)), (0, 0, (0, 0, 1))]
     return _repeated(np.eye(3), [np.zeros(3)], bonds, (columns, rows, layers), edge_length)
 

@@ -47,6 +47,10 @@ def packing_network(
     Particles that repel like harmonic springs relax from random places (O'Hern et al., Phys. Rev. E 68, 011306, 2003);
     springs at rest take the places of their contacts, and V = n_vertices.
     Raises `InputError` for a density below jamming, and for a z above the coordination of the packing.
+
+    >>> import critflow as cf
+    >>> cf.packing_network(n_vertices=32, z=4.5, seed=1).dimension
+    2
     """
     if dimension not in _JAMMING:
         raise InputError(f"a packing has dimension 2 or 3, not {dimension}")

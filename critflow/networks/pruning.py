@@ -44,6 +44,12 @@ def prune(network: Network, kept: ArrayLike | None = None) -> Pruned:
     """Remove the edges that cannot carry tension, of the whole network or of the edges in the mask `kept` (N_b,).
 
     Raises `NetworkError` if nothing remains.
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> network = cf.honeycomb_network(3, 3)
+    >>> cf.prune(network, np.arange(27) != 0).network.n_edges
+    26
     """
     mask = np.ones(network.n_edges, bool) if kept is None else np.asarray(kept)
     if mask.dtype != bool or mask.shape != (network.n_edges,):
@@ -66,6 +72,11 @@ def pruned_network(
 
     Vertices without edges are dropped too.
     Raises `NetworkError` if nothing remains.
+
+    >>> import critflow as cf
+    >>> found = cf.pruned_network([[0, 1], [1, 2], [1, 3]], pins={0: [0.0, 0.0], 2: [1.0, 0.0]})
+    >>> found.network.n_edges, found.network.note
+    (2, 'removed 1 of 3 edges, which cannot carry tension: 1 on bridges and dangling ends')
     """
     raw = _Loose(
         edges,  # type: ignore[arg-type]

@@ -36,6 +36,10 @@ def voronoi_network(
     The cell is a square, or has the shape of `cell` (2, 2) with its vectors as rows.  The same seed gives the same
     network, always.  Raises `InputError` for an odd or too small n_vertices and for a hard core (ρ, in units of the
     mean spacing 1/√n_cells) that leaves too little space for all points; ρ = 0 places them independently.
+
+    >>> import critflow as cf
+    >>> cf.voronoi_network(n_vertices=20, seed=1)
+    Network(20 vertices, 30 edges, 2 dimensions, periodic, z = 3)
     """
     check_voronoi(n_vertices, hard_core)
     shape = None if cell is None else checked_cell(cell, 2)
@@ -67,6 +71,10 @@ def delaunay_network(
     `cell` is (3, 3), about 15 edges meet at a vertex.
     Raises `InputError` for too few vertices, and for a hard core (ρ, in units of 1/n_vertices^(1/d)) that leaves too
     little space for all points.
+
+    >>> import critflow as cf
+    >>> cf.delaunay_network(n_vertices=20, seed=1)
+    Network(20 vertices, 60 edges, 2 dimensions, periodic, z = 6)
     """
     if n_vertices < 4:
         raise InputError(f"n_vertices must be a whole number of at least 4, not {n_vertices}")
@@ -86,6 +94,10 @@ def foam_network(
     about 11 draws for 400 vertices, and √10 times this number for ten times as many vertices.  The same seed gives the
     same network, always.  Raises `InputError` for too few vertices and for a hard core (ρ, in units of 1/n_cells^(1/3))
     that leaves too little space for all points.
+
+    >>> import critflow as cf
+    >>> cf.foam_network(n_vertices=60, seed=1).dimension
+    3
     """
     check_foam(n_vertices, hard_core)
     n_cells = round(n_vertices / _VERTICES_A_CELL)
@@ -120,7 +132,12 @@ _MAX_DRAWS = 3000
 
 @checked
 def three_bar_linkage(span: float = 3.0) -> Network:
-    """Three edges in a row between two fixed points `span` apart (`3-barlinkage`): lengths ∝ 1/σ_α on a line."""
+    """Three edges in a row between two fixed points `span` apart (`3-barlinkage`): lengths ∝ 1/σ_α on a line.
+
+    >>> import critflow as cf
+    >>> cf.three_bar_linkage()
+    Network(4 vertices, 3 edges, 2 dimensions, 2 pins, z = 1.5)
+    """
     return Network(
         np.array([[0, 1], [1, 2], [2, 3]]),
         pins={0: np.zeros(2), 3: np.array([span, 0.0])},

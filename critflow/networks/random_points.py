@@ -31,6 +31,11 @@ def random_sequential_addition(
     Trials are drawn only from voxels that the points so far leave uncovered, which changes nothing of the
     distribution and makes the cost linear.  A packing that saturates early starts again.  The points are returned
     sorted by grid cell, so that neighbours lie near each other in memory.
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> cf.random_sequential_addition(10, 0.1, np.random.default_rng(0)).shape
+    (10, 2)
     """
     check_addition(n_points, distance, dimension)
     for _ in range(max_restarts):

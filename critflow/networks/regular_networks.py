@@ -31,6 +31,10 @@ def regular_network(
     have edges left.  Points that remain with too few pass the lack on, by exchanging an edge of a neighbour, until two
     of them can be joined; edges that could not carry tension are exchanged in the same manner.
     z is reached to 1/N_v, and n_vertices exactly.  Raises `InputError` for z < 3, and for too few vertices.
+
+    >>> import critflow as cf
+    >>> cf.regular_network(n_vertices=40, z=3.0, seed=1)
+    Network(40 vertices, 60 edges, 2 dimensions, periodic, z = 3)
     """
     if dimension not in (2, 3):
         raise InputError(f"the dimension must be 2 or 3, not {dimension}")

@@ -25,6 +25,11 @@ def voronoi_of(points: ArrayLike, side: float | None = None, cell: ArrayLike | N
 
     Vertices are the circumcentres of the Delaunay simplices of the points, edges join simplices that share a facet.
     Raises `InputError` when the points are too few or too regular to have one Delaunay tessellation.
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> cf.voronoi_of(np.random.default_rng(0).random((12, 2)))
+    Network(24 vertices, 36 edges, 2 dimensions, periodic, z = 3)
     """
     tiling = _Tiling(points, side, cell)
     n_points, dimension = tiling.points.shape
@@ -65,6 +70,11 @@ def delaunay_of(points: ArrayLike, side: float | None = None, cell: ArrayLike | 
 
     The vertices are the points, in their order, and the cell is that of `voronoi_of`.
     Raises `InputError` when the points are too few or too regular to have one Delaunay tessellation.
+
+    >>> import critflow as cf
+    >>> import numpy as np
+    >>> cf.delaunay_of(np.random.default_rng(0).random((12, 2)))
+    Network(12 vertices, 36 edges, 2 dimensions, periodic, z = 6)
     """
     tiling = _Tiling(points, side, cell)
     n_points, dimension = tiling.points.shape

@@ -94,6 +94,12 @@ def rigidity(
     values lie so close to the tolerance, or by default so far from zero, that the count cannot be trusted; the note
     gives the reason.  Where edges are slack the note says how many.
     Raises `InputError` for self-stresses that would not fit in memory, and taut edges that cannot balance.
+
+    >>> import critflow as cf
+    >>> network = cf.triangular_network(3, 3)
+    >>> counts = cf.rigidity(network, network.positions).value
+    >>> counts.n_self_stresses, counts.first_order_rigid
+    (11, True)
     """
     kept = np.ones(network.n_edges, bool) if taut is None else taut_edges(network, taut)
     if not kept.all():
@@ -162,6 +168,11 @@ def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None
     """All zero modes of a configuration (N_v, d), separate from the translations of a periodic network.
 
     `Status.singular` as for `rigidity`.  Raises `InputError` for modes that would not fit in memory.
+
+    >>> import critflow as cf
+    >>> network = cf.honeycomb_network(2, 2)
+    >>> cf.zero_modes(network, network.positions).value.modes.shape
+    (3, 8, 2)
     """
     x, L, length = _edges(network, coordinates)
     d, n_vertices = network.dimension, network.n_vertices
@@ -246,6 +257,12 @@ def certify(critical: CriticalConfiguration) -> Certificate:
     """Check a critical configuration from its coordinates and stresses alone; of slack ones the taut part.
 
     Raises `InputError` for stresses that are not finite or zero everywhere.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> certificate = cf.certify(cf.optimize(network, 'bulk_modulus'))
+    >>> certificate.n_self_stresses, certificate.rigid
+    (1, True)
     """
     bone = backbone(critical)
     tensions = critical.tensions[bone.taut]

@@ -89,6 +89,11 @@ def second_order_rigidity(
     `Status.undecided` where the counts cannot be trusted, as next to a special position, or second-order rigidity stays
     open; the note is the reason of the value.  Dense matrices of zero modes are limited to 160 MB; a larger network is
     decided where one factorisation suffices.
+
+    >>> import critflow as cf
+    >>> network = cf.kagome_network(2, 2)
+    >>> cf.second_order_rigidity(network, network.positions).value.second_order_rigid
+    True
     """
     counted = rigidity(network, coordinates, tolerance, vectors=False)
     counts = counted.value

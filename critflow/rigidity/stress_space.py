@@ -65,6 +65,11 @@ def stresses_of(critical: CriticalConfiguration, tolerance: float | None = None)
     `stats.residual` is the distance of the configuration's σ from the space.  `Status.singular` where an edge has no
     length or the count cannot be trusted, and `Status.floppy` where the coordinates admit no self-stress, so that σ
     cannot balance.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> cf.stresses_of(cf.optimize(network, 'bulk_modulus')).ok
+    True
     """
     counts = rigidity(critical.network, critical.coordinates, tolerance)
     found = counts.value
