@@ -49,7 +49,7 @@ def packing_network(
     Raises `InputError` for a density below jamming, and for a z above the coordination of the packing.
 
     >>> import critflow as cf
-    >>> cf.packing_network(n_vertices=16, z=4.5, seed=1).dimension
+    >>> cf.packing_network(n_vertices=24, z=4.5, seed=1).dimension
     2
     """
     if dimension not in _JAMMING:
