@@ -27,6 +27,7 @@ html_show_sphinx = False
 html_copy_source = False
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
+autodoc_type_aliases = {name: name for name in ("Array", "ArrayLike", "IntArray", "Deformable", "Mask")}
 python_display_short_literal_types = True
 python_maximum_signature_line_length = 88
 highlight_language = "text"

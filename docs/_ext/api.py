@@ -6,6 +6,7 @@ Docstrings are plain text.  Tables of two columns become definition lists, inden
 
 import inspect
 import re
+from enum import Enum
 from importlib import import_module
 from pathlib import Path
 
@@ -16,14 +17,14 @@ from equations import tex_of
 
 import critflow
 
-ROW = re.compile(r"(\S+(?: \S+)*) {2,}(\S.*)")
+ROW = re.compile(r"([^\s.]+(?:,? [^\s.]+){0,4}) {2,}(\S.*)")  # not two sentences
 THEORY = Path(__file__).parents[1] / "theory"
 LABELS = {  # label: the page that explains the equation
     label: page.stem
     for page in THEORY.glob("*.md")
     for label in re.findall(r"^\| `([^`]+)` \|", page.read_text(encoding="utf-8"), flags=re.M)
 }
-CLASS = "   :members:\n   :undoc-members:\n   :member-order: bysource\n   :exclude-members: __init__, __new__\n"
+CLASS = "   :members:\n   :member-order: bysource\n   :exclude-members: __init__, __new__\n"
 
 
 def public_names(layer: str) -> list[str]:
@@ -53,8 +54,10 @@ def results_of(names: list[str]) -> list[str]:
 def autodoc(path: str) -> str:
     """The directive of autodoc that documents this object."""
     module, _, name = path.rpartition(".")
-    if inspect.isclass(getattr(import_module(module), name)):
-        return f".. autoclass:: {path}\n{CLASS}"
+    thing = getattr(import_module(module), name)
+    if inspect.isclass(thing):
+        values = "   :undoc-members:\n" if issubclass(thing, Enum) else ""
+        return f".. autoclass:: {path}\n{CLASS}{values}"
     return f".. autofunction:: {path}\n"
 
 

@@ -1,11 +1,14 @@
 """Equations as MathML, which browsers display without a script or a font from elsewhere."""
 
+import re
+
 from docutils import nodes
 from latex2mathml.converter import convert
 
 
 def mathml(tex: str, display: str = "inline") -> str:
     """The MathML of an equation in TeX; a command that the converter does not know is an error."""
+    tex = re.sub(r"(?<!\\)\|([^|]+)(?<!\\)\|", r"{\\left|\1\\right|}", tex)  # bars in pairs, as brackets
     try:
         markup = convert(tex, display=display)
     except Exception as error:  # the converter's errors have no common class
