@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -13,8 +14,8 @@ from critflow.result import InputError
 _UNAMBIGUOUS = 0.4
 # Bond vectors and positions agree with whole offsets to this part of a cell vector.
 _WHOLE = 0.05
-# An edge that exceeds this number of cell diagonals where its nearest image does not is a mistake.
-_TOO_LONG = 0.75
+# An edge longer than every diagonal of the cell is a mistake if its nearest image is less than this part of it.
+_NEARER = 0.5
 
 
 def least_height(cell: Array) -> float:
@@ -73,8 +74,10 @@ def _consistent(data: NetworkData, difference: Array, inverse: Array) -> Network
     nearest = _nearest(difference, data.cell, inverse)
     length = np.linalg.norm(difference + given @ data.cell, axis=1)
     shortest = np.linalg.norm(difference + nearest @ data.cell, axis=1)
-    limit = _TOO_LONG * float(np.linalg.norm(data.cell, axis=1).max())
-    long = (length > limit) & (shortest < 0.5 * length)
+    corners = np.array(list(product((-1.0, 1.0), repeat=len(data.cell)))) @ data.cell
+    diagonal = float(np.linalg.norm(corners, axis=1).max())
+    # An edge from a vertex to its own image has no other one.
+    long = (length > diagonal) & (shortest < _NEARER * length) & (data.edges[:, 0] != data.edges[:, 1])
     reversed_ = long & (given == -nearest).all(axis=1)
     wrong = np.flatnonzero(long & ~reversed_)
     if len(wrong):

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import critflow.exchange.packages as packages
 from critflow import (
@@ -306,3 +308,46 @@ def test_a_missing_package_is_named_with_its_install_command(tmp_path, monkeypat
     monkeypatch.setattr(packages, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
     with pytest.raises(EnvironmentFailure, match=r"critflow\[graphs\]"):
         write_network(NETWORKS["voronoi"], tmp_path / "n.graphml")
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_random_networks_survive_every_format_with_offsets(tmp_path_factory, seed, pinned):
+    """Oblique cells, several edges between two vertices, edges to images of their own tail, all digits."""
+    rng, n = np.random.default_rng(seed), 6
+    ring = np.stack([np.arange(n), np.roll(np.arange(n), -1)], axis=1)
+    edges = np.concatenate([ring, ring[:3], [[2, 2]]])
+    offsets = np.zeros((10, 2), int)
+    offsets[5:] = [[1, 0], [0, 1], [0, -1], [-1, 0], [1, 0]]
+    cell = np.array([[3.0, 0.0], [rng.uniform(-1, 1), 2.0 + rng.random()]])
+    pins = {0: 0.2 * rng.random(2), 3: 0.2 * rng.random(2)} if pinned else {}
+    x = 0.2 * rng.random((n, 2)) @ cell
+    network = Network(edges, offsets, cell, rng.uniform(0.1, 10, 10), pins, positions=x)
+    rest, sigma = rng.uniform(0.1, 10, (2, 10))
+    folder = tmp_path_factory.mktemp("formats")
+    for ending in ("csv", "tsv", "graphml", "gml", "json", "vtu"):
+        write_network(network, folder / f"n.{ending}", rest_lengths=rest, force_densities=sigma)
+        read = network_from(folder / f"n.{ending}", nearest=True)
+        np.testing.assert_array_equal(read.network.edges, network.edges)
+        np.testing.assert_array_equal(read.network.offsets, network.offsets)
+        np.testing.assert_array_equal(read.network.cell, network.cell)
+        np.testing.assert_array_equal(read.network.stiffness, network.stiffness)
+        np.testing.assert_array_equal(read.rest_lengths, rest)
+        np.testing.assert_array_equal(read.force_densities, sigma)
+        free = np.delete(np.arange(n), list(pins))
+        np.testing.assert_array_equal(read.positions[free], x[free])
+        assert {i: p.tolist() for i, p in read.network.pins.items()} == {i: p.tolist() for i, p in pins.items()}
+
+
+def test_a_configuration_is_written_with_its_lengths_and_stresses(tmp_path):
+    solution = critical_from_lengths(NETWORKS["voronoi"], np.ones(96))
+    for thing in (solution, solution.value):
+        write_network(thing, tmp_path / "c.csv")
+        read = network_from(tmp_path / "c.csv")
+        np.testing.assert_array_equal(read.force_densities, solution.value.sigma)
+        np.testing.assert_array_equal(read.rest_lengths, solution.value.lengths)
+        np.testing.assert_array_equal(read.positions, solution.value.coordinates)
+    write_network(read, tmp_path / "again.csv")
+    np.testing.assert_array_equal(network_from(tmp_path / "again.csv").force_densities, solution.value.sigma)
+    with pytest.raises(InputError, match="written"):
+        write_network(3, tmp_path / "c.csv")
