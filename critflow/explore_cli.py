@@ -38,6 +38,7 @@ def explore(
     from critflow.explore.source import File, Random
 
     source: Any = Random(n_vertices, seed)
+    fallback = source
     sentence = ""
     if file is not None:
         if not file.exists():
@@ -49,6 +50,8 @@ def explore(
         except CritflowError as error:
             sentence = f"{error}. Below is a random network."
             print(sentence)
+    if source is fallback:
+        Page(source)
     _, _, state = link.partition("#")
 
     def announce(address: str) -> None:

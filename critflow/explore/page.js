@@ -287,7 +287,7 @@ for (const name of ["network", "forces"]) {
   const canvas = get(name);
   canvas.onpointerdown = (event) => {
     const box = canvas.getBoundingClientRect(), [x, y] = panels[name].view.inverse(event.clientX - box.left, event.clientY - box.top);
-    canvas.setPointerCapture(event.pointerId); canvas.focus(); event.preventDefault();
+    canvas.setPointerCapture(event.pointerId);
     const kind = name === "forces" && tool() === "face" ? "edge" : tool();
     drag = kind === "cut" ? null : { kind, y: event.clientY, moved: false, from: null };
     send({ do: "pick", panel: name, x, y, tool: kind });

@@ -18,16 +18,20 @@ from critflow.explore.source import Random
 
 from .chromium import Chromium, Tab
 
-_SETTLED = "window.shown === sequence && !waiting && !queue.length && !document.querySelector('tr.due')"
+# Moduli and coefficients are shown; the counts need not be.
+_SETTLED = (
+    "window.shown === sequence && !waiting && !queue.length "
+    "&& document.querySelector('tr[data-key=C_B]:not(.due)') !== null"
+)
 _READY = f"typeof sequence !== 'undefined' && {_SETTLED}"
-# Width in pixels and colours of the animation, and milliseconds of a frame.
-_WIDTH, _COLOURS, _FRAME = 760, 48, 110
+# Width in pixels and quality of the animation, and milliseconds of a frame.
+_WIDTH, _QUALITY, _FRAME = 720, 30, 110
 # The part of the window that the animation shows.
 _SHOWN = (0, 0, 1300, 1110)
 
 
 async def taken(folder: Path) -> None:
-    """Write explore.png, explore-narrow.png and explore.gif."""
+    """Write explore.png, explore-narrow.png and explore.webp."""
     explorer = Explorer(Random(200, 4))
     server, address = listening(explorer)
     async with Chromium() as chromium:
@@ -53,7 +57,7 @@ async def taken(folder: Path) -> None:
             frames.append(await _frame(tab))
         frames += [frames[-1]] * 8
         frames[0].save(
-            folder / "explore.gif", save_all=True, append_images=frames[1:], duration=_FRAME, loop=0, optimize=True
+            folder / "explore.webp", save_all=True, append_images=frames[1:], duration=_FRAME, loop=0, quality=_QUALITY
         )
         await _still(tab, folder)
     server.stop()
@@ -68,6 +72,8 @@ async def _still(tab: Tab, folder: Path) -> None:
     await _click(tab, 0.7, 0.35)
     for value in (0.02, 0.05, 0.08):
         await _slide(tab, "gamma", value)
+    await tab.size(1300, 1190)
+    await tab.until("!document.querySelector('tr.due')")
     (folder / "explore.png").write_bytes(_small(await tab.screenshot()))
     await tab.size(420, 1500)
     await tab.run("new Promise(r => setTimeout(r, 300))")
@@ -92,13 +98,15 @@ async def _slide(tab: Tab, name: str, value: float) -> None:
 async def _frame(tab: Tab) -> Image.Image:
     shot = Image.open(io.BytesIO(await tab.screenshot())).convert("RGB").crop(_SHOWN)
     size = (_WIDTH, round(shot.height * _WIDTH / shot.width))
-    return shot.resize(size, Image.Resampling.LANCZOS).quantize(_COLOURS)
+    return shot.resize(size, Image.Resampling.LANCZOS)
 
 
 def _small(content: bytes) -> bytes:
-    """The picture with a palette of 128 colours."""
+    """The picture with a palette that keeps rare colours."""
     out = io.BytesIO()
-    Image.open(io.BytesIO(content)).convert("RGB").quantize(128).save(out, "PNG", optimize=True)
+    Image.open(io.BytesIO(content)).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE).save(
+        out, "PNG", optimize=True
+    )
     return out.getvalue()
 
 
