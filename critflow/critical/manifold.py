@@ -10,6 +10,7 @@ have taken all digits it returns a status in place of numbers.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -124,6 +125,15 @@ class Balance:
         """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
         gy = self._difference(dO_dL)
         return dO_dsigma - np.einsum("ad,ad->a", self.bond_vectors, gy), gy
+
+    def pull_backs(self, partials: Sequence[tuple[Array, Array]]) -> Array:
+        """Total derivatives (n, N_b) of several functions from (∂O/∂σ, ∂O/∂L) of each, as `pull_back`."""
+        if not partials:
+            return np.zeros((0, len(self.sigma)))
+        n, d = len(partials), self.bond_vectors.shape[1]
+        gy = self._difference(np.concatenate([by_L for _, by_L in partials], axis=1)).reshape(-1, n, d)
+        rows = np.array([by_sigma for by_sigma, _ in partials])
+        return np.asarray(rows - np.einsum("ad,and->na", self.bond_vectors, gy))
 
     def tangent(self, dsigma: Array) -> Array:
         """Change of the bond vectors along σ̇: L̇ = −g P⁻¹ gᵀ(σ̇ ∘ L) (`SelfStressParamaterization_BondVectorDeriv`)."""

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
-from critflow.critical.objectives import LengthVariance, Objective, TensionVariance
+from critflow.critical.objectives import LengthVariance, Objective, Partials, TensionVariance
 from critflow.design.target_table import EdgeLimits, Wanted
+from critflow.design.tolerances import TARGET_NEAREST, TARGET_OPTIMAL
 from critflow.mechanics.stiffening_objective import Growth, StiffeningCoefficient
 from critflow.networks.network import Array, Network, edge_values, validated_coordinates
 from critflow.result import InputError
@@ -99,7 +100,7 @@ class Preference:
     """What selects among the configurations with the targets, as a function of z to be minimised.
 
     change     ½|z − z_0|²
-    objective  V_L, V_τ, or a target that is to be largest or smallest, times its sign
+    objective  V_L, V_τ, or a target that is to be largest or smallest, times its sign and N_b
     positions  ½Σ|x + c − x̂|² over the number of vertices, with the translation c of periodic networks
     """
 
@@ -120,12 +121,19 @@ class Preference:
             x = prefer.coordinates if isinstance(prefer, CriticalConfiguration) else prefer
             self.positions, self.name = validated_coordinates(network, x), "distance"
 
+    @property
+    def tolerance(self) -> float:
+        """Relative gradient at which it is least."""
+        return TARGET_NEAREST if self.name == "change" else TARGET_OPTIMAL
+
     def at(self, balance: Balance, unknowns: Unknowns, z: Array) -> tuple[float, Array]:
         """The value and its gradient by z, (n,)."""
         if self.objective is not None:
             value, partials = self.objective.evaluate(balance.sigma, balance.bond_vectors)
             gradient = unknowns.gradients(balance.pull_back(*partials)[0], balance.sigma)
-            return self.sign * value, self.sign * gradient
+            # Times the number of edges, so that components of the gradient are of order one.
+            size = self.sign * len(balance.sigma)
+            return size * value, size * gradient
         if self.positions is None:
             change = z - unknowns.origin
             return 0.5 * float(change @ change), change
@@ -136,6 +144,10 @@ class Preference:
         y = balance.factor.solve(apart[network.free])
         by_sigma = -np.einsum("ad,ad->a", balance.bond_vectors, network.free_incidence @ y) / len(apart)
         return 0.5 * float(np.sum(apart**2)) / len(apart), unknowns.gradients(by_sigma, balance.sigma)
+
+    def shown(self, value: float, n_edges: int) -> float:
+        """A value of the function, or its derivative, in the units of the objective."""
+        return value if self.objective is None else self.sign * value / n_edges
 
 
 _GOAL = {1: "smallest", -1: "largest"}
@@ -186,13 +198,13 @@ class TargetProblem:
 
     def values(self, balance: Balance, objectives: Sequence[Objective]) -> tuple[Array, Array]:
         """Values (n,) of objectives and their gradients by σ (n, N_b)."""
-        rows, values = np.empty((len(objectives), len(balance.sigma))), np.empty(len(objectives))
+        values, partials = np.empty(len(objectives)), list[Partials]()
         growth: Growth | None = None
         for n, objective in enumerate(objectives):
             if isinstance(objective, StiffeningCoefficient):
                 growth = growth or Growth(self.manifold, balance.sigma, balance.bond_vectors)
-                values[n], partials = objective.of(growth)
+                values[n], own = objective.of(growth)
             else:
-                values[n], partials = objective.evaluate(balance.sigma, balance.bond_vectors)
-            rows[n] = balance.pull_back(*partials)[0]
-        return values, rows
+                values[n], own = objective.evaluate(balance.sigma, balance.bond_vectors)
+            partials.append(own)
+        return values, balance.pull_backs(partials)

@@ -20,14 +20,14 @@ from critflow.design.optimize import optimize
 from critflow.design.target_bounds import excluded
 from critflow.design.target_problem import Preference, TargetProblem, Unknowns
 from critflow.design.target_table import Wanted, edge_limits, wanted
-from critflow.design.tolerances import INDEPENDENT_TARGETS, TARGET_OPTIMAL, UNLIMITED
+from critflow.design.tolerances import INDEPENDENT_TARGETS, UNLIMITED
 from critflow.linalg.tolerances import EPS
 from critflow.mechanics.stiffening_objective import Growth, StiffeningCoefficient
 from critflow.networks.network import Array, Network
 from critflow.result import Solution, Stats, Status
 from critflow.solvers.constrained import Minimum, minimise_constrained
 
-_MOST_STEPS = 400
+_MOST_STEPS = 300
 # Longest change of log σ in one step, spread of random starts, and steps of the ascent that gives the last start.
 _LONGEST, _SPREADS, _ASCENT = 0.4, (0.1, 0.5), 30
 
@@ -120,17 +120,19 @@ def design(
 
 
 def _at_start(problem: TargetProblem) -> Minimum:
-    return minimise_constrained(problem, problem.unknowns.origin, TARGET_OPTIMAL, _LONGEST, 0)
+    return minimise_constrained(problem, problem.unknowns.origin, np.inf, _LONGEST, 0)
 
 
 def _best(problem: TargetProblem, max_steps: int) -> Minimum:
     """The first search that reaches the targets, or the one with the smallest violation."""
     best: Minimum | None = None
+    left = max_steps
     for start in _starts(problem):
-        found = minimise_constrained(problem, start, TARGET_OPTIMAL, _LONGEST, max_steps)
+        found = minimise_constrained(problem, start, problem.preference.tolerance, _LONGEST, left)
+        left -= found.steps
         if best is None or found.reached or not found.violation >= best.violation:
             best = found
-        if found.reached:
+        if found.reached or left <= 0:
             break
     assert best is not None
     return best
@@ -186,9 +188,11 @@ def _report(problem: TargetProblem, wants: list[Wanted], found: Minimum, status:
     names = [target.name for target in wants]
     limited = [target.name for target in problem.targets]
     # dpreference/dlimit = −μ of the constraint in units of its size.
-    costs = dict.fromkeys(names, 0.0) | dict(
-        zip(limited, map(float, -found.multipliers[: len(limited)] / problem.sizes), strict=True)
-    )
+    derivatives = -found.multipliers[: len(limited)] / problem.sizes
+    costs = dict.fromkeys(names, 0.0) | {
+        name: problem.preference.shown(float(derivative), len(balance.sigma))
+        for name, derivative in zip(limited, derivatives, strict=True)
+    }
     sines = np.sqrt(np.maximum(1 / np.maximum(np.diag(np.linalg.pinv(gram)), 1.0), 0.0))
     change = z - unknowns.origin
     if unknowns.signs is not None and len(unknowns.free) == problem.manifold.network.n_edges:
@@ -203,7 +207,7 @@ def _report(problem: TargetProblem, wants: list[Wanted], found: Minimum, status:
         multipliers=costs,
         gram=gram,
         independence=dict(zip(names, map(float, sines), strict=True)),
-        preference=problem.preference.sign * found.point.value,
+        preference=problem.preference.shown(found.point.value, len(balance.sigma)),
         distance=float(np.sqrt(np.mean(change**2))),
     )
 

@@ -77,8 +77,9 @@ PRUNING_REACHED   Distance from a target that counts as reached, relative to it:
 Targets
 TARGET_REACHED    Largest relative error of a target of a design.
 TARGET_STATIONARY Change of log σ along the surface of the targets below which the nearest solution is reached.
-TARGET_OPTIMAL    Component of the gradient of the preference along the surface of the targets, relative to 1 plus the
+TARGET_OPTIMAL    Component of the gradient of a preference along the surface of the targets, relative to 1 plus the
                   largest component of the gradient, below which it is least.
+TARGET_NEAREST    The same of the least change, which is then least to 1e-4: it only selects.
 UNLIMITED         Gradient of a target by log σ, in units of its size, below which a search cannot start there.
 ONSET_REACHED     Error of the strain of a designed onset.
 BOUND_ROUNDING    Rounding of a closed-form bound, relative.
@@ -119,6 +120,7 @@ PRUNING_REACHED = 1e-3
 TARGET_REACHED = 1e-11
 TARGET_STATIONARY = 1e-3
 TARGET_OPTIMAL = 1e-3
+TARGET_NEAREST = 1e-2
 UNLIMITED = 1e-6
 ONSET_REACHED = 1e-10
 BOUND_ROUNDING = 1e-12

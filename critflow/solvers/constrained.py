@@ -19,15 +19,16 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
+from scipy.optimize import nnls
 
 from critflow.result import Status
 from critflow.solvers.tolerances import ARMIJO, CURVED, DEPENDENT, RESTORED
 
 Array = NDArray[np.float64]
 
-# Pairs of the limited-memory matrix; steps that restore constraints after one along their surface.
-_MEMORY, _RESTORING = 20, 8
+# Pairs of the limited-memory matrix; steps that restore the constraints, after a step that hides a decrease, at the
+# start and at the end.
+_MEMORY, _RESTORING, _AT_START, _AT_END = 20, 1, 60, 30
 # Largest and smallest damping of restoration, in units of the mean square gradient; shortest part of a step.
 _MOST_DAMPED, _LEAST_DAMPED, _SHORTEST = 1e4, 1e-10, 1e-4
 # Distance from a limit within which a constraint takes part in a step.
@@ -98,11 +99,12 @@ class _Working:
         values, vectors = np.linalg.eigh(gram)
         kept = values > DEPENDENT * max(values[-1], np.finfo(float).tiny)
         root = np.sqrt(values[kept])
-        lower = np.where(self.equal, -np.inf, 0.0)
-        found = lsq_linear(
-            root[:, None] * vectors[:, kept].T, (vectors[:, kept].T @ right) / root, (lower, np.inf), method="bvls"
-        )
-        return np.asarray(found.x)
+        A = root[:, None] * vectors[:, kept].T
+        # Free multipliers as differences of two that are not negative.
+        found, _ = nnls(np.hstack([A, -A[:, self.equal]]), (vectors[:, kept].T @ right) / root)
+        mu = found[: len(right)]
+        mu[self.equal] -= found[len(right) :]
+        return np.asarray(mu)
 
 
 class _Metric:
@@ -147,7 +149,7 @@ def minimise_constrained(problem: Problem, start: Array, tolerance: float, longe
     for the objective: the constraints are then satisfied.
     """
     metric, search = _Metric(), _Search(problem, longest)
-    point = feasible = search.restored(problem.at(start), metric, max_steps)
+    point = feasible = search.restored(problem.at(start), metric, min(max_steps, _AT_START))
     if violation(problem, point) > RESTORED:
         status = Status.step_limit if search.steps >= max_steps else Status.infeasible
         return search.end(point, status)
@@ -162,11 +164,13 @@ def minimise_constrained(problem: Problem, start: Array, tolerance: float, longe
             if moved is not None:
                 metric.add(moved.z - point.z, step.change_of_gradient(point, moved))
                 point = moved
+                if violation(problem, point) <= RESTORED and point.value < feasible.value:
+                    feasible = point
                 continue
             if metric.forget():
                 continue
             status = Status.stalled
-        point = search.restored(point, metric, _RESTORING)
+        point = search.restored(point, _Metric(), _AT_END)
         return search.end(point if violation(problem, point) <= RESTORED else feasible, status)
 
 
@@ -208,7 +212,7 @@ class _Search:
 
     def along(self, point: Point, step: _Step, metric: _Metric) -> Point | None:
         """A point with a smaller value of f + penalty·Σ|violation|, or None."""
-        self.penalty = max(self.penalty, 2 * float(np.abs(step.multipliers).max(initial=0.0)))
+        self.penalty = 1.2 * float(np.abs(step.multipliers).max(initial=0.0))
         violated = self._violation(point)
         here = point.value + self.penalty * violated
         slope = float(point.gradient @ step.d) - self.penalty * violated
@@ -220,7 +224,7 @@ class _Search:
             wanted = here - ARMIJO * part * abs(slope)
             if not self._merit(moved) <= wanted and whole and np.isfinite(self._merit(moved)):
                 # Curvature of the constraints may hide a decrease: return to their surface first.
-                moved = self.restored(moved, metric, 2)
+                moved = self.restored(moved, metric, _RESTORING)
             if self._merit(moved) <= wanted:
                 return moved
             part, whole = 0.3 * part, False

@@ -1,0 +1,88 @@
+"""Three networks of one topology and one B_0 that soften, keep and stiffen past the transition.
+
+C_B is prescribed to −0.05, 0 and 0.3 at B_0 = 0.25, and each is strained to γ = 0.1.  `peers.py` recomputes the energies
+of these paths by LAMMPS.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from critflow import CriticalManifold, Status, design, strain_path, voronoi_network
+from critflow.workflow import Claim
+
+from ..shared.checks import check_network
+
+MODULUS = 0.25
+GROWTH = {"softens": -0.05, "keeps": 0.0, "stiffens": 0.3}
+STRAINS = np.concatenate([[1e-4, 1e-3], np.linspace(0.005, 0.1, 20)])
+
+PARAMETERS = {"n_vertices": 400}
+VARIABLES = {
+    "growth": (("kind",), "prescribed C_B [k]"),
+    "strain": (("strain",), "strain of dilation"),
+    "bulk_modulus": (("kind", "strain"), "bulk modulus [k]"),
+    "shear_modulus": (("kind", "strain"), "shear modulus, energy convention [k]"),
+    "energy": (("kind", "strain"), "energy [k length²]"),
+    "kind_status": (("kind",), "outcome of the design"),
+}
+
+
+def sizes(parameters):
+    """Sizes of the inner dimensions."""
+    return {"kind": len(GROWTH), "strain": len(STRAINS)}
+
+
+def check(parameters):
+    """Refuse settings that could only fail."""
+    check_network(voronoi_network, parameters["n_vertices"], 0)
+
+
+def designs(parameters, seed):
+    """The three designs of one network."""
+    manifold = CriticalManifold(voronoi_network(parameters["n_vertices"], seed))
+    return [design(manifold, {"B_0": MODULUS, "C_B": growth}, throw=False) for growth in GROWTH.values()]
+
+
+def case(parameters, seed):
+    """Strain paths of the three designs."""
+    found = {name: np.full([sizes(parameters)[dim] for dim in dims], np.nan) for name, (dims, _) in VARIABLES.items()}
+    found["strain"][:] = STRAINS
+    for n, (growth, made) in enumerate(zip(GROWTH.values(), designs(parameters, seed), strict=True)):
+        path = strain_path(made.value.network, made.value, STRAINS, throw=False).value
+        found["growth"][n], found["kind_status"][n] = growth, made.status
+        for name in ("bulk_modulus", "shear_modulus", "energy"):
+            found[name][n, : len(path.strains)] = getattr(path, name)
+    return found
+
+
+def figure(ds, parameters):
+    """Moduli against strain."""
+    fig = Figure(figsize=(8, 3.4), layout="constrained")
+    for axes, name, label in zip(fig.subplots(1, 2), ("bulk_modulus", "shear_modulus"), ("B", "G"), strict=True):
+        for n, kind in enumerate(GROWTH):
+            for row in ds[name].values[:, n]:
+                axes.plot(ds.strain.values[0], row, color=f"C{n}", linewidth=1, alpha=0.7)
+            axes.plot([], [], color=f"C{n}", label=f"{kind}, $C_B$ = {GROWTH[kind]:g}")
+        axes.set(xlabel=r"strain $\gamma$", ylabel=f"${label}$ [k]")
+    axes.legend(fontsize=8)
+    return fig
+
+
+def claims(ds, parameters):
+    """The order of the three curves."""
+    start = ds.bulk_modulus.values[:, :, 0]
+    end = ds.bulk_modulus.values[:, :, np.argmin(np.abs(STRAINS - 0.01))]
+    equal = np.abs(start - MODULUS).max()
+    ordered = (end[:, 0] < end[:, 1]) & (end[:, 1] < end[:, 2]) & (end[:, 0] < MODULUS) & (end[:, 2] > MODULUS)
+    return [
+        Claim.tested(
+            "design-curves",
+            "networks of one topology and one B_0 soften, keep and stiffen on demand",
+            "all",
+            f"{ordered.sum()} of {len(ordered)} networks at γ = 0.01; B at γ = 1e-4 within {equal:.1e} of {MODULUS}",
+            ordered.all() and (ds.kind_status.values != Status.infeasible).all(),
+            "the growth changes within this strain",
+        )
+    ]
