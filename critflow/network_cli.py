@@ -6,7 +6,7 @@ A command imports inside its function the modules that draw, as in `critflow.cli
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -14,13 +14,16 @@ from typing import Annotated, Any, get_type_hints
 import numpy as np
 import typer
 
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import OBJECTIVES
 from critflow.design.optimize import optimize
+from critflow.design.targets import Design, design
 from critflow.examination.examine import examine
 from critflow.exchange.convert import network_from, write_network
 from critflow.exchange.formats import format_of
 from critflow.exchange.repair import ImportedNetwork
-from critflow.result import InputError
+from critflow.networks.network import Network
+from critflow.result import InputError, Solution
 from critflow.rigidity.counts import certify
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A network; its ending names the format.")]
@@ -151,15 +154,27 @@ def make(
     hints: Hints,
     objective: Annotated[str, typer.Option(metavar="NAME", help=f"One of {', '.join(OBJECTIVES)}.")] = "bulk_modulus",
     picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the configuration.")] = None,
+    target: Annotated[
+        list[str],
+        typer.Option(metavar="NAME=VALUE", help="A property to reach, a value or LOW:HIGH; may be repeated."),
+    ] = [],  # noqa: B006 (typer reads the default and copies it)
 ) -> int:
-    """Read a network, find its best critical configuration, certify it and write it."""
+    """Read a network, find its best critical configuration or one with requested properties, certify it and write it.
+
+    Many parameters: each is an option of the command.
+    """
     imported = read(file, hints)
     if format_of(out).write is None:
         raise InputError(f"{out.name} cannot be written: choose another ending")
-    optimum = optimize(imported.network, objective, throw=False)
-    found = optimum.value
+    solution: Solution[CriticalConfiguration]
+    if target:
+        solution, title = _designed(imported.network, target)
+    else:
+        optimum = optimize(imported.network, objective, throw=False)
+        solution, title = optimum, f"{objective} {optimum.objective:.6g}"
+        print(f"  {objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})")
+    found = solution.value
     certificate = certify(found)
-    print(f"  {objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})")
     rigid = "rigid to second order" if certificate.rigid else "not certified as rigid"
     print(
         f"  certificate: {rigid}, {certificate.n_self_stresses} self-stresses, unbalanced force "
@@ -172,9 +187,36 @@ def make(
     if picture is not None:
         from critflow.drawing import draw, saved
 
-        saved(draw(found, title=f"{objective} {optimum.objective:.6g}").figure, picture)
+        saved(draw(found, title=title).figure, picture)
         print(f"  drawn in {picture}")
-    return 0 if optimum.ok else 3
+    return 0 if solution.ok else 3
+
+
+def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str]:
+    """The design for targets of the command line, reported, and a title of it."""
+    targets = dict[str, Any]()
+    for word in words:
+        name, equals, value = word.partition("=")
+        if not (name and equals and value):
+            raise InputError(f"--target must be NAME=VALUE or NAME=LOW:HIGH, such as B_0=0.25, not {word!r}")
+        targets[name] = _target(value)
+    made = design(network, targets, throw=False)
+    print(f"  {made.status.name}: {made.reason}")
+    for name, reached in made.achieved.items():
+        print(
+            f"  {name} {reached:.12g} ± {made.error_bounds[name]:.1e}, requested {targets[name]}, "
+            f"cost {made.multipliers[name]:.3g}, independence {made.independence[name]:.3g}"
+        )
+    return made, ", ".join(f"{name} {reached:.4g}" for name, reached in made.achieved.items())
+
+
+def _target(text: str) -> Any:
+    """A number, a pair of limits, either of which may be empty, or a word."""
+    first, colon, last = text.partition(":")
+    try:
+        return (float(first or "-inf"), float(last or "inf")) if colon else float(first)
+    except ValueError:
+        return text
 
 
 def _cell(text: str) -> Any:

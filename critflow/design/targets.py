@@ -97,7 +97,8 @@ def design(
     The optimum is local.  Error bound (proof): targets beyond a closed-form bound are refused, `Status.infeasible`,
     with the bound in the note.  Otherwise `Status.infeasible` means that no start reached the targets: the
     configuration is the best compromise found.  With `Status.step_limit` or `Status.stalled` the targets are reached,
-    and the preference is not at its minimum.  `stats.residual` is the largest error of a target relative to its size.
+    and the preference is not at its minimum; for "least_change" the status is then `ok`, and the note says so.
+    `stats.residual` is the largest error of a target relative to its size.
     Raises `InputError` for unknown or contradictory targets and wrong shapes or signs, `SolveError` with `throw`.
     """
     manifold = CriticalManifold.of(network)
@@ -115,7 +116,10 @@ def design(
         solution = _report(problem, wants, _at_start(problem), Status.infeasible, note)
     else:
         best = _best(problem, max_steps)
-        solution = _report(problem, wants, best, best.status, _note(problem, best))
+        # The least change only selects: a design that has its targets is complete without it.
+        selected = best.reached and preference.name == "change"
+        status = Status.ok if selected else best.status
+        solution = _report(problem, wants, best, status, _note(problem, best))
     return solution.or_raise("no configuration with these properties was found") if throw else solution
 
 
@@ -163,7 +167,7 @@ def _note(problem: TargetProblem, best: Minimum) -> str:
     if best.status is Status.ok:
         return ""
     if best.reached:
-        return f"the targets are reached, and {problem.preference.name} is not at its least: raise max_steps"
+        return f"the targets are reached, and {problem.preference.name} is not yet at its minimum: raise max_steps"
     c = best.point.constraints
     excess = np.abs(c - np.clip(c, problem.low, problem.high))
     worst = int(np.argmax(excess[: len(problem.targets)])) if len(problem.targets) else 0

@@ -1,7 +1,7 @@
 """Three networks of one topology and one B_0 that soften, keep and stiffen past the transition.
 
-C_B is prescribed to −0.05, 0 and 0.3 at B_0 = 0.25, and each is strained to γ = 0.1.  `peers.py` recomputes the energies
-of these paths by LAMMPS.
+C_B is prescribed to −0.05, 0 and 0.3 at B_0 = 0.25, and each is strained to γ = 0.1.  `peers.py` recomputes the
+energies of these paths by LAMMPS.
 """
 
 from __future__ import annotations
@@ -47,7 +47,11 @@ def designs(parameters, seed):
 
 def case(parameters, seed):
     """Strain paths of the three designs."""
-    found = {name: np.full([sizes(parameters)[dim] for dim in dims], np.nan) for name, (dims, _) in VARIABLES.items()}
+    size = sizes(parameters)
+    found = {
+        name: np.full([size[dim] for dim in dims], int(Status.missing) if name.endswith("status") else np.nan)
+        for name, (dims, _) in VARIABLES.items()
+    }
     found["strain"][:] = STRAINS
     for n, (growth, made) in enumerate(zip(GROWTH.values(), designs(parameters, seed), strict=True)):
         path = strain_path(made.value.network, made.value, STRAINS, throw=False).value

@@ -1,7 +1,7 @@
 """Onset on demand: rest lengths whose critical shear is prescribed, and the range of onsets at one bulk modulus.
 
-Networks of equal rest lengths, longer than at the isotropic transition by a few per cent, become rigid under simple shear
-at some γ_c.  Their rest lengths are changed as little as possible until γ_c has another value.  At the transition itself,
+Networks of equal rest lengths, longer than at the isotropic transition by a few per cent, become rigid under simple
+shear at some γ_c.  Their rest lengths are changed as little as possible until γ_c has another value.  At rest,
 stresses with one B_0 belong to different rest lengths; lengthened alike, they become rigid at different shears.
 """
 
@@ -25,10 +25,8 @@ from critflow.workflow import Claim
 
 from ..shared.checks import check_network
 
-FACTORS = (0.6, 1.3, -1.0)
-MODULI = (0.27, 0.25, 0.22, 0.18)
-
-PARAMETERS = {"n_vertices": 100, "excess": 0.05}
+# Requested onsets over that of equal lengths, and bulk moduli at the transition.
+PARAMETERS = {"n_vertices": 100, "excess": 0.05, "factors": (0.6, 1.3, -1.0), "moduli": (0.27, 0.25, 0.22, 0.18)}
 VARIABLES = {
     "target": (("factor",), "requested critical shear"),
     "achieved": (("factor",), "critical shear of the designed rest lengths, by critical_strain"),
@@ -43,7 +41,7 @@ VARIABLES = {
 
 def sizes(parameters):
     """Sizes of the inner dimensions."""
-    return {"factor": len(FACTORS), "modulus": len(MODULI)}
+    return {"factor": len(parameters["factors"]), "modulus": len(parameters["moduli"])}
 
 
 def check(parameters):
@@ -55,21 +53,23 @@ def case(parameters, seed):
     """Designs of one network."""
     manifold = CriticalManifold(voronoi_network(parameters["n_vertices"], seed))
     network, longer = manifold.network, 1 + parameters["excess"]
-    found = {name: np.full([sizes(parameters)[dim] for dim in dims], np.nan) for name, (dims, _) in VARIABLES.items()}
+    size = sizes(parameters)
+    found = {
+        name: np.full([size[dim] for dim in dims], int(Status.missing) if name.endswith("status") else np.nan)
+        for name, (dims, _) in VARIABLES.items()
+    }
     equal = np.ones(network.n_edges)
     lengths = longer * critical_from_lengths(manifold, equal, throw=False).ratio * equal
     onset = critical_strain(network, lengths, "simple_shear")
-    for n, factor in enumerate(FACTORS):
+    for n, factor in enumerate(parameters["factors"]):
         target = factor * onset.strain
         start = time.process_time()
         made = design_onset(network, lengths, target, throw=False)
         found["target_seconds"][n] = time.process_time() - start
-        again = critical_strain(
-            network, made.rest_lengths, "simple_shear", direction=int(np.sign(target)), throw=False
-        )
+        again = critical_strain(network, made.rest_lengths, "simple_shear", direction=int(np.sign(target)), throw=False)
         found["target"][n], found["achieved"][n] = target, again.strain
         found["distance"][n], found["target_status"][n] = made.distance, made.status
-    for n, modulus in enumerate(MODULI):
+    for n, modulus in enumerate(parameters["moduli"]):
         critical = design(manifold, {"B_0": modulus}, throw=False).value
         onset = critical_strain(network, longer * critical.lengths, "simple_shear", throw=False)
         found["modulus"][n], found["shear"][n], found["shear_status"][n] = modulus, onset.strain, onset.status
@@ -80,8 +80,10 @@ def figure(ds, parameters):
     """Requested and achieved onsets, and onsets at given moduli."""
     fig = Figure(figsize=(8, 3.4), layout="constrained")
     left, right = fig.subplots(1, 2)
-    for n, factor in enumerate(FACTORS):
-        left.scatter(ds.target.values[:, n], ds.distance.values[:, n], s=14, label=f"{factor:g} of that of equal lengths")
+    for n, factor in enumerate(parameters["factors"]):
+        left.scatter(
+            ds.target.values[:, n], ds.distance.values[:, n], s=14, label=f"{factor:g} of that of equal lengths"
+        )
     left.set(xlabel=r"requested $\gamma_c$ in simple shear", ylabel=r"r.m.s. change of $\log\ell$")
     left.legend(fontsize=7)
     right.plot(ds.modulus.values.T, ds.shear.values.T, ".-", color="C0", alpha=0.5)
@@ -114,6 +116,7 @@ def summary(ds, parameters):
         "largest_error": float(error.max()),
         "median_seconds": float(ds.target_seconds.median()),
         "critical_shear_by_modulus": {
-            f"{modulus:g}": [float(ds.shear[:, n].min()), float(ds.shear[:, n].max())] for n, modulus in enumerate(MODULI)
+            f"{modulus:g}": [float(ds.shear[:, n].min()), float(ds.shear[:, n].max())]
+            for n, modulus in enumerate(parameters["moduli"])
         },
     }

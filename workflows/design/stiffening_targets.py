@@ -13,7 +13,16 @@ import time
 import numpy as np
 from matplotlib.figure import Figure
 
-from critflow import CriticalManifold, Status, design, fit_stiffening, stiffening, strain_path, voronoi_network
+from critflow import (
+    CriticalManifold,
+    Status,
+    StudyError,
+    design,
+    fit_stiffening,
+    stiffening,
+    strain_path,
+    voronoi_network,
+)
 from critflow.workflow import Claim, stable_rng
 
 from ..shared.checks import check_network
@@ -25,7 +34,7 @@ NAMES = ("B_0", "C_B", "C_G")
 STRAINS = np.linspace(0.0, 4e-4, 9)[1:]
 OTHER = 100
 
-PARAMETERS = {"n_vertices": 400, "threshold": 0.1, "spread": 0.1}
+PARAMETERS = {"n_vertices": 400, "threshold": 0.1, "spread": 0.1, "sources": SOURCES}
 VARIABLES = {
     "target": (("source", "name"), "requested B_0, C_B, C_G"),
     "achieved": (("source", "name"), "achieved values, by stiffening()"),
@@ -40,20 +49,27 @@ VARIABLES = {
 
 def sizes(parameters):
     """Sizes of the inner dimensions."""
-    return {"source": len(SOURCES), "name": len(NAMES)}
+    return {"source": len(parameters["sources"]), "name": len(NAMES)}
 
 
 def check(parameters):
     """Refuse settings that could only fail."""
     check_network(voronoi_network, parameters["n_vertices"], 0)
+    unknown = [source for source in parameters["sources"] if source not in SOURCES]
+    if unknown:
+        raise StudyError(f"no source is called {unknown[0]!r}: choose from {', '.join(SOURCES)}")
 
 
 def case(parameters, seed):
     """Designs of one network."""
     manifold = CriticalManifold(voronoi_network(parameters["n_vertices"], seed))
     other = CriticalManifold(voronoi_network(parameters["n_vertices"], seed + OTHER))
-    found = {name: np.full([sizes(parameters)[dim] for dim in dims], np.nan) for name, (dims, _) in VARIABLES.items()}
-    for n, source in enumerate(SOURCES):
+    size = sizes(parameters)
+    found = {
+        name: np.full([size[dim] for dim in dims], int(Status.missing) if name.endswith("status") else np.nan)
+        for name, (dims, _) in VARIABLES.items()
+    }
+    for n, source in enumerate(parameters["sources"]):
         targets = triple(other, source_of(parameters, other, seed + OTHER, source))
         start = time.process_time()
         made = design(manifold, dict(zip(NAMES, targets, strict=True)), throw=False)
@@ -94,7 +110,7 @@ def figure(ds, parameters):
     """Targets in the plane of B_0 and C_B, and their times."""
     fig = Figure(figsize=(8, 3.6), layout="constrained")
     left, right = fig.subplots(1, 2)
-    for n, source in enumerate(SOURCES):
+    for n, source in enumerate(parameters["sources"]):
         targets, status = ds.target.values[:, n], ds.target_status.values[:, n]
         reached = status != Status.infeasible
         color, label = f"C{n}", LABELS.get(source, source)
@@ -112,7 +128,7 @@ def figure(ds, parameters):
 def claims(ds, parameters):
     """Bar D2."""
     error, seconds, status = ds.error.values, ds.target_seconds.values, ds.target_status.values
-    stiffest = np.array(SOURCES) == "bulk_modulus"
+    stiffest = np.array(parameters["sources"]) == "bulk_modulus"
     others = ~stiffest
     reached = error <= 1e-8
     refused = (status[:, stiffest] == Status.infeasible).sum()

@@ -46,7 +46,11 @@ def case(parameters, seed):
     """Designs of one network."""
     manifold = CriticalManifold(voronoi_network(parameters["n_vertices"], seed))
     rng = np.random.default_rng([seed, 1])
-    found = {name: np.full([sizes(parameters)[dim] for dim in dims], np.nan) for name, (dims, _) in VARIABLES.items()}
+    size = sizes(parameters)
+    found = {
+        name: np.full([size[dim] for dim in dims], int(Status.missing) if name.endswith("status") else np.nan)
+        for name, (dims, _) in VARIABLES.items()
+    }
     design(manifold, {"S_xx": 1.0}, max_steps=1, throw=False)  # patterns of the network, analysed once
     for n in range(parameters["targets"]):
         S = response(attained(manifold, rng))

@@ -23,11 +23,25 @@ from __future__ import annotations
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Study, Variable
 
-from . import fronts, isogonal, poisson, pruning, reach, topology
+from . import (
+    curves,
+    fronts,
+    isogonal,
+    onset_targets,
+    poisson,
+    pruning,
+    reach,
+    stiffening_targets,
+    stress_targets,
+    topology,
+)
 from .parts import all_parameters, complete, figure_of, name_of, own_parameters, table
 from .report import claims_of, summary_of
 
-MODULES = (isogonal, topology, pruning, poisson, fronts, reach)
+MODULES = (
+    *(isogonal, topology, pruning, poisson, fronts, reach),
+    *(stress_targets, stiffening_targets, onset_targets, curves),
+)
 PARTS = {name_of(module): module for module in MODULES}
 
 
