@@ -38,7 +38,7 @@ def draw(
 
     color     values (N_b,) that colour the edges; by default the tensions of a configuration or state
     cmap      a matplotlib colour map
-    vertices  values (N_v,) drawn as discs, such as the participation in floppy motions
+    vertices  values (N_v,) drawn as discs, the largest value as the largest disc: the part in floppy motions, say
     width     line width in points
 
     Compressed edges are orange and dashed, edges without tension thin and grey, fixed vertices black squares.
@@ -153,7 +153,8 @@ def _discs(ax: Axes, network: Network, x: Array, values: Array) -> None:
     if network.cell is not None:
         fraction = x @ np.linalg.inv(network.cell)
         places = (fraction - np.floor(fraction)) @ network.cell
-    size = 60.0 * np.clip(values, 0, 1)
+    largest = float(values.max(initial=0.0))
+    size = 90.0 * np.clip(values, 0, None) / (largest or 1.0)
     ax.scatter(places[:, 0], places[:, 1], s=size, color=COLOURS[4], alpha=0.75, linewidths=0, zorder=3)
 
 

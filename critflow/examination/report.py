@@ -143,7 +143,7 @@ def _rigidity(found: Examination) -> list[str]:
     if found.doubt:
         lines.append(f"- {found.doubt}")
     lines += [
-        f"- {counts.n_self_stresses} self-stresses, {found.n_floppy_modes} floppy modes",
+        f"- {_count(counts.n_self_stresses, 'self-stress', 'es')}, {_count(found.n_floppy_modes, 'floppy mode', 's')}",
         f"- singular values: {counts.largest_zero:.1e} counts as zero, the next is {counts.smallest_nonzero:.1e} "
         f"(tolerance {found.tolerance:.0e})",
         "- a self-stress in tension on every edge "
@@ -161,7 +161,9 @@ def _nearest(found: Examination) -> list[str]:
     if near is None:
         return []
     sigma, error = near.value.sigma, float(np.sqrt(np.mean(near.stress_error**2)))
-    known = f", relative standard error {error:.1e}" if np.isfinite(error) else ""
+    known = ""
+    if np.isfinite(error):
+        known = f", relative standard error {error:.1e}" if error < 1 else "; the positions hardly determine them"
     lines = [
         "## Nearest critical configuration",
         "",
@@ -199,6 +201,10 @@ def _moduli(solution: Solution[Elasticity], index: str = "") -> list[str]:
         for name, row in zip(names, tensor.energy, strict=True)
     ]
     return [*lines, "", f"| C | {' | '.join(names)} |", "|---" * (1 + len(names)) + "|", *rows]
+
+
+def _count(number: int, noun: str, plural: str) -> str:
+    return f"{number} {noun}{plural if number != 1 else ''}"
 
 
 def _number(value: float) -> str:
