@@ -7,6 +7,7 @@ from problems import TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS, random_s
 
 from critflow import (
     CriticalManifold,
+    Network,
     bulk_modulus_bound,
     critical_from_lengths,
     equilibrium,
@@ -302,3 +303,10 @@ def test_double_double_stress_of_lengths(network, manifold):
 def test_slack_edges_have_no_stress():
     manifold = CriticalManifold(voronoi_network(100, 0))
     assert references.stress_of_lengths(manifold, np.exp(np.random.default_rng(0).standard_normal(150))) is None
+
+
+@pytest.mark.parametrize("rest_length, minimum", [(0.4, True), (0.6, False)])
+def test_a_straight_chain_is_a_minimum_in_tension_alone(rest_length, minimum):
+    chain = Network([[0, 1], [1, 2]], pins={0: np.zeros(2), 2: np.array([1.0, 0.0])})
+    exact = reference.equilibrium(chain, np.full(2, rest_length), np.array([[0, 0], [0.5, 0], [1, 0]]))
+    assert reference.is_minimum(chain, exact, np.full(2, rest_length)) is minimum

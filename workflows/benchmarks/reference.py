@@ -256,6 +256,14 @@ def equilibrium(network, rest_lengths, coordinates, deformation=None):
 
 
 @precise
+def is_minimum(network, exact, rest_lengths):
+    """Whether an equilibrium is a minimum of the energy; Newton's method may also reach saddles."""
+    sigma, K = _stress(network, exact.bond_vectors, numbers(rest_lengths))
+    hessian = np.array(_hessian(network, exact.bond_vectors, K, sigma), dtype=float)
+    return bool(np.linalg.eigvalsh(hessian)[0] > 0)
+
+
+@precise
 def linear_response(network, L, rest_lengths):
     """B, G and G − ½dE/dV of springs in equilibrium, bond vectors L (N_b, 2) and rest lengths (N_b,)."""
     L = numbers(L)

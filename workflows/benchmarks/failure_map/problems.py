@@ -442,7 +442,7 @@ DIFFICULTIES = {
             _deformed(lambda gamma: np.array([[1.0, gamma], [0.0, 1.0]])), (*CONFIGURATION, *SPRINGS, "lengths_conic"),
         ),
         Difficulty(
-            "skew_cell", "cell vectors by which the other one is longer", (1, 10, 100, 1e3, 1e4, 1e5, 1e6),
+            "skew_cell", "multiples of a cell vector added", (1, 10, 100, 1e3, 1e4, 1e5, 1e6),
             _skew_cell, (*CONFIGURATION, *SPRINGS, "lengths_conic"),
         ),
         Difficulty("straight_lines", "straight lines per direction", (1, 2, 3, 4), _straight_lines, CONFIGURATION),

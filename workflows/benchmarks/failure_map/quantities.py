@@ -145,13 +145,16 @@ def _equilibrium_near(problem, state, coordinates):
     if min(exact.sigma) > 0:
         # The energy without compression is convex, and least here.
         return exact
-    x, n = problem.critical.coordinates, int(np.ceil(problem.strain / 5e-3))
-    sizes = np.sqrt(1 + problem.strain * np.arange(n + 1) / n)
-    for before, size in pairwise(sizes):
-        network = problem.network.deformed(size * np.eye(2))
-        exact = reference.equilibrium(network, state.rest_lengths, size / before * x)
-        x = exact.coordinates.astype(float)
-    return exact
+    few = int(np.ceil(problem.strain / 5e-3))
+    for n in (few, 16 * few):
+        x, sizes = problem.critical.coordinates, np.sqrt(1 + problem.strain * np.arange(n + 1) / n)
+        for before, size in pairwise(sizes):
+            network = problem.network.deformed(size * np.eye(2))
+            exact = reference.equilibrium(network, state.rest_lengths, size / before * x)
+            x = exact.coordinates.astype(float)
+        if reference.is_minimum(network, exact, state.rest_lengths):
+            return exact
+    raise reference.Unknown("small steps from the transition lead to a saddle")
 
 
 def _strain_path(problem):

@@ -59,9 +59,9 @@ def map_figure(ds):
     """Every quantity at every strength of every difficulty, coloured by its outcome."""
     names = [name for name in map(str, ds.difficulty.values) if name in DIFFICULTIES]
     tables = {name: table for name in names if len((table := _rows(ds, name))[0])}
-    figure = Figure(figsize=(15, 11.5), dpi=110)
+    figure = Figure(figsize=(15, 12.5), dpi=110)
     columns = _columns(tables, 3)
-    n_lines = max(_FEWEST_LINES, *(sum(len(tables[name][0]) + 3.6 for name in column) for column in columns))
+    n_lines = max(_FEWEST_LINES, *(sum(len(tables[name][0]) + 4.0 for name in column) for column in columns))
     colours = ListedColormap([CELLS[outcome][0] for outcome in sorted(CELLS)])
     top, bottom = 0.915, 0.025
     for place, column in enumerate(columns):
@@ -72,7 +72,7 @@ def map_figure(ds):
             line += 1.6
             y = top - line / n_lines * (top - bottom) - height
             axes = figure.add_axes((0.115 + place * 0.33, y, 0.21, height))
-            line += len(rows) + 2.0
+            line += len(rows) + 2.4
             _draw_table(axes, ds, name, rows, cells, colours)
     wrong, points = int((ds.outcome == Outcome.violation).sum()), int((ds.outcome != Outcome.absent).sum())
     found = "no silent wrong answer" if not wrong else f"{wrong} SILENT WRONG ANSWERS"
