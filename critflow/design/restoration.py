@@ -1,6 +1,6 @@
 """Shortest changes of logarithms θ that reach targets: damped Gauss-Newton steps, and the nearest solution.
 
-The unknowns are θ = log σ or θ = log k, of which there are many more than targets.  Shortest steps restore the targets,
+The unknowns are θ = log k, of which there are many more than targets.  Shortest steps restore the targets,
 and steps along their surface reduce the distance to the start θ_0 until θ − θ_0 = Jᵀμ.
 """
 

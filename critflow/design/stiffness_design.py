@@ -73,7 +73,7 @@ def design_stiffness(
     error of the achieved values in the same units.
     Error bound (proof): `Status.infeasible` with a reason in the note, for tensors that are not positive semidefinite
     and for those of a higher rank than the number of self-stresses.
-    Otherwise `Status.infeasible` means that the descent found no way to reduce the errors further.
+    Otherwise `Status.infeasible` means that the search could not reduce the errors of all targets together.
     Raises `InputError` for unknown targets, pinned networks and floppy ones, `SolveError` with `throw`.
     """
     x = validated_coordinates(network, coordinates)

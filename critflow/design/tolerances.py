@@ -76,7 +76,7 @@ PRUNING_REACHED   Distance from a target that counts as reached, relative to it:
 
 Targets
 TARGET_REACHED    Largest relative error of a target of a design.
-TARGET_STATIONARY Change of log σ along the surface of the targets below which the nearest solution is reached.
+TARGET_STATIONARY Change of log k along the surface of the targets below which the nearest solution is reached.
 TARGET_OPTIMAL    Component of the gradient of a preference along the surface of the targets, relative to 1 plus the
                   largest component of the gradient, below which it is least.
 TARGET_NEAREST    The same of the least change, which is then least to 1e-4: it only selects.

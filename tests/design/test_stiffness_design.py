@@ -74,7 +74,7 @@ def test_tensors_that_no_springs_have_are_refused():
         design_stiffness(CELL, CELL.positions, targets)
     goals = _TensorGoals(CELL, CELL.positions, isotropic_targets(2, 1.0, 0.2), CELL.stiffness)
     assert not goals.excess(3) and "rank 3" in goals.excess(2)
-    # B is the mean of three of these components, whatever the stiffnesses.
+    # B is the mean of three of these components for all stiffnesses.
     contradictory = {"bulk_modulus": 1.0, "C_xxxx": 0.5, "C_yyyy": 0.5, "C_xxyy": 0.1}
     found = design_stiffness(CELL, CELL.positions, contradictory, throw=False)
     assert found.status is Status.infeasible and not found.independent

@@ -143,7 +143,7 @@ def test_a_modulus_at_finite_strain_is_an_objective():
 
 
 class Offset(_Base):
-    """A law whose extra stiffness has a length of its own, so that it is not homogeneous."""
+    """A law whose additional stiffness refers to a fixed length, so that it is not homogeneous."""
 
     def tension(self, extension, rest, k):
         return k * extension + k * extension**3
