@@ -222,26 +222,25 @@ def _responses(state: ElasticState, factor: Factor, volume: float) -> _Responses
     # Arrays over edges have the edges last: NumPy is several times slower where the last axis is short.
     L = np.ascontiguousarray(state.bond_vectors.T)
     affine = (_strains(d).reshape(m * d, d) @ L).reshape(m, d, n)
-    rate, direct = affine, np.zeros((m, m))
+    rate, direct, least = affine, np.zeros((m, m)), _NO_RELAXATION * state.length_scale
     u, scale, energy = np.zeros((m, *state.forces.shape)), np.zeros(m), np.zeros(m)
     for refinement in range(_MOST_CORRECTIONS + 1):
         hdot = np.einsum("ie,aie->ae", L, rate)
         tension = state.resistance(hdot)
         stressed = sigma * rate
         force = -_at_vertices(network, tension[:, None] * L + stressed)
-        form = hdot @ tension.T + stressed.reshape(m, -1) @ rate.reshape(m, -1).T
+        stretching = hdot @ tension.T
+        form = stretching + stressed.reshape(m, -1) @ rate.reshape(m, -1).T
         direct = direct if refinement else form
-        correction = np.empty_like(force)
-        for solved, side in zip(correction, force, strict=True):
-            solved[:] = factor.solve(side.ravel()).reshape(side.shape)
+        correction = _solved(factor, force)
         gained = force.reshape(m, -1) @ correction.reshape(m, -1).T
         moved, size = _largest(correction), _largest(force)
         u, scale = u + correction, np.maximum(scale, size)
-        small = bool((moved <= _CONVERGED * np.maximum(_largest(u), _NO_RELAXATION * state.length_scale)).all())
-        before, energy = energy, np.abs(np.diag(gained))
+        small = bool((moved <= _CONVERGED * np.maximum(_largest(u), least)).all())
+        before, energy = energy, np.abs(gained.diagonal())
         # The energy that a correction leaves is its gain times the contraction, and must be rounding.
         unfinished = energy * _contraction(energy, before)
-        if refinement and small and (unfinished <= 4 * EPS * np.einsum("ae,ae->a", hdot, tension)).all():
+        if refinement and small and (unfinished <= 4 * EPS * stretching.diagonal()).all():
             break
         rate = affine + _at_edges(network, u)
     form = (form - gained) / volume
@@ -275,6 +274,14 @@ def _responses(state: ElasticState, factor: Factor, volume: float) -> _Responses
         float((size / np.maximum(scale, 1e-300)).max()),
         small,
     )
+
+
+def _solved(factor: Factor, forces: Array) -> Array:
+    """H⁻¹ f of each of the forces (m, n_free, d)."""
+    solved = np.empty_like(forces)
+    for u, force in zip(solved, forces, strict=True):
+        u[:] = factor.solve(force.ravel()).reshape(force.shape)
+    return solved
 
 
 def _contraction(energy: Array, before: Array) -> float:

@@ -82,8 +82,9 @@ def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Arra
     pull = two_product(weight, L.high)
     # All entries of the divergence are 1 or −1.
     leading = _leading(pull.high)
-    small = network.divergence @ ((pull.high - leading) + (pull.low + weight * L.low))
-    return -np.asarray(network.divergence @ leading + small)
+    small = (pull.high - leading) + (pull.low + weight * L.low)
+    sums = network.divergence @ np.concatenate([leading, small], axis=1)
+    return -np.asarray(sums[:, : network.dimension] + sums[:, network.dimension :])
 
 
 def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.0) -> Array:
