@@ -18,9 +18,12 @@ from critflow import (
     Hookean,
     Network,
     PowerLaw,
+    delaunay_network,
+    design_stiffness,
     elasticity,
     equilibrium,
     foam_network,
+    isotropic_targets,
     optimize,
     rigidity,
     second_order_rigidity,
@@ -138,6 +141,16 @@ def test_lammps_pressures_give_the_bulk_modulus(lammps, law):
     volumes = [state.network.volume for state in path.states]
     derivative = -(pressures[2] - pressures[0]) / (volumes[2] - volumes[0])
     assert volumes[1] * derivative == pytest.approx(path.bulk_modulus[1], rel=1e-6)
+
+
+def test_lammps_finds_the_designed_modulus(lammps):
+    network, ratio, step = delaunay_network(24, seed=1), -0.5, 1e-6
+    found = design_stiffness(network, network.positions, isotropic_targets(2, 1.0, ratio))
+    rest = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    start = spring_state(found.value, rest, network.positions)
+    energy = lammps(start.deformed((1 + step) * np.eye(2)))[1]
+    # E = ½ V B (dV/V)², with B = E_Young/(2(1 − ν)) in the plane.
+    assert energy / (2 * network.volume * step**2) == pytest.approx(1 / (2 * (1 - ratio)), rel=1e-4)
 
 
 def pinned_frameworks():
