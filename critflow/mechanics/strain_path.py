@@ -43,6 +43,8 @@ class StrainPath(Record):
     """Equilibria at strains γ (n,): moduli, energy and forces (n,), work and status of each step, the states.
 
     From the first strain that is not reached, values are NaN and `status` holds the reason.
+    Stability is tested at these strains and at inserted ones: a symmetric state that loses and regains it in between,
+    where F(γ) turns back, passes.
 
     inserted  steps (n,) to intermediate strains, which are not stored
     coordinate_error, bulk_modulus_error, shear_modulus_error  bounds (n,) on the errors against the exact equilibrium;
