@@ -21,16 +21,25 @@ def relocated(text: str, page: Path) -> str:
     return re.sub(r"\]\((?P<path>[^)#\s]+\.md)(?P<anchor>#[^)\s]*|)\)", link, text)
 
 
-def with_contents(text: str) -> str:
-    """A page `index.md` followed by the contents that its lists of links are, one for each heading."""
-    tables = []
+def with_contents(text: str, folder: Path) -> str:
+    """A page `index.md` followed by its contents: the pages that its lists link to, one table for each heading.
+
+    The index of a folder below docs/ contains every page of the folder, those that it links to first.
+    """
+    if folder != ROOT / "docs":
+        links = re.findall(r"\]\((\w+)\.md\)", text)
+        present = sorted(page.stem for page in folder.glob("*.md") if page.stem != "index")
+        pages = [name for name in dict.fromkeys([*links, *present]) if name in present]
+        return text + table_of("", pages)
     for section in re.split(r"^(?=## )", text, flags=re.M):
-        pages = re.findall(r"^- \[[^\]]*\]\(([\w./]+)\.md\)", section, flags=re.M)
-        if pages:
-            heading = re.match(r"## (.+)", section)
-            caption = [f":caption: {heading[1]}"] if heading else []
-            tables += ["", "```{toctree}", ":hidden:", *caption, "", *pages, "```"]
-    return text + "\n".join(tables) + "\n"
+        if heading := re.match(r"## (.+)", section):
+            text += table_of(heading[1], re.findall(r"^- \[[^\]]*\]\(([\w./]+)\.md\)", section, flags=re.M))
+    return text
+
+
+def table_of(caption: str, pages: list[str]) -> str:
+    options = [":hidden:", *([f":caption: {caption}"] if caption else [])]
+    return "\n".join(["", "```{toctree}", *options, "", *pages, "```", ""]) if pages else ""
 
 
 def make_studies() -> None:
@@ -48,7 +57,7 @@ def read(app, name, source):
     page = ROOT / "docs" / f"{name}.md"
     source[0] = relocated(source[0], page)
     if page.name == "index.md":
-        source[0] = with_contents(source[0])
+        source[0] = with_contents(source[0], page.parent)
 
 
 def setup(app):
