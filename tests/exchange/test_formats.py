@@ -318,7 +318,7 @@ def test_random_networks_survive_every_format_with_offsets(tmp_path_factory, see
     ring = np.stack([np.arange(n), np.roll(np.arange(n), -1)], axis=1)
     edges = np.concatenate([ring, ring[:3], [[2, 2]]])
     offsets = np.zeros((10, 2), int)
-    offsets[5:] = [[1, 0], [0, 1], [0, -1], [-1, 0], [1, 0]]
+    offsets[5:] = [[1, 0], [0, 1], [0, -1], [-1, 0], [2, 0]]
     cell = np.array([[3.0, 0.0], [rng.uniform(-1, 1), 2.0 + rng.random()]])
     pins = {0: 0.2 * rng.random(2), 3: 0.2 * rng.random(2)} if pinned else {}
     x = 0.2 * rng.random((n, 2)) @ cell
