@@ -12,8 +12,10 @@ from critflow import (
     design,
     stiffening,
     transition_moduli,
+    triangular_network,
     voronoi_network,
 )
+from critflow.design.target_table import StressComponent
 
 MANIFOLD = CriticalManifold(voronoi_network(n_vertices=60, seed=1))
 NETWORK = MANIFOLD.network
@@ -81,3 +83,62 @@ def test_targets_beyond_a_bound_are_refused():
 def test_bad_targets_are_one_sentence(targets, word):
     with pytest.raises(InputError, match=word):
         design(MANIFOLD, targets)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({"targets": {"B_0": 0.2, "bulk_modulus": 0.2}}, "same"),
+        ({"targets": {"B_0": "largest", "G_0": "smallest"}}, "only one"),
+        ({"targets": {"B_0": "great"}}, "largest"),
+        ({"targets": {"S_xx": 3.0, "S_yy": 1.0, "S_xy": 0.0, "B_0": 0.2}}, "contradict"),
+        ({"prefer": "cheap"}, "preference"),
+        ({"targets": {"B_0": "largest"}, "prefer": "length_variance"}, "omit prefer"),
+        ({"prefer": np.zeros((3, 2))}, "shape"),
+        ({"within": {"colours": (0, 1)}}, "quantity"),
+        ({"within": {"lengths": (1.0, 0.5)}}, "lower limit"),
+        ({"within": {"tensions": (2.0, 3.0)}}, "enclose 1"),
+        ({"signs": "mixed"}, "signs"),
+        ({"signs": np.zeros(90)}, "tension"),
+        ({"free": [90]}, "edge 90"),
+        ({"start": -np.ones(90)}, "sign"),
+    ],
+)
+def test_bad_arguments_are_one_sentence(arguments, word):
+    with pytest.raises(InputError, match=word):
+        design(MANIFOLD, **{"targets": {"B_0": 0.2}} | arguments)
+
+
+def test_several_self_stresses_are_refused():
+    with pytest.raises(InputError, match="self-stress"):
+        design(triangular_network(4, 4), {"B_0": 0.2})
+
+
+def test_limits_of_edges_signs_and_free_edges_hold():
+    found = design(MANIFOLD, {"B_0": 0.25}, within={"lengths": (0.6, 1.3)}).value
+    assert found.lengths.min() > 0.6 - 1e-9 and found.lengths.max() < 1.3 + 1e-9
+    some = design(MANIFOLD, {"B_0": 0.25}, free=np.arange(20)).value.sigma
+    np.testing.assert_allclose(some[20:], some[20], rtol=1e-12)
+    signed = design(MANIFOLD, {"B_0": 0.25}, signs="any").value
+    assert transition_moduli(signed).bulk == pytest.approx(0.25, rel=1e-9)
+
+
+def test_a_preference_selects():
+    even = design(MANIFOLD, {"B_0": 0.25}, prefer="length_variance")
+    near = design(MANIFOLD, {"B_0": 0.25}, prefer=MANIFOLD.configuration(np.exp(np.linspace(-0.5, 0.5, 90))))
+    assert even.preference == pytest.approx(np.var(even.value.lengths) / np.mean(even.value.lengths) ** 2, rel=1e-6)
+    assert even.preference < 0.1 * np.var(near.value.lengths) / np.mean(near.value.lengths) ** 2
+
+
+def test_softening_beyond_the_stiffest_network_is_refused():
+    found = design(MANIFOLD, {"B_0": 0.27, "C_B": -0.135}, throw=False)
+    assert found.status is Status.infeasible and "largest B_0" in found.note
+
+
+def test_the_gradient_of_stress_components_has_an_exact_differential():
+    rng = np.random.default_rng(3)
+    sigma, L, dsigma, dL = (rng.normal(size=shape) for shape in ((90,), (90, 2), (90,), (90, 2)))
+    objective = StressComponent(np.array([[1.0, 0.2], [0.2, -0.5]]), 0.5 + rng.random(90))
+    ahead, behind = (objective.evaluate(sigma + h * dsigma, L + h * dL)[1] for h in (1e-6, -1e-6))
+    for exact, one, other in zip(objective.differential(sigma, L, dsigma, dL), ahead, behind, strict=True):
+        np.testing.assert_allclose(exact, (one - other) / 2e-6, rtol=0, atol=1e-7)
