@@ -39,6 +39,7 @@ def test_a_critical_design_in_six_decimals_is_recognised(tmp_path):
     assert found.nearest.distance < 1e-6 and found.critical_strains == {}
     exact = critflow.transition_moduli(critical).bulk
     assert found.critical_moduli.bulk == pytest.approx(exact, rel=1e-5)
+    assert found.cuts[found.most_loaded_cuts[0]] == np.nanmin(found.cuts) < 0
     # By the default tolerance the count would be uncertain, and all digits of the file are in the report.
     assert "6 decimals" in str(found)
 
