@@ -45,7 +45,7 @@ def lammps_energy(module, state):
                 atom_style bond
                 atom_modify map array
                 bond_style harmonic
-                pair_style zero 5.0
+                pair_style zero {0.45 * side}
                 read_data {data}
                 pair_coeff * *
                 fix plane all enforce2d
