@@ -104,20 +104,21 @@ def run_python(page: Path, group: list[Block], folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if executed(page)], ids=name_of)
-def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, monkeypatch, undrawn):
+def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, monkeypatch, empty_pictures):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(backends, "BACKENDS", dict(backends.BACKENDS))  # a page adds one
     found = blocks(page)
     for block in found:
         if block.kind == "python" and block.file:
             (tmp_path / block.file).write_text(block.text, encoding="utf-8")
-    for block in found:
-        if block.kind == "console":
-            for line in block.text.splitlines():
-                if line.startswith("$ "):
-                    run_command(line)
     group = [block for block in found if block.kind == "python" and not block.file]
-    printed = dict(zip(group, run_python(page, group, tmp_path), strict=True)) if group else {}
+    with empty_pictures():
+        for block in found:
+            if block.kind == "console":
+                for line in block.text.splitlines():
+                    if line.startswith("$ "):
+                        run_command(line)
+        printed = dict(zip(group, run_python(page, group, tmp_path), strict=True)) if group else {}
     for block, following in pairwise(found):
         if following.kind == "output":
             assert printed[block] == following.text, f"{name_of(page)}, line {block.line}"

@@ -76,6 +76,11 @@ def loose(problem, random):
     return geometry(problem)[2] * (1.05 + 0.05 * numbers(random, len(problem.sigma)))
 
 
+def surface_points(surface):
+    """The strains of the rays that meet the surface, and nothing of the others, which have a status."""
+    return surface.strains[surface.found], surface.normals[surface.found], surface.error_bounds[surface.found]
+
+
 def slack_of(problem, random):
     """A critical configuration with edges that carry nothing, if it is one."""
     lengths = geometry(problem)[2] * (1.0 + 0.5 * abs(numbers(random, len(problem.sigma))))
@@ -188,7 +193,9 @@ CALLS = {
         p.network, critical_of(p), [1e-4, 1e-3], deformation=a_deformation(p, r), moduli=p.network.cell is not None
     ),
     "critical_strain": lambda p, r: critflow.critical_strain(p.network, loose(p, r), a_deformation(p, r)),
-    "rigidity_surface": lambda p, r: critflow.rigidity_surface(p.network, loose(p, r), [np.eye(p.network.dimension)]),
+    "rigidity_surface": lambda p, r: surface_points(
+        critflow.rigidity_surface(p.network, loose(p, r), [np.eye(p.network.dimension)])
+    ),
     "nearest_critical": lambda p, r: critflow.nearest_critical(
         p.network, geometry(p)[1] * (1 + 0.01 * numbers(r, *geometry(p)[1].shape)), max_steps=30
     ),

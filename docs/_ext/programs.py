@@ -111,6 +111,7 @@ def execute_notebook(notebook: Path, folder: Path) -> tuple[list[Cell], dict[str
     Figures are drawn where they are shown; those of the ensemble that a notebook computes stay empty.
     """
     matplotlib.use("Agg")
+    plt.close("all")
     names: dict[str, Any] = {"__name__": "__main__"}
     draw, cells = Figure.draw, []
     pictures: list[bytes] = []

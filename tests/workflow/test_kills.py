@@ -99,6 +99,14 @@ def test_a_run_killed_at_random_times_is_resumed(tmp_path, assert_resumed, reque
     assert_resumed(folder)
 
 
+def is_worker(process):
+    """Whether a process, which may have ended since it was listed, is a worker of dask."""
+    try:
+        return "spawn_main" in " ".join(process.cmdline())
+    except psutil.NoSuchProcess:  # ZombieProcess is one
+        return False
+
+
 @pytest.mark.sweep
 def test_a_run_with_workers_survives_the_death_of_one_and_its_own(tmp_path, assert_resumed, start):
     """One worker process is killed; then the command itself, which leaves no process behind."""
@@ -108,7 +116,7 @@ def test_a_run_with_workers_survives_the_death_of_one_and_its_own(tmp_path, asse
     workers = []
     while len(workers) < 2 or not list((folder / "shards").glob("*.nc")):
         assert process.poll() is None, process.communicate()
-        workers = [p for p in command.children(recursive=True) if "spawn_main" in " ".join(p.cmdline())]
+        workers = [child for child in command.children(recursive=True) if is_worker(child)]
         time.sleep(0.01)
     workers[0].kill()
     stored = len(stamps_of(folder))
