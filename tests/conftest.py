@@ -1,7 +1,7 @@
 """Two sizes of the test suite.
 
-`pytest` runs every test but the sweeps: repetitions of a test over many seeds, sizes or steps. `pytest -m ""` runs
-everything, and draws the pictures of the studies; `.ci/run` does that.
+`pytest` runs every test but the sweeps: repetitions of a test over many seeds, sizes or steps, and small runs of every
+study but the ensemble. `pytest -m ""` runs everything, and draws the pictures of the studies; `.ci/run` does that.
 """
 
 import os
@@ -25,6 +25,19 @@ def pytest_configure(config):
 def everything(config):
     """Whether the sweeps run too."""
     return "not sweep" not in config.getoption("markexpr")
+
+
+# Small runs of other studies than the ensemble, of notebooks and of the gallery.
+_RUNS = {"folder", "dataset", "small", "scale", "whole"}
+_RUN_BY_USERS = ("test_ensemble.py", "test_own_network.py")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    for item in items:
+        study = item.path.parent.name in ("studies", "benchmarks") and item.path.name not in _RUN_BY_USERS
+        if (study and _RUNS & set(item.fixturenames)) or item.name.startswith("test_a_picture_of_the_gallery"):
+            item.add_marker(pytest.mark.sweep)
 
 
 @contextmanager
