@@ -13,7 +13,13 @@ from critflow.linalg.tolerances import EPS
 from critflow.mechanics.minimum import compressed_edges, minimum_factor, stability_of
 from critflow.mechanics.newton import newton
 from critflow.mechanics.springs import ElasticState, State
-from critflow.mechanics.tolerances import COLLAPSING_LENGTH, FINEST_TOLERANCE, FLOPPY_SHIFT, LOOSEST_TOLERANCE
+from critflow.mechanics.tolerances import (
+    BOUND_MARGIN,
+    COLLAPSING_LENGTH,
+    FINEST_TOLERANCE,
+    FLOPPY_SHIFT,
+    LOOSEST_TOLERANCE,
+)
 from critflow.networks.network import Array
 from critflow.precision.double_double import two_sum
 from critflow.precision.residual import Displacement, inverse_norm
@@ -204,7 +210,7 @@ def with_bounds(
         apart = 0.5 * EPS * float(np.abs(correction.bond_vectors).max())
     else:
         apart = float(np.abs(state.bond_vectors - correction.bond_vectors).max())
-    bound = max(float(np.abs(error).max()), apart) + 2 * correction.remainder
+    bound = BOUND_MARGIN * (max(float(np.abs(error).max()), apart) + 2 * correction.remainder)
     number = state.largest_stiffness * inverse_norm(factor, correction.last) if condition else np.nan
     stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=number)
     if np.isfinite(bound):
