@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
+from critflow.exchange.formats import require_folder
 from critflow.networks.network import Array, Network
 from critflow.plot import COLOURS, COMPRESSED, TENSION_MAP, draw_in_depth, periodic_segments
 from critflow.result import InputError, Solution
@@ -156,6 +159,14 @@ def _discs(ax: Axes, network: Network, x: Array, values: Array) -> None:
     largest = float(values.max(initial=0.0))
     size = 90.0 * np.clip(values, 0, None) / (largest or 1.0)
     ax.scatter(places[:, 0], places[:, 1], s=size, color=COLOURS[4], alpha=0.75, linewidths=0, zorder=3)
+
+
+def require_picture(path: Path) -> None:
+    """Raise `InputError` where a figure cannot be saved to a path."""
+    endings = FigureCanvasBase.get_supported_filetypes()
+    if path.suffix[1:].lower() not in endings:
+        raise InputError(f"a picture cannot have the ending {path.suffix!r}: choose .png, .pdf or .svg")
+    require_folder(path)
 
 
 def saved(figure: Figure | SubFigure, path: Any) -> None:

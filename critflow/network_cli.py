@@ -19,8 +19,8 @@ from critflow.critical.objectives import OBJECTIVES
 from critflow.design.optimize import optimize
 from critflow.design.targets import Design, design
 from critflow.examination.examine import examine
-from critflow.exchange.convert import network_from, write_network
-from critflow.exchange.formats import format_of
+from critflow.exchange.convert import network_from, write_network, writer_to
+from critflow.exchange.formats import writable_format
 from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.network import Network
 from critflow.result import InputError, Solution
@@ -117,6 +117,7 @@ def convert(
     radius: Annotated[float, typer.Option(metavar="MM", help="Radius of the struts of a solid.")] = 1.0,
 ) -> int:
     """Read a network, report each repair, and write it in another format."""
+    writable_format(out)
     imported = read(file, hints)
     options: dict[str, Any] = {}
     if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
@@ -137,11 +138,13 @@ def examine_file(
     ] = None,
 ) -> int:
     """Read a network and print whether and why it is rigid, its critical strains and moduli, and what to do next."""
+    if out is not None:
+        from critflow.examination.page import require_page, write_page
+
+        require_page(out)
     found = examine(read(file, hints))
     print("\n" + str(found))
     if out is not None:
-        from critflow.examination.page import write_page
-
         write_page(found, out)
         print(f"\nwritten to {out}")
     return 0
@@ -163,9 +166,14 @@ def make(
 
     Many parameters: each is an option of the command.
     """
+    # Before a long computation, whose result would be lost.
+    writable_format(out)
+    if picture is not None:
+        from critflow.drawing import draw, require_picture, saved
+
+        require_picture(picture)
     imported = read(file, hints)
-    if format_of(out).write is None:
-        raise InputError(f"{out.name} cannot be written: choose another ending")
+    writer_to(out, imported)
     solution: Solution[CriticalConfiguration]
     if target:
         solution, title = _designed(imported.network, target)
@@ -185,8 +193,6 @@ def make(
     write_network(found, out)
     print(f"  written to {out}")
     if picture is not None:
-        from critflow.drawing import draw, saved
-
         saved(draw(found, title=title).figure, picture)
         print(f"  drawn in {picture}")
     return 0 if solution.ok else 3

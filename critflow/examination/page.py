@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from critflow.arguments import checked
 from critflow.drawing import draw, saved
 from critflow.examination.report import Examination, report_lines
+from critflow.exchange.formats import require_folder
 from critflow.result import InputError
 
 _STYLE = (
@@ -34,8 +35,7 @@ def write_page(found: Examination, path: str | PathLike[str]) -> None:
     >>> cf.write_page(cf.examine(cf.honeycomb_network(2, 2), deformations=()), page)
     """
     target = Path(path)
-    if target.suffix not in (".md", ".html", ".htm"):
-        raise InputError(f"a page has the ending .html or .md, not {target.suffix!r}")
+    require_page(target)
     if target.suffix == ".md":
         picture = target.with_suffix(".png")
         saved(pictures(found), picture)
@@ -44,6 +44,13 @@ def write_page(found: Examination, path: str | PathLike[str]) -> None:
     else:
         text = html_page(found)
     target.write_text(text, encoding="utf-8")
+
+
+def require_page(path: Path) -> None:
+    """Raise `InputError` where a page cannot be written to a path."""
+    if path.suffix not in (".md", ".html", ".htm"):
+        raise InputError(f"a page has the ending .html or .md, not {path.suffix!r}")
+    require_folder(path)
 
 
 def html_page(found: Examination) -> str:

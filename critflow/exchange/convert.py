@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -15,7 +15,7 @@ from critflow.arguments import checked
 from critflow.exchange.boundaries import Pins, hull_volume, with_pins
 from critflow.exchange.data import NetworkData, data_of
 from critflow.exchange.datasets import from_dataset
-from critflow.exchange.formats import format_of
+from critflow.exchange.formats import format_of, writable_format
 from critflow.exchange.graphs import from_graph
 from critflow.exchange.meshes import from_compas, from_mesh, from_polygons
 from critflow.exchange.offsets import with_offsets
@@ -103,10 +103,17 @@ def write_network(
     Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
     """
     target = Path(path)
-    known = format_of(target)
-    if known.write is None:
-        raise InputError(f"the format {known.name} is read only: choose another ending")
-    known.write(_state(network, coordinates, rest_lengths, force_densities), target, **options)
+    write = writer_to(target, network, coordinates)
+    write(_state(network, coordinates, rest_lengths, force_densities), target, **options)
+
+
+def writer_to(path: Path, network: Any, coordinates: ArrayLike | None = None) -> Callable[..., None]:
+    """The writer of a file, checked against the network: commands call it before they compute what they write."""
+    known = writable_format(path)
+    assert known.write is not None
+    if known.accepts is not None:
+        known.accepts(_state(network, coordinates, None, None))
+    return known.write
 
 
 def _referring(found: ImportedNetwork, volume: float | str) -> ImportedNetwork:

@@ -42,10 +42,15 @@ def write_dxf(data: NetworkData, path: Path, size: float = 100.0) -> None:
     drawing.saveas(path)
 
 
-def planar_segments(data: NetworkData) -> tuple[Array, Array, Array]:
-    """End points (n, 2, 2) of all edges, cut at the border of the cell, and the corners of the drawing."""
+def require_plane(data: NetworkData) -> None:
+    """Raise `InputError` for a network that is not two-dimensional."""
     if data.dimension != 2:
         raise InputError("drawings to cut are two-dimensional: write STL for a network in three dimensions")
+
+
+def planar_segments(data: NetworkData) -> tuple[Array, Array, Array]:
+    """End points (n, 2, 2) of all edges, cut at the border of the cell, and the corners of the drawing."""
+    require_plane(data)
     segments = clipped_segments(data)
     corners = segments.reshape(-1, 2) if data.cell is None else np.array(list(product((0, 1), repeat=2))) @ data.cell
     return segments, corners.min(axis=0), corners.max(axis=0)

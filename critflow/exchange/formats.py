@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from critflow.exchange.data import NetworkData
-from critflow.exchange.drawings import write_dxf, write_svg
+from critflow.exchange.drawings import require_plane, write_dxf, write_svg
 from critflow.exchange.graphs import read_graph, write_graph
-from critflow.exchange.meshes import read_compas, read_mesh, write_compas, write_mesh
+from critflow.exchange.meshes import read_compas, read_mesh, require_no_cell, write_compas, write_mesh
+from critflow.exchange.packages import optional
 from critflow.exchange.particles import read_gsd, read_lammps, write_gsd, write_lammps
 from critflow.exchange.solids import write_solid
 from critflow.exchange.tables import read_tables, write_tables
@@ -18,12 +19,18 @@ from critflow.result import InputError
 
 @dataclass(frozen=True)
 class Format:
-    """One format: file endings, reader and writer, of which either may be missing."""
+    """One format: file endings, reader and writer, of which either may be missing.
+
+    package   optional module that the writer needs
+    accepts   refuses, with `InputError`, a network that the format cannot hold
+    """
 
     name: str
     endings: tuple[str, ...]
     read: Callable[[Path], NetworkData] | None
     write: Callable[..., None] | None
+    package: str = ""
+    accepts: Callable[[NetworkData], None] | None = None
 
 
 def _read_tables(path: Path) -> NetworkData:
@@ -36,15 +43,38 @@ def _write_tables(data: NetworkData, path: Path) -> None:
 
 FORMATS = (
     Format("tables", (".csv", ".txt", ".tsv"), _read_tables, _write_tables),
-    Format("graph", (".graphml", ".gml", ".json"), read_graph, write_graph),
+    Format("graph", (".graphml", ".gml", ".json"), read_graph, write_graph, "networkx"),
     Format("LAMMPS data", (".data", ".lmp", ".lammps"), read_lammps, write_lammps),
-    Format("GSD", (".gsd",), read_gsd, write_gsd),
-    Format("mesh", (".vtu", ".vtk", ".msh", ".ply", ".obj", ".xdmf"), read_mesh, write_mesh),
-    Format("COMPAS graph", (".compas",), read_compas, write_compas),
-    Format("SVG drawing", (".svg",), None, write_svg),
-    Format("DXF drawing", (".dxf",), None, write_dxf),
-    Format("solid", (".stl", ".3mf"), None, write_solid),
+    Format("GSD", (".gsd",), read_gsd, write_gsd, "gsd.hoomd"),
+    Format("mesh", (".vtu", ".vtk", ".msh", ".ply", ".obj", ".xdmf"), read_mesh, write_mesh, "meshio"),
+    Format("COMPAS graph", (".compas",), read_compas, write_compas, "compas.datastructures", require_no_cell),
+    Format("SVG drawing", (".svg",), None, write_svg, accepts=require_plane),
+    Format("DXF drawing", (".dxf",), None, write_dxf, "ezdxf", require_plane),
+    Format("solid", (".stl", ".3mf"), None, write_solid, "trimesh"),
 )
+
+
+def writable_format(path: Path) -> Format:
+    """The format in which a file can be written, before anything is computed for it.
+
+    Raises `InputError` for an ending that cannot be written and for a folder that does not exist, and
+    `EnvironmentFailure` where the package of the writer is missing.
+    """
+    known = format_of(path)
+    if known.write is None:
+        raise InputError(f"the format {known.name} is read only: choose another ending")
+    require_folder(path)
+    if known.package:
+        optional(known.package)
+    return known
+
+
+def require_folder(path: Path) -> None:
+    """Raise `InputError` where a file cannot be written for want of its folder, or is a folder itself."""
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder {path.parent} for {path.name}: make it, or choose another")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: give the name of a file in it")
 
 
 def format_of(path: Path) -> Format:

@@ -146,10 +146,15 @@ def read_compas(path: Path) -> NetworkData:
     return from_compas(graph)
 
 
-def write_compas(data: NetworkData, path: Path) -> None:
-    """A COMPAS graph as JSON with q and is_support; periodic networks have no such form."""
+def require_no_cell(data: NetworkData) -> None:
+    """Raise `InputError` for a periodic network."""
     if data.cell is not None:
         raise InputError("COMPAS has no periodic cell: fix vertices, or write another format")
+
+
+def write_compas(data: NetworkData, path: Path) -> None:
+    """A COMPAS graph as JSON with q and is_support; periodic networks have no such form."""
+    require_no_cell(data)
     graph = optional("compas.datastructures").Graph()
     fixed = set(data.pins)
     for n, x in enumerate(data.positions):

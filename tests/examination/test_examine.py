@@ -13,6 +13,7 @@ from critflow import (
     equilibrium,
     examine,
     honeycomb_network,
+    network_cli,
     network_from,
     spring_state,
     triangular_network,
@@ -21,6 +22,7 @@ from critflow import (
     write_page,
 )
 from critflow.cli import main
+from critflow.exchange import packages
 
 VORONOI = voronoi_network(n_vertices=40, seed=1)
 
@@ -140,6 +142,7 @@ def test_commands(tmp_path, capsys):
         (["make", "h.csv", "--out", "m.svg", "--objective", "colour"], "objective"),
         (["convert", "h.csv", "h.svg", "--cell", "wide"], "numbers"),
         (["convert", "h.csv", "h.compas"], "cell"),
+        (["convert", "h.csv", "nowhere/h.json"], "folder"),
     ],
 )
 def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, word):
@@ -148,3 +151,29 @@ def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, w
     assert main(words) == 2
     error = capsys.readouterr().err
     assert word in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "word"),
+    [
+        (["make", "h.csv", "--out", "m.json"], 6, "networkx"),
+        (["make", "h.csv", "--out", "m.doc"], 2, "ending"),
+        (["make", "h.csv", "--out", "nowhere/m.csv"], 2, "folder"),
+        (["make", "h.csv", "--out", "m.compas"], 6, "compas"),
+        (["make", "d.csv", "--out", "m.svg"], 2, "two-dimensional"),
+        (["make", "h.csv", "--out", "m.csv", "--picture", "m.doc"], 2, "picture"),
+        (["make", "h.csv", "--out", "m.json", "--target", "B_0=0.2"], 6, "networkx"),
+        (["examine", "h.csv", "--out", "h.doc"], 2, "ending"),
+        (["examine", "h.csv", "--out", "nowhere/h.html"], 2, "folder"),
+        (["convert", "h.csv", "h.stl"], 6, "trimesh"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_the_computation(tmp_path, monkeypatch, capsys, words, code, word):
+    write_network(honeycomb_network(2, 2), tmp_path / "h.csv")
+    write_network(critflow.diamond_network(2, 2, 2), tmp_path / "d.csv")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(packages, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
+    for name in ("optimize", "design", "examine"):
+        monkeypatch.setattr(network_cli, name, lambda *_, **__: pytest.fail("computed"))
+    assert main(words) == code
+    assert word in capsys.readouterr().err
