@@ -115,11 +115,14 @@ def convert(
     hints: Hints,
     size: Annotated[float, typer.Option(metavar="MM", help="Largest extent of a drawing or solid.")] = 100.0,
     radius: Annotated[float, typer.Option(metavar="MM", help="Radius of the struts of a solid.")] = 1.0,
+    copies: Annotated[
+        str, typer.Option(metavar="NUMBERS", help="Copies of a periodic cell along each cell vector, such as '2 3'.")
+    ] = "1",
 ) -> int:
     """Read a network, report each repair, and write it in another format."""
     writable_format(out)
     imported = read(file, hints)
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = {"copies": _copies(copies)}
     if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
         options["size"] = size
     if out.suffix.lower() in (".stl", ".3mf"):
@@ -237,6 +240,14 @@ def _cell(text: str) -> Any:
         d = 2 if len(numbers) == 4 else 3
         return [numbers[i * d : (i + 1) * d] for i in range(d)]
     return numbers[0] if len(numbers) == 1 else numbers
+
+
+def _copies(text: str) -> list[int]:
+    """One number, or one for each cell vector."""
+    words = text.replace(",", " ").replace("x", " ").split()
+    if not words or not all(word.isdigit() for word in words):
+        raise InputError(f"--copies must be whole numbers, such as '2' or '2 3', not {text!r}")
+    return [int(word) for word in words]
 
 
 def _pins(text: str) -> Any:

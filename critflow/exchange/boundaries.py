@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from critflow.exchange.data import Array, NetworkData
+from critflow.exchange.data import Array, NetworkData, counted
 from critflow.result import InputError, NetworkError
 
 Pins = str | Sequence[int | str] | ArrayLike | None
@@ -31,7 +31,7 @@ def with_pins(data: NetworkData, pins: Pins) -> NetworkData:
         raise InputError(
             f"no vertex is fixed by pins={pins!r:.40}: choose another rule, 'hull', 'degree' or 'box', or list vertices"
         )
-    note = f"{len(chosen)} vertices are fixed" + (f" ({_RULES[pins]})" if isinstance(pins, str) else "")
+    note = f"{counted(len(chosen), 'vertex', 'is')} fixed" + (f" ({_RULES[pins]})" if isinstance(pins, str) else "")
     return replace(data, pins=tuple(map(int, chosen))).noting(note)
 
 

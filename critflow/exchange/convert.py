@@ -22,6 +22,8 @@ from critflow.exchange.offsets import with_offsets
 from critflow.exchange.particles import from_atoms
 from critflow.exchange.pictures import from_labels, from_skeleton
 from critflow.exchange.repair import ImportedNetwork, check, imported
+from critflow.exchange.tables import COUNTED_FROM_1
+from critflow.exchange.tiling import Copies, tiled
 from critflow.networks.network import Network
 from critflow.result import InputError, Solution
 
@@ -82,6 +84,7 @@ def write_network(
     *,
     rest_lengths: ArrayLike | None = None,
     force_densities: ArrayLike | None = None,
+    copies: Copies = 1,
     **options: Any,
 ) -> None:
     """Write a network to a file whose ending names the format, with all digits that the format can hold.
@@ -91,9 +94,11 @@ def write_network(
     coordinates      (N_v, d); positions of the network by default
     rest_lengths     ℓ (N_b,); the lengths by default, where a format needs them
     force_densities  σ (N_b,)
+    copies           of a periodic cell along each cell vector, one number or d numbers, as one larger network
 
     Many parameters: the state of a network is more than its graph.  Options: size (mm) and width or radius (mm) of
-    drawings and solids.
+    drawings and solids, which are cut at the border of the cell.  Raises `InputError` where the format cannot hold the
+    network, `EnvironmentFailure` where its package is missing.
 
     >>> import critflow as cf
     >>> import tempfile
@@ -104,7 +109,7 @@ def write_network(
     """
     target = Path(path)
     write = writer_to(target, network, coordinates)
-    write(_state(network, coordinates, rest_lengths, force_densities), target, **options)
+    write(tiled(_state(network, coordinates, rest_lengths, force_densities), copies), target, **options)
 
 
 def writer_to(path: Path, network: Any, coordinates: ArrayLike | None = None) -> Callable[..., None]:
@@ -208,10 +213,10 @@ def _from_keywords(given: dict[str, Any]) -> NetworkData:
     if kind == "polygons":
         return _overridden(from_polygons(positions, value), given)
     edges = _table(value, "edges").astype(np.int64)
-    notes: tuple[str, ...] = ()
+    repairs: tuple[str, ...] = ()
     if edges.size and edges.min() == 1 and edges.max() == len(positions):
-        edges, notes = edges - 1, ("vertices were counted from 1",)
-    return _overridden(NetworkData(edges, positions, notes=notes), given)
+        edges, repairs = edges - 1, (COUNTED_FROM_1,)
+    return _overridden(NetworkData(edges, positions, repairs=repairs), given)
 
 
 def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ class NetworkData(Record):
     nearest_images   whether the format defines edges by nearest images
     source           format, for messages
     notes            sentences on how the source was read
+    repairs          sentences on what was corrected on reading, which a strict reading refuses
     """
 
     edges: IntArray
@@ -52,7 +53,8 @@ class NetworkData(Record):
     polygons: tuple[tuple[int, ...], ...] = ()
     nearest_images: bool = False
     source: str = "arrays"
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+    repairs: tuple[str, ...] = ()
 
     @property
     def n_vertices(self) -> int:
@@ -112,6 +114,10 @@ class NetworkData(Record):
         """The same data with further sentences on how it was read."""
         return replace(self, notes=(*self.notes, *sentences))
 
+    def repairing(self, *sentences: str) -> NetworkData:
+        """The same data with further sentences on what was corrected."""
+        return replace(self, repairs=(*self.repairs, *sentences))
+
 
 def data_of(
     network: Network,
@@ -154,3 +160,13 @@ def polygon_edges(polygons: Sequence[Sequence[int]]) -> IntArray:
     if not sides:
         raise InputError("the mesh has no polygons: give one with cells of at least three vertices")
     return np.unique(np.sort(np.array(sides), axis=1), axis=0)
+
+
+def counted(number: int, noun: str, verb: str = "") -> str:
+    """A number with its noun and verb, such as "1 edge was" and "3 edges were"; the verb is given for one."""
+    one = number == 1
+    plural = {"vertex": "vertices", "self-stress": "self-stresses"}.get(noun, f"{noun}s")
+    words = [f"{number:,}", noun if one else plural]
+    if verb:
+        words.append(verb if one else {"is": "are", "was": "were", "has": "have"}.get(verb, verb.removesuffix("s")))
+    return " ".join(words)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
-from critflow.exchange.data import Array, IntArray, NetworkData
+from critflow.exchange.data import Array, IntArray, NetworkData, counted
+from critflow.networks.images import DoubtfulOffsets, doubtful_offsets
 from critflow.result import InputError
 
 # Edges longer than this part of the least height of the cell have a second image at most 1.5 times as long.
 _UNAMBIGUOUS = 0.4
 # Bond vectors and positions agree with whole offsets to this part of a cell vector.
 _WHOLE = 0.05
-# An edge longer than every diagonal of the cell is a mistake if its nearest image is less than this part of it.
+# An offset is reversed where the opposite one shortens the edge to less than this part.
 _NEARER = 0.5
+# Where so large a part of the edges across the boundary has opposite offsets, these point from head to tail.
+_REVERSED = 0.5
 
 
 def least_height(cell: Array) -> float:
@@ -46,8 +48,8 @@ def with_offsets(data: NetworkData, nearest: bool = False) -> NetworkData:
     if len(unclear) and not (nearest or data.nearest_images):
         i, j = data.edges[unclear[0]]
         raise InputError(
-            f"{len(unclear)} edges are longer than {_UNAMBIGUOUS} of the height of the cell, so their image is "
-            f"ambiguous (vertices {data.name(i)} and {data.name(j)}): give offsets or bond_vectors, or nearest=True"
+            f"{counted(len(unclear), 'edge', 'is')} longer than {_UNAMBIGUOUS} of the height of the cell, so the image "
+            f"is ambiguous (vertices {data.name(i)} and {data.name(j)}): give offsets or bond_vectors, or nearest=True"
         )
     part = length.max() / least_height(data.cell)
     note = f"image offsets are those of nearest images; the longest edge is {part:.2f} of the height of the cell"
@@ -61,35 +63,50 @@ def _from_bond_vectors(data: NetworkData, difference: Array, inverse: Array) -> 
     off = np.flatnonzero(np.abs(exact - offsets).max(axis=1) > _WHOLE)
     if len(off):
         raise InputError(
-            f"the bond vectors of {len(off)} edges differ from the positions by no whole number of cell vectors, edge "
-            f"{off[0]} first: check cell and units"
+            f"the bond vectors of {counted(len(off), 'edge')} differ from the positions by no whole number of cell "
+            f"vectors, edge {off[0]} first: check cell and units"
         )
     return replace(data, offsets=offsets, bond_vectors=None)
 
 
 def _consistent(data: NetworkData, difference: Array, inverse: Array) -> NetworkData:
-    """Given offsets, with the sign reversed on edges that are thereby short; refused where edges stay too long."""
+    """Given offsets; where a convention is wrong, with the sign reversed on edges that are thereby nearest images.
+
+    A few edges that are longer than the cell may be meant: they stay, with a sentence.
+    """
     assert data.cell is not None and data.offsets is not None
     given = np.asarray(data.offsets)
+    doubtful = doubtful_offsets(data.edges, given, data.cell, data.positions)
     nearest = _nearest(difference, data.cell, inverse)
-    length = np.linalg.norm(difference + given @ data.cell, axis=1)
-    shortest = np.linalg.norm(difference + nearest @ data.cell, axis=1)
-    corners = np.array(list(product((-1.0, 1.0), repeat=len(data.cell)))) @ data.cell
-    diagonal = float(np.linalg.norm(corners, axis=1).max())
-    # An edge from a vertex to its own image has no other one.
-    long = (length > diagonal) & (shortest < _NEARER * length) & (data.edges[:, 0] != data.edges[:, 1])
-    reversed_ = long & (given == -nearest).all(axis=1)
-    wrong = np.flatnonzero(long & ~reversed_)
+    opposite = given.any(axis=1) & (given == -nearest).all(axis=1)
+    shorter = opposite & (
+        np.linalg.norm(difference + nearest @ data.cell, axis=1)
+        < _NEARER * np.linalg.norm(difference + given @ data.cell, axis=1)
+    )
+    if not doubtful.contradicted and shorter.sum() <= max(1, _REVERSED * doubtful.n_crossing):
+        return data.noting(*_long_edges(data, doubtful))
+    wrong = np.flatnonzero(~shorter[doubtful.edges])
     if len(wrong):
+        k = int(wrong[0])
         raise InputError(
-            f"the offsets of {len(wrong)} edges contradict the positions: edge {wrong[0]} is {length[wrong[0]]:.3g} "
-            f"long and its nearest image {shortest[wrong[0]]:.3g}: correct them, or leave them out"
+            f"the offsets of {counted(len(wrong), 'edge')} contradict the positions: edge {doubtful.edges[k]} is "
+            f"{doubtful.lengths[k]:.3g} long and its nearest image {doubtful.nearest[k]:.3g}: correct them, or leave "
+            "them out"
         )
-    if not reversed_.any():
-        return data
-    offsets = np.where(reversed_[:, None], nearest, given)
-    note = f"the offsets of {int(reversed_.sum())} edges pointed from head to tail; their sign was reversed"
-    return replace(data, offsets=offsets).noting(note)
+    offsets = np.where(shorter[:, None], nearest, given)
+    note = f"the offsets of {counted(int(shorter.sum()), 'edge')} pointed from head to tail; their sign was reversed"
+    return replace(data, offsets=offsets).repairing(note)
+
+
+def _long_edges(data: NetworkData, doubtful: DoubtfulOffsets) -> tuple[str, ...]:
+    """A sentence on edges that are longer than the cell though their ends have images nearby."""
+    if not len(doubtful.edges):
+        return ()
+    i, j = (data.name(int(vertex)) for vertex in data.edges[doubtful.edges[0]])
+    return (
+        f"{counted(len(doubtful.edges), 'edge', 'is')} longer than the cell, between vertices {i} and {j} first: "
+        f"{doubtful.lengths[0]:.3g}, the nearest image {doubtful.nearest[0]:.3g}; the offsets were kept as given",
+    )
 
 
 def _nearest(difference: Array, cell: Array, inverse: Array) -> IntArray:

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from critflow.exchange.boundaries import require_boundary
 from critflow.exchange.crossings import crossings_of, split
-from critflow.exchange.data import Array, IntArray, NetworkData
+from critflow.exchange.data import Array, IntArray, NetworkData, counted
 from critflow.networks.network import Network
 from critflow.networks.pruning import carrying_part
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
@@ -109,6 +109,8 @@ def imported(
     join_crossings  put a vertex where two edges of a planar network cross
     """
     ledger = _Ledger(data, strict)
+    for sentence in data.repairs:
+        ledger.note(sentence)
     _without_flat_dimension(ledger)
     _without_loops(ledger)
     _without_repeats(ledger)
@@ -116,7 +118,7 @@ def imported(
     _crossings(ledger, join_crossings)
     bare = int((np.bincount(ledger.data.edges.ravel(), minlength=ledger.data.n_vertices) == 0).sum())
     if bare:
-        ledger.note(f"{bare} vertices without edges were removed")
+        ledger.note(f"{counted(bare, 'vertex')} without edges, removed")
     _without_fixed_edges(ledger)
     _carrying(ledger)
     _without_bare(ledger)
@@ -153,12 +155,14 @@ def check(data: NetworkData) -> None:
     bad = np.flatnonzero(~np.isfinite(data.positions).all(axis=1))
     if len(bad):
         name = data.name(int(bad[0]))
-        raise NetworkError(f"the positions of {len(bad)} vertices are not numbers, vertex {name} first: correct them")
+        raise NetworkError(
+            f"the positions of {counted(len(bad), 'vertex')} are not numbers, vertex {name} first: correct them"
+        )
     outside = np.flatnonzero(((data.edges < 0) | (data.edges >= data.n_vertices)).any(axis=1))
     if len(outside):
         raise NetworkError(
-            f"{len(outside)} edges name vertices that do not exist, edge {outside[0]} first (of {data.n_vertices} "
-            "vertices): add them, or check whether counting begins at 0 or 1"
+            f"{counted(len(outside), 'edge', 'names')} vertices that do not exist, edge {outside[0]} first (of "
+            f"{data.n_vertices} vertices): add them, or check whether counting begins at 0 or 1"
         )
 
 
@@ -192,7 +196,7 @@ def _without_loops(ledger: _Ledger) -> None:
         loops &= ~data.offsets.any(axis=1)
     if loops.any():
         ledger.keep_edges(~loops)
-        ledger.note(f"{int(loops.sum())} edges from a vertex to itself were removed")
+        ledger.note(f"{counted(int(loops.sum()), 'edge')} from a vertex to itself, removed")
 
 
 def _without_repeats(ledger: _Ledger) -> None:
@@ -217,7 +221,7 @@ def _without_repeats(ledger: _Ledger) -> None:
     ledger.note(
         f"every edge was given in both directions (a full neighbour list); one of each, {len(where)}, was kept"
         if both
-        else f"{repeated} repeated edges were removed"
+        else f"{counted(repeated, 'repeated edge', 'was')} removed"
     )
 
 
@@ -232,14 +236,14 @@ def _crossings(ledger: _Ledger, join: bool) -> None:
     i, j = found.pairs[0]
     if not join:
         ledger.sentences.append(
-            f"{len(found.pairs)} pairs of edges cross without a vertex, edges {ledger.edges[i]} and {ledger.edges[j]} "
-            "first; join_crossings=True puts one there"
+            f"{counted(len(found.pairs), 'crossing')} of two edges without a vertex, edges {ledger.edges[i]} and "
+            f"{ledger.edges[j]} first; join_crossings=True puts one there"
         )
         return
     ledger.data, owner = split(data, found)
     ledger.edges = ledger.edges[owner]
     ledger.vertices = np.concatenate([ledger.vertices, np.full(ledger.data.n_vertices - data.n_vertices, -1)])
-    ledger.note(f"{len(found.pairs)} pairs of edges crossed; they were joined by a vertex there")
+    ledger.note(f"{counted(len(found.pairs), 'crossing')} of two edges, joined by a vertex there")
 
 
 def _without_fixed_edges(ledger: _Ledger) -> None:
@@ -251,7 +255,9 @@ def _without_fixed_edges(ledger: _Ledger) -> None:
         raise NetworkError("every edge joins two fixed vertices, so none can carry tension: fix fewer of them")
     if between.any():
         ledger.keep_edges(~between)
-        ledger.note(f"{int(between.sum())} edges between fixed vertices were removed: they cannot respond")
+        ledger.note(
+            f"{counted(int(between.sum()), 'edge')} between fixed vertices, removed: no motion changes the length"
+        )
 
 
 def _carrying(ledger: _Ledger) -> None:
@@ -292,13 +298,14 @@ def _chains(ledger: _Ledger, contract: bool) -> None:
         return
     if not contract:
         ledger.sentences.append(
-            f"{int(middle.sum())} vertices have two edges, which are straight under tension; contract=True joins them"
+            f"{counted(int(middle.sum()), 'vertex', 'has')} two edges, which are in line under tension; "
+            "contract=True joins them"
         )
         return
     merged, edge = contracted(data, middle)
     ledger.data, ledger.edges = merged, ledger.edges[edge]
     ledger.vertices = ledger.vertices[~middle]
-    ledger.note(f"{int(middle.sum())} vertices of two edges were removed, their edges joined in series")
+    ledger.note(f"{counted(int(middle.sum()), 'vertex')} of two edges, removed; the springs were joined in series")
     _without_loops(ledger)
 
 

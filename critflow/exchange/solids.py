@@ -12,6 +12,7 @@ from critflow.exchange.drawings import clipped_segments
 from critflow.exchange.packages import optional
 from critflow.result import InputError
 
+_HEADER = b"critflow network, lengths in millimetres"
 # Sides of a strut; part of the radius by which struts end inside the balls.
 _SIDES, _INSET = 12, 0.2
 
@@ -31,7 +32,11 @@ def write_solid(data: NetworkData, path: Path, size: float = 100.0, radius: floa
     space = (space - ends.min(axis=0)) * (size / float(np.ptp(ends, axis=0).max()))
     body = trimesh.Trimesh(*struts(space, radius), process=False)
     body.units = "mm"
-    body.export(path)
+    if path.suffix.lower() == ".stl":
+        # STL has no field for units; programs show its header of 80 bytes.
+        path.write_bytes(_HEADER.ljust(80) + body.export(file_type="stl")[80:])
+    else:
+        body.export(path)
 
 
 def struts(segments: Array, radius: float) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ import numpy as np
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
 from critflow.result import InputError
 
+COUNTED_FROM_1 = "vertices were counted from 1"
 # Names of columns, in lower case, that are recognised in a header.
 _TAIL = ("tail", "source", "from", "i", "u", "node1", "vertex1", "id1", "start")
 _HEAD = ("head", "target", "to", "j", "v", "node2", "vertex2", "id2", "end")
@@ -36,7 +37,7 @@ def read_tables(edges_path: Path, vertices_path: Path) -> NetworkData:
     tail, head = (_column(header, names, k) for k, names in enumerate((_TAIL, _HEAD)))
     if width < 2 or tail is None or head is None:
         raise InputError(f"{edges_path} has no columns for tail and head: name them tail and head, or put them first")
-    edges, notes = _indices([(row[tail], row[head]) for row in rows], ids, len(positions), edges_path)
+    edges, repairs = _indices([(row[tail], row[head]) for row in rows], ids, len(positions), edges_path)
     d = positions.shape[1]
     columns = [_named(header, (name,)) for name in _OFFSETS[:d]]
     given = [c for c in columns if c is not None]
@@ -55,7 +56,7 @@ def read_tables(edges_path: Path, vertices_path: Path) -> NetworkData:
         pins=pinned,
         ids=tuple(ids),
         source=f"tables {edges_path.name} and {vertices_path.name}",
-        notes=notes,
+        repairs=repairs,
         stiffness=values["stiffness"],
         rest_lengths=values["rest_lengths"],
         force_densities=values["force_densities"],
@@ -165,7 +166,7 @@ def _indices(
     except ValueError:
         raise InputError(f"{path} names vertices by text, and the vertex table has no column id: add one") from None
     if edges.min() == 1 and edges.max() == n_vertices:
-        return edges - 1, ("vertices were counted from 1",)
+        return edges - 1, (COUNTED_FROM_1,)
     return edges, ()
 
 

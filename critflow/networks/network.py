@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,14 +19,12 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.networks.faces import Faces
+from critflow.networks.images import doubtful_offsets
 from critflow.networks.support import check_support
 from critflow.result import NetworkError
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-# Part of the edges across the boundary that may be longer than the cell: wrong signs make it about a half.
-CONTRADICTING = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -386,26 +383,14 @@ def _check_edges(edges: IntArray, offsets: IntArray, n_vertices: int) -> None:
 def _check_positions(
     positions: Array, edges: IntArray, offsets: IntArray, cell: Array | None, shape: tuple[int, int]
 ) -> None:
-    """Raise `NetworkError` for positions that are not finite, or contradict the offsets of many edges.
-
-    An edge contradicts them if it is longer than every diagonal of the cell, and less than half as long with the
-    image of its head that a rounding of the coordinates in units of the cell vectors finds.
-    """
+    """Raise `NetworkError` for positions that are not finite, or contradict the offsets of many edges."""
     _rows(positions, "positions", shape)
     if cell is None:
         return
-    crossing = np.flatnonzero(offsets.any(axis=1) & (edges[:, 0] != edges[:, 1]))
-    if len(crossing) == 0:
-        return
-    tail, head = edges[crossing].T
-    apart = (positions[head] - positions[tail]) @ np.linalg.inv(cell) + offsets[crossing]
-    given, nearest = (np.linalg.norm(v @ cell, axis=1) for v in (apart, apart - np.round(apart)))
-    corners = np.array(list(product((-1.0, 1.0), repeat=len(cell)))) @ cell
-    contradicting = (given > np.linalg.norm(corners, axis=1).max()) & (given > 2 * nearest)
-    if contradicting.sum() > CONTRADICTING * len(crossing):
-        edge = int(crossing[np.flatnonzero(contradicting)[0]])
+    doubtful = doubtful_offsets(edges, offsets, cell, positions)
+    if doubtful.contradicted:
         raise NetworkError(
-            f"the positions contradict the offsets of {contradicting.sum()} of {len(crossing)} edges across the "
-            f"boundary: edge {edge} is longer than the cell, though its ends have images nearby; an offset is that of "
-            "the head (negate it?), or leave positions out"
+            f"the positions contradict the offsets of {len(doubtful.edges)} of {doubtful.n_crossing} edges across the "
+            f"boundary: edge {doubtful.edges[0]} is longer than the cell, though its ends have images nearby; an "
+            "offset is that of the head (negate it?), or leave positions out"
         )

@@ -55,7 +55,7 @@ def test_crossings_are_reported_and_joined_on_request():
     with pytest.raises(NetworkError, match="tension"):
         network_from(**source)
     read = network_from(**source, join_crossings=True, volume="hull")
-    assert "3 pairs of edges crossed" in str(read) and read.repaired
+    assert "3 crossings of two edges" in str(read) and read.repaired
     assert (read.network.n_vertices, read.network.n_edges) == (7, 6)
     assert read.vertices_kept.tolist() == [0, 1, 2, 3, 4, 5, -1] and read.edges_kept.tolist() == [0, 0, 1, 1, 2, 2]
     np.testing.assert_allclose(read.network.stiffness, 2.0)
@@ -69,6 +69,6 @@ def test_fibres_cross_at_vertices_until_they_are_moved():
     fibres = mikado_network(40, seed=1)
     L = fibres.bond_vectors(fibres.positions)
     again = network_from(fibres)
-    assert "cross" not in str(again)
+    assert "crossing" not in str(again)
     moved = fibres.positions + 0.4 * np.abs(L).mean() * np.random.default_rng(0).normal(size=fibres.positions.shape)
-    assert "cross without a vertex" in str(network_from(fibres, positions=moved))
+    assert "without a vertex" in str(network_from(fibres, positions=moved))

@@ -23,6 +23,8 @@ from critflow import (
     voronoi_network,
     write_network,
 )
+from critflow.exchange.data import data_of
+from critflow.exchange.drawings import clipped_segments
 
 networkx = pytest.importorskip("networkx")
 
@@ -302,6 +304,52 @@ def test_solids_are_watertight_and_have_the_requested_size(tmp_path, name):
     assert solid.is_watertight and solid.is_winding_consistent
     assert max(solid.extents) == pytest.approx(80 + 2 * 0.7, rel=1e-3)
     assert all(body.volume > 0 for body in solid.split()[:5])
+
+
+@pytest.mark.parametrize("name", ["sheared", "diamond"])
+def test_copies_of_a_cell_are_one_larger_network(tmp_path, name):
+    network = NETWORKS[name].with_stiffness(np.linspace(1, 2, NETWORKS[name].n_edges))
+    copies = (2, 1, 3)[: network.dimension]
+    write_network(network, tmp_path / "n.csv", copies=copies)
+    read = network_from(tmp_path / "n.csv", strict=True).network
+    m = int(np.prod(copies))
+    assert (read.n_vertices, read.volume) == (m * network.n_vertices, pytest.approx(m * network.volume))
+    L = network.bond_vectors(network.positions)
+    np.testing.assert_allclose(read.bond_vectors(read.positions), np.tile(L, (m, 1)), rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(read.stiffness, np.tile(network.stiffness, m))
+    # Each spring pulls at the same force as in one cell: a copy that is joined to a wrong one is out of balance.
+    sigma = np.tile(1.0 + np.arange(network.n_edges), m)
+    force = read.incidence.T @ (sigma[:, None] * read.bond_vectors(read.positions))
+    once = network.incidence.T @ (sigma[: network.n_edges, None] * L)
+    np.testing.assert_allclose(force, np.tile(once, (m, 1)), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("copies", [0, -1, 1.5, (2, 2, 2), "2", (2, 0)])
+def test_copies_are_whole_numbers_of_a_periodic_cell(tmp_path, copies):
+    with pytest.raises(InputError, match="copies"):
+        write_network(NETWORKS["voronoi"], tmp_path / "n.csv", copies=copies)
+
+
+def test_tiled_solids_are_watertight_and_state_their_units(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    network = NETWORKS["sheared"]
+    with pytest.raises(InputError, match="copies"):
+        write_network(NETWORKS["pinned"], tmp_path / "n.stl", copies=2)
+    for name in ("n.stl", "n.3mf"):
+        write_network(network, tmp_path / name, copies=(2, 2), size=120.0, radius=0.5)
+        solid = trimesh.load_mesh(tmp_path / name)
+        assert solid.is_watertight and max(solid.extents) == pytest.approx(121, rel=1e-3)
+    assert b"millimetres" in (tmp_path / "n.stl").read_bytes()[:80]
+    assert trimesh.load(tmp_path / "n.3mf").units == "millimeter"
+    # The struts of four cells, of which none is cut at a border between two of them.
+    write_network(network, tmp_path / "n.svg", copies=(2, 2), size=100.0)
+    words = ET.parse(tmp_path / "n.svg").getroot()[1].get("d").replace("M", " ").replace("L", " ").split()
+    ends = np.array(words, float).reshape(-1, 2, 2)
+    L = network.bond_vectors(network.positions)
+    extent = np.ptp(np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) @ (2 * network.cell), axis=0).max()
+    total = 4 * np.linalg.norm(L, axis=1).sum() * 100 / extent
+    assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(total, rel=1e-5)
+    assert len(ends) < 4 * len(clipped_segments(data_of(network)))
 
 
 def test_a_missing_package_is_named_with_its_install_command(tmp_path, monkeypatch):

@@ -18,6 +18,7 @@ from critflow import (
     strain_path,
     transition_moduli,
     voronoi_network,
+    write_network,
 )
 
 HONEYCOMB = honeycomb_network(4, 4)
@@ -53,7 +54,7 @@ REPAIRS = {
 def test_a_repair_restores_the_network_and_is_reported(source, word):
     read = network_from(**source)
     assert word in str(read)
-    assert read.repaired or word == "reversed"
+    assert read.repaired
     assert read.value.n_edges == HONEYCOMB.n_edges
     # Which of two directions is kept is arbitrary: lengths are not.
     np.testing.assert_allclose(np.linalg.norm(read.value.bond_vectors(read.positions), axis=1), 1, rtol=1e-12)
@@ -62,7 +63,7 @@ def test_a_repair_restores_the_network_and_is_reported(source, word):
     )
 
 
-@pytest.mark.parametrize("name", sorted(set(REPAIRS) - {"reversed offsets"}))
+@pytest.mark.parametrize("name", REPAIRS)
 def test_strict_reading_refuses_repairs(name):
     with pytest.raises(NetworkError, match="strict"):
         network_from(**REPAIRS[name][0], strict=True)
@@ -95,15 +96,33 @@ def test_long_edges_have_ambiguous_images():
 def test_offsets_that_contradict_positions_are_refused():
     network = voronoi_network(n_vertices=64, seed=3)
     wrong = network.offsets.copy()
-    wrong[7] += [3, 0]
+    crossing = np.flatnonzero(wrong.any(axis=1))
+    wrong[crossing[:4]] += [3, 0]
     with pytest.raises(InputError, match="contradict"):
         network_from(edges=network.edges, positions=network.positions, offsets=wrong, cell=network.cell)
 
 
-def test_indices_that_begin_at_one_are_shifted():
-    read = network_from(edges=E + 1, positions=X, offsets=O, cell=C)
-    assert "from 1" in str(read)
-    np.testing.assert_array_equal(read.network.edges, E)
+def test_a_few_edges_longer_than_the_cell_are_kept_with_a_sentence(tmp_path):
+    network = voronoi_network(n_vertices=64, seed=3)
+    offsets = network.offsets.copy()
+    crossing = int(np.flatnonzero(offsets.any(axis=1))[0])
+    for factor in (3, -1):
+        offsets[crossing] = factor * network.offsets[crossing]
+        source = {"edges": network.edges, "positions": network.positions, "offsets": offsets, "cell": network.cell}
+        read = network_from(**source, strict=True)
+        assert "1 edge is longer than the cell" in str(read) and not read.repaired
+        np.testing.assert_array_equal(read.network.offsets, offsets)
+        write_network(read, tmp_path / "long.csv")
+        np.testing.assert_array_equal(network_from(tmp_path / "long.csv").network.offsets, offsets)
+
+
+def test_reversed_offsets_of_a_narrow_cell_are_turned_on_every_edge():
+    # Across its width no edge is longer than the diagonal, so that lengths alone show the mistake on few edges.
+    network = honeycomb_network(8, 2)
+    source = {"edges": network.edges, "positions": network.positions, "cell": network.cell}
+    read = network_from(**source, offsets=-network.offsets)
+    assert "reversed" in str(read) and read.repaired
+    np.testing.assert_array_equal(read.network.offsets, network.offsets)
 
 
 def test_a_sheet_in_space_is_read_in_its_plane():
