@@ -14,7 +14,6 @@ from critflow.mechanics.minimum import compressed_edges, minimum_factor, stabili
 from critflow.mechanics.newton import newton
 from critflow.mechanics.springs import ElasticState, State
 from critflow.mechanics.tolerances import (
-    BOUND_MARGIN,
     COLLAPSING_LENGTH,
     FINEST_TOLERANCE,
     FLOPPY_SHIFT,
@@ -210,7 +209,7 @@ def with_bounds(
         apart = 0.5 * EPS * float(np.abs(correction.bond_vectors).max())
     else:
         apart = float(np.abs(state.bond_vectors - correction.bond_vectors).max())
-    bound = BOUND_MARGIN * (max(float(np.abs(error).max()), apart) + 2 * correction.remainder)
+    bound = max(float(np.abs(error).max()), apart) + 2 * correction.remainder
     number = state.largest_stiffness * inverse_norm(factor, correction.last) if condition else np.nan
     stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=number)
     if np.isfinite(bound):

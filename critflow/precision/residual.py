@@ -50,19 +50,23 @@ def exact_displacement(
                  since soft modes would give small corrections too
 
     Error bound (estimate): the remainder continues the last observed contraction, of at least a half, as a geometric
-    series.  It does not include the rounding of the forces, 2⁻⁷⁷ of the largest, far below that of coordinates.
+    series, and adds the effect of the rounded σ: a rounding of the largest tension, times the largest displacement per
+    force that a correction had.
     """
     rounding = float(EPS * np.abs(coordinates).max())
     enough, noise = UNSEEN * rounding, 0.0 if regularised else rounding
     D = np.zeros((len(network.free), network.dimension))
-    before, remainder = np.inf, np.inf
+    before, remainder, compliance = np.inf, np.inf, 0.0
     for _ in range(MOST_CORRECTIONS):
         L = exact_bond_vectors(network, coordinates, D)
-        correction = solve(exact_forces(network, stress(L), L))
+        sigma = stress(L)
+        forces = exact_forces(network, sigma, L)
+        correction = solve(forces)
         size = float(np.abs(correction).max())
         if size == 0.0:
             remainder = 0.0
             break
+        compliance = max(compliance, size / float(np.abs(forces).max()))
         if not size / before < CONTRACTION:
             # Corrections of the size of rounding do not shrink.
             remainder = 2 * size if size <= max(noise, enough) else np.inf
@@ -75,6 +79,7 @@ def exact_displacement(
         before = size
     else:
         remainder = np.inf
+    remainder += EPS * compliance * float(np.abs(sigma * L.high.T).max())
     return Displacement(D, L.high + (L.low + network.free_incidence @ correction), remainder, correction)
 
 

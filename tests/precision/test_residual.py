@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from problems import NETWORKS, random_stress
+from problems import NETWORKS, random_stress, strained
 
-from critflow import CriticalManifold, voronoi_network
+from critflow import CriticalManifold, equilibrium, voronoi_network
 from critflow.linalg.matrices import laplacian
 from critflow.precision.residual import exact_displacement, inverse_norm
 from workflows.benchmarks import reference
@@ -30,6 +30,18 @@ def test_displacement_to_the_balance_of_a_constant_stress(name, size):
     assert found.remainder <= ROUNDING * np.abs(x).max()
     L = reference.numbers(network.free_incidence.toarray()) @ exact + reference.numbers(network.boundary_vectors)
     assert reference.largest_error(found.bond_vectors, L) <= 4 * ROUNDING * np.abs(found.bond_vectors).max()
+
+
+@pytest.mark.parametrize("gamma", [1e-3, 0.1, 0.8])
+def test_remainder_contains_the_rounding_of_the_tensions(gamma):
+    # Past the transition tensions are of order γ, and so are the forces of their roundings.
+    state = equilibrium(strained(voronoi_network(16, seed=1), gamma)).value
+    found = state.exact_displacement(state.factorize(state.pattern()))
+    exact = reference.equilibrium(state.network, state.rest_lengths, state.coordinates).coordinates
+    end = reference.numbers(state.coordinates[state.network.free_rows], found.displacement)
+    error = (end - exact[state.network.free_rows]).astype(float)
+    apart = np.abs(error - error.mean(axis=0)).max()
+    assert 0.01 * gamma * ROUNDING < apart <= found.remainder < 10 * gamma * ROUNDING
 
 
 def test_corrections_that_do_not_shrink_have_no_bound():
