@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from os import PathLike
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,7 @@ from critflow.exchange.convert import network_from
 from critflow.exchange.repair import ImportedNetwork
 from critflow.mechanics.elasticity import Elasticity
 from critflow.mechanics.moduli import elasticity
+from critflow.networks.digits import Digits
 from critflow.networks.network import Array, Network, edge_values, validated_coordinates
 from critflow.result import CritflowError, InputError, Solution, SolveError, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
@@ -28,8 +29,6 @@ from critflow.rigidity.second_order import second_order_rigidity
 
 Result = TypeVar("Result")
 
-# Rounded coordinates change singular values of the rigidity matrix by about this number of their errors.
-_ROUNDING_MARGIN = 10.0
 # Singular values below this count as zero where coordinates have all digits, as in `rigidity`.
 _TOLERANCE = 1e-6
 # Largest networks of which each edge is cut.
@@ -60,21 +59,16 @@ def examine(
     >>> found.order, found.n_self_stresses
     ('critical', 1)
     """
-    notes: tuple[str, ...] = ()
-    read = network_from(network) if isinstance(network, str | PathLike) else network
-    if isinstance(read, ImportedNetwork):
-        notes, network = read.notes, read.network
-        decimals = read.data.decimals if decimals is None else decimals
-        rest_lengths = read.rest_lengths if rest_lengths is None else rest_lengths
-    assert isinstance(network, Network)
-    x, rest = _state(network, coordinates, rest_lengths)
-    rounding = 0.0 if decimals is None else 0.5 * 10.0**-decimals
-    tolerance = max(_TOLERANCE, _ROUNDING_MARGIN * rounding / float(rest.mean()))
+    network, x, rest, notes, digits = _subject(network, coordinates, rest_lengths)
+    if decimals is not None:
+        if not 0 <= decimals <= 15:
+            raise InputError(
+                f"decimals must be from 0 to 15, not {decimals}: leave them out where all digits are known"
+            )
+        digits = Digits(decimals, 0.5 * 10.0**-decimals)
+    rounding = digits.tolerance(rest)
+    tolerance = max(_TOLERANCE, rounding)
     attempts = _Attempts()
-    if not network.has_volume and network.dimension > 1:
-        network = network.with_volume(hull_volume(x))
-        notes = (*notes, f"moduli refer to the convex hull, V = {network.volume:.6g}: name another by volume=")
-
     counted = rigidity(network, x, tolerance)
     counts = counted.value
     tension = attempts.number("a self-stress in tension", lambda: _tension(network, x, counts))
@@ -103,18 +97,42 @@ def examine(
         cuts=_cuts(nearest, counts, attempts),
         failures=tuple(attempts.failures),
     )
-    return replace(found, advice=advice_of(found, _ROUNDING_MARGIN * rounding))
+    return replace(found, advice=advice_of(found, rounding * float(rest.mean())))
 
 
-def _state(network: Network, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None) -> tuple[Array, Array]:
-    """Coordinates (N_v, d), by default the positions, and rest lengths (N_b,), by default the lengths there."""
+class _Subject(NamedTuple):
+    """A network at coordinates (N_v, d), with rest lengths (N_b,), the sentences on its source, and its digits."""
+
+    network: Network
+    x: Array
+    rest: Array
+    notes: tuple[str, ...]
+    digits: Digits
+
+
+def _subject(
+    thing: Network | ImportedNetwork | str | PathLike, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None
+) -> _Subject:
+    """What is examined: at the positions and with the lengths there, where none are given."""
+    read = network_from(thing) if isinstance(thing, str | PathLike) else thing
+    notes, digits = tuple[str, ...](), Digits(None, 0.0)
+    if isinstance(read, ImportedNetwork):
+        notes, network, digits = read.notes, read.network, read.data.digits
+        rest_lengths = read.rest_lengths if rest_lengths is None else rest_lengths
+    else:
+        network = read
     given = network.positions if coordinates is None else coordinates
     if given is None:
         raise InputError("the network has no positions: give the coordinates at which it is examined")
     x = validated_coordinates(network, given)
-    if rest_lengths is not None:
-        return x, edge_values(rest_lengths, network.n_edges, "rest_lengths")
-    return x, np.linalg.norm(network.bond_vectors(x), axis=1)
+    if rest_lengths is None:
+        rest = np.linalg.norm(network.bond_vectors(x), axis=1)
+    else:
+        rest = edge_values(rest_lengths, network.n_edges, "rest_lengths")
+    if not network.has_volume and network.dimension > 1:
+        network = network.with_volume(hull_volume(x))
+        notes = (*notes, f"moduli refer to the convex hull, V = {network.volume:.6g}: name another by volume=")
+    return _Subject(network, x, rest, notes, digits)
 
 
 class _Attempts:

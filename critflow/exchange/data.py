@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.networks.digits import Digits, digits_of
 from critflow.networks.network import Network
 from critflow.result import InputError, Record
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-# Doubles have 15 to 17 significant digits; with this number of decimals a value was not rounded.
-_ALL_DECIMALS = 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +32,7 @@ class NetworkData(Record):
     force_densities  (N_b,) σ
     ids              name of each vertex in the source
     polygons         vertices of each cell of a polygon mesh, in order
+    known_digits     digits of the coordinates where a format fixes them; None: to be found
     nearest_images   whether the format defines edges by nearest images
     source           format, for messages
     notes            sentences on how the source was read
@@ -51,6 +50,7 @@ class NetworkData(Record):
     force_densities: Array | None = None
     ids: tuple[str, ...] = ()
     polygons: tuple[tuple[int, ...], ...] = ()
+    known_digits: Digits | None = None
     nearest_images: bool = False
     source: str = "arrays"
     notes: tuple[str, ...] = ()
@@ -69,13 +69,9 @@ class NetworkData(Record):
         return int(self.positions.shape[1])
 
     @property
-    def decimals(self) -> int | None:
-        """Decimals that all coordinates have in the units of the source; None where they are not rounded."""
-        x = self.positions
-        for decimals in range(_ALL_DECIMALS):
-            if np.allclose(np.round(x, decimals), x, rtol=4e-16, atol=0):
-                return decimals
-        return None
+    def digits(self) -> Digits:
+        """Digits of the coordinates in the units of the source."""
+        return digits_of(self.positions) if self.known_digits is None else self.known_digits
 
     def name(self, vertex: int) -> str:
         """Name of a vertex in the source."""

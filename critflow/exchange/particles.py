@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
 from critflow.exchange.offsets import with_offsets, wrapped
 from critflow.exchange.packages import optional
+from critflow.networks.digits import Digits, single_precision
 from critflow.result import InputError
 
 _HEADER = "critflow network"
@@ -169,7 +170,8 @@ def read_gsd(path: Path) -> NetworkData:
         nearest_images=True,
         pins=tuple(pins.tolist()),
         source=f"GSD {path.name}",
-        notes=("GSD stores single precision: coordinates have 7 significant digits",),
+        # As the file has them, before the shift to the corner of the cell.
+        known_digits=Digits(None, single_precision(float(np.abs(frame.particles.position).max()))),
     )
 
 

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from critflow.exchange.boundaries import require_boundary
 from critflow.exchange.crossings import crossings_of, split
-from critflow.exchange.data import Array, IntArray, NetworkData, counted
+from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, counted
 from critflow.networks.network import Network
 from critflow.networks.pruning import carrying_part
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
@@ -379,10 +379,15 @@ def _walk(edges: IntArray, offsets: IntArray, inner: NDArray[np.bool_]) -> tuple
 
 
 def _digits(data: NetworkData) -> tuple[str, ...]:
-    decimals = data.decimals
-    if decimals is None:
+    """A sentence on coordinates that were rounded, and what that does to counts."""
+    digits = data.digits
+    if not digits.error:
         return ()
+    known = f"coordinates have {digits.words}"
+    tolerance = digits.tolerance(np.linalg.norm(bond_vectors_of(data), axis=1))
+    if not tolerance:
+        return (f"{known} and count as exact; if they are rounded, counts next to the transition mean nothing",)
     return (
-        f"coordinates have {decimals} decimals, so lengths are known to {0.5 * 10.0**-decimals:.0e} only: a critical "
-        "network then counts as floppy or singular; pass that as tolerance, or restore it by critical_from_lengths",
+        f"{known}, so lengths are known to {digits.error:.0e}: singular values below {tolerance:.0e} may be zero, and "
+        "count as zero in examine; nearest_critical restores a critical configuration that was rounded",
     )

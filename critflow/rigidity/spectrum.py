@@ -14,14 +14,14 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.tolerances import EPS
+from critflow.networks.digits import digits_of
 from critflow.networks.network import Array, Network
 from critflow.result import InputError
 from critflow.rigidity.tolerances import (
     CLEAR_GAP,
     DENSE_EDGES,
-    FROM_DECIMALS,
+    FROM_ROUNDING,
     ITERATION_ERROR,
-    MOST_DECIMALS,
     ROUNDING_MARGIN,
     SQUARED_ROUNDING,
     ZERO_MODE,
@@ -178,11 +178,11 @@ class Spectrum:
 
 
 def rounding_note(coordinates: Array, lengths: Array, singular_value: float) -> str:
-    """A sentence where coordinates (N_v, d) have so few decimals that a singular value may come from rounding them."""
-    decimals = next((n for n in range(3, MOST_DECIMALS) if np.array_equal(np.round(coordinates, n), coordinates)), 0)
-    if not decimals or not 0 < singular_value < FROM_DECIMALS * 10.0**-decimals / lengths.mean():
+    """A sentence where coordinates (N_v, d) have so few digits that a singular value may come from rounding them."""
+    digits = digits_of(coordinates)
+    if not 0 < singular_value < FROM_ROUNDING * digits.tolerance(lengths):
         return ""
     return (
-        f"a singular value of {singular_value:.1e} may come from the coordinates, which have {decimals} decimals: "
+        f"a singular value of {singular_value:.1e} may come from the coordinates, which have {digits.words}: "
         "nearest_critical(network, coordinates) restores a critical configuration that was rounded"
     )

@@ -7,9 +7,8 @@ ZERO_MODE        s below this counts as zero unless the caller gives a tolerance
 CLEAR_GAP        A count is trusted if no s lies within this factor of the tolerance.
 ROUNDING_MARGIN  s is zero to rounding below this number times the effect of the rounding of the coordinates on R; the
                  bound adds the errors of all edges in quadrature, of which a few may coincide.
-FROM_DECIMALS    s below this number times the last decimal of the coordinates, in units of the mean length, may be due
-                 to their rounding: 7 in standard networks of 100 vertices.
-MOST_DECIMALS    Coordinates with more decimals than this are as precise as doubles.
+FROM_ROUNDING    s below this number times the estimate of what rounded coordinates cause may be due to them: the
+                 estimate is 0.7 of the largest in standard networks of 100 vertices.
 ITERATION_ERROR  s that inverse iteration leaves for an exact zero.
 SQUARED_ROUNDING s below this is lost in the rounding of RᵀR, whose eigenvalues are s² with an error of 1e-15.
 DENSE_EDGES      Up to this number of edges all s are computed by a dense decomposition.
@@ -56,5 +55,4 @@ RESISTED = 1e-4
 PROGRAM_MODES = 40
 FOURTH_ORDER_MODES = 8
 LINEAR_PROGRAM = 4_000_000
-FROM_DECIMALS = 30.0
-MOST_DECIMALS = 13
+FROM_ROUNDING = 6.0

@@ -98,6 +98,24 @@ def test_reports_of_tiny_networks_have_no_undefined_numbers(network, order):
     assert found.advice
 
 
+@pytest.mark.parametrize("form", ["%.6f", "%.6g", "%.3f", "single"])
+def test_a_critical_network_of_few_digits_is_recognised(form):
+    critical = critical_from_lengths(VORONOI, np.ones(60)).value
+    x = critical.coordinates + 7.0
+    few = x.astype(np.float32).astype(float) if form == "single" else np.vectorize(lambda v: float(form % v))(x)
+    read = network_from(edges=VORONOI.edges, positions=few, offsets=VORONOI.offsets, cell=VORONOI.cell)
+    found = examine(read, deformations=())
+    assert found.order == "critical"
+    assert any("so lengths are known to" in note for note in found.notes)
+
+
+def test_whole_coordinates_of_a_grid_count_as_exact():
+    read = network_from(critflow.square_network(4, 4))
+    found = examine(read, deformations=())
+    assert found.tolerance == 1e-6 and (found.order, found.n_self_stresses) == ("prestress", 8)
+    assert any("0 decimals and count as exact" in note for note in found.notes)
+
+
 def test_pages_have_the_report_and_the_picture(floppy, tmp_path):
     write_page(floppy, tmp_path / "page.md")
     text = (tmp_path / "page.md").read_text()

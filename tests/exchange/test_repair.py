@@ -138,8 +138,8 @@ def test_rounded_coordinates_are_reported_with_their_decimals():
     network = voronoi_network(n_vertices=64, seed=3)
     rounded = np.round(network.positions, 6)
     read = network_from(edges=network.edges, positions=rounded, offsets=network.offsets, cell=network.cell)
-    assert read.data.decimals == 6 and "6 decimals" in str(read)
-    assert network_from(network).data.decimals is None
+    assert read.data.digits.decimals == 6 and "6 decimals" in str(read)
+    assert network_from(network).data.digits.error == 0
 
 
 def square_patch(n=5):

@@ -1,0 +1,64 @@
+"""The digits of coordinates that a file has rounded, and what they leave of a count of singular values."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Doubles have 15 to 17 significant digits; with this number of decimals a coordinate was not rounded.
+_ALL_DECIMALS = 15
+# So many coordinates as large as the largest show its decimals, which are the fewest where a file has a fixed number of
+# significant digits; of fewer ones all may end with zeros.
+_ENOUGH = 4
+# Rounded coordinates change singular values of the rigidity matrix by about this number of their errors.
+_MARGIN = 10.0
+# Errors that would change singular values by more than this are those of grids, whose coordinates are exact.
+_COARSE = 0.01
+
+
+class Digits(NamedTuple):
+    """The digits of coordinates.
+
+    decimals  of the largest ones; None where they have all digits, or those of single precision
+    error     largest rounding error; 0 with all digits
+    """
+
+    decimals: int | None
+    error: float
+
+    @property
+    def words(self) -> str:
+        """For a sentence: coordinates have ..."""
+        return "single precision" if self.decimals is None else f"{self.decimals} decimals"
+
+    def tolerance(self, lengths: Array) -> float:
+        """Singular values that the rounding of coordinates may cause; 0 with all digits and for grids.
+
+        Error bound (estimate): ten times the error in units of the mean length.
+        """
+        changed = _MARGIN * self.error / float(lengths.mean())
+        return changed if changed <= _COARSE else 0.0
+
+
+def digits_of(coordinates: Array) -> Digits:
+    """The digits of coordinates (N_v, d): a file keeps decimals, significant digits, or single precision."""
+    size = float(np.abs(coordinates).max(initial=0.0))
+    decade = 10.0 ** np.floor(np.log10(size)) if size else 0.0
+    large = coordinates[np.abs(coordinates) >= decade]
+    if large.size < _ENOUGH:
+        large = coordinates[np.abs(coordinates) >= 0.1 * decade]
+    for decimals in range(_ALL_DECIMALS):
+        if np.allclose(np.round(large, decimals), large, rtol=4e-16, atol=0):
+            return Digits(decimals, 0.5 * 10.0**-decimals)
+    if (large == large.astype(np.float32)).all():
+        return Digits(None, single_precision(size))
+    return Digits(None, 0.0)
+
+
+def single_precision(size: float) -> float:
+    """Largest rounding error of coordinates up to a size in single precision."""
+    return 2.0**-24 * size

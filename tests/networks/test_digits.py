@@ -1,0 +1,33 @@
+"""Digits of coordinates: decimals, significant digits and single precision as files have them, and exact grids."""
+
+import numpy as np
+import pytest
+
+from critflow.networks.digits import digits_of
+
+X = np.random.default_rng(3).uniform(-14, 14, (50, 2))
+X[0] = 0.00123456789, 14.0
+
+
+def printed(form):
+    return np.array([[float(form % value) for value in row] for row in X])
+
+
+@pytest.mark.parametrize(
+    ("form", "decimals", "error"),
+    [("%.6f", 6, 5e-7), ("%.3f", 3, 5e-4), ("%.6g", 4, 5e-5), ("%.8e", 7, 5e-8), ("%.0f", 0, 0.5)],
+)
+def test_decimals_are_those_of_the_largest_coordinates(form, decimals, error):
+    digits = digits_of(printed(form))
+    assert (digits.decimals, digits.error) == (decimals, pytest.approx(error))
+    assert np.abs(printed(form) - X).max() <= error
+    # Relative to lengths as short as on a grid, digits are no rounding.
+    assert digits.tolerance(np.full(3, 10 * error / 0.011)) == 0
+    assert digits.tolerance(np.full(3, 10 * error / 0.009)) == pytest.approx(0.009)
+
+
+def test_single_precision_and_all_digits():
+    assert digits_of(X.astype(np.float32).astype(float)) == (None, pytest.approx(2.0**-24 * 14))
+    assert digits_of(X) == (None, 0.0)
+    assert digits_of(printed("%.17g")).error == 0
+    assert digits_of(X).tolerance(np.ones(3)) == 0
