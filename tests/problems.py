@@ -14,8 +14,10 @@ from critflow import (
     CriticalConfiguration,
     CriticalManifold,
     Network,
+    Status,
     critical_from_lengths,
     diluted,
+    equilibrium,
     honeycomb_network,
     spring_state,
     square_network,
@@ -323,6 +325,37 @@ SMALL_NETWORKS = {
     "honeycomb": lambda: honeycomb_network(2, 2),
 }
 STRAINS = 10.0 ** -np.arange(1, 13)
+
+
+def critical_of(network, seed=1):
+    """The configuration of a random positive stress."""
+    return CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
+
+
+def relaxed_directly(critical, gamma):
+    """Springs at rest in a configuration, relaxed in one step after V → V (1 + γ)."""
+    network = critical.network
+    state = spring_state(network, critical.lengths, critical.coordinates)
+    F = (1 + gamma) ** (1 / network.dimension) * np.eye(network.dimension)
+    solution = equilibrium(state.deformed(F))
+    assert solution.status is Status.ok
+    return solution.value
+
+
+def stiff_lattice(seed=1):
+    """A triangular lattice under random stress of both signs, in equilibrium."""
+    network, rng = with_random_stiffness(triangular_network(4, 4), seed), np.random.default_rng(seed)
+    at_rest = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    rest = at_rest * (1 + 0.02 * rng.standard_normal(network.n_edges))
+    return equilibrium(spring_state(network, rest, network.positions)).value
+
+
+def partly_compressed(n_vertices, seed):
+    """A critical configuration of which an edge in twenty is compressed."""
+    network, rng = voronoi_network(n_vertices, seed=seed), np.random.default_rng(seed)
+    sigma = np.abs(rng.standard_normal(network.n_edges)) + 0.05
+    sigma[rng.choice(network.n_edges, max(1, network.n_edges // 20), replace=False)] *= -0.15
+    return CriticalManifold(network).configuration(sigma)
 
 
 def strained(network: Network, gamma: float, seed: int = 1):
