@@ -13,6 +13,8 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.modulus_bounds import bulk_modulus_bound
 from critflow.design.optimize import optimize
+from critflow.linalg.factor import FixedPattern
+from critflow.linalg.matrices import block_laplacian
 from critflow.networks.faces import Faces, planar_faces
 from critflow.networks.network import Array, IntArray, Network
 from critflow.result import CritflowError, InputError
@@ -44,7 +46,8 @@ class Model:
     def __init__(self, network: Network, seed: int = 0):
         if network.dimension != 2:
             raise InputError(
-                f"the page shows planar networks, and this one has {network.dimension} dimensions: draw it"
+                f"the page shows planar networks, and this one has {network.dimension} dimensions: "
+                "critflow.draw(network) makes its picture"
             )
         self.network, self.seed = network, seed
         self.manifold = CriticalManifold(network)
@@ -59,6 +62,11 @@ class Model:
             return bulk_modulus_bound(self.manifold)
         except CritflowError:
             return np.nan
+
+    @cached_property
+    def pattern(self) -> FixedPattern:
+        """The pattern of the Hessian past the transition."""
+        return block_laplacian(self.network)
 
     @cached_property
     def dual(self) -> Dual | None:

@@ -7,7 +7,7 @@ const ROWS = ["B_0", "bound", "G_0", "C_B", "C_G", "C_G_stress_corrected", "V_L"
 // Okabe and Ito's colours, and a shape for each, so that none depends on colour alone.
 const COLOURS = ["#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F", "#000000"];
 let state = {}, welcome = {}, panels = {}, series = [], seriesKey = null, point = null, trail = [], curve = null;
-let socket, waiting = false, queue = [], sequence = 0, sentAt = new Map(), drag = null, ready = false, picked = null;
+let legendOf = null, socket, waiting = false, queue = [], sequence = 0, sentAt = new Map(), drag = null, ready = false, picked = null;
 const HINT = "Click an edge and drag it up or down, choose a population, or move γ past the transition. Every number below is exact to its error bound.";
 const SLOW = "This network is large: at 10,000 vertices a change takes about 0.2 s, bounds half a second more, and counts another second.";
 window.latencies = []; window.replies = 0;
@@ -57,14 +57,17 @@ function receive(buffer) {
     }
     state = header;
     if ("seq" in header) { waiting = false; pump(); }
-  }
+  } else for (const key of ["edge", "face"]) if (key in header) state[key] = header[key];
   if (header.welcome) greet(header.welcome);
-  if (header.plane && header.plane.series) { series = header.plane.series; seriesKey = header.plane.key; }
+  if (header.plane && header.plane.series) { series = header.plane.series; seriesKey = header.plane.key; legendOf = null; }
   if ("point" in header) { point = header.point; trail = header.trail; curve = header.curve; }
+  // The pixels are made at once: the browser may wait most of a frame before it calls back.
+  if (full) drawPanels();
   requestAnimationFrame(() => {
-    if (full) { drawPanels(); controls(); }
+    if (full) controls(); else if ("edge" in header) sliders();
     numbers(header);
     if ("point" in header || (header.plane && header.plane.series)) plots();
+    if ("point" in header) history.replaceState(null, "", "#" + state.link);
     if (full) setTimeout(() => painted(header), 0);
     window.replies++;
   });
@@ -73,7 +76,9 @@ function painted(header) {
   if (sentAt.has(header.seq)) window.latencies.push(performance.now() - sentAt.get(header.seq));
   sentAt.delete(header.seq); window.shown = header.seq;
 }
-function say(sentence, error = false) { get("sentence").textContent = sentence; get("sentence").className = error ? "error" : ""; }
+function say(sentence, error = false) { text(get("sentence"), sentence); get("sentence").className = error ? "error" : ""; }
+// Text that stays is not set, which would lay out the page again.
+function text(element, words) { if (element.textContent !== words) element.textContent = words; }
 
 // Pictures
 
@@ -90,7 +95,7 @@ function fit(outline, width, height) {
   const x0 = Math.min(...xs), y0 = Math.min(...ys), w = Math.max(...xs) - x0, h = Math.max(...ys) - y0;
   const s = Math.min((width - 2 * margin) / w, (height - 2 * margin) / h);
   const left = (width - s * w) / 2, top = (height - s * h) / 2;
-  return { s, x: (v) => left + s * (v - x0), y: (v) => top + s * (h - v + y0), inverse: (px, py) => [(px - left) / s + x0, h + y0 - (py - top) / s] };
+  return { s, x0: left - s * x0, y0: top + s * (h + y0), x: (v) => left + s * (v - x0), y: (v) => top + s * (h - v + y0), inverse: (px, py) => [(px - left) / s + x0, h + y0 - (py - top) / s] };
 }
 function path(c, view, corners) {
   c.beginPath(); corners.forEach(([x, y], i) => (i ? c.lineTo : c.moveTo).call(c, view.x(x), view.y(y))); c.closePath();
@@ -104,24 +109,26 @@ function drawPanels() {
   get("noforces").hidden = Boolean(panels.forces);
 }
 function drawPanel(canvas, drawing, faces) {
-  const [c, width, height] = context(canvas), view = (drawing.view = fit(drawing.outline, width, height));
+  const [c, width, height] = context(canvas), view = (drawing.view = fit(drawing.outline, width, height)), ratio = canvas.width / width;
   const { segments, edges, runs, n } = drawing, palette = welcome.palette, unit = Math.min(2.2, Math.max(0.35, 60 * Math.min(width, height) / 500 / Math.sqrt(n)));
-  c.save(); path(c, view, drawing.outline); c.clip();
-  c.fillStyle = "#fbe3b5"; for (const face of faces) { path(c, view, face); c.fill(); }
-  const line = (i) => { c.moveTo(view.x(segments[4 * i]), view.y(segments[4 * i + 1])); c.lineTo(view.x(segments[4 * i + 2]), view.y(segments[4 * i + 3])); };
-  if (state.marks.edge !== null) {
-    c.beginPath(); c.lineCap = "round"; c.lineWidth = 9; c.strokeStyle = "#e69f00";
-    for (let i = 0; i < n; i++) if (edges[i] === state.marks.edge) line(i);
-    c.stroke();
-  }
-  c.lineCap = "butt";
+  if (!canvas.image || canvas.image.width !== canvas.width || canvas.image.height !== canvas.height) canvas.image = c.createImageData(canvas.width, canvas.height);
+  new Uint32Array(canvas.image.data.buffer).fill(0xffffffff);
+  const scaled = { s: ratio * view.s, x0: ratio * view.x0, y0: ratio * view.y0 };
   runs.forEach(([shade, first], k) => {
     const last = k + 1 < runs.length ? runs[k + 1][1] : n, compressed = shade === palette.length - 1;
-    c.beginPath(); for (let i = first; i < last; i++) line(i);
-    c.strokeStyle = palette[shade]; c.setLineDash(compressed ? [4, 2] : []);
-    c.lineWidth = unit * (compressed ? 1.6 : shade >= palette.length - 2 ? 0.6 : 0.6 + 1.5 * shade / 32); c.stroke();
+    const thickness = unit * (compressed ? 1.6 : shade >= palette.length - 2 ? 0.6 : 0.6 + 1.5 * shade / 32);
+    rasterise(canvas.image, segments, first, last, scaled, colour(palette[shade]), ratio * thickness, compressed ? 4 * ratio : 0);
   });
-  c.restore(); c.setLineDash([]); path(c, view, drawing.outline); c.strokeStyle = "#8a949e"; c.lineWidth = 1; c.stroke();
+  c.putImageData(canvas.image, 0, 0);
+  c.globalCompositeOperation = "multiply"; c.fillStyle = "#fbe3b5"; for (const face of faces) { path(c, view, face); c.fill(); }
+  if (state.marks.edge !== null) {
+    c.beginPath(); c.lineCap = "round"; c.lineWidth = 9; c.strokeStyle = "#f2bf4d";
+    for (let i = 0; i < n; i++) if (edges[i] === state.marks.edge) { c.moveTo(view.x(segments[4 * i]), view.y(segments[4 * i + 1])); c.lineTo(view.x(segments[4 * i + 2]), view.y(segments[4 * i + 3])); }
+    c.stroke();
+  }
+  c.globalCompositeOperation = "source-over";
+  path(c, view, drawing.outline); c.rect(-1, -1, width + 2, height + 2); c.fillStyle = "#fff"; c.fill("evenodd");
+  path(c, view, drawing.outline); c.strokeStyle = "#8a949e"; c.lineWidth = 1; c.stroke();
 }
 
 // Plots
@@ -163,7 +170,7 @@ function plots() {
       c.beginPath(); c.strokeStyle = "#14202b"; c.lineWidth = 1; own.forEach((p) => c.lineTo(x(p[0]), y(p[1]))); c.stroke();
       const [px, py] = own[own.length - 1]; c.beginPath(); c.arc(x(px), y(py), 6.5, 0, 7); c.lineWidth = 4; c.strokeStyle = "#fff"; c.stroke(); c.lineWidth = 2.2; c.strokeStyle = "#14202b"; c.stroke();
     }
-    legend(own.length);
+    if (legendOf !== Boolean(own.length)) legend(own.length);
   }
   get("curvebox").hidden = !curve;
   if (!curve) return;
@@ -174,7 +181,7 @@ function plots() {
   curve.x.forEach((v, i) => mark(c, 0, x(v), y(curve.y[i]), 3.5));
 }
 function legend(own) {
-  const box = get("legend"); box.replaceChildren();
+  const box = get("legend"); box.replaceChildren(); legendOf = Boolean(own);
   for (const s of series) {
     const item = document.createElement("span"), icon = document.createElement("canvas");
     item.append(icon, s.label); box.append(item);
@@ -197,11 +204,11 @@ function numbers(header) {
       const after = [...body.rows].find((other) => ROWS.indexOf(other.dataset.key) > ROWS.indexOf(number.key));
       body.insertBefore(row, after || null); rows[number.key] = row;
     }
-    row.className = due ? "due" : "";
-    if (number.text !== undefined) { row.cells[1].textContent = number.text; row.cells[2].textContent = [number.bound && `${number.bound} (${number.kind})`, number.note].filter(Boolean).join("; "); }
+    if (row.className !== (due ? "due" : "")) row.className = due ? "due" : "";
+    if (number.text !== undefined) { text(row.cells[1], number.text); text(row.cells[2], [number.bound && `${number.bound} (${number.kind})`, number.note].filter(Boolean).join("; ")); }
   };
   if (header.due) {
-    for (const key of Object.keys(rows)) if (key.includes("γ") && !header.strain[1]) rows[key].remove();
+    for (const key of Object.keys(rows)) if (key.includes("γ") && !state.strain[1]) rows[key].remove();
     for (const key of header.due) put({ key }, true);
   }
   if (header.bound) put({ key: "bound", text: header.bound, bound: "", note: "largest B₀ over all stresses (proof)" });
@@ -213,24 +220,28 @@ function controls() {
   document.body.dataset.connected = "yes";
   if (!queue.length) get("stop").hidden = true;
   if ("sentence" in state) say(state.sentence || (state.slow ? SLOW : HINT), state.error);
-  get("title").textContent = state.title; get("sizes").textContent = state.sizes; document.title = `critflow: ${state.title}`;
+  text(get("title"), state.title); text(get("sizes"), state.sizes);
+  if (document.title !== `critflow: ${state.title}`) document.title = `critflow: ${state.title}`;
   get("undo").disabled = !state.undo; get("redo").disabled = !state.redo;
+  sliders();
+  if (state.strain[0]) get("deformation").value = state.strain[0];
+  const busy = waiting || queue.length;
+  bounds(); if (!busy) get("gamma").value = state.strain[1]; text(get("gammavalue"), (+state.strain[1]).toFixed(3));
+  if (!busy) state.weights.forEach((weight, i) => { const input = get("blend").querySelectorAll("input")[i]; if (input) { input.value = weight; text(input.nextSibling, weight.toFixed(2)); } });
+  if (!get("script").hidden) showScript();
+}
+function sliders() {
   const busy = waiting || queue.length;
   slide("stress", state.edge, state.edge && [-state.edge.reach, state.edge.reach], busy); slide("size", state.face, state.face && [state.face.low, state.face.high], busy);
   for (const [id, item] of [["edge", state.edge], ["face", state.face]]) {
     if (document.activeElement !== get(id)) get(id).value = item ? item.number : "";
-    if (item) get(id + "text").textContent = item.text;
+    if (item) text(get(id + "text"), item.text);
   }
-  if (state.strain[0]) get("deformation").value = state.strain[0];
-  bounds(); if (!busy) get("gamma").value = state.strain[1]; get("gammavalue").textContent = (+state.strain[1]).toFixed(3);
-  if (!busy) state.weights.forEach((weight, i) => { const input = get("blend").querySelectorAll("input")[i]; if (input) { input.value = weight; input.nextSibling.textContent = weight.toFixed(2); } });
-  history.replaceState(null, "", "#" + state.link);
-  if (!get("script").hidden) showScript();
 }
 function slide(id, item, limits, busy) {
   const input = get(id); input.disabled = !item || limits[0] === limits[1];
   if (item && !busy) { input.min = limits[0]; input.max = limits[1]; input.value = item.value; }
-  get(id + "value").textContent = item ? item.value.toPrecision(3) : "0";
+  text(get(id + "value"), item ? item.value.toPrecision(3) : "0");
 }
 function bounds() { const limit = welcome.strains[get("deformation").value]; get("gamma").min = -limit / 5; get("gamma").max = limit / 5; }
 function option(value, text = value) { const o = document.createElement("option"); o.value = value; o.textContent = text; return o; }

@@ -33,11 +33,11 @@ from critflow.explore.source import Source
 from critflow.result import CritflowError, EnvironmentFailure, InputError
 
 LOOPBACK = "127.0.0.1"
-# Seconds without a message after which bounds and counts are computed, and the longest wait for the former.
-PAUSE, OVERDUE = 0.06, 0.5
+# Seconds after which numbers are shown although the hand does not rest.
+OVERDUE = 0.5
 # Pages of closed tabs that are kept for a reload, and the largest file that is accepted, in bytes.
 _KEPT, _LARGEST_FILE = 12, 50_000_000
-_STATIC = {"": "page.html", "page.js": "page.js", "page.css": "page.css"}
+_STATIC = {"": "page.html", **{name: name for name in ("raster.js", "page.js", "page.css")}}
 _KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'"
 # matplotlib keeps the current figure in one place.
@@ -96,7 +96,7 @@ class _Guarded(RequestHandler):
 
 
 class _Files(_Guarded):
-    """The three files of the page."""
+    """The files of the page."""
 
     def get(self, name: str) -> None:
         if name not in _STATIC:
@@ -225,19 +225,25 @@ class _Socket(WebSocketHandler):
         return send
 
     async def _work(self) -> None:
-        refined = 0.0
+        """Answer messages in turn, and compute the stages that are due while none comes."""
+        shown = self.loop.time()
         while True:
+            rests = self.page.wait is None
             try:
-                wait = PAUSE if self.page.due else None
+                # Waiting for no time at all would also leave a message that has arrived.
+                wait = self.page.wait if self.messages.empty() else None
                 message = await asyncio.wait_for(self.messages.get(), wait)
             except TimeoutError:
                 await self._refine()
-                refined = time.monotonic()
                 continue
+            if rests:
+                shown = self.loop.time()
             await self._answer(message)
-            if time.monotonic() - refined > OVERDUE and self.page.due:
+            if self.loop.time() - shown > OVERDUE:
+                # The hand does not rest: the numbers that follow it, then those with bounds.
                 await self._refine()
-                refined = time.monotonic()
+                await self._refine()
+                shown = self.loop.time()
 
     async def _answer(self, message: dict[str, Any]) -> None:
         """Send the reply to a message; a fault of the program is a sentence too, and the tab stays usable."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.design.isogonal import face_modes
+from critflow.design.isogonal import IsogonalModes, face_modes
 from critflow.explore.model import POPULATIONS, Model, Observer
 from critflow.explore.source import Source
 from critflow.mechanics.springs import SpringState
@@ -60,7 +60,15 @@ class State:
             return None
         deformation, gamma = self.strain
         network = self.critical.network
-        return strain_path(network, self.critical, [gamma], deformation=deformation, moduli=moduli, throw=False)
+        return strain_path(
+            network,
+            self.critical,
+            [gamma],
+            deformation=deformation,
+            moduli=moduli,
+            pattern=self.model.pattern,
+            throw=False,
+        )
 
 
 class Session:
@@ -73,6 +81,7 @@ class Session:
         self.source, self.observe = source, observe
         model, critical = source.open()
         self._states, self._now = [State(model, critical)], 0
+        self._modes: tuple[CriticalConfiguration, IsogonalModes] | None = None
 
     @property
     def state(self) -> State:
@@ -112,6 +121,12 @@ class Session:
             del self._states[1:2]
         self._now = len(self._states) - 1
         return made
+
+    def modes(self, base: State) -> IsogonalModes:
+        """The isogonal modes of a state, computed once while a face moves on from it."""
+        if self._modes is None or self._modes[0] is not base.critical:
+            self._modes = base.critical, face_modes(base.critical)
+        return self._modes[1]
 
     def recipe(self) -> list[Change]:
         """The changes that lead from the source to the state, without those that later ones overrule."""
@@ -153,7 +168,7 @@ class Session:
         return self._solved(base, base.critical.sigma * raised)
 
     def _face(self, base: State, face: int, amplitude: float) -> State:
-        modes = face_modes(base.critical)
+        modes = self.modes(base)
         n_faces = modes.elongations.shape[0]
         _check_index("face", face, n_faces)
         return self._solved(base, modes.walk(amplitude * (np.arange(n_faces) == face)).sigma)

@@ -5,6 +5,7 @@ import asyncio
 import pytest
 
 from critflow import bulk_modulus_bound, certify, stiffening, transition_bounds, transition_moduli
+from critflow.explore import view
 from critflow.explore.server import Explorer, listening
 from critflow.explore.source import Random
 from workflows.benchmarks.explore.chromium import Chromium, executable
@@ -56,9 +57,11 @@ class Browser:
 
 @pytest.fixture(scope="module")
 def browser():
-    browser = Browser()
-    yield browser
-    browser.close()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(view, "WAITS", (0.0, 0.02, 0.0))
+        browser = Browser()
+        yield browser
+        browser.close()
 
 
 async def rows(tab):
@@ -143,6 +146,32 @@ def test_the_hand_changes_edges_and_faces(browser):
         await slide(tab, "gamma", 0.02)
         assert "B(γ)" in await rows(tab) and not await tab.run("get('curvebox').hidden")
         assert tab.problems == []
+
+    browser(check())
+
+
+LINE = """(() => {{
+  const image = new ImageData(60, 60), view = {{s: 2, x0: 5, y0: 50}};
+  new Uint32Array(image.data.buffer).fill(0xffffffff);
+  rasterise(image, Float32Array.from([{line}]), 0, 1, view, [0, 0, 0], {thickness}, {dash});
+  let sum = 0; for (let i = 0; i < image.data.length; i += 4) sum += 1 - image.data[i] / 255;
+  return sum;
+}})()"""
+LINES = {
+    "flat": ("2, 3, 22, 3", 2.5, 0, 40 * 2.5),
+    "steep, backwards": ("10, 21, 4, 1", 3.0, 0, 2 * 436**0.5 * 3.0),
+    "diagonal, thin": ("1, 1, 21, 21", 0.4, 0, 2 * 800**0.5 * 0.4),
+    "dashed": ("1, 1, 19, 25", 2.0, 4, 60 * 2.0 * 2 / 3),
+    "beyond the edge": ("-100, 5, 100, 5", 2.0, 0, 60 * 2.0),
+}
+
+
+def test_pixels_cover_the_area_of_a_line(browser):
+    async def check():
+        tab = await browser.tab()
+        for name, (line, thickness, dash, area) in LINES.items():
+            covered = await tab.run(LINE.format(line=line, thickness=thickness, dash=dash))
+            assert covered == pytest.approx(area, rel=0.04), name
 
     browser(check())
 
