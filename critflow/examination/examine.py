@@ -26,11 +26,16 @@ from critflow.networks.network import Array, Network, edge_values, validated_coo
 from critflow.result import CritflowError, InputError, Solution, SolveError, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
 from critflow.rigidity.second_order import second_order_rigidity
+from critflow.rigidity.tolerances import CLEAR_GAP
 
 Result = TypeVar("Result")
 
 # Singular values below this count as zero where coordinates have all digits, as in `rigidity`.
 _TOLERANCE = 1e-6
+# The effect of rounding is estimated for networks of so many edges.
+_FEW_EDGES = 150
+# Other singular values are hardly smaller than ten times this.
+_LARGEST_TOLERANCE = 0.01
 # Largest networks of which each edge is cut.
 _MOST_CUTS = 3000
 _USABLE = (Status.ok, Status.edge_collapse, Status.slack_edges)
@@ -66,8 +71,8 @@ def examine(
                 f"decimals must be from 0 to 15, not {decimals}: leave them out where all digits are known"
             )
         digits = Digits(decimals, 0.5 * 10.0**-decimals)
-    rounding = digits.tolerance(rest)
-    tolerance = max(_TOLERANCE, rounding)
+    rounding = digits.effect(rest)
+    tolerance = max(_TOLERANCE, min(_margin(network) * rounding, _LARGEST_TOLERANCE))
     attempts = _Attempts()
     counted = rigidity(network, x, tolerance)
     counts = counted.value
@@ -98,6 +103,11 @@ def examine(
         failures=tuple(attempts.failures),
     )
     return replace(found, advice=advice_of(found, rounding * float(rest.mean())))
+
+
+def _margin(network: Network) -> float:
+    """Tolerance over the effect of rounding: a count is certain CLEAR_GAP below it, and the effect grows as √N_b."""
+    return CLEAR_GAP * max(1.0, float(np.sqrt(network.n_edges / _FEW_EDGES)))
 
 
 class _Subject(NamedTuple):

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import checked, shown
 from critflow.exchange.boundaries import Pins, hull_volume, with_pins
-from critflow.exchange.data import NetworkData, data_of
+from critflow.exchange.data import NetworkData, data_of, numbers
 from critflow.exchange.datasets import from_dataset
 from critflow.exchange.formats import format_of, writable_format
 from critflow.exchange.graphs import from_graph
@@ -25,7 +25,7 @@ from critflow.exchange.repair import ImportedNetwork, check, imported
 from critflow.exchange.tables import COUNTED_FROM_1
 from critflow.exchange.tiling import Copies, tiled
 from critflow.networks.network import Network
-from critflow.result import InputError, Solution
+from critflow.result import CritflowError, InputError, Solution
 
 _KINDS = ("edges", "polygons", "picture", "labels")
 
@@ -66,7 +66,7 @@ def network_from(
     """
     data = _record(source, given)
     if cell is not None:
-        data = replace(data, cell=np.asarray(cell, dtype=float))
+        data = replace(data, cell=numbers(cell, "the cell"))
     if data.cell is not None and data.cell.shape != (data.dimension,) * 2:
         data = replace(data, cell=_cell_in(data.cell, data.dimension))
     check(data)
@@ -142,7 +142,7 @@ def _state(
     if isinstance(thing, Network):
         return data_of(thing, coordinates, rest_lengths, force_densities)
     if not isinstance(getattr(thing, "network", None), Network) or not hasattr(thing, "coordinates"):
-        raise InputError(f"a {type(thing).__name__} cannot be written: give a network, a configuration or a state")
+        raise InputError(f"{shown(thing)} cannot be written: give a network, a configuration or a state")
     if rest_lengths is None:
         rest_lengths = getattr(thing, "rest_lengths", getattr(thing, "lengths", None))
     force_densities = getattr(thing, "sigma", None) if force_densities is None else force_densities
@@ -155,29 +155,40 @@ def _record(source: Any, given: dict[str, Any]) -> NetworkData:
     """The record of a source, recognised by its type or its attributes."""
     if isinstance(source, str | PathLike):
         return _overridden(_read(Path(source)), given)
-    if isinstance(source, Network):
-        return _overridden(data_of(source, given.pop("positions", None)), given)
     if source is None:
         return _from_keywords(given)
+    if isinstance(source, Sequence | np.ndarray):
+        return _from_keywords({"edges": source, **given})
+    if isinstance(source, Network | Solution) or isinstance(getattr(source, "network", None), Network):
+        return _overridden(_state(source, given.pop("positions", None), None, None), given)
+    try:
+        return _overridden(_foreign(source, given), given)
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
+        if isinstance(error, CritflowError):
+            raise
+        raise InputError(f"{shown(source)} cannot be read as a network: {error}") from error
+
+
+def _foreign(source: Any, given: dict[str, Any]) -> NetworkData:
+    """The record of an object of another library, without the keywords that it takes from those given."""
     if hasattr(source, "data_vars"):
-        return _overridden(from_dataset(source), given)
+        return from_dataset(source)
     if hasattr(source, "get_positions") and hasattr(source, "get_pbc"):
-        keys = {key: given.pop(key) for key in ("edges", "offsets", "cutoff") if key in given}
-        return _overridden(from_atoms(source, **keys), given)
+        return from_atoms(source, **{key: given.pop(key) for key in ("edges", "offsets", "cutoff") if key in given})
     if hasattr(source, "node_attributes") and hasattr(source, "edge_attribute"):
-        return _overridden(from_compas(source), given)
+        return from_compas(source)
     if hasattr(source, "nodes") and hasattr(source, "number_of_edges"):
         positions = given.pop("positions", None)
         if positions is not None and not isinstance(positions, Mapping):
+            if len(positions) != len(source.nodes):
+                raise InputError(f"positions must have one row for each of the {len(source.nodes)} nodes")
             positions = dict(zip(source.nodes, positions, strict=True))
-        return _overridden(from_graph(source, positions), given)
+        return from_graph(source, positions)
     if hasattr(source, "points") and hasattr(source, "cells"):
-        return _overridden(from_mesh(source), given)
-    if isinstance(source, Sequence | np.ndarray):
-        return _from_keywords({"edges": source, **given})
+        return from_mesh(source)
     raise InputError(
-        f"a {type(source).__name__} is not a known source of a network: give a file, a graph, atoms, a mesh, or edges= "
-        "and positions="
+        f"{shown(source)} is not a known source of a network: give a file, a graph, atoms, a mesh, or edges= and "
+        "positions="
     )
 
 
@@ -196,6 +207,10 @@ def _read(path: Path) -> NetworkData:
         ) from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not a text file: check its name") from None
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
+        if isinstance(error, CritflowError):
+            raise
+        raise InputError(f"{path} cannot be read as {known.name}: {error}") from error
 
 
 def _from_keywords(given: dict[str, Any]) -> NetworkData:
@@ -203,6 +218,8 @@ def _from_keywords(given: dict[str, Any]) -> NetworkData:
     if kind is None:
         raise InputError("give a source: a file, an object, or one of edges=, polygons=, picture=, labels=")
     value, pixel = given.pop(kind), given.pop("pixel", 1.0)
+    if not isinstance(pixel, int | float) or not 0 < pixel < np.inf:
+        raise InputError(f"pixel must be a positive size, not {shown(pixel)}")
     if kind == "picture":
         return _overridden(from_skeleton(value, pixel), given)
     if kind == "labels":
@@ -212,7 +229,7 @@ def _from_keywords(given: dict[str, Any]) -> NetworkData:
     positions = _table(given.pop("positions"), "positions")
     if kind == "polygons":
         return _overridden(from_polygons(positions, value), given)
-    edges = _table(value, "edges").astype(np.int64)
+    edges = _table(value, "edges", whole=True)
     repairs: tuple[str, ...] = ()
     if edges.size and edges.min() == 1 and edges.max() == len(positions):
         edges, repairs = edges - 1, (COUNTED_FROM_1,)
@@ -229,20 +246,17 @@ def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
     for name, value in given.items():
         if value is None:
             continue
-        array = np.asarray(value, dtype=float)
-        if name in ("stiffness",) and array.ndim == 0:
+        array = numbers(value, name, whole=name == "offsets")
+        if name == "stiffness" and array.ndim == 0:
             array = np.full(data.n_edges, float(array))
-        if len(array) != data.n_edges:
-            raise InputError(f"{name} must have one row for each of the {data.n_edges} edges, not {len(array)}")
-        values[name] = array.astype(np.int64) if name == "offsets" else array
+        if array.shape[:1] != (data.n_edges,):
+            raise InputError(f"{name} must have one row for each of the {data.n_edges} edges, not shape {array.shape}")
+        values[name] = array
     return replace(data, **values)
 
 
-def _table(values: Any, name: str) -> Any:
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be a table of numbers, one row each, not {values!r:.60}") from None
+def _table(values: Any, name: str, whole: bool = False) -> Any:
+    array = numbers(values, name, whole)
     if array.ndim != 2:
         raise InputError(f"{name} must be a table of numbers, one row each, not of shape {array.shape}")
     return array

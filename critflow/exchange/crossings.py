@@ -11,6 +11,8 @@ from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
 
 # Parts of an edge next to its ends in which it meets others without crossing them.
 _ENDS = 1e-9
+# Squares of the grid along the longest edge.
+_MOST_SQUARES = 64
 # Pairs of edges compared at once, which limits memory.
 _BLOCK = 2_000_000
 
@@ -101,7 +103,8 @@ def _images(start: Array, L: Array, cell: Array) -> tuple[IntArray, Array]:
 
 def _near(start: Array, L: Array, n: int) -> IntArray:
     """Pairs of one of the first n segments and one of the others that share a square of a grid."""
-    size = max(2.0 * float(np.median(np.abs(L).max(axis=1))), 1e-300)
+    extent = np.abs(L).max(axis=1)
+    size = max(2.0 * float(np.median(extent)), float(extent.max()) / _MOST_SQUARES) or 1.0
     low = np.floor((np.minimum(start, start + L) - start.min(axis=0)) / size).astype(np.int64)
     high = np.floor((np.maximum(start, start + L) - start.min(axis=0)) / size).astype(np.int64)
     wide, tall = (high - low + 1).T

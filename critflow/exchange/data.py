@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import shown
 from critflow.networks.digits import Digits, digits_of
 from critflow.networks.network import Network
 from critflow.result import InputError, Record
@@ -156,6 +157,26 @@ def polygon_edges(polygons: Sequence[Sequence[int]]) -> IntArray:
     if not sides:
         raise InputError("the mesh has no polygons: give one with cells of at least three vertices")
     return np.unique(np.sort(np.array(sides), axis=1), axis=0)
+
+
+def numbers(values: Any, name: str, whole: bool = False) -> Any:
+    """An array of real numbers, or `InputError`; whole ones as integers."""
+    try:
+        array = np.asarray(values)
+        real = array if array.dtype.kind in "biuf" else array.astype(object).astype(float)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} must be numbers, one row each, not {shown(values)}") from None
+    if not whole:
+        return real.astype(float)
+    if not (np.isfinite(real).all() and (np.abs(real) < 2.0**53).all() and (real == np.round(real)).all()):
+        raise InputError(f"{name} must be whole numbers: correct them")
+    return real.astype(np.int64)
+
+
+def unread(names: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
+    """A sentence on values of edges that a source has and no network."""
+    others = sorted(set(names) - set(known))
+    return (f"values of edges that were not read: {', '.join(others[:8])}",) if others else ()
 
 
 def counted(number: int, noun: str, verb: str = "") -> str:

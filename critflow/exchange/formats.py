@@ -82,8 +82,13 @@ def format_of(path: Path) -> Format:
     for known in FORMATS:
         if path.suffix.lower() in known.endings:
             return known
+    if path.suffix == ".nc":
+        raise InputError(
+            f"{path.name} is a dataset of networks: give one case of it, dataset.sel(seed=0, ...), or --set seed=0 "
+            "to the command"
+        )
     endings = ", ".join(ending for known in FORMATS for ending in known.endings)
-    raise InputError(f"no format has the ending {path.suffix!r} of {path.name}: choose one of {endings}")
+    raise InputError(f"no format has the ending {path.suffix!r} of {str(path)!r}: choose one of {endings}")
 
 
 def table_paths(path: Path) -> tuple[Path, Path]:

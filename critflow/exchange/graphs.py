@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from critflow.exchange.data import Array, NetworkData
+from critflow.exchange.data import Array, NetworkData, numbers, unread
 from critflow.exchange.packages import optional
 from critflow.result import InputError
 
@@ -20,6 +20,10 @@ _EDGE_VALUES = {
     "rest_lengths": ("rest_length", "l0"),
     "force_densities": ("force_density", "sigma", "q"),
 }
+
+
+# Attributes of edges that are read, and the number that GraphML and GML give each edge.
+_READ = {*(name for names in _EDGE_VALUES.values() for name in names), "offset", "bond_vector", "tail", "index", "id"}
 
 
 def from_graph(graph: Any, positions: Mapping[Any, Any] | None = None) -> NetworkData:
@@ -33,7 +37,10 @@ def from_graph(graph: Any, positions: Mapping[Any, Any] | None = None) -> Networ
     index = {node: n for n, node in enumerate(nodes)}
     if not nodes or not graph.number_of_edges():
         raise InputError("the graph has no edges: give one with nodes and edges")
-    x = np.array([_position(graph, node, positions) for node in nodes], dtype=float)
+    places = [_position(graph, node, positions) for node in nodes]
+    if len({np.shape(place) for place in places}) > 1:
+        raise InputError("the positions of the nodes have different numbers of coordinates: give each the same")
+    x = numbers(places, "positions of nodes")
     rows = sorted(graph.edges(data=True), key=lambda row: int(row[2].get("index", 0)))
     turned = [str(data.get("tail", a)) != str(a) for a, _, data in rows]
     edges = np.array(
@@ -52,6 +59,7 @@ def from_graph(graph: Any, positions: Mapping[Any, Any] | None = None) -> Networ
         pins=tuple(n for n, node in enumerate(nodes) if _true(graph.nodes[node].get("fixed", False))),
         ids=tuple(map(str, nodes)),
         source="graph",
+        notes=unread((name for row in found for name in row), _READ),
         stiffness=values["stiffness"],
         rest_lengths=values["rest_lengths"],
         force_densities=values["force_densities"],
@@ -134,7 +142,7 @@ def _position(graph: Any, node: Any, positions: Mapping[Any, Any] | None) -> Any
 
 def _edge_values(rows: list[Mapping[str, Any]], names: tuple[str, ...]) -> Array | None:
     name = next((name for name in names if all(name in row for row in rows)), None)
-    return None if name is None else np.array([float(row[name]) for row in rows])
+    return None if name is None else numbers([row[name] for row in rows], f"the edge attribute {name}")
 
 
 def _edge_vectors(rows: list[Mapping[str, Any]], name: str) -> Array | None:
@@ -144,7 +152,13 @@ def _edge_vectors(rows: list[Mapping[str, Any]], name: str) -> Array | None:
 
 
 def _parsed(value: Any) -> Any:
-    return json.loads(value.replace("(", "[").replace(")", "]")) if isinstance(value, str) else value
+    """A vector, also as text such as "(1.0, 2.0)"."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return json.loads(value.replace("(", "[").replace(")", "]"))
+    except ValueError:
+        raise InputError(f"{value!r:.40} is no vector: write it as [1.0, 2.0]") from None
 
 
 def _true(value: Any) -> bool:

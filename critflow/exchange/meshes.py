@@ -104,7 +104,13 @@ def write_mesh(data: NetworkData, path: Path) -> None:
 
 def from_polygons(points: Any, polygons: Any) -> NetworkData:
     """Cells of a tissue: points (N_v, 2) and the vertices of each cell in order."""
-    cells = tuple(tuple(int(i) for i in p) for p in polygons)
+    try:
+        cells = tuple(tuple(int(i) for i in p) for p in polygons)
+    except (TypeError, ValueError):
+        raise InputError("polygons must be lists of vertices: give the vertices of each cell in order") from None
+    few = [n for n, cell in enumerate(cells) if len(cell) < 3]
+    if few:
+        raise InputError(f"polygon {few[0]} has fewer than three vertices: correct it")
     return NetworkData(
         edges=polygon_edges(cells), positions=np.asarray(points, dtype=float), polygons=cells, source="polygons"
     )

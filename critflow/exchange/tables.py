@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
+from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, unread
 from critflow.result import InputError
 
 COUNTED_FROM_1 = "vertices were counted from 1"
@@ -21,6 +21,16 @@ _EDGE_VALUES = {
     "stiffness": ("stiffness", "k"),
     "rest_lengths": ("rest_length", "rest_lengths", "length0", "l0"),
     "force_densities": ("force_density", "sigma", "q"),
+}
+# The length, and the number of an edge, follow from the rest.
+_READ = {
+    *_TAIL,
+    *_HEAD,
+    *_OFFSETS,
+    *(name for names in _EDGE_VALUES.values() for name in names),
+    "length",
+    "edge",
+    "id",
 }
 
 
@@ -56,6 +66,7 @@ def read_tables(edges_path: Path, vertices_path: Path) -> NetworkData:
         pins=pinned,
         ids=tuple(ids),
         source=f"tables {edges_path.name} and {vertices_path.name}",
+        notes=unread(header, _READ),
         repairs=repairs,
         stiffness=values["stiffness"],
         rest_lengths=values["rest_lengths"],

@@ -35,7 +35,7 @@ class Digits(NamedTuple):
         """For a sentence: coordinates have ..."""
         return "single precision" if self.decimals is None else f"{self.decimals} decimals"
 
-    def tolerance(self, lengths: Array) -> float:
+    def effect(self, lengths: Array) -> float:
         """Singular values that the rounding of coordinates may cause; 0 with all digits and for grids.
 
         Error bound (estimate): ten times the error in units of the mean length.

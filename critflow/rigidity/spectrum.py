@@ -180,7 +180,7 @@ class Spectrum:
 def rounding_note(coordinates: Array, lengths: Array, singular_value: float) -> str:
     """A sentence where coordinates (N_v, d) have so few digits that a singular value may come from rounding them."""
     digits = digits_of(coordinates)
-    if not 0 < singular_value < FROM_ROUNDING * digits.tolerance(lengths):
+    if not 0 < singular_value < FROM_ROUNDING * digits.effect(lengths):
         return ""
     return (
         f"a singular value of {singular_value:.1e} may come from the coordinates, which have {digits.words}: "

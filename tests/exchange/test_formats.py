@@ -224,6 +224,37 @@ def test_tables_with_names_without_headers_and_from_one(tmp_path):
     assert read.network.n_edges == 3 and "from 1" in str(read)
 
 
+def test_values_that_are_not_read_are_named(tmp_path):
+    graph = networkx.path_graph(3)
+    networkx.set_node_attributes(graph, {n: (n, n**2) for n in range(3)}, "pos")
+    networkx.set_edge_attributes(graph, 2.0, "weight")
+    assert "not read: weight" in str(network_from(graph, pins=[0, 2]))
+    (tmp_path / "a_vertices.csv").write_text("x,y\n0,0\n1,1\n2,0\n")
+    (tmp_path / "a_edges.csv").write_text("tail,head,colour,k\n0,1,3,1\n1,2,4,1\n")
+    assert "not read: colour" in str(network_from(tmp_path / "a.csv", pins=[0, 2]))
+
+
+def with_positions(*positions):
+    graph = networkx.path_graph(len(positions))
+    networkx.set_node_attributes(graph, dict(enumerate(positions)), "pos")
+    return graph
+
+
+@pytest.mark.parametrize(
+    ("graph", "given", "word"),
+    [
+        (with_positions("north", (1, 2)), {}, "vector"),
+        (with_positions((0, 0), (1, 2, 3)), {}, "coordinates"),
+        (networkx.path_graph(3), {"positions": [[0, 0]]}, "one row"),
+        (networkx.path_graph(3), {}, "position"),
+        (networkx.Graph(), {}, "no edges"),
+    ],
+)
+def test_a_broken_graph_is_one_sentence(graph, given, word):
+    with pytest.raises(InputError, match=word):
+        network_from(graph, **given)
+
+
 @pytest.mark.parametrize(
     ("vertices", "edges", "word"),
     [
@@ -395,6 +426,7 @@ def test_a_configuration_is_written_with_its_lengths_and_stresses(tmp_path):
         np.testing.assert_array_equal(read.force_densities, solution.value.sigma)
         np.testing.assert_array_equal(read.rest_lengths, solution.value.lengths)
         np.testing.assert_array_equal(read.positions, solution.value.coordinates)
+        np.testing.assert_array_equal(network_from(thing).positions, solution.value.coordinates)
     write_network(read, tmp_path / "again.csv")
     np.testing.assert_array_equal(network_from(tmp_path / "again.csv").force_densities, solution.value.sigma)
     with pytest.raises(InputError, match="written"):

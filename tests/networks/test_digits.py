@@ -22,12 +22,12 @@ def test_decimals_are_those_of_the_largest_coordinates(form, decimals, error):
     assert (digits.decimals, digits.error) == (decimals, pytest.approx(error))
     assert np.abs(printed(form) - X).max() <= error
     # Relative to lengths as short as on a grid, digits are no rounding.
-    assert digits.tolerance(np.full(3, 10 * error / 0.011)) == 0
-    assert digits.tolerance(np.full(3, 10 * error / 0.009)) == pytest.approx(0.009)
+    assert digits.effect(np.full(3, 10 * error / 0.011)) == 0
+    assert digits.effect(np.full(3, 10 * error / 0.009)) == pytest.approx(0.009)
 
 
 def test_single_precision_and_all_digits():
     assert digits_of(X.astype(np.float32).astype(float)) == (None, pytest.approx(2.0**-24 * 14))
     assert digits_of(X) == (None, 0.0)
     assert digits_of(printed("%.17g")).error == 0
-    assert digits_of(X).tolerance(np.ones(3)) == 0
+    assert digits_of(X).effect(np.ones(3)) == 0
