@@ -10,6 +10,7 @@ from critflow.critical.gaussian import gaussian_curvature
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import Objective, transition_modulus
 from critflow.critical.stress_hessian import flat_directions, stress_hessian
+from critflow.design.designed import Design
 from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.isogonal import face_modes, isogonal_modes
 from critflow.design.isogonal_design import IsogonalDesign, isogonal_design
@@ -25,7 +26,7 @@ from critflow.design.prune_towards import PrunedDesign, prune_towards
 from critflow.design.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
 from critflow.design.stiffness_design import StiffnessDesign, design_stiffness, isotropic_targets
 from critflow.design.strained_objective import StrainedObjective, StrainedResponse, strained_response
-from critflow.design.targets import Design, design
+from critflow.design.targets import design
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
 from critflow.examination.examine import examine
 from critflow.examination.report import Examination

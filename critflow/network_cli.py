@@ -16,8 +16,9 @@ import typer
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.objectives import OBJECTIVES
+from critflow.design.designed import Design
 from critflow.design.optimize import optimize
-from critflow.design.targets import Design, design
+from critflow.design.targets import design
 from critflow.examination.examine import examine
 from critflow.exchange.convert import network_from, write_network, writer_to
 from critflow.exchange.formats import writable_format

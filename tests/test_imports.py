@@ -55,7 +55,6 @@ SOLVERS = {
     "critflow.linalg.pardiso": {"ctypes", "os", "pathlib", "sys", "sysconfig"},
     "critflow.solvers.cone": {"clarabel"},
     "critflow.solvers.semidefinite": {"clarabel"},
-    "critflow.solvers.sequential": {"clarabel"},
 }
 
 LONGEST, MOST_PARAMETERS = 60, 8

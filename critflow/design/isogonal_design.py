@@ -10,48 +10,46 @@ change of log σ that `design` minimises.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import LengthVariance, Objective
+from critflow.design.designed import Design, Interval, all_limits, of_targets
 from critflow.design.isogonal import IsogonalModes, face_modes, isogonal_modes
 from critflow.design.modulus_bounds import bulk_modulus_bound
-from critflow.design.restoration import Interval, limits_of
-from critflow.design.tolerances import INDEPENDENT_TARGETS, SHORTEST_ISOGONAL, STIFFEST
+from critflow.design.target_errors import error_bounds
+from critflow.design.tolerances import ISOGONAL_NEAREST, SHORTEST_ISOGONAL, STIFFEST
+from critflow.linalg.tolerances import EPS
 from critflow.mechanics.moduli import transition_moduli
 from critflow.mechanics.stiffening_objective import StiffeningCoefficient
 from critflow.networks.network import Array, Network
-from critflow.result import InputError, Solution, Stats, Status
-from critflow.solvers.sequential import Limits, nearest_point
+from critflow.result import InputError, Stats, Status
+from critflow.solvers.constrained import Minimum, Point, minimise_constrained
 
+# Longest change of an amplitude in one step, in units of the mean length.
+_LONGEST = 0.3
+# Unit of the lengths as limits, over the mean: those within a fifth of it take part in a step.
+_LENGTHS = 10.0
 _COEFFICIENTS = ("C_B", "C_G", "length_variance")
 # Powers of a length in the units of targets.
 _POWERS = {"length": 1, "area": 2}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class IsogonalDesign(Solution[CriticalConfiguration]):
-    """A configuration with requested properties and the force network of another one.
+class IsogonalDesign(Design[CriticalConfiguration]):
+    """A configuration with requested properties and the force network of another one; unknowns are log lengths.
 
-    amplitudes   (n_modes,) of the isogonal modes that lead to it
-    achieved     values of the targets by name
-    multipliers  cost of each target, by name: the derivative of ½⟨log²(ℓ/ℓ_0)⟩ by its value
-    gram         (n, n) cosines between the gradients of the targets: 1 where two cannot be changed independently; 0 in
-                 the row of a target that no mode changes
-    independent  whether all targets can be changed independently here: the least eigenvalue of `gram` is not zero
-    distance     root mean square of log(ℓ/ℓ_0)
+    amplitudes  (n_modes,) of the isogonal modes that lead to it
     """
 
     amplitudes: Array
-    achieved: dict[str, float]
-    multipliers: dict[str, float]
-    gram: Array = field(repr=False)
-    independent: bool
-    distance: float
 
 
 @checked
@@ -59,7 +57,7 @@ def isogonal_design(
     critical: CriticalConfiguration,
     targets: Mapping[str, Interval],
     shortest: float | None = None,
-    max_steps: int = 100,
+    max_steps: int = 300,
     throw: bool = True,
 ) -> IsogonalDesign:
     """The configuration nearest in lengths with the same force network and requested properties.
@@ -68,8 +66,8 @@ def isogonal_design(
               edge α, and "area_f" of face f
     shortest  least length of every edge; a twentieth of the mean by default
 
-    S, D, B_0 and G_0 are those of the given configuration, to rounding.  The optimum is local, and its distance is the
-    least one within a few percent.  `stats.residual` is the largest error of a target relative to its size.
+    S, D, B_0 and G_0 are those of the given configuration, to rounding.  The optimum is local; distances of
+    different optima differ by a few percent, by a tenth where many edges are shortest.  `stats.residual` is the largest error of a target relative to its size.
     `Status.infeasible`: no isogonal change reduces the errors further, and the configuration is the best compromise
     found.  Targets of C_B below −B_0/2 are refused where all stresses are positive, and all but −B_0/2 at the largest
     B_0 of the network: bounds for every isogonal change (proof, `stiffening_bound`).
@@ -80,26 +78,12 @@ def isogonal_design(
         raise InputError("edges without stress have no isogonal modes: use the configuration of the taut part")
     if max_steps < 1:
         raise InputError(f"max_steps must be positive, not {max_steps}")
-    family = _Family(critical, targets)
-    least = _shortest(critical, shortest)
-    limits = Limits(
-        family.low / family.scale,
-        family.high / family.scale,
-        family.lengths_of / family.unit,
-        (least - critical.lengths) / family.unit,
-    )
+    family = _Family(critical, targets, _shortest(critical, shortest))
     excess = family.excess()
-    start = np.zeros(family.lengths_of.shape[1])
-    if excess:
-        return _finished(family.report(start, np.zeros(len(family.names)), 0, Status.infeasible, excess), throw)
-    found = nearest_point(family.targets, limits, family.distance, start, max_steps)
-    note = ""
-    if found.status is Status.infeasible:
-        note = "no isogonal change reduces the errors of the targets further: relax one, or change the force network"
-    return _finished(family.report(found.x, found.multipliers, found.steps, found.status, note), throw)
-
-
-def _finished(solution: IsogonalDesign, throw: bool) -> IsogonalDesign:
+    with np.errstate(all="ignore"):
+        # Trial lengths that are not positive have values that are not finite, and are refused.
+        found = family.nearest(0 if excess else max_steps)
+    solution = family.report(found, excess)
     return solution.or_raise("no isogonal change has these properties") if throw else solution
 
 
@@ -119,17 +103,18 @@ def _shortest(critical: CriticalConfiguration, shortest: float | None) -> float:
 class _Family:
     """The isogonal family of a configuration and the targets as functions of its amplitudes, in units of ⟨ℓ_0⟩."""
 
-    def __init__(self, critical: CriticalConfiguration, targets: Mapping[str, Interval]):
+    def __init__(self, critical: CriticalConfiguration, targets: Mapping[str, Interval], shortest: float):
         self.critical, self.network = critical, critical.network
+        self.manifold = CriticalManifold(critical.network)
         if not targets:
             raise InputError("give at least one target, such as {'C_B': 0.1}")
-        self.values_of = [_target(critical, name) for name in targets]
+        self.values_of = [_target(self.manifold, name) for name in targets]
         self.names = tuple(targets)
-        limits = [limits_of(name, value) for name, value in targets.items()]
-        self.low, self.high = (np.array(values) for values in zip(*limits, strict=True))
+        self._low, self._high = all_limits(targets)
         self.unit = float(critical.lengths.mean())
         # Errors are relative to the size of the target, and absolute below a hundredth of its unit.
-        largest = [max(abs(x) for x in pair if np.isfinite(x)) for pair in limits]
+        ends = np.abs(np.array([self._low, self._high]))
+        largest = np.where(np.isfinite(ends), ends, 0.0).max(axis=0)
         powers = [0 if name in _COEFFICIENTS else _POWERS[name.split("_")[0]] for name in targets]
         self.scale = np.maximum(largest, 1e-2 * self.unit ** np.array(powers))
         self.modes = _modes(critical)
@@ -137,6 +122,36 @@ class _Family:
         self.n_modes = self.modes.n_independent
         self.lengths_of = self.unit * sp.csr_array(sp.csr_array(self.modes.elongations)[: self.n_modes].T)
         self.directions = critical.bond_vectors / critical.lengths[:, None]
+        self.reach = _LENGTHS * self.unit
+        n_edges, self.least = self.network.n_edges, (1 - 1e-6) * shortest
+        self.low = np.concatenate([self._low / self.scale, np.full(n_edges, shortest / self.reach)])
+        self.high = np.concatenate([self._high / self.scale, np.full(n_edges, np.inf)])
+
+    def metric(self, z: Array) -> Callable[[Array], Array]:
+        """Products of rows (..., n_modes) with the inverse of Σ (∂log ℓ)², so that a step changes no length too far."""
+        lengths = self.critical.lengths + self.lengths_of @ z
+        relative = sp.diags_array(1 / lengths) @ self.lengths_of
+        factor = splu(sp.csc_matrix(relative.T @ relative))
+        return lambda rows: np.asarray(factor.solve(rows.T).T)
+
+    def nearest(self, max_steps: int) -> Minimum:
+        """The search through half the distance of the targets, which ends nearer, else the direct one."""
+        start = np.zeros(self.n_modes)
+        half = self.search(start, 0.5, max_steps // 5)
+        found = self.search(half.point.z, 1.0, max_steps - half.steps)
+        if found.reached or found.steps + half.steps >= max_steps:
+            return found
+        direct = self.search(start, 1.0, max_steps)
+        return min(found, direct, key=lambda end: end.violation)
+
+    def search(self, start: Array, part: float, max_steps: int) -> Minimum:
+        """The search from amplitudes with the limits of the targets at a part of their distance."""
+        stage = copy(self)
+        if part < 1:
+            here = self.at(np.zeros(self.n_modes)).constraints
+            stage.low = np.where(here < self.low, here + part * (self.low - here), self.low)
+            stage.high = np.where(here > self.high, here + part * (self.high - here), self.high)
+        return minimise_constrained(stage, start, ISOGONAL_NEAREST, _LONGEST, max_steps, self.metric)
 
     def values(self, a: Array) -> tuple[Array, Array]:
         """Values (n,) and gradients by the lengths (n, N_b) at amplitudes a."""
@@ -145,16 +160,29 @@ class _Family:
         values, rows = zip(*(of(sigma, lengths, self.directions) for of in self.values_of), strict=True)
         return np.array(values), np.array(rows)
 
-    def targets(self, a: Array) -> tuple[Array, Array]:
-        """Targets of order one (n,) and their gradients by the amplitudes."""
-        values, rows = self.values(a)
-        return values / self.scale, (rows / self.scale[:, None]) @ self.lengths_of
+    def at(self, z: Array) -> Point:
+        """½Σ log²(ℓ/ℓ_0), and as constraints the targets relative to their sizes and the lengths."""
+        lengths = self.critical.lengths + self.lengths_of @ z
+        # Collapsed edges would trap a search: lengths below the limit are outside the domain.
+        change = np.log(np.where(lengths > self.least, lengths, np.nan) / self.critical.lengths)
+        values, by_length = self.values(z)
+        n, rows = len(values), (by_length / self.scale[:, None]) @ self.lengths_of
 
-    def distance(self, a: Array) -> tuple[Array, sp.csr_array]:
-        """log(ℓ/ℓ_0)/√N_b, (N_b,), and its Jacobian."""
-        lengths, size = self.critical.lengths + self.lengths_of @ a, np.sqrt(self.network.n_edges)
-        ratio = np.maximum(lengths / self.critical.lengths, np.finfo(float).tiny)
-        return np.log(ratio) / size, sp.csr_array(sp.diags_array(1 / (size * lengths)) @ self.lengths_of)
+        def of(indices: NDArray[np.intp]) -> Array:
+            limited = self.lengths_of[indices[indices >= n] - n].toarray() / self.reach
+            return np.concatenate([rows[indices[indices < n]], limited])
+
+        constraints = np.concatenate([values / self.scale, lengths / self.reach])
+        return Point(z, 0.5 * float(change @ change), self.lengths_of.T @ (change / lengths), constraints, of)
+
+    def bounds(self, value: CriticalConfiguration, rows: Array) -> Array:
+        """Error bounds (estimate) of the targets (n,), from their derivatives by the lengths (n, N_b)."""
+        size = np.abs(rows)
+        found = np.asarray(size @ value.bond_errors + 4 * EPS * size @ value.lengths)
+        for n, name in enumerate(self.names):
+            if name in _COEFFICIENTS:
+                found[n] = error_bounds(self.manifold, [_objective(self.manifold, name)], value)[0]
+        return found
 
     def excess(self) -> str:
         """A sentence where a closed form excludes the target of C_B, else an empty string."""
@@ -163,35 +191,38 @@ class _Family:
         n, bulk = self.names.index("C_B"), transition_moduli(self.critical).bulk
         bound = bulk_modulus_bound(self.network)
         least = -bulk / 2
-        if (self.critical.sigma > 0).all() and self.high[n] < least * (1 + STIFFEST):
+        if (self.critical.sigma > 0).all() and self._high[n] < least * (1 + STIFFEST):
             return f"C_B is at least -B_0/2 = {least:.8g} for every isogonal change: start from a larger B_0"
         if bulk < bound * (1 - STIFFEST):
             return ""
-        if self.low[n] - STIFFEST * bound <= -bound / 2 <= self.high[n] + STIFFEST * bound:
+        if self._low[n] - STIFFEST * bound <= -bound / 2 <= self._high[n] + STIFFEST * bound:
             return ""
         return f"at the largest B_0, C_B is {-bound / 2:.8g} for every isogonal change: start from a smaller B_0"
 
-    def report(self, a: Array, mu: Array, steps: int, status: Status, note: str) -> IsogonalDesign:
-        """The design at amplitudes a."""
+    def report(self, found: Minimum, excess: str) -> IsogonalDesign:
+        """The design at the end of a search."""
+        a, n = found.point.z, len(self.names)
         full = np.zeros(self.modes.elongations.shape[0])
         full[: self.n_modes] = self.unit * a
-        values, rows = self.values(a)
-        error = np.abs(values - np.clip(values, self.low, self.high)) / self.scale
-        rows = rows @ self.lengths_of
-        norm = np.linalg.norm(rows, axis=1)
-        unit = rows / np.where(norm > 0, norm, 1.0)[:, None]
-        gram = unit @ unit.T
+        value, (values, rows) = self.modes.walk(full), self.values(a)
+        bounds = self.bounds(value, rows)
+        error = np.abs(values - np.clip(values, self._low, self._high)) / self.scale
+        status, note = Status.infeasible if excess else found.status, excess
+        if found.reached and not excess:
+            # The least change only selects: a design that has its targets is complete without it.
+            status = Status.ok
+        elif found.status is Status.infeasible and not excess:
+            note = "no isogonal change reduces the errors of the targets: relax one, or change the force network"
+        n_edges = self.network.n_edges
         return IsogonalDesign(
-            value=self.modes.walk(full),
+            value=value,
             status=status,
-            stats=Stats("sequential quadratic programs", steps, float(error.max())),
+            stats=Stats("sqp", found.steps, float(error.max())),
             note=note,
             amplitudes=full,
-            achieved=dict(zip(self.names, map(float, values), strict=True)),
-            multipliers=dict(zip(self.names, map(float, mu / self.scale), strict=True)),
-            gram=gram,
-            independent=bool(np.linalg.eigvalsh(gram)[0] > INDEPENDENT_TARGETS),
-            distance=float(np.linalg.norm(self.distance(a)[0])),
+            preference=found.point.value,
+            distance=float(np.sqrt(2 * found.point.value / n_edges)),
+            **of_targets(self.names, values, bounds, -found.multipliers[:n] / self.scale, rows @ self.lengths_of),
         )
 
 
@@ -209,13 +240,11 @@ def _modes(critical: CriticalConfiguration) -> IsogonalModes:
 ValueOf = Callable[[Array, Array, Array], tuple[float, Array]]
 
 
-def _target(critical: CriticalConfiguration, name: str) -> ValueOf:
+def _target(manifold: CriticalManifold, name: str) -> ValueOf:
     """A target as a function of σ, lengths and directions: its value and derivatives by the lengths (N_b,)."""
-    network = critical.network
+    network = manifold.network
     if name in _COEFFICIENTS:
-        if name == "length_variance":
-            return _of_objective(LengthVariance())
-        return _of_objective(StiffeningCoefficient(CriticalManifold(network), of_shear=name == "C_G"))
+        return _of_objective(_objective(manifold, name))
     kind, _, number = name.partition("_")
     counts = {"length": network.n_edges, "area": 0 if network.faces is None else network.faces.n_faces}
     if kind not in counts or not number.isdecimal():
@@ -224,6 +253,12 @@ def _target(critical: CriticalConfiguration, name: str) -> ValueOf:
         noun = {"length": "edges", "area": "faces"}[kind]
         raise InputError(f"{name} does not exist: the network has {counts[kind]} {noun}, counted from 0")
     return _length(int(number)) if kind == "length" else _area(network, int(number))
+
+
+def _objective(manifold: CriticalManifold, name: str) -> Objective:
+    if name == "length_variance":
+        return LengthVariance()
+    return StiffeningCoefficient(manifold, of_shear=name == "C_G")
 
 
 def _of_objective(objective: Objective) -> ValueOf:

@@ -27,6 +27,8 @@ from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
 
 _MOST_STEPS = 600
+# Steps in which the position on the front must be reached.
+_RESTORING = 60
 _LONGEST = 1.0
 # Change of log σ from the start to the second one.
 _SHAKEN = 0.3
@@ -206,13 +208,14 @@ class _Search:
         origin, problem = self._unknowns.origin, _Weighted(self, weights, None)
         shaken = origin + _SHAKEN * np.random.default_rng(0).standard_normal(len(origin))
         found = [
-            minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps) for start in (origin, shaken)
+            minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING)
+            for start in (origin, shaken)
         ]
         best = min(found, key=lambda end: end.point.value if end.reached else np.inf)
         return best.point.z
 
     def _point(self, problem: _Weighted, start: Array) -> _Point:
-        found = minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps)
+        found = minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING)
         weights, first = problem.weights.copy(), int(problem.difference is not None)
         if first:
             weights += found.multipliers[0] * np.array([1.0, -1.0])

@@ -12,44 +12,35 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.design.restoration import Interval, limits_of, nearest_solution
-from critflow.design.tolerances import INDEPENDENT_TARGETS, POSITIVE_TENSOR
+from critflow.design.designed import Design, Interval, all_limits, of_targets
+from critflow.design.tolerances import POSITIVE_TENSOR, TARGET_STATIONARY
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.mechanics.at_rest import response_at_rest
 from critflow.mechanics.elasticity import Elasticity
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network, edge_values, validated_coordinates
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Stats, Status
 from critflow.rigidity.counts import rigidity
+from critflow.solvers.constrained import Minimum, Point, minimise_constrained
 
 _MOST_STEPS = 200
+# Longest change of log k in one step.
+_LONGEST = 1.0
 # Targets smaller than this part of the largest one have absolute errors.
 _SMALL = 1e-2
-# Distance from a limit, relative to the size of a target, beyond which a value is inside its interval.
-_INSIDE = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class StiffnessDesign(Solution[Network]):
-    """A network whose stiffnesses give its configuration the requested elasticity.
+class StiffnessDesign(Design[Network]):
+    """A network whose stiffnesses give its configuration the requested elasticity; unknowns are log k.
 
-    elasticity   tensor of the springs at rest, with error bounds
-    achieved     values of the targets by name
-    multipliers  cost of each target, by name: the derivative of ½|θ − θ_0|², θ = log k, by its value
-    gram         (n, n) cosines between the gradients of the targets by θ
-    independent  whether all targets can be changed independently here: the least eigenvalue of `gram` is not zero
-    distance     root mean square of log k − log k_0
+    elasticity  tensor of the springs at rest, with error bounds
     """
 
     elasticity: Elasticity = field(repr=False)
-    achieved: dict[str, float]
-    multipliers: dict[str, float]
-    gram: Array = field(repr=False)
-    independent: bool
-    distance: float
 
 
 @checked
@@ -80,15 +71,12 @@ def design_stiffness(
     k = edge_values(network.stiffness if start is None else start, network.n_edges, "start")
     n_self_stresses = _self_stresses(network, x)
     goals = _TensorGoals(network, x, targets, k)
-    origin = np.log(k)
     reason = goals.excess(n_self_stresses)
-    if reason:
-        found = (origin, origin, np.zeros(len(goals.names)), 0, Status.infeasible, reason)
-    else:
-        with np.errstate(all="ignore"):
-            # Trial stiffnesses of extreme contrast have values that are not finite, and are refused.
-            found = nearest_solution(goals, origin, max_steps)
-    solution = goals.report(*found)
+    with np.errstate(all="ignore"):
+        # Trial stiffnesses of extreme contrast have values that are not finite, and are refused.
+        steps = 0 if reason else max_steps
+        found = minimise_constrained(goals, goals.origin, TARGET_STATIONARY, _LONGEST, steps)
+    solution = goals.report(found, reason)
     return solution.or_raise("no stiffnesses with this elasticity were found") if throw else solution
 
 
@@ -149,11 +137,10 @@ class _TensorGoals:
         unknown = [name for name in targets if name not in table]
         if unknown:
             raise InputError(f"no target is called {unknown[0]!r}: choose from {', '.join(table)}")
-        self._network, self._coordinates, self._start = network, coordinates, start
+        self._network, self._coordinates, self.origin = network, coordinates, np.log(start)
         self.names = tuple(targets)
         self._W = np.array([table[name] for name in self.names])
-        limits = [limits_of(name, value) for name, value in targets.items()]
-        self._low, self._high = (np.array(values) for values in zip(*limits, strict=True))
+        self._low, self._high = all_limits(targets)
         L = network.bond_vectors(coordinates)
         length = np.linalg.norm(L, axis=1)
         self._pattern, self._unit = block_laplacian(network), L / length[:, None]
@@ -161,8 +148,9 @@ class _TensorGoals:
         self._affine = np.einsum("ei,aij,ej->ea", self._unit, basis, L, optimize=True)
         ends = np.maximum(np.abs(self._low), np.abs(self._high))
         ends = np.where(np.isfinite(ends), ends, np.minimum(np.abs(self._low), np.abs(self._high)))
-        largest = float(ends.max()) or float(np.abs(self._tensor(np.log(start))[0]).max())
+        largest = float(ends.max()) or float(np.abs(self._tensor(self.origin)[0]).max())
         self._scale = np.maximum(ends, _SMALL * largest)
+        self.low, self.high = self._low / self._scale, self._high / self._scale
 
     def _tensor(self, theta: Array) -> tuple[Array, Array]:
         """C (m, m) and the relaxed extensions (N_b, m)."""
@@ -177,16 +165,14 @@ class _TensorGoals:
         C = (extension.T * k) @ extension / network.volume
         return 0.5 * (C + C.T), extension
 
-    def at(self, theta: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Relative errors (n,), their gradients by log k (n, N_b), and the targets not inside their limits (n,)."""
-        C, extension = self._tensor(theta)
-        values = self._values(C)
+    def at(self, z: Array) -> Point:
+        """Half the square of the change of θ, and the targets relative to their sizes."""
+        C, extension = self._tensor(z)
         weighted = np.einsum("ea,nab,eb->ne", extension, self._W, extension, optimize=True)
-        rows = weighted * np.exp(theta) / self._network.volume
-        error = values - np.clip(values, self._low, self._high)
-        margin = _INSIDE * self._scale
-        active = (values < self._low + margin) | (values > self._high - margin)
-        return error / self._scale, rows / self._scale[:, None], active
+        rows = weighted * np.exp(z) / (self._network.volume * self._scale[:, None])
+        change = z - self.origin
+        values = self._values(C) / self._scale
+        return Point(z, 0.5 * float(change @ change), change, values, lambda indices: rows[indices])
 
     def _values(self, C: Array) -> Array:
         return np.einsum("nab,ab->n", self._W, C)
@@ -209,30 +195,32 @@ class _TensorGoals:
             return f"the requested tensor has rank {rank}, and {n_self_stresses} self-stresses give at most that rank"
         return ""
 
-    def report(self, theta: Array, origin: Array, mu: Array, steps: int, status: Status, note: str) -> StiffnessDesign:
-        """The design at θ, its tensor computed again with error bounds."""
+    def report(self, found: Minimum, reason: str) -> StiffnessDesign:
+        """The design at the end of a search, its tensor computed again with error bounds."""
+        theta = found.point.z
         network = self._network.with_stiffness(np.exp(theta))
         response = response_at_rest(network, self._coordinates, network.volume)
         values = self._values(response.value.energy)
-        bounds = np.einsum("nab,ab->n", np.abs(self._W), response.value.bounds) / self._scale
-        rows = self.at(theta)[1]
-        unit = rows / np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)[:, None]
-        gram = unit @ unit.T
+        bounds = np.einsum("nab,ab->n", np.abs(self._W), response.value.bounds)
         error = np.abs(values - np.clip(values, self._low, self._high)) / self._scale
+        status, note = Status.infeasible if reason else found.status, reason
+        if found.reached and not reason:
+            # The least change only selects: stiffnesses that have the targets are complete without it.
+            status = Status.ok
+        elif found.status is Status.infeasible and not reason:
+            note = "the errors of the targets cannot be reduced together from here: relax one, or give another start"
         if not response.ok:
             status, note = response.status, response.note
-        stats = Stats("restoration", steps, float(error.max()), error_bound=float(bounds.max()))
+        rows = found.point.rows(np.arange(len(self.names))) * self._scale[:, None]
         return StiffnessDesign(
             value=network,
             status=status,
-            stats=stats,
+            stats=Stats("sqp", found.steps, float(error.max()), error_bound=float((bounds / self._scale).max())),
             note=note,
             elasticity=response.value,
-            achieved=dict(zip(self.names, map(float, values), strict=True)),
-            multipliers=dict(zip(self.names, map(float, mu / self._scale), strict=True)),
-            gram=gram,
-            independent=bool(np.linalg.eigvalsh(gram)[0] > INDEPENDENT_TARGETS),
-            distance=float(np.sqrt(np.mean((theta - origin) ** 2))),
+            preference=found.point.value,
+            distance=float(np.sqrt(np.mean((theta - self.origin) ** 2))),
+            **of_targets(self.names, values, bounds, -found.multipliers / self._scale, rows),
         )
 
 

@@ -20,7 +20,7 @@ from critflow.critical.objectives import (
     pure_shear,
     transition_modulus,
 )
-from critflow.design.restoration import limits_of
+from critflow.design.designed import limits_of
 from critflow.mechanics.stiffening_objective import StiffeningCoefficient
 from critflow.networks.deformation import DEFORMATIONS, strain_basis
 from critflow.networks.network import Array, edge_values
@@ -110,7 +110,7 @@ def wanted(manifold: CriticalManifold, targets: Mapping[str, object]) -> list[Wa
                 raise InputError(f"the target {name} must be a number, a pair of limits, or one of {GOALS}")
             found.append(Wanted(name, table[symbol](), -np.inf, np.inf, 1 if value == "smallest" else -1))
         else:
-            found.append(Wanted(name, table[symbol](), *limits_of(name, value), 0))  # type: ignore[arg-type]
+            found.append(Wanted(name, table[symbol](), *limits_of(name, value), 0))
     goals = [target.name for target in found if target.goal]
     if len(goals) > 1:
         raise InputError(

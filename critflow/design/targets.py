@@ -8,7 +8,6 @@ solutions and the preference selects one.  All gradients are exact: one solve wi
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,54 +15,22 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
+from critflow.design.designed import Design, of_targets
 from critflow.design.optimize import optimize
 from critflow.design.target_bounds import excluded
+from critflow.design.target_errors import error_bounds
 from critflow.design.target_problem import Preference, TargetProblem, Unknowns
 from critflow.design.target_table import Wanted, edge_limits, wanted
-from critflow.design.tolerances import INDEPENDENT_TARGETS, UNLIMITED
-from critflow.linalg.tolerances import EPS
-from critflow.mechanics.stiffening_objective import Growth, StiffeningCoefficient
+from critflow.design.tolerances import UNLIMITED
 from critflow.networks.network import Array, Network
-from critflow.result import Solution, Stats, Status
+from critflow.result import Stats, Status
 from critflow.solvers.constrained import Minimum, minimise_constrained
 
 _MOST_STEPS = 300
+# Steps of one start in which the targets must be reached.
+_RESTORING = 60
 # Longest change of log σ in one step, spread of random starts, and steps of the ascent that gives the last start.
 _LONGEST, _SPREADS, _ASCENT = 0.4, (0.1, 0.5), 30
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Design(Solution[CriticalConfiguration]):
-    """A configuration with requested properties.
-
-    achieved      values of the targets by name
-    error_bounds  of the achieved values by name (estimate): from the bounds of the bond vectors, and rounding
-    multipliers   cost of each target, by name: derivative of the least preference by its value, 0 inside an interval
-    gram          (n, n) cosines between the gradients of the targets, in their order
-    independence  by name: the sine of the angle between the gradient of a target and the span of the others, which is
-                  the part of a unit change of this target alone; 0 where the others determine it
-    independent   whether all targets can be changed independently here: the least eigenvalue of `gram` is not zero
-    preference    value of the preference: ½|z − z_0|², V_L, V_τ, ½⟨|x − x̂|²⟩, or the target that is extreme
-    distance      root mean square of log σ − log σ_0, or of σ − σ_0 where `signs` is "any"
-    """
-
-    achieved: dict[str, float]
-    error_bounds: dict[str, float] = field(repr=False)
-    multipliers: dict[str, float]
-    gram: Array = field(repr=False)
-    independence: dict[str, float] = field(repr=False)
-    preference: float
-    distance: float
-
-    @property
-    def configuration(self) -> CriticalConfiguration:
-        """The configuration, the same as `value`."""
-        return self.value
-
-    @property
-    def independent(self) -> bool:
-        """Whether all targets can be changed independently here."""
-        return bool(np.linalg.eigvalsh(self.gram)[0] > INDEPENDENT_TARGETS)
 
 
 @checked
@@ -78,7 +45,7 @@ def design(
     start: ArrayLike | None = None,
     max_steps: int = _MOST_STEPS,
     throw: bool = True,
-) -> Design:
+) -> Design[CriticalConfiguration]:
     """The critical configuration with requested properties that a preference selects.
 
     targets  name → value, (low, high), or "largest" or "smallest" for one of them.  Names are "B_0", "G_0", "V_L",
@@ -132,7 +99,7 @@ def _best(problem: TargetProblem, max_steps: int) -> Minimum:
     best: Minimum | None = None
     left = max_steps
     for start in _starts(problem):
-        found = minimise_constrained(problem, start, problem.preference.tolerance, _LONGEST, left)
+        found = minimise_constrained(problem, start, problem.preference.tolerance, _LONGEST, left, restoring=_RESTORING)
         left -= found.steps
         if best is None or found.reached or not found.violation >= best.violation:
             best = found
@@ -180,15 +147,15 @@ def _note(problem: TargetProblem, best: Minimum) -> str:
     return "no start reached the targets inside the limits of the edges: widen the limits, or relax a target"
 
 
-def _report(problem: TargetProblem, wants: list[Wanted], found: Minimum, status: Status, note: str) -> Design:
+def _report(
+    problem: TargetProblem, wants: list[Wanted], found: Minimum, status: Status, note: str
+) -> Design[CriticalConfiguration]:
     """The design at the end of a search."""
     unknowns, z = problem.unknowns, found.point.z
     solved = problem.manifold.solve(unknowns.stress(z))
     balance = problem.manifold.balance(unknowns.stress(z))
     values, by_sigma = problem.values(balance, [target.objective for target in wants])
     rows = unknowns.gradients(by_sigma, balance.sigma)
-    unit = rows / np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)[:, None]
-    gram = unit @ unit.T
     names = [target.name for target in wants]
     limited = [target.name for target in problem.targets]
     # dpreference/dlimit = −μ of the constraint in units of its size.
@@ -197,7 +164,7 @@ def _report(problem: TargetProblem, wants: list[Wanted], found: Minimum, status:
         name: problem.preference.shown(float(derivative), len(balance.sigma))
         for name, derivative in zip(limited, derivatives, strict=True)
     }
-    sines = np.sqrt(np.maximum(1 / np.maximum(np.diag(np.linalg.pinv(gram)), 1.0), 0.0))
+    bounds = error_bounds(problem.manifold, [target.objective for target in wants], solved.value)
     change = z - unknowns.origin
     if unknowns.signs is not None and len(unknowns.free) == problem.manifold.network.n_edges:
         change = change - change.mean()
@@ -206,26 +173,7 @@ def _report(problem: TargetProblem, wants: list[Wanted], found: Minimum, status:
         status=status if solved.ok else solved.status,
         stats=Stats("sqp", found.steps, found.violation, error_bound=solved.value.error_bound),
         note=note,
-        achieved=dict(zip(names, map(float, values), strict=True)),
-        error_bounds=_error_bounds(problem.manifold, wants, solved.value),
-        multipliers=costs,
-        gram=gram,
-        independence=dict(zip(names, map(float, sines), strict=True)),
         preference=problem.preference.shown(found.point.value, len(balance.sigma)),
         distance=float(np.sqrt(np.mean(change**2))),
+        **of_targets(names, values, bounds, np.array(list(costs.values())), rows),
     )
-
-
-def _error_bounds(manifold: CriticalManifold, wants: list[Wanted], critical: CriticalConfiguration) -> dict[str, float]:
-    """Error bounds (estimate) of the values: derivatives by the bond vectors times their errors, and rounding."""
-    sigma, L, found = critical.sigma, critical.bond_vectors, dict[str, float]()
-    volume = manifold.network.volume
-    for target in wants:
-        value, (by_sigma, by_L) = target.objective.evaluate(sigma, L)
-        size = np.linalg.norm(by_L, axis=1)
-        rounding = 4 * EPS * float(np.sum(np.abs(by_sigma * sigma)) + size @ critical.lengths + abs(value))
-        found[target.name] = float(size @ critical.bond_errors) + rounding
-        if isinstance(target.objective, StiffeningCoefficient):
-            errors = Growth(manifold, sigma, L).energy.third_error
-            found[target.name] += errors[int(target.objective.of_shear)] / volume
-    return found

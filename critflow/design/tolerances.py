@@ -75,8 +75,7 @@ PRUNING_DRIFT     Error of rank-one updates from which P is factorised again: fa
 PRUNING_REACHED   Distance from a target that counts as reached, relative to it: cuts are discrete.
 
 Targets
-TARGET_REACHED    Largest relative error of a target of a design.
-TARGET_STATIONARY Change of log k along the surface of the targets below which the nearest solution is reached.
+TARGET_STATIONARY The same of the least change of log k, relative to 1 plus the largest change.
 TARGET_OPTIMAL    Component of the gradient of a preference along the surface of the targets, relative to 1 plus the
                   largest component of the gradient, below which it is least.
 TARGET_NEAREST    The same of the least change, which is then least to 1e-4: it only selects.
@@ -91,6 +90,7 @@ SAME_LAW          Relative difference of tensions below which a spring law count
 
 Isogonal design
 SHORTEST_ISOGONAL Shortest length of an isogonal design by default, in units of the mean: as SOUND.
+ISOGONAL_NEAREST  As TARGET_NEAREST for isogonal amplitudes.
 STIFFEST          Relative distance from the largest B_0 at which C_B is the closed form for all isogonal changes.
 
 Fronts
@@ -117,8 +117,7 @@ UNSUPPORTED = 1e-10
 PRUNING_DRIFT = 1e-10
 PRUNING_REACHED = 1e-3
 
-TARGET_REACHED = 1e-11
-TARGET_STATIONARY = 1e-3
+TARGET_STATIONARY = 1e-5
 TARGET_OPTIMAL = 1e-3
 TARGET_NEAREST = 1e-2
 UNLIMITED = 1e-6
@@ -136,6 +135,7 @@ SAME_END = 1e-4
 END_WEIGHT = 1e-2
 
 SHORTEST_ISOGONAL = 5e-2
+ISOGONAL_NEAREST = 1e-2
 STIFFEST = 1e-9
 
 NEAREST_CONVERGED = 1e-9

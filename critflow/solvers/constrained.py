@@ -2,10 +2,11 @@
 
     minimise f(z)  subject to  l ≤ c(z) ≤ u,
 with z (N,), and n ≪ N constraints of size one that matter at a time.  With H the inverse of a limited-memory BFGS
-matrix of the Lagrangian, started from the unit matrix, a step is
+matrix of the Lagrangian, started from the unit matrix or another one, a step is
     d = −H (∇f + Jᵀμ),
 where μ is the solution of the dual quadratic program, of the size of the constraints: free for l = u, of one sign at a
-limit.  A step along the surface is followed by shortest steps, in the same metric, that restore the constraints.
+limit.  A step along the surface that does not reduce the merit function is followed by a shortest one, in the same
+metric, towards the constraints: their curvature otherwise blocks all but very short steps.
 Restoration is damped where the gradients of the constraints are nearly dependent (Levenberg and Marquardt).
 """
 
@@ -15,22 +16,25 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from critflow.result import Status
-from critflow.solvers.tolerances import ARMIJO, CURVED, DEPENDENT, RESTORED
+from critflow.solvers.tolerances import ARMIJO, CURVED, DEPENDENT, FLOOR, RESTORED
 
 Array = NDArray[np.float64]
+Product = Callable[[Array], Array]
+First = Callable[[Array], Product]
 
-# Pairs of the limited-memory matrix; steps that restore the constraints, after a step that hides a decrease, at the
-# start and at the end.
-_MEMORY, _RESTORING, _AT_START, _AT_END = 20, 1, 60, 30
+# Pairs of the limited-memory matrix; steps to the constraints after one that reduces no merit, and at the end.
+_MEMORY, _RESTORING, _AT_END = 20, 1, 30
 # Largest and smallest damping of restoration, in units of the mean square gradient; shortest part of a step.
 _MOST_DAMPED, _LEAST_DAMPED, _SHORTEST = 1e4, 1e-10, 1e-4
+# Part of a step below which the pairs of the matrix are forgotten.
+_SHORT = 0.05
 # Distance from a limit within which a constraint takes part in a step.
 _NEAR = 0.02
 
@@ -97,11 +101,11 @@ class _Working:
         if self.equal.all():
             return np.asarray(np.linalg.lstsq(gram, right, rcond=DEPENDENT)[0])
         values, vectors = np.linalg.eigh(gram)
-        kept = values > DEPENDENT * max(values[-1], np.finfo(float).tiny)
-        root = np.sqrt(values[kept])
-        A = root[:, None] * vectors[:, kept].T
+        # Dependent limits have their own signs, so that directions without an eigenvalue remain.
+        root = np.sqrt(np.maximum(values, FLOOR * max(values[-1], np.finfo(float).tiny)))
+        A = root[:, None] * vectors.T
         # Free multipliers as differences of two that are not negative.
-        found, _ = nnls(np.hstack([A, -A[:, self.equal]]), (vectors[:, kept].T @ right) / root)
+        found, _ = nnls(np.hstack([A, -A[:, self.equal]]), (vectors.T @ right) / root)
         mu = found[: len(right)]
         mu[self.equal] -= found[len(right) :]
         return np.asarray(mu)
@@ -110,15 +114,21 @@ class _Working:
 class _Metric:
     """H, the inverse of a limited-memory BFGS matrix: products with vectors (N,) or rows (n, N)."""
 
-    def __init__(self) -> None:
+    def __init__(self, first: First | None):
         self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=_MEMORY)
-        self._scale = 1.0
+        self._first, self._scale = first, 1.0
+        self._product: Product | None = None
+
+    def at(self, z: Array) -> Self:
+        """The same pairs with the first matrix at z."""
+        self._product = None if self._first is None else self._first(z)
+        return self
 
     def add(self, s: Array, y: Array) -> None:
         curvature = float(s @ y)
         if curvature > CURVED * float(np.linalg.norm(s) * np.linalg.norm(y)):
             self._pairs.append((s, y, 1 / curvature))
-            self._scale = curvature / float(y @ y)
+            self._scale = curvature / float(y @ (y if self._product is None else self._product(y)))
 
     def forget(self) -> bool:
         """Forget all pairs; whether there were any."""
@@ -133,36 +143,54 @@ class _Metric:
             part = rho * (q @ s)
             q -= np.multiply.outer(part, y)
             parts.append(part)
-        q *= self._scale
+        q = self._scale * (q if self._product is None else self._product(q))
         for (s, y, rho), part in zip(self._pairs, reversed(parts), strict=True):
             q += np.multiply.outer(part - rho * (q @ y), s)
         return q
 
 
-def minimise_constrained(problem: Problem, start: Array, tolerance: float, longest: float, max_steps: int) -> Minimum:
+def minimise_constrained(
+    problem: Problem,
+    start: Array,
+    tolerance: float,
+    longest: float,
+    max_steps: int,
+    first: First | None = None,
+    restoring: int | None = None,
+) -> Minimum:
     """A local minimum from a start (N,).
 
     tolerance  largest component of ∇f + Jᵀμ, relative to 1 + |∇f|
     longest    largest change of a component in one step
+    first      at z, products of rows (n, N) with the first inverse Hessian, the unit matrix by default
+    restoring  steps in which the constraints must be satisfied first, all by default
 
     `Status.infeasible` where the violation cannot be reduced to first order, `Status.step_limit` and `Status.stalled`
     for the objective: the constraints are then satisfied.
     """
-    metric, search = _Metric(), _Search(problem, longest)
-    point = feasible = search.restored(problem.at(start), metric, min(max_steps, _AT_START))
+    metric, search = _Metric(first), _Search(problem, longest)
+    point = feasible = search.restored(
+        problem.at(start), metric, max_steps if restoring is None else min(max_steps, restoring)
+    )
     if violation(problem, point) > RESTORED:
         status = Status.step_limit if search.steps >= max_steps else Status.infeasible
         return search.end(point, status)
     while True:
         step = search.step(point, metric)
-        if step.residual <= tolerance * (1 + float(np.abs(point.gradient).max())):
+        optimal = step.residual <= tolerance * (1 + float(np.abs(point.gradient).max()))
+        if optimal and violation(problem, point) <= tolerance:
             status = Status.ok
         elif search.steps >= max_steps:
             status = Status.step_limit
         else:
             moved = search.along(point, step, metric)
             if moved is not None:
-                metric.add(moved.z - point.z, step.change_of_gradient(point, moved))
+                change = moved.z - point.z
+                if np.linalg.norm(change) < _SHORT * np.linalg.norm(step.d):
+                    # The model is far off: where the curvature is negative, no later pair would replace it.
+                    metric.forget()
+                else:
+                    metric.add(change, step.change_of_gradient(point, moved))
                 point = moved
                 if violation(problem, point) <= RESTORED and point.value < feasible.value:
                     feasible = point
@@ -170,7 +198,7 @@ def minimise_constrained(problem: Problem, start: Array, tolerance: float, longe
             if metric.forget():
                 continue
             status = Status.stalled
-        point = search.restored(point, _Metric(), _AT_END)
+        point = search.restored(point, _Metric(first), _AT_END)
         return search.end(point if violation(problem, point) <= RESTORED else feasible, status)
 
 
@@ -205,6 +233,7 @@ class _Search:
         """The step to the minimum of the quadratic model, at linearised constraints."""
         working = _Working(self.problem, point)
         J, g = working.rows, point.gradient
+        metric.at(point.z)
         HJ, Hg = metric.times(J), metric.times(g)
         mu = working.multipliers(J @ HJ.T, working.excess - J @ Hg)
         plain = working.multipliers(J @ J.T, np.where(working.equal, 0.0, np.minimum(working.excess, 0.0)) - J @ g)
@@ -217,17 +246,16 @@ class _Search:
         here = point.value + self.penalty * violated
         slope = float(point.gradient @ step.d) - self.penalty * violated
         part = min(1.0, self.longest / max(float(np.abs(step.d).max()), 1e-300))
-        whole = True
         while part > _SHORTEST:
             self.steps += 1
             moved = self.problem.at(point.z + part * step.d)
             wanted = here - ARMIJO * part * abs(slope)
-            if not self._merit(moved) <= wanted and whole and np.isfinite(self._merit(moved)):
-                # Curvature of the constraints may hide a decrease: return to their surface first.
+            if not self._merit(moved) <= wanted and np.isfinite(self._merit(moved)):
+                # Curvature of the constraints may hide a decrease: return towards their surface.
                 moved = self.restored(moved, metric, _RESTORING)
             if self._merit(moved) <= wanted:
                 return moved
-            part, whole = 0.3 * part, False
+            part *= 0.3
         return None
 
     def _violation(self, point: Point) -> float:
@@ -241,31 +269,36 @@ class _Search:
         """The point after at most `most` damped Gauss-Newton steps that reduce the violation."""
         damping, size, last = 0.0, self._size(point), self.steps + most
         step: tuple[_Working, Array, Array] | None = None
+        part = 1.0
         while size > 0 and violation(self.problem, point) > 0.01 * RESTORED and self.steps < last:
             if step is None:
                 working = _Working(self.problem, point)
-                HJ = metric.times(working.rows)
+                HJ = metric.at(point.z).times(working.rows)
                 step = working, HJ, working.rows @ HJ.T
             working, HJ, gram = step
-            damped = gram + damping * (np.trace(gram) / max(len(gram), 1)) * np.eye(len(gram))
-            d = -(working.multipliers(damped, working.excess) @ HJ)
+            # Limits that hold are not damped: linear ones then hold after the step.
+            violated = working.equal | (working.excess > RESTORED)
+            damped = gram + np.diag(damping * (np.trace(gram) / max(len(gram), 1)) * violated)
+            d = -part * (working.multipliers(damped, working.excess) @ HJ)
             d *= min(1.0, self.longest / max(float(np.abs(d).max()), 1e-300))
             self.steps += 1
             moved = self.problem.at(point.z + d)
             there = self._size(moved)
-            if there < (1 - 1e-3) * size:
-                point, size, step = moved, there, None
+            if not np.isfinite(there) and part > _SHORTEST:
+                part *= 0.3
+            elif there < (1 - 1e-3 * part) * size:
+                point, size, step, part = moved, there, None, 1.0
                 damping = 0.1 * damping if damping > _LEAST_DAMPED else 0.0
             elif violation(self.problem, point) <= RESTORED or damping > _MOST_DAMPED:
                 break
             else:
-                damping = max(10 * damping, _LEAST_DAMPED)
+                damping, part = max(10 * damping, _LEAST_DAMPED), 1.0
         return point
 
     def _size(self, point: Point) -> float:
         c = point.constraints
         size = float(np.linalg.norm(c - np.clip(c, self.problem.low, self.problem.high)))
-        return size if np.isfinite(size) else np.inf
+        return size if np.isfinite(size) and np.isfinite(point.value) else np.inf
 
     def end(self, point: Point, status: Status) -> Minimum:
         working = _Working(self.problem, point)

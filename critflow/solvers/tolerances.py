@@ -11,17 +11,10 @@ NEGATIVE_GRADIENTS  The same in units of the largest component of the gradient: 
 RESTORED            Violation of a constraint that counts as satisfied, in units of its size.
 DEPENDENT           Eigenvalue of the Gram matrix of gradients below which they count as dependent, relative to the
                     largest: the rounding of gradients, squared, is below it.
+FLOOR               Least eigenvalue of the Gram matrix with limits, relative to the largest: multipliers of dependent
+                    limits stay finite, and the limits hold to this part.
 CURVED              Cosine between a step and its change of gradient below which it says nothing about the curvature.
 SEMIDEFINITE        Gap and feasibility of semidefinite programs: reached by Clarabel on all networks tested.
-TARGETS_MET         Largest miss of a target of order one that counts as met.
-NEARLY_MET          Largest miss from which shortest steps meet the targets.
-SEQUENTIAL_STEP     Change of r below which sequential programs have converged.
-PRICE, PRICED       First and last price of a missed target of order one, in units of ½|r|².
-RADIUS              First radius of the trust region, in units of r.
-GAINS, GAINS_OF_MISS, IDLE_STEPS
-                    Gain of a step relative to the cost, where targets are met and where they are missed, and number of
-                    such steps in a row, that end a descent.
-RESTORING           Steps that may meet the targets at the end: convergence is quadratic.
 """
 
 ARMIJO = 1e-4
@@ -32,12 +25,6 @@ NEGATIVE = 1e-6
 NEGATIVE_GRADIENTS = 10.0
 RESTORED = 1e-11
 DEPENDENT = 1e-14
+FLOOR = 1e-12
 CURVED = 1e-8
 SEMIDEFINITE = 1e-10
-TARGETS_MET = 1e-11
-NEARLY_MET = 1e-3
-SEQUENTIAL_STEP = 1e-9
-PRICE, PRICED = 10.0, 1e4
-RADIUS = 0.02
-GAINS, GAINS_OF_MISS, IDLE_STEPS = 2e-3, 1e-5, 3
-RESTORING = 12
