@@ -67,7 +67,8 @@ def isogonal_design(
     shortest  least length of every edge; a twentieth of the mean by default
 
     S, D, B_0 and G_0 are those of the given configuration, to rounding.  The optimum is local; distances of
-    different optima differ by a few percent, by a tenth where many edges are shortest.  `stats.residual` is the largest error of a target relative to its size.
+    different optima differ by a few percent, by a tenth where many edges are shortest.
+    `stats.residual` is the largest error of a target relative to its size.
     `Status.infeasible`: no isogonal change reduces the errors further, and the configuration is the best compromise
     found.  Targets of C_B below −B_0/2 are refused where all stresses are positive, and all but −B_0/2 at the largest
     B_0 of the network: bounds for every isogonal change (proof, `stiffening_bound`).
