@@ -87,7 +87,7 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
 
 
 def read(file: Path, hints: Hints) -> ImportedNetwork:
-    """The network of a file with the hints of the command line, and its report on the screen."""
+    """The network of a file with the hints of the command line."""
     source: Any = file
     if file.suffix == ".nc":
         from critflow.workflow.dataset import opened_dataset
@@ -95,7 +95,7 @@ def read(file: Path, hints: Hints) -> ImportedNetwork:
 
         with opened_dataset(file) as dataset:
             source = choose_case(dataset, hints.case).load()
-    imported = network_from(
+    return network_from(
         source,
         cell=_cell(hints.cell),
         pins=_pins(hints.pins),
@@ -105,8 +105,6 @@ def read(file: Path, hints: Hints) -> ImportedNetwork:
         contract=hints.contract,
         join_crossings=hints.join_crossings,
     )
-    print(imported)
-    return imported
 
 
 @reading
@@ -123,6 +121,7 @@ def convert(
     """Read a network, report each repair, and write it in another format."""
     writable_format(out)
     imported = read(file, hints)
+    print(imported)
     options: dict[str, Any] = {"copies": _copies(copies)}
     if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
         options["size"] = size
@@ -147,7 +146,7 @@ def examine_file(
 
         require_page(out)
     found = examine(read(file, hints))
-    print("\n" + str(found))
+    print(found)
     if out is not None:
         write_page(found, out)
         print(f"\nwritten to {out}")
@@ -177,6 +176,7 @@ def make(
 
         require_picture(picture)
     imported = read(file, hints)
+    print(imported)
     writer_to(out, imported)
     solution: Solution[CriticalConfiguration]
     if target:

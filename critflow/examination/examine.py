@@ -64,7 +64,7 @@ def examine(
     >>> found.order, found.n_self_stresses
     ('critical', 1)
     """
-    network, x, rest, notes, digits = _subject(network, coordinates, rest_lengths)
+    network, x, rest, notes, digits, names = _subject(network, coordinates, rest_lengths)
     if decimals is not None:
         if not 0 <= decimals <= 15:
             raise InputError(
@@ -101,6 +101,7 @@ def examine(
         weights=_weights(nearest),
         cuts=_cuts(nearest, counts, attempts),
         failures=tuple(attempts.failures),
+        names=names,
     )
     return replace(found, advice=advice_of(found, rounding * float(rest.mean())))
 
@@ -111,13 +112,14 @@ def _margin(network: Network) -> float:
 
 
 class _Subject(NamedTuple):
-    """A network at coordinates (N_v, d), with rest lengths (N_b,), the sentences on its source, and its digits."""
+    """A network at coordinates (N_v, d), rest lengths (N_b,), and sentences, digits and names of its source."""
 
     network: Network
     x: Array
     rest: Array
     notes: tuple[str, ...]
     digits: Digits
+    names: tuple[str, ...]
 
 
 def _subject(
@@ -125,9 +127,10 @@ def _subject(
 ) -> _Subject:
     """What is examined: at the positions and with the lengths there, where none are given."""
     read = network_from(thing) if isinstance(thing, str | PathLike) else thing
-    notes, digits = tuple[str, ...](), Digits(None, 0.0)
+    notes, names, digits = tuple[str, ...](), tuple[str, ...](), Digits(None, 0.0)
     if isinstance(read, ImportedNetwork):
-        notes, network, digits = read.notes, read.network, read.data.digits
+        network, digits, names = read.network, read.data.digits, read.vertex_names
+        notes = (f"source: {read.data.source}", *read.notes)
         rest_lengths = read.rest_lengths if rest_lengths is None else rest_lengths
     else:
         network = read
@@ -142,7 +145,7 @@ def _subject(
     if not network.has_volume and network.dimension > 1:
         network = network.with_volume(hull_volume(x))
         notes = (*notes, f"moduli refer to the convex hull, V = {network.volume:.6g}: name another by volume=")
-    return _Subject(network, x, rest, notes, digits)
+    return _Subject(network, x, rest, notes, digits, names)
 
 
 class _Attempts:

@@ -65,12 +65,14 @@ def pictures(found: Examination) -> Figure:
     panels = 1 + (found.nearest is not None)
     figure = plt.figure(figsize=(5.4 * panels, 5.0), layout="constrained")
     axes = figure.subplots(1, panels, squeeze=False)[0]
-    moving = found.participation if np.nanmax(found.participation, initial=0.0) > 1e-6 else None
+    # Discs are drawn in the plane only.
+    floppy = found.network.dimension == 2 and np.nanmax(found.participation, initial=0.0) > 1e-6
+    moving = found.participation if floppy else None
     name = "as given" + (" (discs: floppy motions)" if moving is not None else "")
     draw(replace(found.network, positions=found.coordinates), axes[0], vertices=moving, title=f"{name}: {found.order}")
     if found.nearest is not None:
         # In the frame of the observed positions.
-        draw(_Shifted(found), axes[1], title="nearest critical configuration, colour: tension")
+        draw(_Shifted(found), axes[1], title="nearest critical configuration (dark: large tension)")
     return figure
 
 

@@ -16,6 +16,8 @@ from critflow.result import Record, Solution
 from critflow.rigidity.counts import Rigidity
 
 _MOST_EDGES = 5
+# Moduli below this part of the largest component are printed as zero.
+_ZERO = 1e-12
 ORDERS = {
     "floppy": "floppy: motions exist that change no length to second order, and every modulus is zero",
     "critical": "critical: one self-stress, in tension on every edge, makes it rigid at the transition",
@@ -42,6 +44,7 @@ class Examination(Record):
     tensor       elasticity at the positions
     weights      (N_b,) part of each edge in the energy of the self-stress of the nearest critical configuration
     cuts         (N_b,) relative change of B_0 of the nearest critical configuration by cutting each edge
+    names        (N_v,) names of the vertices in the source; empty: their numbers
     failures     sentences on parts that could not be computed
     advice       sentences on what to do next
     """
@@ -63,7 +66,17 @@ class Examination(Record):
     weights: Array
     cuts: Array
     failures: tuple[str, ...] = ()
-    advice: tuple[str, ...] = field(default=())
+    advice: tuple[str, ...] = ()
+    names: tuple[str, ...] = field(default=(), repr=False)
+
+    def vertex_name(self, vertex: int) -> str:
+        """Name of a vertex in the source."""
+        return self.names[vertex] if self.names else str(vertex)
+
+    def edge_name(self, edge: int) -> str:
+        """Number of an edge of the network and the names of its ends."""
+        tail, head = self.network.edges[edge]
+        return f"{edge} ({self.vertex_name(int(tail))}–{self.vertex_name(int(head))})"
 
     @property
     def n_self_stresses(self) -> int:
@@ -152,7 +165,9 @@ def _rigidity(found: Examination) -> list[str]:
     moving = found.participation
     if found.n_floppy_modes and np.isfinite(moving).all():
         most = np.argsort(moving)[::-1][:5]
-        lines.append(f"- vertices with the largest part in the floppy motions: {', '.join(map(str, most))}")
+        lines.append(
+            f"- vertices with the largest part in the floppy motions: {', '.join(map(found.vertex_name, most))}"
+        )
     return [*lines, ""]
 
 
@@ -169,10 +184,10 @@ def _nearest(found: Examination) -> list[str]:
         "",
         f"- root mean square distance {near.distance:.3e}, largest {np.abs(near.displacement).max():.3e}",
         f"- stresses from {float(sigma.min()):.3g} to {float(sigma.max()):.3g} (mean square 1){known}",
-        f"- edges with the largest part in its compliance: {', '.join(map(str, found.heaviest_edges))}",
+        f"- edges with the largest part in its compliance: {', '.join(map(found.edge_name, found.heaviest_edges))}",
     ]
     if cuts := found.most_loaded_cuts:
-        named = ", ".join(f"{edge} ({100 * found.cuts[edge]:.2g} %)" for edge in cuts)
+        named = ", ".join(f"{found.edge_name(edge)} by {-100 * found.cuts[edge]:.3g} %" for edge in cuts)
         lines.append(f"- edges whose cut lowers B_0 most, with the stress of the others unchanged: {named}")
     if near.note:
         lines.append(f"- {near.status.name}: {near.note}")
@@ -187,7 +202,9 @@ def _moduli(solution: Solution[Elasticity], index: str = "") -> list[str]:
     if not np.isfinite(tensor.energy).all():
         return [f"- {solution.status.name}: {solution.reason}"]
     state = "" if solution.ok else f"{solution.status.name}: "
-    lines = [f"- {state}B{index} = {_number(tensor.bulk)}, G{index} = {_number(tensor.shear)}"]
+    size = float(np.abs(tensor.energy).max())
+    bulk, shear = (_number(0.0 if abs(value) < _ZERO * size else value) for value in (tensor.bulk, tensor.shear))
+    lines = [f"- {state}B{index} = {bulk}, G{index} = {shear}"]
     if not tensor.energy.any():
         return lines
     x, y = np.eye(tensor.dimension)[:2]
@@ -195,9 +212,8 @@ def _moduli(solution: Solution[Elasticity], index: str = "") -> list[str]:
     if np.isfinite(ratio):
         lines.append(f"- along x: Young's modulus {_number(tensor.youngs_modulus(x))}, Poisson's ratio {ratio:.6g}")
     names = tensor.components
-    size = float(np.abs(tensor.energy).max())
     rows = [
-        f"| {name} | {' | '.join(f'{0.0 if abs(c) < 1e-12 * size else c:.6g}' for c in row)} |"
+        f"| {name} | {' | '.join(f'{0.0 if abs(c) < _ZERO * size else c:.6g}' for c in row)} |"
         for name, row in zip(names, tensor.energy, strict=True)
     ]
     return [*lines, "", f"| C | {' | '.join(names)} |", "|---" * (1 + len(names)) + "|", *rows]

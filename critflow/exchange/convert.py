@@ -13,16 +13,15 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked, shown
 from critflow.exchange.boundaries import Pins, hull_volume, with_pins
-from critflow.exchange.data import NetworkData, data_of, numbers
+from critflow.exchange.data import NetworkData, data_of, from_zero, numbers
 from critflow.exchange.datasets import from_dataset
-from critflow.exchange.formats import format_of, writable_format
+from critflow.exchange.formats import readable_format, writable_format
 from critflow.exchange.graphs import from_graph
 from critflow.exchange.meshes import from_compas, from_mesh, from_polygons
 from critflow.exchange.offsets import with_offsets
 from critflow.exchange.particles import from_atoms
 from critflow.exchange.pictures import from_labels, from_skeleton
-from critflow.exchange.repair import ImportedNetwork, check, imported
-from critflow.exchange.tables import COUNTED_FROM_1
+from critflow.exchange.repair import ImportedNetwork, check, imported, in_its_plane
 from critflow.exchange.tiling import Copies, tiled
 from critflow.networks.network import Network
 from critflow.result import CritflowError, InputError, Solution
@@ -70,6 +69,7 @@ def network_from(
     if data.cell is not None and data.cell.shape != (data.dimension,) * 2:
         data = replace(data, cell=_cell_in(data.cell, data.dimension))
     check(data)
+    data = in_its_plane(data)
     found = imported(with_pins(with_offsets(data, nearest), pins), strict, contract, join_crossings)
     if volume is None and isinstance(source, Network):
         volume = source.reference_volume
@@ -193,9 +193,8 @@ def _foreign(source: Any, given: dict[str, Any]) -> NetworkData:
 
 
 def _read(path: Path) -> NetworkData:
-    known = format_of(path)
-    if known.read is None:
-        raise InputError(f"the format {known.name} is written only: give a file that holds a network")
+    known = readable_format(path)
+    assert known.read is not None
     if known.name != "tables" and not path.is_file():
         raise InputError(f"there is no file {path}: check its name")
     try:
@@ -230,10 +229,7 @@ def _from_keywords(given: dict[str, Any]) -> NetworkData:
     if kind == "polygons":
         return _overridden(from_polygons(positions, value), given)
     edges = _table(value, "edges", whole=True)
-    repairs: tuple[str, ...] = ()
-    if edges.size and edges.min() == 1 and edges.max() == len(positions):
-        edges, repairs = edges - 1, (COUNTED_FROM_1,)
-    return _overridden(NetworkData(edges, positions, repairs=repairs), given)
+    return _overridden(from_zero(NetworkData(edges, positions)), given)
 
 
 def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:

@@ -144,6 +144,15 @@ def data_of(
     )
 
 
+def from_zero(data: NetworkData) -> NetworkData:
+    """The record with vertices counted from 0; those counted from 1 keep these numbers as their names."""
+    n = data.n_vertices
+    if not data.n_edges or data.edges.min() != 1 or data.edges.max() != n:
+        return data
+    counted_from_1 = replace(data, edges=data.edges - 1, ids=tuple(str(k + 1) for k in range(n)))
+    return counted_from_1.repairing("vertices were counted from 1, and keep these numbers as names")
+
+
 def bond_vectors_of(data: NetworkData) -> Array:
     """L = x_head − x_tail + offset · cell, (N_b, d)."""
     tail, head = data.edges.T

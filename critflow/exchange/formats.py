@@ -46,12 +46,29 @@ FORMATS = (
     Format("graph", (".graphml", ".gml", ".json"), read_graph, write_graph, "networkx"),
     Format("LAMMPS data", (".data", ".lmp", ".lammps"), read_lammps, write_lammps),
     Format("GSD", (".gsd",), read_gsd, write_gsd, "gsd.hoomd"),
-    Format("mesh", (".vtu", ".vtk", ".msh", ".ply", ".obj", ".xdmf"), read_mesh, write_mesh, "meshio"),
+    Format("mesh", (".vtu", ".vtk"), read_mesh, write_mesh, "meshio"),
+    # Those without lines, or without data of lines.
+    Format("mesh", (".msh", ".ply", ".obj", ".xdmf"), read_mesh, None),
     Format("COMPAS graph", (".compas",), read_compas, write_compas, "compas.datastructures", require_no_cell),
     Format("SVG drawing", (".svg",), None, write_svg, accepts=require_plane),
     Format("DXF drawing", (".dxf",), None, write_dxf, "ezdxf", require_plane),
     Format("solid", (".stl", ".3mf"), None, write_solid, "trimesh"),
 )
+
+
+def readable_format(path: Path) -> Format:
+    """The format in which a file is read; `InputError` with what to do for files of many networks and for pictures."""
+    if path.suffix == ".nc":
+        raise InputError(
+            f"{path.name} is a dataset of networks: give one case of it, dataset.sel(seed=0, ...), or --set seed=0 "
+            "to the command"
+        )
+    if path.suffix.lower() in (".png", ".tif", ".tiff", ".jpg", ".npy"):
+        raise InputError(f"{path.name} is an array: load it, and give it as picture= (fibres) or labels= (a tissue)")
+    known = format_of(path)
+    if known.read is None:
+        raise InputError(f"the format {known.name} is written only: give a file that holds a network")
+    return known
 
 
 def writable_format(path: Path) -> Format:
@@ -62,7 +79,7 @@ def writable_format(path: Path) -> Format:
     """
     known = format_of(path)
     if known.write is None:
-        raise InputError(f"the format {known.name} is read only: choose another ending")
+        raise InputError(f"files with the ending {path.suffix} are read only: choose another one")
     require_folder(path)
     if known.package:
         optional(known.package)
@@ -82,11 +99,6 @@ def format_of(path: Path) -> Format:
     for known in FORMATS:
         if path.suffix.lower() in known.endings:
             return known
-    if path.suffix == ".nc":
-        raise InputError(
-            f"{path.name} is a dataset of networks: give one case of it, dataset.sel(seed=0, ...), or --set seed=0 "
-            "to the command"
-        )
     endings = ", ".join(ending for known in FORMATS for ending in known.endings)
     raise InputError(f"no format has the ending {path.suffix!r} of {str(path)!r}: choose one of {endings}")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -88,25 +89,38 @@ def to_graph(data: NetworkData) -> Any:
 
 
 def read_graph(path: Path) -> NetworkData:
-    """GraphML, GML or node-link JSON."""
+    """GraphML, GML or JSON."""
     networkx = optional("networkx")
     try:
-        if path.suffix == ".json":
-            graph = networkx.node_link_graph(json.loads(path.read_text(encoding="utf-8")), edges="edges")
-        elif path.suffix == ".gml":
+        if path.suffix.lower() == ".json":
+            graph = _json_graph(json.loads(path.read_text(encoding="utf-8")))
+        elif path.suffix.lower() == ".gml":
             graph = networkx.read_gml(path, label="id")
         else:
             graph = networkx.read_graphml(path)
+    except InputError:
+        raise
     except (networkx.NetworkXException, ValueError, KeyError, SyntaxError) as error:
         raise InputError(f"{path} cannot be read as a graph: {error}") from None
-    return from_graph(graph)
+    return replace(from_graph(graph), source=f"graph {path.name}")
+
+
+def _json_graph(content: Any) -> Any:
+    """The graph of JSON in node-link form, with its edges under `edges` or `links`, or in adjacency form."""
+    networkx = optional("networkx")
+    keys = set(content) if isinstance(content, dict) else set()
+    if "nodes" in keys and keys & {"edges", "links"}:
+        return networkx.node_link_graph(content, edges="edges" if "edges" in keys else "links")
+    if {"nodes", "adjacency"} <= keys:
+        return networkx.adjacency_graph(content)
+    raise InputError("JSON of a graph has the keys nodes and edges, as networkx.node_link_data writes it")
 
 
 def write_graph(data: NetworkData, path: Path) -> None:
     """GraphML, GML or node-link JSON; vectors are JSON text in the first two, which know numbers and text only."""
     networkx = optional("networkx")
     graph = to_graph(data)
-    if path.suffix == ".json":
+    if path.suffix.lower() == ".json":
         path.write_text(json.dumps(networkx.node_link_data(graph, edges="edges")), encoding="utf-8")
         return
     for attributes in (
@@ -119,7 +133,7 @@ def write_graph(data: NetworkData, path: Path) -> None:
                 attributes[name] = json.dumps(value)
             elif isinstance(value, bool):
                 attributes[name] = int(value)
-    if path.suffix == ".gml":
+    if path.suffix.lower() == ".gml":
         networkx.write_gml(graph, path, stringizer=str)
     else:
         networkx.write_graphml(graph, path)

@@ -9,7 +9,7 @@ import numpy as np
 
 from critflow.exchange.data import NetworkData, bond_vectors_of, polygon_edges
 from critflow.exchange.packages import optional
-from critflow.result import InputError
+from critflow.result import EnvironmentFailure, InputError
 
 _EDGE_VALUES = (
     ("stiffness", "stiffness"),
@@ -71,11 +71,15 @@ def read_mesh(path: Path) -> NetworkData:
         mesh = meshio.read(path)
     except (meshio.ReadError, OSError, ValueError, KeyError, SystemExit) as error:
         raise InputError(f"{path} cannot be read as a mesh: {error}") from None
+    except ModuleNotFoundError as missing:
+        raise EnvironmentFailure(
+            f"{path.suffix} files need the package {missing.name}, which is not installed: pip install {missing.name}"
+        ) from None
     return from_mesh(mesh, f"mesh {path.name}")
 
 
 def write_mesh(data: NetworkData, path: Path) -> None:
-    """A mesh of lines (VTU, VTK and others of meshio) with stiffness, offsets and fixed vertices as data.
+    """A mesh of lines (VTU or VTK) with stiffness, offsets and fixed vertices as data.
 
     Points are three-dimensional; offsets and the cell of a periodic network are data of lines and points.
     """

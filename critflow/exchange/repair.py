@@ -64,6 +64,13 @@ class ImportedNetwork(Solution[Network]):
         """Force densities σ (N_b,) of the source, if it has any."""
         return self.data.force_densities
 
+    @property
+    def vertex_names(self) -> tuple[str, ...]:
+        """Names or numbers of the vertices in the source; "crossing" for those at a crossing of edges."""
+        if self.data.ids:
+            return self.data.ids
+        return tuple("crossing" if vertex < 0 else str(vertex) for vertex in self.vertices_kept)
+
     def __str__(self) -> str:
         lines = [f"{self.data.source}: {described(self.value)}", *self.notes]
         return "\n  ".join(lines)
@@ -113,7 +120,6 @@ def imported(
     ledger = _Ledger(data, strict)
     for sentence in data.repairs:
         ledger.note(sentence)
-    _without_flat_dimension(ledger)
     _without_loops(ledger)
     _without_repeats(ledger)
     require_boundary(ledger.data)
@@ -194,27 +200,30 @@ def _check_values(data: NetworkData) -> None:
             raise NetworkError(f"{name} of edge {edge} is {values[edge]}: correct that value")
 
 
-def _without_flat_dimension(ledger: _Ledger) -> None:
-    """Reduce a sheet in three dimensions to its plane: nothing would resist a motion out of it."""
-    data = ledger.data
+def in_its_plane(data: NetworkData) -> NetworkData:
+    """A sheet in three dimensions reduced to its plane, out of which nothing would resist a motion."""
     if data.dimension != 3:
-        return
+        return data
     extent = np.ptp(data.positions, axis=0)
     flat = np.flatnonzero(extent <= _FLAT * max(float(extent.max()), 1e-300))
     if len(flat) != 1:
-        return
+        return data
     k = int(flat[0])
     others = [axis for axis in range(3) if axis != k]
-    cell, offsets = data.cell, data.offsets
+    cell, offsets, bonds = data.cell, data.offsets, data.bond_vectors
+    if bonds is not None:
+        if np.abs(bonds[:, k]).max() > _FLAT * float(extent.max()):
+            return data
+        bonds = bonds[:, others]
     if cell is not None:
         crossing = offsets is not None and offsets[:, k].any()
         if crossing or np.abs(cell[k, others]).max() > 0 or np.abs(cell[others, k]).max() > 0:
-            return
+            return data
         cell = cell[np.ix_(others, others)]
         offsets = None if offsets is None else offsets[:, others]
-    ledger.data = replace(data, positions=data.positions[:, others], cell=cell, offsets=offsets)
+    plane = replace(data, positions=data.positions[:, others], cell=cell, offsets=offsets, bond_vectors=bonds)
     # Many formats know three dimensions only, so this is no fault of the source.
-    ledger.sentences.append(f"all vertices have one {'xyz'[k]}, so the network was read as two-dimensional")
+    return plane.noting(f"all vertices have one {'xyz'[k]}, so the network was read as two-dimensional")
 
 
 def _without_loops(ledger: _Ledger) -> None:

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, unread
+from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, from_zero, unread
 from critflow.result import InputError
 
-COUNTED_FROM_1 = "vertices were counted from 1"
 # Names of columns, in lower case, that are recognised in a header.
 _TAIL = ("tail", "source", "from", "i", "u", "node1", "vertex1", "id1", "start")
 _HEAD = ("head", "target", "to", "j", "v", "node2", "vertex2", "id2", "end")
@@ -47,7 +46,7 @@ def read_tables(edges_path: Path, vertices_path: Path) -> NetworkData:
     tail, head = (_column(header, names, k) for k, names in enumerate((_TAIL, _HEAD)))
     if width < 2 or tail is None or head is None:
         raise InputError(f"{edges_path} has no columns for tail and head: name them tail and head, or put them first")
-    edges, repairs = _indices([(row[tail], row[head]) for row in rows], ids, len(positions), edges_path)
+    edges = _indices([(row[tail], row[head]) for row in rows], ids, edges_path)
     d = positions.shape[1]
     columns = [_named(header, (name,)) for name in _OFFSETS[:d]]
     given = [c for c in columns if c is not None]
@@ -58,7 +57,7 @@ def read_tables(edges_path: Path, vertices_path: Path) -> NetworkData:
         name: None if (c := _named(header, names)) is None else _numbers(rows, [c], edges_path)[:, 0]
         for name, names in _EDGE_VALUES.items()
     }
-    return NetworkData(
+    data = NetworkData(
         edges=edges,
         positions=positions,
         offsets=offsets,
@@ -67,11 +66,11 @@ def read_tables(edges_path: Path, vertices_path: Path) -> NetworkData:
         ids=tuple(ids),
         source=f"tables {edges_path.name} and {vertices_path.name}",
         notes=unread(header, _READ),
-        repairs=repairs,
         stiffness=values["stiffness"],
         rest_lengths=values["rest_lengths"],
         force_densities=values["force_densities"],
     )
+    return data if ids else from_zero(data)
 
 
 def write_tables(data: NetworkData, edges_path: Path, vertices_path: Path) -> None:
@@ -162,23 +161,18 @@ def _vertices(path: Path) -> tuple[list[str], Array, tuple[int, ...]]:
     return ids, _numbers(rows, columns, path), tuple(marks)
 
 
-def _indices(
-    pairs: list[tuple[str, str]], ids: list[str], n_vertices: int, path: Path
-) -> tuple[IntArray, tuple[str, ...]]:
-    """Edges as indices of rows of the vertex table."""
+def _indices(pairs: list[tuple[str, str]], ids: list[str], path: Path) -> IntArray:
+    """Edges as indices of rows of the vertex table, or as numbers where the rows have no names."""
     if ids:
         index = {name: n for n, name in enumerate(ids)}
         try:
-            return np.array([[index[a], index[b]] for a, b in pairs]), ()
+            return np.array([[index[a], index[b]] for a, b in pairs])
         except KeyError as missing:
             raise InputError(f"{path} names the vertex {missing.args[0]!r}, which the vertex table lacks") from None
     try:
-        edges = np.array([[int(a), int(b)] for a, b in pairs])
+        return np.array([[int(a), int(b)] for a, b in pairs])
     except ValueError:
         raise InputError(f"{path} names vertices by text, and the vertex table has no column id: add one") from None
-    if edges.min() == 1 and edges.max() == n_vertices:
-        return edges - 1, (COUNTED_FROM_1,)
-    return edges, ()
 
 
 def _column(header: list[str], names: tuple[str, ...], place: int) -> int | None:

@@ -112,7 +112,12 @@ def test_networkx_graphs_and_files(tmp_path):
     networkx.write_graphml(named, tmp_path / "grid.graphml")
     networkx.write_gml(named, tmp_path / "grid.gml")
     (tmp_path / "grid.json").write_text(json.dumps(networkx.node_link_data(named, edges="edges")))
-    for name in ("grid.graphml", "grid.gml", "grid.json"):
+    (tmp_path / "links.JSON").write_text(json.dumps(networkx.node_link_data(named, edges="links")))
+    (tmp_path / "adjacency.json").write_text(json.dumps(networkx.adjacency_data(named)))
+    (tmp_path / "own.json").write_text("[1, 2]")
+    with pytest.raises(InputError, match="node_link_data"):
+        network_from(tmp_path / "own.json")
+    for name in ("grid.graphml", "grid.gml", "grid.json", "links.JSON", "adjacency.json"):
         again = network_from(tmp_path / name, pins="hull").network
         np.testing.assert_array_equal(again.positions, read.network.positions)
         assert again.n_edges == 24
@@ -156,6 +161,11 @@ def test_ase_atoms_with_a_neighbour_list():
     )
     read = network_from(atoms, cutoff=1.1)
     assert "neighbour list" in str(read) and read.network.dimension == 2
+    # Edges are longer than a thin slab is high, in which no image is nearer.
+    i, j = network.edges.T
+    atoms.cell[2, 2] = 1.1
+    thin = network_from(atoms, edges=np.stack([i, j], axis=1))
+    np.testing.assert_array_equal(thin.network.offsets, network.offsets)
     assert read.network.n_edges == 48
     lengths = np.linalg.norm(read.network.bond_vectors(read.positions), axis=1)
     np.testing.assert_allclose(lengths, 1, rtol=1e-12)
@@ -183,6 +193,10 @@ def test_meshes_of_meshio(tmp_path):
     meshio.Mesh(x, [("line", np.array([[0, 3], [1, 3], [2, 3]]))]).write(tmp_path / "star.vtk")
     read = network_from(tmp_path / "star.vtk", pins=[0, 1, 2])
     assert (read.network.dimension, read.network.n_edges) == (2, 3)
+    # The border of a sheet is that in its plane.
+    assert len(network_from(tmp_path / "star.vtk", pins="hull").network.pins) == 3
+    with pytest.raises(InputError, match="read only"):
+        write_network(read, tmp_path / "star.ply")
     cells = [("triangle", np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]]))]
     tissue = network_from(meshio.Mesh(x[:, :2], cells), pins="hull")
     assert tissue.network.n_edges == 3 and len(tissue.data.polygons) == 3
@@ -220,8 +234,8 @@ def test_tables_with_names_without_headers_and_from_one(tmp_path):
     assert network_from(tmp_path / "a.csv", pins=["A", "B", "C"]).network.n_edges == 3
     (tmp_path / "b_nodes.txt").write_text("0 0\n4 0\n0 3\n1 1\n")
     (tmp_path / "b_edges.txt").write_text("1 4\n2 4\n3 4\n")
-    read = network_from(tmp_path / "b_edges.txt", pins=[0, 1, 2])
-    assert read.network.n_edges == 3 and "from 1" in str(read)
+    read = network_from(tmp_path / "b_edges.txt", pins=[1, 2, 3])
+    assert sorted(read.network.pins) == [0, 1, 2] and "from 1" in str(read) and read.data.name(3) == "4"
 
 
 def test_values_that_are_not_read_are_named(tmp_path):
