@@ -1,6 +1,7 @@
 """Foams in three dimensions: their moduli against closed forms and finite differences, and their study end to end."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,50 +26,55 @@ from critflow import (
 from critflow.cli import main
 from critflow.mechanics.fits import fit_stiffening
 
-FOAM = foam_network(100, seed=1)
-MANIFOLD = CriticalManifold(FOAM)
-
 STUDY = "three_dimensions"
+POPULATIONS = ("max B_0", "max G_0", "min V_τ", "random stress")
 
 
-def populations():
-    """One configuration of every kind, by name."""
-    rng = np.random.default_rng(1)
-    yield "max B_0", optimize(MANIFOLD, "bulk_modulus").value
-    yield "max G_0", optimize(MANIFOLD, "shear_modulus").value
-    yield "min V_τ", optimize(MANIFOLD, "tension_variance", throw=False).value
-    yield "random stress", MANIFOLD.configuration(np.abs(rng.standard_normal(FOAM.n_edges)))
+@cache
+def foam():
+    return foam_network(100, seed=1)
 
 
-POPULATIONS = dict(populations())
+@cache
+def manifold():
+    return CriticalManifold(foam())
+
+
+@cache
+def population(name):
+    """One configuration of a kind."""
+    if name == "random stress":
+        return manifold().configuration(np.abs(np.random.default_rng(1).standard_normal(foam().n_edges)))
+    objective = {"max B_0": "bulk_modulus", "max G_0": "shear_modulus", "min V_τ": "tension_variance"}[name]
+    return optimize(manifold(), objective, throw=False).value
 
 
 @pytest.mark.parametrize("name", POPULATIONS)
 def test_configurations_are_critical(name):
-    critical = POPULATIONS[name]
+    critical = population(name)
     # Forces in units of the mean tension; edges of a hundredth of the mean length cost two digits.
     assert critical.residual < 1e-11
-    found = rigidity(FOAM, critical.coordinates).value
+    found = rigidity(foam(), critical.coordinates).value
     assert found.n_self_stresses == 1
     # Maxwell–Calladine with N_b = 2 N_v in three dimensions: N_0 = N_v + 1.
-    assert found.n_zero_modes == FOAM.n_vertices + 1
+    assert found.n_zero_modes == foam().n_vertices + 1
     assert found.prestress_stable
-    assert transition_moduli(critical).bulk <= bulk_modulus_bound(MANIFOLD) * (1 + 1e-12)
+    assert transition_moduli(critical).bulk <= bulk_modulus_bound(manifold()) * (1 + 1e-12)
 
 
 @pytest.mark.parametrize("name", POPULATIONS)
 def test_moduli_at_the_transition_are_those_of_the_self_stress(name):
-    critical = POPULATIONS[name]
-    found, other = transition_moduli(critical), elastic_moduli(FOAM, critical.coordinates).value
+    critical = population(name)
+    found, other = transition_moduli(critical), elastic_moduli(foam(), critical.coordinates).value
     assert found.bulk == pytest.approx(other.bulk, rel=1e-7)
     assert found.shear == pytest.approx(other.shear, rel=1e-6, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["max B_0", "max G_0", "random stress"])
 def test_moduli_under_strain_are_second_derivatives_of_the_energy(name):
-    critical, gamma = POPULATIONS[name], 0.05
-    path = strain_path(FOAM, critical, [gamma])
-    state, volume = path.value.states[0], FOAM.volume
+    critical, gamma = population(name), 0.05
+    path = strain_path(foam(), critical, [gamma])
+    state, volume = path.value.states[0], foam().volume
     step = 1e-3
     shear = np.array([[0, 0.5, 0], [0.5, 0, 0], [0, 0, 0]])
 
@@ -88,14 +94,14 @@ def test_moduli_under_strain_are_second_derivatives_of_the_energy(name):
 
 @pytest.mark.parametrize("name", POPULATIONS)
 def test_exact_coefficients_are_the_slopes_of_the_path(name):
-    critical = POPULATIONS[name]
-    exact = stiffening(FOAM, critical).value
+    critical = population(name)
+    exact = stiffening(foam(), critical).value
     # A parabola over a window w misses the slope by O(w²): a quarter of the error for half the window.
     wanted = exact.C_B, exact.C_G, exact.C_G_stress_corrected
     errors = []
     for window in (4e-4, 2e-4):
         gamma = np.linspace(0.125, 1, 8) * window
-        path = strain_path(FOAM, critical, gamma).value
+        path = strain_path(foam(), critical, gamma).value
         curves = path.bulk_modulus, path.shear_modulus, path.shear_modulus_stress_corrected
         fits = [fit_stiffening(gamma, moduli, degree=2) for moduli in curves]
         errors.append([abs(fit.slope - C) for fit, C in zip(fits, wanted, strict=True)])
@@ -105,9 +111,10 @@ def test_exact_coefficients_are_the_slopes_of_the_path(name):
     assert narrow.max() < 1e-5
 
 
-@pytest.mark.parametrize("network", [voronoi_network(60, seed=2), FOAM], ids=["2D", "3D"])
-def test_the_largest_bulk_modulus_falls_as_springs_that_stretch_alike(network):
+@pytest.mark.parametrize("make", [lambda: voronoi_network(60, seed=2), foam], ids=["2D", "3D"])
+def test_the_largest_bulk_modulus_falls_as_springs_that_stretch_alike(make):
     """At σ ∝ k the network expands affinely, E ∝ ((1 + γ)^{1/d} − 1)², so that C_B = (3/d − 2) B_0."""
+    network = make()
     critical = optimize(network, "bulk_modulus").value
     found = stiffening(network, critical).value
     assert found.C_B == pytest.approx((3 / network.dimension - 2) * found.bulk_0, rel=1e-10)
@@ -121,11 +128,11 @@ def test_the_largest_bulk_modulus_falls_as_springs_that_stretch_alike(network):
 def test_directions_are_alike():
     # The same network seen along other axes has the same bulk modulus and growth; only G, of the x–y shear, changes.
     turned = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
-    network = Network(FOAM.edges, FOAM.offsets @ turned, FOAM.cell)
-    critical = POPULATIONS["max G_0"]
+    network = Network(foam().edges, foam().offsets @ turned, foam().cell)
+    critical = population("max G_0")
     other = CriticalManifold(network).configuration(critical.sigma)
     np.testing.assert_allclose(other.bond_vectors, critical.bond_vectors @ turned, atol=1e-11)
-    one, two = stiffening(FOAM, critical).value, stiffening(network, other).value
+    one, two = stiffening(foam(), critical).value, stiffening(network, other).value
     assert (two.bulk_0, two.C_B) == pytest.approx((one.bulk_0, one.C_B), rel=1e-9)
     assert two.shear_0 < 0.5 * one.shear_0
 
@@ -147,21 +154,21 @@ def shortest_chain_along_x(network):
 
 def test_a_chain_around_the_cell_can_be_taut_before_all_else():
     # With much shorter rest lengths than the rest it alone is stressed, straight, so that B_0 = side²/(9 V n).
-    chain = shortest_chain_along_x(FOAM)
-    lengths = np.ones(FOAM.n_edges)
+    chain = shortest_chain_along_x(foam())
+    lengths = np.ones(foam().n_edges)
     lengths[chain] = 0.2
-    solution = critical_from_lengths(MANIFOLD, lengths, throw=False)
+    solution = critical_from_lengths(manifold(), lengths, throw=False)
     assert solution.status is Status.slack_edges
     np.testing.assert_array_equal(np.flatnonzero(solution.value.sigma > 0), chain)
-    side = FOAM.cell[0, 0]
+    side = foam().cell[0, 0]
     np.testing.assert_allclose(solution.value.lengths[chain], side / len(chain), rtol=1e-8)
-    bulk = side**2 / (9 * FOAM.volume * len(chain))
+    bulk = side**2 / (9 * foam().volume * len(chain))
     assert transition_moduli(solution.value).bulk == pytest.approx(bulk, rel=1e-8)
 
 
 def test_springs_past_the_transition_hold():
-    critical = POPULATIONS["random stress"]
-    state = spring_state(FOAM, critical.lengths, critical.coordinates).deformed(1.02 * np.eye(3))
+    critical = population("random stress")
+    state = spring_state(foam(), critical.lengths, critical.coordinates).deformed(1.02 * np.eye(3))
     solution = equilibrium(state)
     assert solution.status is Status.ok and solution.value.max_force < 1e-13
 
