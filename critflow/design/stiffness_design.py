@@ -70,7 +70,7 @@ def design_stiffness(
     x = validated_coordinates(network, coordinates)
     k = edge_values(network.stiffness if start is None else start, network.n_edges, "start")
     n_self_stresses = _self_stresses(network, x)
-    goals = _TensorGoals(network, x, targets, k)
+    goals = TensorGoals(network, x, targets, k)
     reason = goals.excess(n_self_stresses)
     with np.errstate(all="ignore"):
         # Trial stiffnesses of extreme contrast have values that are not finite, and are refused.
@@ -126,7 +126,7 @@ def _self_stresses(network: Network, coordinates: Array) -> int:
     return int(counts.value.n_self_stresses)
 
 
-class _TensorGoals:
+class TensorGoals:
     """Targets that are linear in the tensor: weights W (n, m, m), limits and sizes."""
 
     def __init__(self, network: Network, coordinates: Array, targets: Mapping[str, Interval], start: Array):

@@ -14,7 +14,7 @@ import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.objectives import LengthVariance, TensionVariance, TransitionModulus, dilation, pure_shear
-from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound
+from critflow.design.modulus_bounds import bulk_modulus_bound, largest_modulus, modulus_bound
 from critflow.design.target_table import StressComponent, Wanted
 from critflow.design.tolerances import BOUND_ROUNDING, ONLY_STIFFEST
 from critflow.mechanics.stiffening_objective import StiffeningCoefficient
@@ -85,6 +85,24 @@ def prescribed_stress(dimension: int, targets: Sequence[Wanted]) -> Array | None
             same = (strains == target.objective.strain).all(axis=(1, 2))
             found[same] = target.low
     return None if np.isnan(found).any() else found
+
+
+def limiting_stress(manifold: CriticalManifold, targets: Sequence[Wanted]) -> Array | None:
+    """σ (N_b,) of the largest S/√D in the direction of a fully prescribed one, over stresses of any sign, or None.
+
+    The bound Sᵀ form⁻¹ S ≤ V is attained by the largest modulus for the strain A = form⁻¹ S, normal to the ellipsoid.
+    """
+    network = manifold.network
+    S = prescribed_stress(network.dimension, targets)
+    if S is None or network.dimension != 2 or not S.any():
+        return None
+    _, strains = strain_basis(2)
+    normal = np.einsum("n,nij->ij", np.linalg.solve(_modulus_form(manifold, strains), S), strains)
+    found = largest_modulus(manifold, normal / np.linalg.norm(normal)).value
+    if not np.isfinite(found.sigma).all() or not np.isfinite(found.bond_vectors).all():
+        return None
+    work = np.einsum("a,ai,ij,aj->", found.sigma, found.bond_vectors, normal, found.bond_vectors, optimize=True)
+    return np.asarray(found.sigma * np.sign(work) / np.sqrt(np.mean(found.sigma**2)))
 
 
 def _modulus_form(manifold: CriticalManifold, strains: Array) -> Array:

@@ -38,7 +38,9 @@ class Unknowns:
     signs: Array | None
 
     @classmethod
-    def of(cls, network: Network, start: ArrayLike | None, free: ArrayLike | None, signs: str | ArrayLike) -> Unknowns:
+    def of(
+        cls, network: Network, start: ArrayLike | None, free: str | ArrayLike | None, signs: str | ArrayLike
+    ) -> Unknowns:
         """Unknowns from the arguments of `design`; raises `InputError` for wrong shapes and signs."""
         m = network.n_edges
         pattern = _signs(signs, m)
@@ -83,9 +85,14 @@ def _signs(signs: str | ArrayLike, m: int) -> Array | None:
     return pattern
 
 
-def _free(free: ArrayLike | None, m: int) -> NDArray[np.intp]:
+def _free(free: str | ArrayLike | None, m: int) -> NDArray[np.intp]:
     if free is None:
         return np.arange(m)
+    if isinstance(free, str):
+        raise InputError(
+            f"free names edges whose stress may change, not {free!r:.40}: for stiffnesses call design_stiffness, for "
+            "rest lengths design_onset"
+        )
     array = np.asarray(free)
     if array.dtype == bool and array.shape == (m,):
         array = np.flatnonzero(array)

@@ -17,7 +17,7 @@ from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.design.designed import Design, of_targets
 from critflow.design.optimize import optimize
-from critflow.design.target_bounds import excluded
+from critflow.design.target_bounds import excluded, limiting_stress
 from critflow.design.target_errors import error_bounds
 from critflow.design.target_problem import Preference, TargetProblem, Unknowns
 from critflow.design.target_table import Wanted, edge_limits, wanted
@@ -41,7 +41,7 @@ def design(
     prefer: str | CriticalConfiguration | ArrayLike = "least_change",
     within: Mapping[str, Any] | None = None,
     signs: str | ArrayLike = "positive",
-    free: ArrayLike | None = None,
+    free: str | ArrayLike | None = None,
     start: ArrayLike | None = None,
     max_steps: int = _MOST_STEPS,
     throw: bool = True,
@@ -56,7 +56,8 @@ def design(
     within   limits (low, high) of "lengths", and of "tensions" and "force_densities" in units of their mean; each limit
              is a number, one an edge, or None
     signs    "positive", 1 or −1 for each edge (N_b,), or "any"
-    free     edges whose stress may change, indices or a mask; all by default
+    free     edges whose stress may change, indices or a mask; all by default.  Stiffnesses and rest lengths are changed
+             by `design_stiffness` and `design_onset`
     start    stresses σ_0 (N_b,), of size 1 by default
 
     Many parameters: each is a part of the problem.
@@ -64,7 +65,8 @@ def design(
     The optimum is local.  Error bound (proof): targets beyond a closed-form bound are refused, `Status.infeasible`,
     with the bound in the note.  Otherwise `Status.infeasible` means that no start reached the targets: the
     configuration is the best compromise found.  With `Status.step_limit` or `Status.stalled` the targets are reached,
-    and the preference is not at its minimum; for "least_change" the status is then `ok`, and the note says so.
+    unless the note names the one that is missed, and the preference is not at its minimum;
+    for "least_change" the status is then `ok`, and the note says so.
     `stats.residual` is the largest error of a target relative to its size.
     Raises `InputError` for unknown or contradictory targets and wrong shapes or signs, `SolveError` with `throw`.
     """
@@ -82,7 +84,7 @@ def design(
     if note:
         solution = _report(problem, wants, _at_start(problem), Status.infeasible, note)
     else:
-        best = _best(problem, max_steps)
+        best = _best(problem, wants, max_steps)
         # The least change only selects: a design that has its targets is complete without it.
         selected = best.reached and preference.name == "change"
         status = Status.ok if selected else best.status
@@ -94,11 +96,11 @@ def _at_start(problem: TargetProblem) -> Minimum:
     return minimise_constrained(problem, problem.unknowns.origin, np.inf, _LONGEST, 0)
 
 
-def _best(problem: TargetProblem, max_steps: int) -> Minimum:
-    """The first search that reaches the targets, or the one with the smallest violation."""
+def _best(problem: TargetProblem, wants: list[Wanted], max_steps: int) -> Minimum:
+    """The first search that reaches the targets, or the one with the smallest violation, continued to its end."""
     best: Minimum | None = None
     left = max_steps
-    for start in _starts(problem):
+    for start in _starts(problem, wants):
         found = minimise_constrained(problem, start, problem.preference.tolerance, _LONGEST, left, restoring=_RESTORING)
         left -= found.steps
         if best is None or found.reached or not found.violation >= best.violation:
@@ -106,12 +108,16 @@ def _best(problem: TargetProblem, max_steps: int) -> Minimum:
         if found.reached or left <= 0:
             break
     assert best is not None
+    if not best.reached and left > 0:
+        found = minimise_constrained(problem, best.point.z, problem.preference.tolerance, _LONGEST, left)
+        best = found if found.violation < best.violation else best
     return best
 
 
-def _starts(problem: TargetProblem) -> Iterator[Array]:
+def _starts(problem: TargetProblem, wants: list[Wanted]) -> Iterator[Array]:
     """z of the start, of random ones, and of an ascent of the shear modulus, whose stresses cover two decades.
 
+    Stresses of any sign start from the largest S/√D in the direction of a prescribed one as well.
     Gradients of B_0 and C_B vanish at σ = k, where B_0 is largest and C_B smallest.
     """
     unknowns, manifold = problem.unknowns, problem.manifold
@@ -126,6 +132,10 @@ def _starts(problem: TargetProblem) -> Iterator[Array]:
         sheared = optimize(manifold, "shear_modulus", throw=False, max_steps=_ASCENT).value.sigma
         if np.isfinite(sheared).all() and (sheared > 0).all():
             yield unknowns.of_stress(sheared)
+    if unknowns.signs is None:
+        limiting = limiting_stress(manifold, wants)
+        if limiting is not None:
+            yield unknowns.of_stress(limiting)
     yield origin + _SPREADS[1] * shaken[1]
 
 
@@ -142,7 +152,8 @@ def _note(problem: TargetProblem, best: Minimum) -> str:
         name = problem.targets[worst].name
         return (
             f"no start reached all targets together, {name} misses by {excess[worst] * problem.sizes[worst]:.3g}: "
-            + ("relax one, or give another start")
+            + ("raise max_steps, " if best.status is Status.step_limit else "")
+            + "relax one, or give another start"
         )
     return "no start reached the targets inside the limits of the edges: widen the limits, or relax a target"
 

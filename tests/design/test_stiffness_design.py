@@ -14,7 +14,7 @@ from critflow import (
     triangular_network,
     voronoi_network,
 )
-from critflow.design.stiffness_design import _TensorGoals
+from critflow.design.stiffness_design import TensorGoals
 
 CELL = delaunay_network(24, seed=2)
 
@@ -46,7 +46,7 @@ def test_an_isotropic_tensor_of_any_poissons_ratio_is_reached(ratio):
 
 def test_gradients_agree_with_differences():
     theta = 0.5 * np.random.default_rng(3).normal(size=CELL.n_edges)
-    goals = _TensorGoals(CELL, CELL.positions, isotropic_targets(2, 1.0, 0.1), np.ones(CELL.n_edges))
+    goals = TensorGoals(CELL, CELL.positions, isotropic_targets(2, 1.0, 0.1), np.ones(CELL.n_edges))
     direction = np.random.default_rng(4).normal(size=CELL.n_edges)
     step = 1e-4
     ahead, behind = (goals.at(theta + s * direction).constraints for s in (step, -step))
@@ -72,7 +72,7 @@ def test_tensors_that_no_springs_have_are_refused():
     targets = isotropic_targets(2, 1.0, 0.2) | {"C_xyxy": -0.1}
     with pytest.raises(SolveError, match="eigenvalue"):
         design_stiffness(CELL, CELL.positions, targets)
-    goals = _TensorGoals(CELL, CELL.positions, isotropic_targets(2, 1.0, 0.2), CELL.stiffness)
+    goals = TensorGoals(CELL, CELL.positions, isotropic_targets(2, 1.0, 0.2), CELL.stiffness)
     assert not goals.excess(3) and "rank 3" in goals.excess(2)
     # B is the mean of three of these components for all stiffnesses.
     contradictory = {"bulk_modulus": 1.0, "C_xxxx": 0.5, "C_yyyy": 0.5, "C_xxyy": 0.1}

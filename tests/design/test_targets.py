@@ -101,12 +101,20 @@ def test_bad_targets_are_one_sentence(targets, word):
         ({"signs": "mixed"}, "signs"),
         ({"signs": np.zeros(90)}, "tension"),
         ({"free": [90]}, "edge 90"),
+        ({"free": "stiffness"}, "design_stiffness"),
         ({"start": -np.ones(90)}, "sign"),
     ],
 )
 def test_bad_arguments_are_one_sentence(arguments, word):
     with pytest.raises(InputError, match=word):
         design(MANIFOLD, **{"targets": {"B_0": 0.2}} | arguments)
+
+
+def test_a_signed_response_is_reached():
+    targets = {"S_xx": 3.0, "S_yy": -1.0, "S_xy": 0.0}
+    assert "signs='any'" in design(MANIFOLD, targets, throw=False).note
+    found = design(MANIFOLD, targets, signs="any")
+    np.testing.assert_allclose(stress_of(found.value), np.diag([3.0, -1.0]), rtol=0, atol=1e-9)
 
 
 def test_several_self_stresses_are_refused():

@@ -171,6 +171,21 @@ def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, w
     assert word in error and error.count("\n") == 1
 
 
+def test_the_command_makes_a_network_with_targets(tmp_path, capsys):
+    source, out = tmp_path / "v.csv", tmp_path / "made.csv"
+    write_network(voronoi_network(n_vertices=16, seed=1), source)
+    assert main(["make", str(source), "--target", "C_B=0", "--target", "B_0=0.2:0.25", "--out", str(out)]) == 0
+    made = network_from(out)
+    critical = critflow.CriticalManifold(made.network).configuration(made.force_densities)
+    exact = critflow.stiffening(critical.network, critical).value
+    assert abs(exact.C_B) < 1e-9 and 0.2 - 1e-9 < exact.bulk_0 < 0.25 + 1e-9
+    assert "C_B" in capsys.readouterr().out
+    assert main(["make", str(source), "--target", "C_B=-9", "--out", str(out)]) == 3
+    assert "at least" in capsys.readouterr().out
+    assert main(["make", str(source), "--target", "C_B", "--out", str(out)]) == 2
+    assert "NAME=VALUE" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "code", "word"),
     [

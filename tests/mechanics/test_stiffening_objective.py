@@ -6,7 +6,9 @@ from problems import random_stress, with_random_stiffness
 
 from critflow import CriticalManifold, foam_network, optimize, stiffening, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.mechanics.stiffening_objective import StiffeningCoefficient
+from critflow.critical.objectives import pure_shear
+from critflow.mechanics.stiffening_objective import Growth, StiffeningCoefficient
+from workflows.benchmarks.high_precision import MP, dot, numbers, roots, solve
 
 NETWORKS = {
     "plane": with_random_stiffness(voronoi_network(n_vertices=30, seed=1), seed=2),
@@ -30,6 +32,73 @@ def test_values_and_gradients(network, of_shear):
     assert found.gradient @ direction == pytest.approx(difference, rel=3e-8)
     # The coefficient does not depend on the scale of σ.
     assert abs(found.gradient @ sigma) < 1e-12
+
+
+class Strained:
+    """Energies in 60 digits of a periodic network at rest at the configuration of σ, strained by γ and then by s."""
+
+    def __init__(self, network, sigma):
+        self.k, self.b = numbers(network.stiffness), numbers(network.boundary_vectors)
+        self.g = numbers(network.incidence.toarray()[:, 1:])
+        sg = sigma[:, None] * self.g
+        self.L = self.b + self.g @ solve(self.g.T @ sg, -(sg.T @ self.b))
+        self.rest = roots(dot(self.L, self.L))
+
+    def energy(self, F, shift):
+        """E after two Newton steps from an estimate of the bond displacements."""
+        g, k = self.g, self.k
+        bonds = self.L @ F.T + g @ shift
+        for _ in range(2):
+            length = roots(dot(bonds, bonds))
+            tension = k * (length - self.rest)
+            n = bonds / length[:, None]
+            blocks = k[:, None, None] * n[:, :, None] * n[:, None, :]
+            across = numbers(np.eye(2)) - n[:, :, None] * n[:, None, :]
+            blocks = blocks + (tension / length)[:, None, None] * across
+            # (free vertices, d, free vertices, d)
+            K = sum(np.multiply.outer(np.multiply.outer(a, a), block) for a, block in zip(g, blocks, strict=True))
+            K = K.transpose(0, 2, 1, 3).reshape(2 * g.shape[1], -1)
+            force = (g.T @ (tension[:, None] * n)).reshape(-1, 1)
+            bonds = bonds - g @ solve(K, force).reshape(-1, 2)
+        length = roots(dot(bonds, bonds))
+        return (k * (length - self.rest) ** 2).sum() / 2
+
+    def coefficients(self, responses, volume):
+        """C_B and C_G of E(γ, s), F = √(1 + γ) (1 + s A), from γ = h and 2h: errors of order h."""
+        h, A = MP.mpf(10) ** -13, numbers(pure_shear(2))
+        s, E = h / 1000, np.empty((2, 3), dtype=object)
+        for i in range(2):
+            for j in range(3):
+                gamma, shear = (i + 1) * h, (j - 1) * s
+                F = MP.sqrt(1 + gamma) * (numbers(np.eye(2)) + shear * A)
+                E[i, j] = self.energy(F, gamma * responses[0] + shear * responses[1])
+        modulus = 2 * E[:, 1] / (volume * np.array([h, 2 * h]) ** 2)
+        growth = 3 * (modulus[1] - modulus[0]) / h
+        # Per volume at γ.
+        shear_modulus = (E[:, 0] - 2 * E[:, 1] + E[:, 2]) / (s**2 * volume * np.array([1 + h, 1 + 2 * h]))
+        return growth + 2 * modulus[0] - modulus[1], (shear_modulus[1] - shear_modulus[0]) / h
+
+
+def test_gradients_agree_with_differences_in_sixty_digits():
+    network = with_random_stiffness(voronoi_network(n_vertices=8, seed=1), seed=2)
+    manifold, sigma = CriticalManifold(network), random_stress(network.n_edges, seed=5)
+    direction, t = np.random.default_rng(7).normal(size=network.n_edges), 1e-8
+    energy = Growth(manifold, sigma, manifold.balance(sigma).bond_vectors).energy
+    # Bond displacements from those of the free vertices; vertex 0 does not move.
+    free = np.linalg.pinv(network.incidence.toarray()[:, 1:])
+    responses = [numbers(free @ response.bond_displacement) for response in energy.responses]
+    with MP.workdps(60):
+        ahead, behind = (
+            Strained(network, numbers(sigma) + sign * MP.mpf(t) * numbers(direction)).coefficients(
+                responses, numbers(network.volume)
+            )
+            for sign in (1, -1)
+        )
+        exact = [float((one - other) / (2 * MP.mpf(t))) for one, other in zip(ahead, behind, strict=True)]
+    for of_shear in (False, True):
+        found = evaluate(manifold, StiffeningCoefficient(manifold, of_shear), sigma)
+        assert found.value == pytest.approx(float(ahead[of_shear]), rel=1e-6)
+        assert found.gradient @ direction == pytest.approx(exact[of_shear], rel=1e-11)
 
 
 def test_softening_can_be_optimised():

@@ -17,6 +17,7 @@ import numpy as np
 
 from critflow import CriticalManifold, StudyError, design, strain_path, voronoi_network
 
+from ..shared.populations import LABELS
 from . import curves, stiffening_targets
 
 # Strains of the designs; a polynomial in γ of E/γ² has its derivative at 0 from these.
@@ -63,6 +64,7 @@ def lammps_energy(module, state):
 def check_designs(module, n_vertices, n_designs):
     """Largest relative difference of energies, and of B_0 and C_B of LAMMPS from their targets."""
     worst, growth = 0.0, 0.0
+    print("| triple of | B_0 | C_B | C_G | energies differ by | B_0 of LAMMPS | C_B of LAMMPS |\n" + "|---" * 7 + "|")
     parameters = stiffening_targets.PARAMETERS | {"n_vertices": n_vertices}
     sources = [source for source in stiffening_targets.SOURCES if source != "bulk_modulus"]
     for seed in range(n_designs):
@@ -83,7 +85,12 @@ def check_designs(module, n_vertices, n_designs):
         found = np.array([fit[0], 3 * fit[1] + fit[0]])
         error = np.abs(found - targets[:2])
         growth = max(growth, float(error.max()))
-        print(f"design {seed} ({source}): B_0, C_B {targets[:2]}, from energies of LAMMPS {found}")
+        relative = float(np.abs(energies / path.energy - 1).max())
+        print(
+            f"| {LABELS.get(source, source)} | {targets[0]:.6f} | {targets[1]:.6f} | {targets[2]:.6f} "
+            f"| {relative:.0e} | {found[0]:.6f} | {found[1]:.6f} |",
+            flush=True,
+        )
     return worst, growth
 
 
