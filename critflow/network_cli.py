@@ -21,6 +21,7 @@ from critflow.design.optimize import optimize
 from critflow.design.targets import design
 from critflow.examination.examine import examine
 from critflow.exchange.convert import network_from, write_network, writer_to
+from critflow.exchange.data import counted
 from critflow.exchange.formats import writable_format
 from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.network import Network
@@ -189,7 +190,7 @@ def make(
     certificate = certify(found)
     rigid = "rigid to second order" if certificate.rigid else "not certified as rigid"
     print(
-        f"  certificate: {rigid}, {certificate.n_self_stresses} self-stresses, unbalanced force "
+        f"  certificate: {rigid}, {counted(certificate.n_self_stresses, 'self-stress')}, unbalanced force "
         f"{certificate.residual:.1e} of the mean tension, least tension {certificate.least_tension:.2g} of it"
     )
     if not np.isfinite(found.coordinates).all():

@@ -27,7 +27,18 @@ LAYERS = (
         "mechanics",
         "design",
     ),
-    *("plot", "drawing", "examination", "workflow", "explore", "explore_cli", "network_cli", "cli", "__main__"),
+    *(
+        "plot",
+        "drawing",
+        "examination",
+        "workflow",
+        "explore",
+        "explore_cli",
+        "network_cli",
+        "cli",
+        "example_data",
+        "__main__",
+    ),
 )
 # Layers without xarray, files, figures and processes; exchange reads and writes files.
 PHYSICS = tuple(name for name in LAYERS[: LAYERS.index("plot")] if name != "exchange")

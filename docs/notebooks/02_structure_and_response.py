@@ -9,31 +9,14 @@
 # *Within* a population: does a member with larger V_τ than the others have smaller B_0? The answers can differ.
 
 # %%
-import os
-import sys
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow.cli import main
+from critflow.example_data import ensemble_path
 
-
-def dataset_path():
-    """An argument FILE.nc or CRITFLOW_ENSEMBLE, else results/ensemble here or above, else a small ensemble."""
-    named = [word for word in sys.argv[1:] if word.endswith(".nc")] or [os.environ.get("CRITFLOW_ENSEMBLE", "")]
-    found = (up / "results/ensemble/ensemble.nc" for up in (Path.cwd(), *Path.cwd().parents))
-    path = Path(named[0]) if named[0] else next((file for file in found if file.is_file()), None)
-    if path is None:
-        path = Path("small_ensemble/ensemble.nc")
-        if not path.is_file():  # four networks of 100 vertices, in seconds
-            settings = ["--set", "n_vertices=100", "--set", "seeds=0:4", "--set", "strains=0.002,0.005,0.01"]
-            main(["run", "ensemble", *settings, "--workers", "0", "--out", str(path.parent)])
-    return path
-
-
-ensemble = xr.open_dataset(dataset_path())
+ensemble = xr.open_dataset(ensemble_path())
 names = [str(name) for name in ensemble.population.values]
 STRUCTURE = {
     "length_variance": "$V_L$",

@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from critflow.example_data import ensemble_path
 from critflow.workflow.load import named_studies
 
 ROOT = Path(__file__).parents[2]
@@ -113,18 +114,12 @@ def test_designing_with_isogonal_modes(execute):
     assert names["miss"] < 1e-11
 
 
-def test_the_file_is_found_by_environment_and_above(execute, folder, monkeypatch, tmp_path):
-    named = execute("01_first_look")[0]["dataset_path"]
+def test_the_file_is_found_by_environment_and_above(folder, monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "argv", ["kernel", "-f", "connection.json"])
     below = tmp_path / "results" / "ensemble" / "deep"
     below.mkdir(parents=True)
     (below.parent / "ensemble.nc").touch()
     monkeypatch.chdir(below)
-    assert named() == below.parent / "ensemble.nc"
+    assert ensemble_path() == below.parent / "ensemble.nc"
     monkeypatch.setenv("CRITFLOW_ENSEMBLE", str(folder / "mine.nc"))
-    assert named() == folder / "mine.nc"
-
-
-def test_all_notebooks_find_their_file_alike():
-    texts = [(FOLDER / f"{name}.py").read_text(encoding="utf-8") for name in NAMES]
-    assert len({re.search(r"def dataset_path.*?\n\n\n", text, re.S)[0] for text in texts}) == 1
+    assert ensemble_path() == folder / "mine.nc"
