@@ -45,7 +45,7 @@ def refactor_and_solve(pattern, right):
         solver.solve(right)
 
 
-def strain_steps(networks, critical, repeats=3):
+def strain_steps(networks, critical, tensors, repeats=3):
     """Paths of ten steps, and the processor time in ms of a step and of its refactorisation with four solves, in turn.
 
     Processor time, since another load of the machine enters the time that passes.
@@ -55,7 +55,7 @@ def strain_steps(networks, critical, repeats=3):
     for _ in range(repeats + 1):
         for network, start, pattern in zip(networks, critical, patterns, strict=True):
             right, begin = np.random.default_rng(1).standard_normal(pattern.size), time.process_time()
-            paths.append(strain_path(network, start, strains, pattern=pattern))
+            paths.append(strain_path(network, start, strains, pattern=pattern, tensors=tensors))
             after = time.process_time()
             refactor_and_solve(pattern, right)
             steps.append(1e3 * (after - begin) / len(strains))
@@ -67,11 +67,12 @@ def strain_steps(networks, critical, repeats=3):
 def strain_rows(networks, manifolds, stressed):
     largest_bulk = [optimize(manifold, "bulk_modulus").value for manifold in manifolds]
     for kind, starts in (("random stress", stressed), ("largest bulk modulus", largest_bulk)):
-        paths, steps, units = strain_steps(networks, starts)
-        ratio = statistics.median(step / unit for step, unit in zip(steps, units, strict=True))
-        worst = max(s.value.max_force.max() for s in paths)
-        said = f"{ratio:.2f} x a refactor and four solves, {statistics.median(units):.2f} ms; largest force {worst:.0e}"
-        row(f"strain step with moduli, {kind}", statistics.median(steps), said)
+        for name, tensors in (("moduli", False), ("tensors", True)):
+            paths, steps, units = strain_steps(networks, starts, tensors)
+            ratio = statistics.median(step / unit for step, unit in zip(steps, units, strict=True))
+            worst = max(s.value.max_force.max() for s in paths)
+            unit = f"{ratio:.2f} x a refactor and four solves, {statistics.median(units):.2f} ms"
+            row(f"strain step with {name}, {kind}", statistics.median(steps), f"{unit}; largest force {worst:.0e}")
 
 
 def row(name, milliseconds, said):

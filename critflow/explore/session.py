@@ -66,6 +66,7 @@ class State:
             [gamma],
             deformation=deformation,
             moduli=moduli,
+            tensors=False,
             pattern=self.model.pattern,
             throw=False,
         )

@@ -16,7 +16,7 @@ from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli
 from critflow.mechanics.equilibrium import Equilibrium, relaxed
 from critflow.mechanics.free_cell import FreeCellState, relaxed_with_cell, stretched
 from critflow.mechanics.laws import HOOKEAN
-from critflow.mechanics.response import LinearResponse, response_of
+from critflow.mechanics.response import LinearResponse, response_of, strains_of
 from critflow.mechanics.springs import SpringState
 from critflow.mechanics.tangent import Tangent, path_rates, relaxations_to, tangent, tangent_of_response
 from critflow.mechanics.tolerances import (
@@ -93,6 +93,7 @@ class Relaxer:
     method: str
     tolerance: float
     with_moduli: bool
+    with_tensors: bool
     pattern: FixedPattern
 
 
@@ -182,13 +183,16 @@ class Continuation:
         if not (unique or self._expected(start, solution)):
             return Step(strain, state, q, n, Status.unstable, _JUMPED)
         moduli, errors, response = NO_MODULI, NO_MODULI, None
+        rates = path_rates(self.deformation, strain, self._affine(strain), q)
         if self.relaxer.with_moduli and state.network.has_volume and state.network.dimension > 1:
             exact = self.relaxer.method == "newton"
-            response = response_of(state, self.relaxer.pattern, exact, factor, state.network.volume, condition=False)
+            wanted = None if self.relaxer.with_tensors else strains_of(rates[0])
+            volume = state.network.volume
+            response = response_of(state, self.relaxer.pattern, exact, factor, volume, condition=False, strains=wanted)
             if not response.ok:
                 return Step(strain, state, q, n, response.status, response.reason)
             moduli, errors = response.value, response.stats.error_bound
-        along, velocity = self._tangent(state, strain, q, factor, response), None
+        along, velocity = self._tangent(state, rates, factor, response), None
         if along is not None:
             back = np.linalg.inv(self._gradient(strain, q))
             velocity = np.concatenate([(along.relaxation @ back.T).ravel(), along.stretch_rate])
@@ -203,7 +207,7 @@ class Continuation:
             tangent=along if self.relaxer.with_moduli else None,
             moduli=moduli,
             moduli_error=errors,
-            elasticity=None if response is None else response.elasticity,
+            elasticity=response.elasticity if response is not None and self.relaxer.with_tensors else None,
             coordinate_error=solution.stats.error_bound,
         )
 
@@ -219,18 +223,17 @@ class Continuation:
         return relaxed_with_cell(free, self.reference, gradient, relaxer.pattern, relaxer.tolerance)
 
     def _tangent(
-        self, state: SpringState, strain: float, q: Array, factor: Factor | None, response: LinearResponse | None
+        self, state: SpringState, rates: tuple[Array, Array], factor: Factor | None, response: LinearResponse | None
     ) -> Tangent | None:
-        """The tangent of the path, or None where the response is not determined."""
-        rates, second_rates = path_rates(self.deformation, strain, self._affine(strain), q)
+        """The tangent of the path from its `path_rates`, or None where the response is not determined."""
         if response is not None:
-            return tangent_of_response(response, rates, second_rates)
+            return tangent_of_response(response, *rates)
         if factor is None:
             factor = state.factorize(self.relaxer.pattern)
             if factor.indefinite:
                 factor = state.factorize(self.relaxer.pattern, FLOPPY_SHIFT * state.stiffness_scale)
-        relaxations = relaxations_to(state, factor, rates)
-        return None if relaxations is None else tangent(state, rates, second_rates, relaxations)
+        relaxations = relaxations_to(state, factor, rates[0])
+        return None if relaxations is None else tangent(state, *rates, relaxations)
 
     def _departs(self, strain: float) -> bool:
         """Find the velocity at a transition, once, where a step without it fails.
@@ -245,7 +248,8 @@ class Continuation:
         rest = state.lengths * (1 - _DEPARTING_STRESS * stress / np.abs(stress).max())
         stressed = replace(state, rest_lengths=rest, law=HOOKEAN)
         factor = stressed.factorize(self.relaxer.pattern, FLOPPY_SHIFT * state.stiffness_scale)
-        along = None if factor.indefinite else self._tangent(stressed, 0.0, self.stretch, factor, None)
+        rates = path_rates(self.deformation, 0.0, self._affine(0.0), self.stretch)
+        along = None if factor.indefinite else self._tangent(stressed, rates, factor, None)
         if along is None:
             return False
         velocity = np.concatenate([along.relaxation.ravel(), along.stretch_rate])

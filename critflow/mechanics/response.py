@@ -19,7 +19,7 @@ import numpy as np
 from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
-from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli, no_elasticity
+from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli, no_elasticity, strain_components
 from critflow.mechanics.springs import ElasticState
 from critflow.mechanics.tolerances import FLOPPY_SHIFT, TRUSTED_ERROR
 from critflow.networks.deformation import strain_basis
@@ -96,29 +96,34 @@ def response_of(
     factor: Factor | None,
     volume: float,
     condition: bool = True,
+    strains: tuple[int, ...] | None = None,
 ) -> LinearResponse:
-    """As `linear_response`; without `condition`, which costs a solve, `stats.condition` is NaN."""
+    """As `linear_response`; without `condition`, which costs a solve, `stats.condition` is NaN.
+
+    strains  rows of `_strains`, such as those of `strains_of`; responses to all others are zero in the result
+    """
+    strains = strains or tuple(range(len(_strains(state.network.dimension))))
     # Without negative eigenvalues any factor near the state will do; convergence shows whether it is near enough.
-    found = _responses(state, factor, volume) if factor is not None and _taut(state) else None
+    found = _responses(state, factor, volume, strains) if factor is not None and _taut(state) else None
     if factor is None or found is None or not found.converged:
         factor = state.factorize(pattern)
-        found = _responses(state, factor, volume) if factor.sound and not factor.n_negative else None
+        found = _responses(state, factor, volume, strains) if factor.sound and not factor.n_negative else None
     floppy = found is None or not found.converged
     if floppy:
         factor = state.factorize(pattern, FLOPPY_SHIFT * state.stiffness_scale)
         if factor.indefinite:
             return _unstable(state, factor)
-        found = _responses(state, factor, volume)
+        found = _responses(state, factor, volume, strains)
     assert found is not None
     bounds = (found.moduli_rounding, found.rounding) if found.converged else None
     if bounds is not None and not exact:
-        change = _change_to_equilibrium(state, factor, found, floppy, volume)
+        change = _change_to_equilibrium(state, factor, found, floppy, volume, strains)
         bounds = None if change is None else (bounds[0] + change[0], bounds[1] + change[1])
     number = state.largest_stiffness * inverse_norm(factor, found.last[0]) if condition else np.nan
     bound = Moduli(np.inf, np.inf, np.inf) if bounds is None else Moduli(*map(float, bounds[0]))
     stats = Stats("linear response", 1, residual=found.residual, condition=number, error_bound=bound)
     d = state.network.dimension
-    relaxations = np.tensordot(_basis_change(d).T, found.relaxations, axes=1)
+    relaxations = np.tensordot(_basis_change(d)[list(strains)].T, found.relaxations, axes=1)
     relaxation = found.relaxations[0]
     if bounds is None or bounds[0].max() > TRUSTED_ERROR * np.abs(found.moduli[:2]).max():
         value, status, tensors = NO_MODULI, Status.ill_conditioned, no_elasticity(d, volume)
@@ -167,6 +172,14 @@ def _basis_change(dimension: int) -> Array:
     return T
 
 
+def strains_of(rates: Array) -> tuple[int, ...]:
+    """Rows of `_strains` for the moduli, dilation and the last shear, and for rates A (n, d, d) of a cell."""
+    d = rates.shape[1]
+    parts = np.array([_basis_change(d) @ strain_components(0.5 * (A + A.T)) for A in rates])
+    last = parts.shape[1] - 1
+    return tuple(n for n in range(last + 1) if n in (0, last) or parts[:, n].any())
+
+
 @cache
 def _products(dimension: int) -> Array:
     """Sums of the entries of |E_a||E_b|, (m, m): the effect of an error of the stress on its terms."""
@@ -200,7 +213,7 @@ class _Responses:
 
 
 def _change_to_equilibrium(
-    state: ElasticState, factor: Factor, found: _Responses, floppy: bool, volume: float
+    state: ElasticState, factor: Factor, found: _Responses, floppy: bool, volume: float, strains: tuple[int, ...]
 ) -> tuple[Array, Array] | None:
     """Twice the change of moduli (3,) and tensor (m, m) up to the exact equilibrium; None where that is not found."""
     correction = state.exact_displacement(factor, regularised=floppy)
@@ -209,19 +222,23 @@ def _change_to_equilibrium(
     apart = np.abs(correction.bond_vectors - state.bond_vectors)
     if not (apart > EPS * state.lengths[:, None]).any():
         return np.zeros(3), np.zeros_like(found.tensor)
-    there = _responses(replace(state, bond_vectors=correction.bond_vectors), factor, volume)  # type: ignore[type-var]
+    moved = replace(state, bond_vectors=correction.bond_vectors)  # type: ignore[type-var]
+    there = _responses(moved, factor, volume, strains)
     return (
         (2 * np.abs(there.moduli - found.moduli), 2 * np.abs(there.tensor - found.tensor)) if there.converged else None
     )
 
 
-def _responses(state: ElasticState, factor: Factor, volume: float) -> _Responses:
-    """The responses by a factor of the Hessian, refined until corrections are small."""
+def _responses(state: ElasticState, factor: Factor, volume: float, strains: tuple[int, ...]) -> _Responses:
+    """The responses to some rows of `_strains` by a factor of the Hessian, refined until corrections are small.
+
+    The first of them is the dilation, the last one the last shear.
+    """
     network, sigma, square = state.network, state.sigma, state.lengths**2
-    d, m, n = network.dimension, len(_strains(network.dimension)), network.n_edges
+    d, m, n = network.dimension, len(strains), network.n_edges
     # Arrays over edges have the edges last: NumPy is several times slower where the last axis is short.
     L = np.ascontiguousarray(state.bond_vectors.T)
-    affine = (_strains(d).reshape(m * d, d) @ L).reshape(m, d, n)
+    affine = (_strains(d)[list(strains)].reshape(m * d, d) @ L).reshape(m, d, n)
     rate, direct, least = affine, np.zeros((m, m)), _NO_RELAXATION * state.length_scale
     u, scale, energy = np.zeros((m, *state.forces.shape)), np.zeros(m), np.zeros(m)
     for refinement in range(_MOST_CORRECTIONS + 1):
@@ -258,7 +275,7 @@ def _responses(state: ElasticState, factor: Factor, volume: float) -> _Responses
     stress_rounding = float(accumulated_rounding(2 * state.stress_rounding * square)) / volume
     shear_rounding = form_rounding[-1, -1] + 0.5 * stress_rounding / d + 4 * EPS * abs(pressure)
 
-    T = _basis_change(d)
+    T = _basis_change(d)[list(strains)]
     tensor, stress = T.T @ form @ T, (sigma * L) @ L.T / volume
     rounding = np.abs(T).T @ form_rounding @ np.abs(T) + 4 * EPS * np.abs(tensor)
     rounding += (stress_rounding + 4 * EPS * float(np.abs(stress).max())) * _products(d)

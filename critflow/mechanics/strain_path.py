@@ -54,7 +54,7 @@ class StrainPath(Record):
     modulus          (1/V) d²E/dγ² along the path (n,) with the volume V(γ) and the relaxed energy E(γ), with its error
                      bound (estimate); dilation has B/(1 + γ)²
     stress           Cauchy stress (1/V) Σ σ L⊗L, (n, d, d)
-    elasticity       tensors of each state (`Elasticity`); empty without moduli, and without a cell
+    elasticity       tensors of each state (`Elasticity`); empty without moduli or tensors, and without a cell
     free_components  q (n, m) of the cell (1 + Σ q E) F(γ), free of stress (`Deformation.free`)
 
     Networks without a cell have no volume: their moduli and stresses are those of V = 1.
@@ -109,6 +109,7 @@ def strain_path(
     rest_lengths: ArrayLike | None = None,
     tolerance: float = 1e-14,
     moduli: bool = True,
+    tensors: bool = True,
     pattern: FixedPattern | None = None,
     throw: bool = True,
 ) -> Solution[StrainPath]:
@@ -129,6 +130,7 @@ def strain_path(
     law                of springs from a critical configuration, Hookean by default; a state has one
     rest_lengths       ℓ (N_b,) to a common factor: the path of a slack configuration as that of all edges, as Cable()
     moduli             False: equilibria only
+    tensors            False: bulk and shear moduli alone, in less time; `elasticity` is then empty
     pattern            of the Hessian, made here by default; given for many paths of one network
 
     Many parameters: those after the strains are options of the relaxation, most by keyword only.
@@ -150,7 +152,7 @@ def strain_path(
     if deformation.free and method != "newton":
         raise InputError("free components of the cell need Newton's method: choose method='newton'")
     reached: list[Arrival] = []
-    relaxer = Relaxer(method, tolerance, moduli, state.pattern() if note or not pattern else pattern)
+    relaxer = Relaxer(method, tolerance, moduli, tensors, state.pattern() if note or not pattern else pattern)
     continuation = Continuation(state, deformation, relaxer, stress=None if critical is None else critical.sigma)
     if critical is None:
         first = continuation.begin()

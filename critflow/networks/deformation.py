@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 import scipy.linalg
@@ -253,6 +254,7 @@ def deformation_of(value: Deformation | str | ArrayLike | Function, dimension: i
     return deformation
 
 
+@cache
 def strain_basis(dimension: int) -> tuple[tuple[str, ...], Array]:
     """Names and symmetric strains (m, d, d) of all m = d(d + 1)/2 components: normal ones first, in Voigt's order.
 
@@ -266,6 +268,7 @@ def strain_basis(dimension: int) -> tuple[tuple[str, ...], Array]:
     for strain, (i, j) in zip(strains, pairs, strict=True):
         strain[i, j] += 0.5
         strain[j, i] += 0.5
+    strains.flags.writeable = False
     return names, strains
 
 

@@ -22,6 +22,7 @@ from critflow import (
 )
 from critflow.critical.objectives import OBJECTIVES, pure_shear
 from critflow.design.modulus_bounds import largest_modulus, modulus_bound
+from critflow.mechanics import response
 from critflow.mechanics.response import linear_response
 
 NETWORKS = {"planar": voronoi_network, "foam": foam_network}
@@ -105,6 +106,16 @@ def test_a_path_without_moduli_has_no_linear_response(factorised, monkeypatch, n
     monkeypatch.setattr(PATH, "response_of", forbidden)
     without = factorised(network, lambda: strain_path(network, critical, STRAIN, moduli=False))
     assert set(without) == {SPRINGS}
+
+
+@pytest.mark.parametrize("deformation, solved", [("dilation", 2), ("simple_shear", 2), ("uniaxial", 3)])
+def test_a_path_without_tensors_solves_for_its_strains_alone(monkeypatch, deformation, solved):
+    network = NETWORKS["planar"](60, seed=1)
+    critical, rows, found = CriticalManifold(network).configuration(np.ones(network.n_edges)), [], response.strains_of
+    monkeypatch.setattr(PATH, "strains_of", lambda rates: rows.append(found(rates)) or rows[-1])
+    for strain in (0.001, -0.001):  # one of them tightens
+        strain_path(network, critical, [strain], deformation=deformation, tensors=False, throw=False)
+    assert {len(row) for row in rows} == {solved}
 
 
 def test_lengths_determine_the_transition_without_springs(factorised):

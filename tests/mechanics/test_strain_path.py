@@ -31,6 +31,7 @@ from critflow import (
     backbone,
     critical_from_lengths,
     equilibrium,
+    foam_network,
     honeycomb_network,
     spring_state,
     stiffening,
@@ -92,6 +93,20 @@ def test_fire_follows_the_same_path():
     np.testing.assert_allclose(
         fire.value.states[-1].bond_vectors, newton.value.states[-1].bond_vectors, rtol=0, atol=1e-10
     )
+
+
+@pytest.mark.parametrize("make", [lambda: voronoi(40, seed=1), lambda: foam_network(60, seed=1)], ids=["2D", "3D"])
+@pytest.mark.parametrize("deformation", ["dilation", "simple_shear", "uniaxial", "uniaxial_free"])
+def test_moduli_do_not_depend_on_tensors(make, deformation):
+    critical = critical_of(make())
+    few, all_ = (
+        strain_path(critical.network, critical, [0.01, 0.05], deformation=deformation, tensors=tensors, throw=False)
+        for tensors in (False, True)
+    )
+    assert few.status is all_.status and few.value.elasticity == ()
+    assert len(all_.value.elasticity) == len(all_.value.states)
+    for name in ("bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected", "modulus", "energy"):
+        np.testing.assert_allclose(getattr(few.value, name), getattr(all_.value, name), rtol=1e-12, err_msg=name)
 
 
 def test_energy_is_the_work_done():

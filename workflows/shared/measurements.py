@@ -133,6 +133,7 @@ def _along_path(manifold, critical, parameters, undefined, deformation, side):
         critical,
         side * strains,
         deformation=deformation,
+        tensors=False,
         pattern=manifold.hessian,
         throw=False,
     ).value

@@ -60,11 +60,13 @@ def routes(manifold, parameters, seed):
     strains = np.array(parameters["strains"])
 
     def fitted():
-        path = strain_path(network, critical, strains, pattern=manifold.hessian).value
+        path = strain_path(network, critical, strains, tensors=False, pattern=manifold.hessian).value
         return fit_stiffening(strains, path.bulk_modulus).slope
 
     def just_past():
-        return strain_path(network, critical, [parameters["past"]], pattern=manifold.hessian).value.bulk_modulus[0]
+        return strain_path(
+            network, critical, [parameters["past"]], tensors=False, pattern=manifold.hessian
+        ).value.bulk_modulus[0]
 
     def by_hessian():
         # Springs of stiffness σ and no rest length: force balance as an equilibrium, all directions in one matrix.
