@@ -123,7 +123,7 @@ class _Kinds:
         return " or ".join(kinds)
 
     def _advice(self, value: Any) -> str:
-        """Where the value contains what is wanted."""
+        """Where the value contains a suitable one."""
         if np.random.Generator in self.classes and _is_number(value):
             return f": use numpy.random.default_rng({value})"
         inner = [("value", value.value)] if isinstance(value, Solution) else []

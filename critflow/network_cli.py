@@ -59,7 +59,7 @@ class Hints:
 
 
 def reading(command: Callable[..., int]) -> Callable[..., int]:
-    """The command with the options of `Hints` after its own, in place of its parameter `hints`."""
+    """The command with the options of `Hints` after the others, in place of its parameter `hints`."""
     options = {
         option.name: inspect.Parameter(
             option.name,
@@ -170,7 +170,7 @@ def make(
 
     Many parameters: each is an option of the command.
     """
-    # Before a long computation, whose result would be lost.
+    # Before a long computation, whose result could not be written.
     writable_format(out)
     if picture is not None:
         from critflow.drawing import draw, require_picture, saved

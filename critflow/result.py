@@ -41,7 +41,7 @@ class Status(IntEnum):
 
     @property
     def message(self) -> str:
-        """What happened and what to try next."""
+        """The reason of the status, and a suggestion."""
         return _MESSAGES[self]
 
 
@@ -184,7 +184,7 @@ class Solution(Generic[Value]):
 
 
 class CritflowError(Exception):
-    """Base of the errors shown to users: one sentence that says what to do next."""
+    """Base of the errors shown to users: one sentence with a suggestion."""
 
 
 class InputError(CritflowError, ValueError):
@@ -204,7 +204,7 @@ class SolveError(CritflowError):
 
 
 class StudyError(InputError):
-    """A study file, a `--set` word or a results folder is not what the command needs."""
+    """A study file, a `--set` word or a results folder does not fit the command."""
 
 
 class IntegrityError(CritflowError):

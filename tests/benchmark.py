@@ -1,4 +1,4 @@
-"""Times of the library at N_v = 1,000 with the accuracy beside them: `python tests/benchmark.py`.
+"""Times of the library at N_v = 1,000 with their accuracy: `python tests/benchmark.py`.
 
 The argument `step` selects strain steps alone.
 

@@ -109,7 +109,7 @@ def square_octagon_bond_vectors(s, t_x, t_y, a=2.0, b=3.0, shape=None):
 
 
 def with_own_images() -> Network:
-    """The square-octagon with two more edges, from a vertex to its own image: stressed but pulling at nothing."""
+    """The square-octagon with two more edges, from a vertex to an image of it: stressed but pulling at nothing."""
     plain = square_octagon()
     edges = np.concatenate([plain.edges, [[2, 2], [0, 0]]])
     return Network(edges, np.concatenate([plain.offsets, [[1, 0], [0, 1]]]), plain.cell)

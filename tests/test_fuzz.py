@@ -1,4 +1,4 @@
-"""Random valid networks through every public function: what must hold whatever the network.
+"""Random valid networks through every public function: properties of every network.
 
 Nothing but a `CritflowError` is raised, no warning is given, no number of an `ok` answer is NaN, no error bound lies
 below the error against the exact answer, no call exceeds its number of factorisations, and another description of the

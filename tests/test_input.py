@@ -151,7 +151,7 @@ CASES = {
     "too few": (lambda: voronoi_network(2), "even"),
     "negative": (lambda: voronoi_network(-10), "even"),
     "not whole": (lambda: voronoi_network(10.5), "whole"),
-    "no room": (lambda: voronoi_network(40, hard_core=1.2), "hard core"),
+    "hard core too large": (lambda: voronoi_network(40, hard_core=1.2), "hard core"),
     "no hard core": (lambda: voronoi_network(40, hard_core=-1), "positive"),
     "hard core NaN": (lambda: voronoi_network(40, hard_core=np.nan), "positive"),
     "no points": (lambda: random_sequential_addition(0, 0.1, np.random.default_rng(1)), "points"),

@@ -1,7 +1,7 @@
 """The taut backbone of a critical configuration: its stressed edges, as networks without the slack ones.
 
 Where edges are slack, σ = 0, they carry nothing: rigidity, moduli and coefficients are those of the taut part, and the
-slack part is floppy.  The taut part may fall into components, each with its own self-stress.
+slack part is floppy.  The taut part may fall into components, each with a self-stress.
 
 A free vertex of two taut edges lies on a straight line between them, so a chain of such edges is one cable: a spring of
 stiffness 1/Σ k⁻¹.  Chains need no special treatment, since their vertices follow from balance: motions along the chain
@@ -85,8 +85,7 @@ class Backbone(Record):
         """The component where there is one, else an `InputError`."""
         if len(self.components) > 1:
             raise InputError(
-                f"the taut part falls into {len(self.components)} components, each with its own self-stress: "
-                "use `components`"
+                f"the taut part falls into {len(self.components)} components, each with a self-stress: use `components`"
             )
         return self.components[0]
 

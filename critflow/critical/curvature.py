@@ -161,7 +161,7 @@ def unit_response(manifold: CriticalManifold, configuration: CriticalConfigurati
 
 @dataclass(frozen=True, eq=False)
 class PrincipalCurvatures(Record):
-    """Curvatures κ of the manifold towards its normal σ, by growing size (n,), and what they were found with.
+    """Curvatures κ of the manifold towards its normal σ, by growing size (n,), and the method that found them.
 
     radii       1/κ, eigenvalues of −|σ|B on σ^⊥, in units of h
     directions  (n, N_b) unit vectors: principal directions among the h, and the stresses that move along them

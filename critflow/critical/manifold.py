@@ -73,7 +73,7 @@ class CriticalConfiguration(Record):
         return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
 
     def springs_of(self, network: Network) -> Network:
-        """The network itself if this is a configuration of it, whatever its stiffnesses, else an `InputError`."""
+        """The network itself if this is a configuration of it, at any stiffnesses, else an `InputError`."""
         same = self.network
         if network is not same and not (
             np.array_equal(network.edges, same.edges)

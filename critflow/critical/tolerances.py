@@ -1,7 +1,7 @@
 """Constants of the critical manifold that decide, with their reasons.
 
 COLLAPSED        An edge shorter than this part of the mean length has collapsed: its direction, and what follows from
-                 it, has lost half of its digits or more.
+                 it, has half of its digits or fewer.
 CONDENSED_EDGES  Number of edges from which systems of stresses and displacements are cheaper condensed than as saddle
                  matrices, for stresses that are all positive.
 SCALED           A stress with Σσ² = N_b to this relative accuracy counts as scaled and keeps its digits: the sum of

@@ -32,7 +32,7 @@ Result = TypeVar("Result")
 
 # Singular values below this count as zero where coordinates have all digits, as in `rigidity`.
 _TOLERANCE = 1e-6
-# The effect of rounding is estimated for networks of so many edges.
+# Number of edges of the networks for which the effect of rounding is estimated.
 _FEW_EDGES = 150
 # Other singular values are hardly smaller than ten times this.
 _LARGEST_TOLERANCE = 0.01
@@ -125,7 +125,7 @@ class _Subject(NamedTuple):
 def _subject(
     thing: Network | ImportedNetwork | str | PathLike, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None
 ) -> _Subject:
-    """What is examined: at the positions and with the lengths there, where none are given."""
+    """The subject of an examination: at the positions and with the lengths there, where none are given."""
     read = network_from(thing) if isinstance(thing, str | PathLike) else thing
     notes, names, digits = tuple[str, ...](), tuple[str, ...](), Digits(None, 0.0)
     if isinstance(read, ImportedNetwork):

@@ -113,7 +113,7 @@ def write_network(
 
 
 def writer_to(path: Path, network: Any, coordinates: ArrayLike | None = None) -> Callable[..., None]:
-    """The writer of a file, checked against the network: commands call it before they compute what they write."""
+    """The writer of a file, checked against the network: commands call it before they compute."""
     known = writable_format(path)
     assert known.write is not None
     if known.accepts is not None:

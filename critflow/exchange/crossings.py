@@ -44,7 +44,7 @@ def crossings_of(data: NetworkData) -> Crossings:
     parts = _parts(start[first], L[first], at[pairs[:, 1] - n], L[second])
     inside = ((parts > _ENDS) & (parts < 1 - _ENDS)).all(axis=1) & (first <= second)
     both, parts = np.stack([first, second], axis=1)[inside], parts[inside]
-    # An edge that crosses its own image does so in two images, of which one is kept.
+    # An edge that crosses an image of itself does so in two images, of which one is kept.
     kept = (both[:, 0] < both[:, 1]) | (parts[:, 0] < parts[:, 1])
     return Crossings(both[kept].astype(np.int64), parts[kept])
 

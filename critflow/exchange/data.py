@@ -37,7 +37,7 @@ class NetworkData(Record):
     nearest_images   whether the format defines edges by nearest images
     source           format, for messages
     notes            sentences on how the source was read
-    repairs          sentences on what was corrected on reading, which a strict reading refuses
+    repairs          sentences on corrections made on reading, which a strict reading refuses
     """
 
     edges: IntArray
@@ -112,7 +112,7 @@ class NetworkData(Record):
         return replace(self, notes=(*self.notes, *sentences))
 
     def repairing(self, *sentences: str) -> NetworkData:
-        """The same data with further sentences on what was corrected."""
+        """The same data with further sentences on corrections."""
         return replace(self, repairs=(*self.repairs, *sentences))
 
 

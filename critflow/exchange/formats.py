@@ -1,4 +1,4 @@
-"""The table of formats: what each file ending is read and written by."""
+"""The table of formats: the reader and the writer of each file ending."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ FORMATS = (
 
 
 def readable_format(path: Path) -> Format:
-    """The format in which a file is read; `InputError` with what to do for files of many networks and for pictures."""
+    """The format in which a file is read; `InputError` for files of many networks and for pictures."""
     if path.suffix == ".nc":
         raise InputError(
             f"{path.name} is a dataset of networks: give one case of it, dataset.sel(seed=0, ...), or --set seed=0 "

@@ -78,7 +78,7 @@ def _consistent(data: NetworkData, difference: Array, inverse: Array) -> Network
     given = np.asarray(data.offsets)
     doubtful = doubtful_offsets(data.edges, given, data.cell, data.positions)
     nearest = _nearest(difference, data.cell, inverse)
-    opposite = given.any(axis=1) & (given == -nearest).all(axis=1)
+    opposite = (given == -nearest).all(axis=1)
     shorter = opposite & (
         np.linalg.norm(difference + nearest @ data.cell, axis=1)
         < _NEARER * np.linalg.norm(difference + given @ data.cell, axis=1)

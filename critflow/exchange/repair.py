@@ -416,7 +416,7 @@ def _walk(edges: IntArray, offsets: IntArray, inner: NDArray[np.bool_]) -> tuple
 
 
 def _digits(data: NetworkData) -> tuple[str, ...]:
-    """A sentence on coordinates that were rounded, and what that does to counts."""
+    """A sentence on coordinates that were rounded, and its effect on counts."""
     digits = data.digits
     if not digits.error:
         return ()

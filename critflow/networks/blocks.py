@@ -50,7 +50,7 @@ def blocks(
     tree = _Tree(np.concatenate([ends, np.column_stack([np.full_like(joints, n_vertices), joints])]), n_vertices)
     gains = np.concatenate([gains, np.zeros((len(joints), gains.shape[1]), np.int64)])
     block = tree.blocks()[tree.lower]
-    # An edge from a vertex to its own image is a block of its own.
+    # An edge from a vertex to an image of itself is a block by itself.
     loops = np.flatnonzero(tree.lower == tree.upper)
     block[loops] = n_vertices + 1 + np.arange(len(loops))
     return np.unique(block[: len(edges)], return_inverse=True)[1].ravel(), tree.cycle_gains(gains)[: len(edges)]
@@ -79,7 +79,7 @@ def _graph(edges: IntArray, n_vertices: int) -> sp.csr_array:
 class _Tree:
     """A depth-first tree, its vertices numbered in the order of the visit: a subtree is the range [v, end(v)).
 
-    parent        (n,) by number, as all that follow; the root is 0 and its own parent
+    parent        (n,) by number, as all that follow; the root is 0 and the parent of itself
     end           (n,) one more than the last number of the subtree
     ends          (N_b, 2) tail and head of each edge
     upper, lower  (N_b,) the same as ancestor and descendant

@@ -1,4 +1,4 @@
-"""The digits of coordinates that a file has rounded, and what they leave of a count of singular values."""
+"""The digits of coordinates that a file has rounded, and their effect on singular values."""
 
 from __future__ import annotations
 

@@ -173,7 +173,7 @@ class Network:
 
     @cached_property
     def boundary_vectors(self) -> Array:
-        """b, (N_b, d): image offset times cell, plus what the pins contribute (`BondVectors2`, `BoundaryTerm`)."""
+        """b, (N_b, d): image offset times cell, plus the contribution of the pins (`BondVectors2`, `BoundaryTerm`)."""
         if self.cell is not None and not self.pins:
             return np.asarray(self.offsets @ self.cell)
         b = np.asarray(self.incidence @ self.fixed_positions)

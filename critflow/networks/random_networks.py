@@ -117,7 +117,7 @@ def check_foam(n_vertices: int, hard_core: float = FOAM_HARD_CORE) -> None:
     if n_vertices < _FEWEST_CELLS * _VERTICES_A_CELL:
         raise InputError(
             f"n_vertices must be a whole number of at least {int(np.ceil(_FEWEST_CELLS * _VERTICES_A_CELL))}, "
-            f"not {n_vertices}: a foam of fewer cells meets its own images"
+            f"not {n_vertices}: a foam of fewer cells meets images of itself"
         )
     check_size(n_vertices)
     n_cells = round(n_vertices / _VERTICES_A_CELL)

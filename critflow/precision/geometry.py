@@ -45,7 +45,7 @@ class ExtendedGeometry:
         free = network.free
         # A fixed vertex is part of the boundary vectors; its index −1 reads the zero after the last free one.
         self._tail, self._head = free_ends(network).T
-        # An edge to its own image exerts no force; its two forces would cancel only to rounding.
+        # An edge from a vertex to an image of itself exerts no force; its two forces would cancel only to rounding.
         ends = np.where(self._tail == self._head, -1, [self._tail, self._head]).ravel()
         order = np.argsort(ends, kind="stable")
         order = order[ends[order] >= 0]
@@ -90,7 +90,7 @@ def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Arra
 def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.0) -> Array:
     """A v − w for a sparse A, its terms cancelling without loss.
 
-    The leading halves of A and v lie on grids on which their products and sums are exact; what is left of them is
+    The leading halves of A and v lie on grids on which their products and sums are exact; the remainder is
     smaller by 2⁻²⁵, and so is its rounding.
     """
     leading = _leading(vectors.high)

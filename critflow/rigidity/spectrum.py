@@ -94,7 +94,7 @@ class Spectrum:
         tolerance = self._tolerance
         if tolerance < SQUARED_ROUNDING:
             raise InputError(
-                f"singular values below {SQUARED_ROUNDING:.0e} are lost in the rounding of RᵀR, which counts networks "
+                f"singular values below {SQUARED_ROUNDING:.0e} are below the rounding of RᵀR, which counts networks "
                 f"of more than {DENSE_EDGES} edges: raise the tolerance from {tolerance:.1e}"
             )
         self._pattern = block_laplacian(network)

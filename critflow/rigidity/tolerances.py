@@ -7,10 +7,10 @@ ZERO_MODE        s below this counts as zero unless the caller gives a tolerance
 CLEAR_GAP        A count is trusted if no s lies within this factor of the tolerance.
 ROUNDING_MARGIN  s is zero to rounding below this number times the effect of the rounding of the coordinates on R; the
                  bound adds the errors of all edges in quadrature, of which a few may coincide.
-FROM_ROUNDING    s below this number times the estimate of what rounded coordinates cause may be due to them: the
+FROM_ROUNDING    s below this number times the estimated effect of rounded coordinates may be due to them: the
                  estimate is 0.7 of the largest in standard networks of 100 vertices.
 ITERATION_ERROR  s that inverse iteration leaves for an exact zero.
-SQUARED_ROUNDING s below this is lost in the rounding of RᵀR, whose eigenvalues are s² with an error of 1e-15.
+SQUARED_ROUNDING s below this is within the rounding of RᵀR, whose eigenvalues are s² with an error of 1e-15.
 DENSE_EDGES      Up to this number of edges all s are computed by a dense decomposition.
 LARGEST_DENSE    Largest number of entries of a dense array made in this layer: 160 MB.
 

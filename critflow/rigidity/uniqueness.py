@@ -43,7 +43,7 @@ def only_self_stress(critical: CriticalConfiguration) -> bool:
     tail, head = network.edges.T
     free = np.ones(network.n_vertices, bool)
     free[list(network.pins or {})] = False
-    # The stress of an edge between pins, or from a vertex to its own image, is not restricted by balance.
+    # The stress of an edge between pins, or from a vertex to an image of it, is not restricted by balance.
     if not (length > 0).all() or (tail == head).any() or not (free[tail] | free[head]).all():
         return False
     errors = critical.bond_errors / length
@@ -114,6 +114,6 @@ class _Directions:
         for end in (tail, head):
             np.add.at(spread, end, units[:, :, None] * units[:, None, :])
             np.add.at(wrong, end, errors)
-        # Eigenvalues are squares of the singular values of the directions, so half of the digits are lost.
+        # Eigenvalues are squares of the singular values of the directions, so half of the digits remain.
         rounding = 2 * DIRECTION_MARGIN * wrong + DIRECTION_ROUNDING * met
         return met - (np.linalg.eigvalsh(spread) > rounding[:, None]).sum(axis=1)

@@ -268,7 +268,7 @@ class Newton:
         return 1.0 + 0.1 * float(np.linalg.norm(point.x))
 
     def step(self, function: Function, point: Point, state: float) -> tuple[Point, float | None]:
-        # The wall of a barrier may overflow; what is not finite is then no step.
+        # The wall of a barrier may overflow; an infinite step is then refused.
         with np.errstate(over="ignore", invalid="ignore"):
             direction, predicted, inside = _steihaug(function, point, state, self.max_products)
         trial = function.at(point.x + direction)

@@ -189,7 +189,7 @@ class Folder:
         return found
 
     def count_stored(self) -> int:
-        """Number of shards and records of failures, of whatever settings."""
+        """Number of shards and records of failures, of any settings."""
         return sum(len(_names(folder, suffix)) for folder, suffix in ((self.shards, ".nc"), (self.failed, ".txt")))
 
     def _read_state(self, selection: Selection, case: Case) -> CaseState:

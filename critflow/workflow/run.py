@@ -34,7 +34,7 @@ _RESUME = "run the same command again to resume"
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What a run computes."""
+    """The cases that a run computes."""
 
     requested: Selection
     selection: Selection  # the cases of the dataset
@@ -45,7 +45,7 @@ class RunPlan:
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run has written."""
+    """The files and counts of a finished run."""
 
     dataset: Path
     kept: int  # requested cases that were stored before

@@ -338,7 +338,7 @@ def _jobs_cluster(workers: Workers, folder: Path) -> Any:
 def _without_interrupts() -> Iterator[None]:
     """Delay Ctrl-C until the end of the block; processes started in it, or by its threads, never receive one.
 
-    A terminal sends Ctrl-C to every process of a command, but only the command decides what happens.
+    A terminal sends Ctrl-C to every process of a command, but only the command responds.
     """
     resource_tracker.ensure_running()  # started inside, it would lift the mask
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

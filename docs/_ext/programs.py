@@ -1,6 +1,6 @@
 """The programs of the documents, executed: scripts of the gallery, and notebooks with their outputs.
 
-What they make is kept in docs/_build/programs until a program or the package changes.  The tests execute the programs
+Their output is kept in docs/_build/programs until a program or the package changes.  The tests execute the programs
 by the functions below, so that a site built after the tests executes nothing.
 """
 
@@ -87,7 +87,7 @@ def picture_of(script: Path) -> Path:
 
 
 class Cell(NamedTuple):
-    """A cell of a notebook: its text, whether it is code, and what it printed and drew."""
+    """A cell of a notebook: its text, whether it is code, and its output and pictures."""
 
     text: str
     code: bool

@@ -1,4 +1,4 @@
-"""The study of what asking for less spares, small: its answers agree, whatever the times are."""
+"""The study of the cost saved by fewer variables, small: its results agree, at any times."""
 
 import json
 

@@ -102,7 +102,7 @@ def test_straight_lines_carry_a_stress_each():
     problem = problems.DIFFICULTIES["straight_lines"].problem(2, 0, 12)
     network = problem.network
     L = network.bond_vectors(problem.critical.coordinates)
-    # The tensions of one line balance at every vertex, whatever those of the others are.
+    # The tensions of one line balance at every vertex, for any tensions of the others.
     R = problems.CriticalManifold(network).network.divergence
     lines = np.linalg.svd((R.toarray()[:, None, :] * L.T[None]).reshape(-1, network.n_edges))[1]
     assert network.n_edges - np.count_nonzero(lines > 1e-9) == 4

@@ -23,7 +23,7 @@ def scale(tmp_path_factory):
 
 
 def report(name):
-    """A function of the files beside the study."""
+    """A function of the files next to the study."""
     return vars(sys.modules[load_study("scale").study.claims.__module__])[name]
 
 

@@ -125,7 +125,7 @@ def test_the_front_is_what_no_point_beats():
         ([(1, 5e-8)], [(2, 1e-9)], [np.inf]),
         # A digit is not given away where one's best is better.
         ([(1, 5e-9), (4, 1e-12)], [(2, 1e-9)], [2.0]),
-        # What is beaten by its own better points, or no answer at all, does not count.
+        # Points below the better ones of the same method, and failures, do not count.
         ([(1, 1e-9)], [(0.1, 0.5), (2, 1e-8), (3, 1e-7)], [0.5]),
     ],
 )

@@ -1,4 +1,4 @@
-"""Evaluations of objectives: each belongs to its stress, whatever is evaluated after it."""
+"""Evaluations of objectives: each belongs to its stress, for any later evaluation."""
 
 import numpy as np
 from problems import dense_bond_vectors, random_stress

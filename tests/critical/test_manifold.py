@@ -138,7 +138,7 @@ def test_configuration_is_invariant_under_relabelling(name):
     copy, _, order, sign = relabelled(network, 2)
     again = CriticalManifold(copy).configuration(sigma[order])
     np.testing.assert_allclose(again.bond_vectors, sign[:, None] * L[order], rtol=0, atol=ATOL)
-    # An edge to its own image adds a self-stress, so that one stress does not determine the moduli.
+    # An edge from a vertex to an image of itself adds a self-stress, so that one stress does not determine the moduli.
     if network.cell is not None and name != "own images":
         before = transition_moduli(CriticalManifold(network).configuration(sigma))
         after = transition_moduli(again)

@@ -131,7 +131,7 @@ def test_honeycomb_moduli():
     for k in (1.0, 2.5):
         network = honeycomb_network(3, 4, edge_length=0.7).with_stiffness(k)
         moduli = transition_moduli(CriticalManifold(network).configuration(np.ones(36)))
-        # In two dimensions B has the unit of k, whatever the edge length.
+        # In two dimensions B has the unit of k, at any edge length.
         assert moduli.bulk == pytest.approx(k * HONEYCOMB_BULK_MODULUS, rel=1e-13)
         assert moduli.shear == pytest.approx(0.0, abs=1e-25)
 

@@ -102,8 +102,8 @@ def test_offsets_that_contradict_positions_are_refused():
         network_from(edges=network.edges, positions=network.positions, offsets=wrong, cell=network.cell)
 
 
-def test_a_few_edges_longer_than_the_cell_are_kept_with_a_sentence(tmp_path):
-    network = voronoi_network(n_vertices=64, seed=3)
+@pytest.mark.parametrize("network", [voronoi_network(n_vertices=64, seed=3), honeycomb_network(2, 2)])
+def test_a_few_edges_longer_than_the_cell_are_kept_with_a_sentence(tmp_path, network):
     offsets = network.offsets.copy()
     crossing = int(np.flatnonzero(offsets.any(axis=1))[0])
     for factor in (3, -1):
@@ -117,8 +117,8 @@ def test_a_few_edges_longer_than_the_cell_are_kept_with_a_sentence(tmp_path):
 
 
 def test_reversed_offsets_of_a_narrow_cell_are_turned_on_every_edge():
-    # Across its width no edge is longer than the diagonal, so that lengths alone show the mistake on few edges.
-    network = honeycomb_network(8, 2)
+    # Across its width no edge is longer than the diagonal, so that lengths show the mistake on two edges of 32 only.
+    network = honeycomb_network(30, 2)
     source = {"edges": network.edges, "positions": network.positions, "cell": network.cell}
     read = network_from(**source, offsets=-network.offsets)
     assert "reversed" in str(read) and read.repaired

@@ -232,7 +232,7 @@ def test_the_outside_of_a_patch_is_no_face():
     edges, x = patch(3)
     faces = planar_faces(edges, x[edges[:, 1]] - x[edges[:, 0]], len(x))
     assert sorted(faces.sizes) == [4, 4, 4, 4, 4, 4, 6]
-    # A second patch apart from the first one has an outside of its own.
+    # A second patch apart from the first one has an outside too.
     both = np.concatenate([edges, edges + len(x)])
     assert planar_faces(both, np.tile(x[edges[:, 1]] - x[edges[:, 0]], (2, 1)), 2 * len(x)).n_faces == 14
 

@@ -29,7 +29,7 @@ def test_bond_vectors_and_residuals(name):
     geometry, b = ExtendedGeometry(network), network.boundary_vectors
     shape, sigma = (len(network.free), network.dimension), random_stress(network.n_edges, 5)
     if name == "own images":
-        # A large stress of an edge to its own image, which pulls at nothing.
+        # A large stress of an edge from a vertex to an image of itself, which pulls at nothing.
         sigma[6] = 1e12
     high = 5 * rng.standard_normal(shape)
     x = two_sum(high, 1e-17 * rng.standard_normal(shape))

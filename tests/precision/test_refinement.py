@@ -82,7 +82,7 @@ DIFFICULTIES = {
         ]
         for q in (4, 8, 12, 14)
     },
-    # An edge to its own image exerts no force at any stress.
+    # An edge from a vertex to an image of itself exerts no force at any stress.
     "own images": [(NETWORKS["own images"](), np.array([1.0, 2, 3, 4, 5, 6, 1e14, 1e17]))],
     "shear": [(sheared(NETWORK, 30.0), random_stress(18, 4))],
     "pins": [(NETWORKS["pinned grid"](), random_stress(24, 4)), (NETWORKS["pinned star"](), random_stress(5, 4))],

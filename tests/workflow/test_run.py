@@ -1,4 +1,4 @@
-"""Whole runs: the dataset depends on the selection only, whatever happens during the run."""
+"""Whole runs: the dataset depends on the selection only, through every disturbance of the run."""
 
 import json
 import os

@@ -9,7 +9,7 @@ from .report import ISOGONAL
 
 
 def verify(ds):
-    """A line for each stored configuration that its own numbers, or those of its isogonal origin, contradict."""
+    """A line for each stored configuration that the numbers next to it, or those of its isogonal origin, contradict."""
 
     def checks(one):
         if np.isfinite(one.residual):

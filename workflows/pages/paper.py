@@ -1,7 +1,7 @@
 """Where each equation and figure of the paper is computed: `paper.toml`, read and checked.
 
 Keys are the labels of Hain, Santangelo and Manning's source (arXiv:2407.13939).  A verdict other than "holds" states
-what differs; the verdict of a figure follows from the claims of its study.
+the difference; the verdict of a figure follows from the claims of its study.
 """
 
 from __future__ import annotations

@@ -142,7 +142,7 @@ def run_again(names: list[str]) -> None:
 
 
 def keep(made: Path, kept: Path) -> None:
-    """Copy what git keeps of a results folder."""
+    """Copy the files of a results folder that git keeps."""
     kept.mkdir(parents=True, exist_ok=True)
     for name in KEPT:
         if (made / name).is_dir():

@@ -217,7 +217,7 @@ def table(planar):
 
 
 def verify(ds):
-    """A line for each stored configuration that its own numbers contradict."""
+    """A line for each stored configuration that the numbers next to it contradict."""
     window = parameters_of(ds)["fit_window"]
     return contradictions(ds, ("population", "seed"), lambda one: _checks(one, window))
 

@@ -11,7 +11,7 @@ _STATUS, _RESTART = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 def restart_peak():
-    """Let the peak begin anew; where that is not possible it is that of the process so far."""
+    """Reset the peak; where that is not possible it is that of the process so far."""
     with contextlib.suppress(OSError):
         _RESTART.write_text("5", encoding="ascii")
 

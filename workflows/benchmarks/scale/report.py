@@ -12,7 +12,7 @@ from critflow.workflow import Claim
 from ...shared.power_laws import exponent
 from ...shared.reports import MARKERS
 
-# The stages that are drawn, what they are made of, and how they are called.
+# The stages that are drawn, their parts, and their names.
 SHOWN = {
     "generation": (("points", "tessellation"), "generation"),
     "analysis": (("analysis",), "first analysis"),

@@ -54,11 +54,11 @@ class _Clock:
         self.backend = np.zeros(len(STAGES), int)
 
     def __call__(self, stage, work, *arguments):
-        """What the work returns, repeated until the least time is spent; the median of the times is kept."""
+        """The result of the work, repeated until the least time is spent; the median of the times is kept."""
         n, times, busy = STAGES.index(stage), [], []
         restart_peak()
         while sum(times) < self._least or not times:
-            # What an earlier repeat returned is given up first, so that memory is that of one.
+            # The result of an earlier repeat is deleted first, so that memory is that of one.
             result = None
             start, started = time.perf_counter(), time.process_time()
             result = work(*arguments)
@@ -70,7 +70,7 @@ class _Clock:
         return result
 
     def note(self, stage, error, backend="none", status=Status.ok):
-        """What a stage says of its own answer."""
+        """The error that a stage finds in its result."""
         n = STAGES.index(stage)
         self.error[n], self.backend[n], self.status[n] = error, Backend[backend], status
 

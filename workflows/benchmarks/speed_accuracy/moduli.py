@@ -52,7 +52,7 @@ RESIDUALS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 STRAINS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 # From here on methods that relax again run at their best level only.
 LARGE = 10_000
-# `rigidity` finds self-stresses by dense algebra beyond what is worth waiting for.
+# `rigidity` finds self-stresses by dense algebra, which takes too long beyond this.
 AT_REST = 1_000
 MOST_STEPS = 100_000
 # Options of SciPy's `spilu`; with more dropped entries the free translations are undefined.

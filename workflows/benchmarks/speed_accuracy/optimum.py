@@ -12,7 +12,7 @@ Methods of critflow test whether the end is a saddle, at tolerances of 1e-8 and 
 part of the times.
 
 jax_fdm knows no periodic cells: it is compared on the part of the network that does not cross the cell, hung on the
-vertices that lost an edge, where these are when all edges are equally long, so that V_L = 0 is attained.  Few such
+vertices whose edges were removed, where these are when all edges are equally long: V_L = 0 is attained.  Few such
 networks attain the infimum of V_τ, all of them small: the first that does is taken.  The model of jax_fdm gives value
 and gradient of the same function, compiled before any time is taken, to SciPy's L-BFGS-B, as in the
 optimisers of jax_fdm.
