@@ -25,7 +25,8 @@ def from_mesh(mesh: Any, source: str = "mesh") -> NetworkData:
     lines = [np.asarray(block.data) for block in mesh.cells if block.type.startswith("line")]
     polygons = [p for block in mesh.cells if block.type.startswith(_POLYGONS) for p in map(list, block.data)]
     if lines:
-        # Lines of three or more points are chains through all of them.
+        # Lines of three or more points are chains through all of them; the ends come first, then the inner points.
+        lines = [np.column_stack([a[:, :1], a[:, 2:], a[:, 1:2]]) for a in lines]
         edges = np.concatenate([np.stack([a[:, :-1].ravel(), a[:, 1:].ravel()], axis=1) for a in lines])
         chosen: tuple[tuple[int, ...], ...] = ()
     elif polygons:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from critflow.exchange.data import Array, IntArray, NetworkData
+from critflow.exchange.data import Array, IntArray, NetworkData, counted
 from critflow.exchange.packages import optional
 from critflow.result import InputError
 
@@ -66,10 +66,10 @@ def from_labels(labels: ArrayLike, pixel: float = 1.0) -> NetworkData:
     if not edges:
         raise InputError("no two corners share a border of two labels: give a segmentation of touching cells")
     x = pixel * np.column_stack([points[:, 1] - 1, 1 - points[:, 0]])
-    lost = sum(len(ends) > 2 for ends in pairs.values())
+    several = sum(len(ends) > 2 for ends in pairs.values())
     notes = [f"{len(points)} corners and {len(edges)} borders were found"]
-    if lost:
-        notes.append(f"{lost} pairs of labels touch in several places, whose borders were left out")
+    if several:
+        notes.append(f"{counted(several, 'pair')} of labels with borders in several places, which were left out")
     return NetworkData(edges=np.array(edges), positions=x, source="label mask", notes=tuple(notes))
 
 

@@ -109,6 +109,16 @@ def test_a_critical_network_of_few_digits_is_recognised(form):
     assert any("so lengths are known to" in note for note in found.notes)
 
 
+def test_vertices_have_the_names_of_the_source(tmp_path):
+    (tmp_path / "a_vertices.csv").write_text("id,x,y\nA,0,0\nB,4,0\nC,0,3\nD,1,1\nE,9,9\n")
+    (tmp_path / "a_edges.csv").write_text("tail,head\nA,D\nB,D\nC,D\nE,E\n")
+    text = examine(network_from(tmp_path / "a.csv", pins=["A", "B", "C"])).text
+    assert "1 (B–D)" in text and "source: tables a_edges.csv" in text
+    inner = (VORONOI.offsets == 0).all(axis=1)
+    read = network_from(edges=VORONOI.edges[inner], positions=VORONOI.positions, pins="hull")
+    assert examine(read, deformations=()).names == tuple(map(str, read.vertices_kept))
+
+
 def test_whole_coordinates_of_a_grid_count_as_exact():
     read = network_from(critflow.square_network(4, 4))
     found = examine(read, deformations=())

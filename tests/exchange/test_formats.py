@@ -83,6 +83,7 @@ def test_gsd_keeps_seven_digits_and_reports_it(tmp_path, name):
     write_network(NETWORKS[name], tmp_path / "n.gsd")
     read = network_from(tmp_path / "n.gsd")
     assert_same(read.network, NETWORKS[name], digits=3e-6)
+    assert (read.network.cell is None) == (NETWORKS[name].cell is None)
     assert "single precision" in str(read)
 
 
@@ -151,6 +152,14 @@ def test_lammps_data_of_lammpsio(tmp_path):
     np.testing.assert_allclose(*lengths, rtol=0, atol=1e-7)
 
 
+@pytest.mark.parametrize("ending", ["data", "gsd"])
+def test_edges_that_are_no_nearest_images_are_refused_by_formats_of_particles(tmp_path, ending):
+    small = voronoi_network(n_vertices=8, seed=1)
+    offsets = small.offsets + 2 * (np.arange(small.n_edges) == 0)[:, None]
+    with pytest.raises(InputError, match="nearest images"):
+        write_network(Network(small.edges, offsets, small.cell, positions=small.positions), tmp_path / f"n.{ending}")
+
+
 def test_ase_atoms_with_a_neighbour_list():
     ase = pytest.importorskip("ase")
     network = honeycomb_network(4, 4)
@@ -184,6 +193,8 @@ def test_gsd_of_hoomd(tmp_path):
     with hoomd.open(tmp_path / "h.gsd", "w") as file:
         file.append(frame)
     read = network_from(tmp_path / "h.gsd").network
+    # The cell begins at the origin, as in critflow.
+    np.testing.assert_allclose(read.positions, network.positions, rtol=0, atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(read.bond_vectors(read.positions), axis=1), 1, rtol=1e-5)
 
 
@@ -193,6 +204,10 @@ def test_meshes_of_meshio(tmp_path):
     meshio.Mesh(x, [("line", np.array([[0, 3], [1, 3], [2, 3]]))]).write(tmp_path / "star.vtk")
     read = network_from(tmp_path / "star.vtk", pins=[0, 1, 2])
     assert (read.network.dimension, read.network.n_edges) == (2, 3)
+    # Lines of four points have their ends first.
+    bent = np.array([[0, 0], [3, 0], [1, 1], [2, 1.0]])
+    found = network_from(meshio.Mesh(bent, [("line4", np.array([[0, 1, 2, 3]]))]), pins=[0, 1])
+    np.testing.assert_array_equal(found.network.edges, [[0, 2], [2, 3], [3, 1]])
     # The border of a sheet is that in its plane.
     assert len(network_from(tmp_path / "star.vtk", pins="hull").network.pins) == 3
     with pytest.raises(InputError, match="read only"):
@@ -232,6 +247,10 @@ def test_tables_with_names_without_headers_and_from_one(tmp_path):
     (tmp_path / "a_vertices.csv").write_text("id;x;y\nA;0;0\nB;4;0\nC;0;3\nD;1;1\n")
     (tmp_path / "a_edges.csv").write_text("from;to\nA;D\nB;D\nC;D\n")
     assert network_from(tmp_path / "a.csv", pins=["A", "B", "C"]).network.n_edges == 3
+    (tmp_path / "c_vertices.txt").write_text("1 0 0\n2 4 0\n3 0 3\n4 1 1\n")
+    (tmp_path / "c_edges.txt").write_text("1 4\n2 4\n3 4\n")
+    counted = network_from(tmp_path / "c.txt", pins=["1", "2", "3"])
+    np.testing.assert_array_equal(counted.positions, [[0, 0], [4, 0], [0, 3], [1, 1]])
     (tmp_path / "b_nodes.txt").write_text("0 0\n4 0\n0 3\n1 1\n")
     (tmp_path / "b_edges.txt").write_text("1 4\n2 4\n3 4\n")
     read = network_from(tmp_path / "b_edges.txt", pins=[1, 2, 3])

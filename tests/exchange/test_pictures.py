@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from critflow import InputError, examine, network_from
+from critflow.exchange.pictures import from_labels
 
 morphology = pytest.importorskip("skimage.morphology")
 draw = pytest.importorskip("skimage.draw")
@@ -39,6 +40,8 @@ def test_a_grid_of_fibres_has_a_vertex_at_each_crossing():
     lines = [(k, 5, k, 95) for k in places] + [(5, k, 95, k) for k in places]
     read = network_from(picture=drawn(lines, 100), pins="degree")
     assert (read.network.n_vertices, read.network.n_edges, len(read.network.pins)) == (21, 24, 12)
+    coarse = network_from(picture=drawn(lines, 100), pins="degree", pixel=10.0)
+    np.testing.assert_allclose(coarse.positions, 10 * read.positions)
     inner = np.delete(read.positions, list(read.network.pins), axis=0)
     expected = [(x, -y) for x in places for y in places]
     np.testing.assert_allclose(sorted(map(tuple, inner.round())), sorted(expected), atol=1)
@@ -76,3 +79,11 @@ def test_pictures_without_a_network_are_one_sentence():
         network_from(picture=ring, pins=[0])
     with pytest.raises(InputError, match="three labels"):
         network_from(labels=np.arange(64).reshape(8, 8) // 64)
+
+
+def test_borders_of_two_labels_in_several_places_are_left_out_with_a_sentence():
+    # An island on the border of two labels.
+    mask = np.repeat([[1] * 20 + [2] * 20], 40, axis=0)
+    mask[15:25, 15:25] = 3
+    found = from_labels(mask)
+    assert found.n_edges == 4 and "1 pair" in found.notes[1]

@@ -20,6 +20,8 @@ from critflow import (
     voronoi_network,
     write_network,
 )
+from critflow.exchange.data import NetworkData
+from critflow.exchange.repair import in_its_plane
 
 HONEYCOMB = honeycomb_network(4, 4)
 E, X, O, C = HONEYCOMB.edges, HONEYCOMB.positions, HONEYCOMB.offsets, HONEYCOMB.cell
@@ -178,13 +180,14 @@ def test_chains_are_contracted_on_request():
     m = len(E)
     L = HONEYCOMB.bond_vectors(X)
     first = N + 2 * np.arange(m)
-    middle = np.stack([X[E[:, 0]] + L / 3, X[E[:, 0]] + 2 * L / 3], axis=1).reshape(-1, 2)
+    # The second vertex of each chain lies in the cell of its head.
+    middle = np.stack([X[E[:, 0]] + L / 3, X[E[:, 1]] - L / 3], axis=1).reshape(-1, 2)
     zero = np.zeros_like(O)
     source = {
         "edges": np.concatenate(
             [np.stack([E[:, 0], first], 1), np.stack([first + 1, first], 1), np.stack([first + 1, E[:, 1]], 1)]
         ),
-        "offsets": np.concatenate([zero, zero, O]),
+        "offsets": np.concatenate([zero, -O, zero]),
         "positions": np.concatenate([X, middle]),
         "cell": C,
         "stiffness": np.repeat([1.0, 2.0, 4.0], m),
@@ -196,6 +199,38 @@ def test_chains_are_contracted_on_request():
     np.testing.assert_allclose(read.network.stiffness, 1 / (1 + 1 / 2 + 1 / 4))
     np.testing.assert_allclose(read.rest_lengths, 0.6)
     np.testing.assert_allclose(np.linalg.norm(read.network.bond_vectors(X), axis=1), 1, rtol=1e-12)
+
+
+def test_fixed_vertices_of_two_edges_are_no_part_of_a_chain():
+    # Two stars of three edges that share a fixed end.
+    x = [[0, 0], [-1, 1], [-1, -1], [1, 0], [2, 0], [3, 1], [3, -1]]
+    source = {"edges": [[0, 1], [0, 2], [0, 3], [4, 3], [4, 5], [4, 6]], "positions": x, "pins": [1, 2, 3, 5, 6]}
+    read = network_from(**source, contract=True)
+    assert (read.network.n_vertices, read.network.n_edges, read.repaired) == (7, 6, False)
+
+
+def test_the_hull_of_a_turned_patch_without_its_bare_vertices():
+    source = square_patch()
+    turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
+    source["positions"] = np.concatenate([source["positions"] @ turn / 3, [[90.0, 90.0]]])
+    read = network_from(**source, pins="hull")
+    # Of 16 on the sides of the square, four corners hang on edges between fixed vertices.
+    assert len(read.network.pins) == 12 and read.network.n_vertices == 21
+
+
+def test_a_sheet_stays_in_space_where_edges_leave_its_plane():
+    x = np.column_stack([np.full(4, 2.0), np.random.default_rng(1).random((4, 2))])
+    edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    cell, offsets, bonds = np.diag([3.0, 2.0, 2.0]), np.zeros((4, 3), int), x[edges[:, 1]] - x[edges[:, 0]]
+    plane = in_its_plane(NetworkData(edges, x, cell=cell, offsets=offsets, bond_vectors=bonds))
+    np.testing.assert_array_equal(plane.positions, x[:, 1:])
+    np.testing.assert_array_equal(plane.bond_vectors, bonds[:, 1:])
+    np.testing.assert_array_equal(plane.cell, 2 * np.eye(2))
+    out, oblique, long = offsets.copy(), cell.copy(), bonds.copy()
+    out[1, 0], oblique[0, 1], long[1, 0] = 1, 0.5, 3.0
+    for change in ({"offsets": out}, {"cell": oblique}, {"cell": oblique.T}, {"bond_vectors": long}):
+        given = {"cell": cell, "offsets": offsets, "bond_vectors": bonds, **change}
+        assert in_its_plane(NetworkData(edges, x, **given)).dimension == 3
 
 
 @pytest.mark.parametrize(
