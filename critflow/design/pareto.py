@@ -26,7 +26,7 @@ from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
 
-_MOST_STEPS = 600
+_MOST_STEPS = 1000
 # Steps in which the position on the front must be reached.
 _RESTORING = 60
 _LONGEST = 1.0
@@ -176,16 +176,23 @@ class _Search:
         )
 
     def points(self, n: int) -> list[_Point]:
-        """The ends, then the points between them, each from its neighbour."""
+        """The ends, then the points between them, each from its neighbour, and back where that fails."""
         ends = self._ends()
         if n == 2 or not all(end.minimum.reached for end in ends):
             return ends
         found = [ends[0]]
         (first, last) = (self.objectives(end.minimum.point.z)[0] for end in ends)
         differences = np.linspace(first[0] - first[1], last[0] - last[1], n)
-        for difference in differences[1:-1]:
-            found.append(self._point(_Weighted(self, (0.5, 0.5), float(difference)), found[-1].minimum.point.z))
-        return [*found, ends[1]]
+        problems = [_Weighted(self, (0.5, 0.5), float(difference)) for difference in differences[1:-1]]
+        for problem in problems:
+            found.append(self._point(problem, found[-1].minimum.point.z))
+        found.append(ends[1])
+        # Where the front jumps, the points beyond belong to the branch of the other end.
+        for i in range(n - 2, 0, -1):
+            if found[i].status is not Status.ok:
+                again = self._point(problems[i - 1], found[i + 1].minimum.point.z)
+                found[i] = again if again.status is Status.ok else found[i]
+        return found
 
     def _ends(self) -> list[_Point]:
         """Each end first alone, which gives the units, then with a small weight of the other objective."""

@@ -30,7 +30,7 @@ Product = Callable[[Array], Array]
 First = Callable[[Array], Product]
 
 # Pairs of the limited-memory matrix; steps to the constraints after one that reduces no merit, and at the end.
-_MEMORY, _RESTORING, _AT_END = 20, 1, 30
+_MEMORY, _RESTORING, _AT_END = 50, 1, 30
 # Largest and smallest damping of restoration, in units of the mean square gradient; shortest part of a step.
 _MOST_DAMPED, _LEAST_DAMPED, _SHORTEST = 1e4, 1e-10, 1e-4
 # Part of a step below which the pairs of the matrix are forgotten.
