@@ -78,7 +78,7 @@ Targets
 TARGET_STATIONARY The same of the least change of log k, relative to 1 plus the largest change.
 TARGET_OPTIMAL    Component of the gradient of a preference along the surface of the targets, relative to 1 plus the
                   largest component of the gradient, below which it is least.
-TARGET_NEAREST    The same of the least change, which is then least to 1e-4: it only selects.
+TARGET_NEAREST    The same of the least change, which is then mostly least to 1e-3: it only selects.
 UNLIMITED         Gradient of a target by log σ, in units of its size, below which a search cannot start there.
 ONSET_REACHED     Error of the strain of a designed onset.
 BOUND_ROUNDING    Rounding of a closed-form bound, relative.
@@ -119,7 +119,7 @@ PRUNING_REACHED = 1e-3
 
 TARGET_STATIONARY = 1e-5
 TARGET_OPTIMAL = 1e-3
-TARGET_NEAREST = 1e-2
+TARGET_NEAREST = 2e-2
 UNLIMITED = 1e-6
 ONSET_REACHED = 1e-10
 BOUND_ROUNDING = 1e-12

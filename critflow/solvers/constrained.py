@@ -30,7 +30,9 @@ Product = Callable[[Array], Array]
 First = Callable[[Array], Product]
 
 # Pairs of the limited-memory matrix; steps to the constraints after one that reduces no merit, and at the end.
-_MEMORY, _RESTORING, _AT_END = 50, 1, 30
+_MEMORY, _RESTORING, _AT_END = 20, 1, 30
+# Pairs, and number of unknowns up to which so many cost little.
+_LONG_MEMORY, _FEW = 60, 100
 # Largest and smallest damping of restoration, in units of the mean square gradient; shortest part of a step.
 _MOST_DAMPED, _LEAST_DAMPED, _SHORTEST = 1e4, 1e-10, 1e-4
 # Part of a step below which the pairs of the matrix are forgotten.
@@ -114,8 +116,9 @@ class _Working:
 class _Metric:
     """H, the inverse of a limited-memory BFGS matrix: products with vectors (N,) or rows (n, N)."""
 
-    def __init__(self, first: First | None):
-        self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=_MEMORY)
+    def __init__(self, first: First | None, n_unknowns: int):
+        longest = _LONG_MEMORY if n_unknowns <= _FEW else _MEMORY
+        self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=longest)
         self._first, self._scale = first, 1.0
         self._product: Product | None = None
 
@@ -168,7 +171,7 @@ def minimise_constrained(
     `Status.infeasible` where the violation cannot be reduced to first order, `Status.step_limit` and `Status.stalled`
     for the objective: the constraints are then satisfied.
     """
-    metric, search = _Metric(first), _Search(problem, longest)
+    metric, search = _Metric(first, len(start)), _Search(problem, longest)
     point = feasible = search.restored(
         problem.at(start), metric, max_steps if restoring is None else min(max_steps, restoring)
     )
@@ -198,7 +201,7 @@ def minimise_constrained(
             if metric.forget():
                 continue
             status = Status.stalled
-        point = search.restored(point, _Metric(first), _AT_END)
+        point = search.restored(point, _Metric(first, len(start)), _AT_END)
         return search.end(point if violation(problem, point) <= RESTORED else feasible, status)
 
 

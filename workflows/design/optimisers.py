@@ -23,6 +23,7 @@ from critflow import CriticalManifold, delaunay_network, isotropic_targets, voro
 from critflow.design.stiffness_design import TensorGoals
 from critflow.design.target_problem import Preference, TargetProblem, Unknowns
 from critflow.design.target_table import wanted
+from critflow.design.tolerances import TARGET_NEAREST
 from critflow.solvers.constrained import Point, minimise_constrained
 
 from ..shared.reports import series
@@ -120,12 +121,12 @@ def ipopt(f, start):
 
 
 def critflow(tolerance):
-    """The search of `design`, which ends at 1e-2, or with another tolerance of the least change."""
+    """The search of `design`, with a tolerance of the least change."""
     return lambda f, start: minimise_constrained(f, start, tolerance, 0.4, 600).point.z
 
 
 METHODS = {
-    "critflow": critflow(1e-2),
+    "critflow": critflow(TARGET_NEAREST),
     "critflow, 1e-5": critflow(1e-5),
     "IPOPT": ipopt,
     "SLSQP": scipy_method("SLSQP", {"ftol": 1e-10, "maxiter": 300}),
