@@ -4,6 +4,7 @@
 
 Events come at a steady rate, slower and faster than the page answers; of several that wait the last one is painted,
 and its time counts from its own event.  The time ends with the first task of the browser after the frame is painted.
+Processor times of the server and of all processes of the browser depend less on other programs than times do.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import asyncio
 import os
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -56,22 +58,37 @@ async def measured(n_vertices: int) -> None:
             await tab.until("window.shown === sequence && !waiting && !queue.length", wait=120)
         for kind, event in _KINDS.items():
             for pause in _RATES:
-                await _sweep(tab, kind, event, pause)
+                await _sweep(tab, chromium.process.pid, kind, event, pause)
     server.stop()
     explorer.threads.shutdown()
     explorer.folder.cleanup()
 
 
-async def _sweep(tab: Tab, kind: str, event: str, pause: int) -> None:
-    """Print the median and the 95th percentile of one slider at one rate."""
+async def _sweep(tab: Tab, browser: int, kind: str, event: str, pause: int) -> None:
+    """Print the median, the 95th percentile and the processor times of one slider at one rate."""
+    server, group = time.process_time(), _processor_time(browser)
     times = await tab.run(_SCRIPT.format(events=_EVENTS, event=event, pause=pause))
+    used = (time.process_time() - server, _processor_time(browser) - group)
     median, late = np.quantile(times, (0.5, 0.95))
-    load = os.getloadavg()[0]
+    each = " + ".join(f"{1000 * seconds / len(times):.0f}" for seconds in used)
     print(
         f"  {kind}, an event every {pause} ms: {len(times)} painted, median {median:.0f} ms, "
-        f"95th percentile {late:.0f} ms (load of the machine {load:.1f})",
+        f"95th percentile {late:.0f} ms, server + browser {each} ms of processor time (load {os.getloadavg()[0]:.1f})",
         flush=True,
     )
+
+
+def _processor_time(group: int) -> float:
+    """Seconds of all processes of a group so far."""
+    ticks = 0
+    for process in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = process.read_text(encoding="utf-8").rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[2]) == group:
+            ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 if __name__ == "__main__":
