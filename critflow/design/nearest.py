@@ -112,14 +112,16 @@ def nearest_critical(
     here, steps, status = fit.descend(np.log(sigma), max_steps)
     found = manifold.solve(np.exp(here.theta))
     dimensions = x.size - (0 if manifold.network.pins else x.shape[1])
-    spare = dimensions - (manifold.network.n_edges - 1)
-    s = error if error is not None else float(np.sqrt(here.cost / spare)) if spare > 0 else np.nan
+    freedom = dimensions - (manifold.network.n_edges - 1)
+    s = error if error is not None else float(np.sqrt(here.cost / freedom)) if freedom > 0 else np.nan
     stress_error, undetermined = fit.uncertainty(here, s)
     displacement = found.value.coordinates + here.shift - x
     edges = np.flatnonzero(np.abs(here.theta) > WIDEST_STRESS)
     note = ""
     if status in (Status.edge_collapse, Status.slack_edges):
         note = f"{len(edges)} edges tend to zero length or zero stress, edge {edges[0]} first: the distance is a limit"
+    elif status is Status.step_limit:
+        note = f"the descent did not end in {steps} steps: raise max_steps, or start from other stresses"
     solution = Nearest(
         value=found.value,
         status=status if found.ok else found.status,
@@ -227,7 +229,7 @@ class _Fit:
             return np.full(m, np.nan), np.full(m, np.nan)
         sigma, L = here.balance.sigma, here.balance.bond_vectors
         loads = np.asarray((sp.diags_array(sigma) @ spread_columns(self.network, L)).T.todense())
-        by_axis = loads.reshape(n, d, m).transpose(0, 1, 2).reshape(n, d * m)
+        by_axis = loads.reshape(n, d * m)
         J = -here.balance.factor.solve(by_axis).reshape(n * d, m)
         if self._moves:
             full = np.concatenate([np.zeros((d, m)), J]).reshape(n + 1, d, m)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked, shown
 from critflow.exchange.boundaries import Pins, hull_volume, with_pins
+from critflow.exchange.checks import check
 from critflow.exchange.data import NetworkData, data_of, from_zero, numbers
 from critflow.exchange.datasets import from_dataset
 from critflow.exchange.formats import readable_format, writable_format
@@ -21,7 +22,7 @@ from critflow.exchange.meshes import from_compas, from_mesh, from_polygons
 from critflow.exchange.offsets import with_offsets
 from critflow.exchange.particles import from_atoms
 from critflow.exchange.pictures import from_labels, from_skeleton
-from critflow.exchange.repair import ImportedNetwork, check, imported, in_its_plane
+from critflow.exchange.repair import ImportedNetwork, imported, in_its_plane
 from critflow.exchange.tiling import Copies, tiled
 from critflow.networks.network import Network
 from critflow.result import CritflowError, InputError, Solution

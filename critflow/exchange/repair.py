@@ -10,21 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from critflow.exchange.boundaries import require_boundary
+from critflow.exchange.chains import contracted
 from critflow.exchange.crossings import crossings_of, split
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, counted
 from critflow.networks.network import Network
 from critflow.networks.pruning import carrying_part
-from critflow.result import InputError, NetworkError, Solution, Stats, Status
+from critflow.result import NetworkError, Solution, Stats, Status
 
 # Coordinates that vary by less than this part of the size of a network have no extent.
 _FLAT = 1e-9
-# Squares of coordinates beyond this overflow.
-_FAR = 1e100
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -154,50 +151,6 @@ def imported(
         vertices_kept=ledger.vertices,
         repaired=ledger.changed,
     )
-
-
-def check(data: NetworkData) -> None:
-    """Refuse values that no repair can correct."""
-    if data.edges.ndim != 2 or data.edges.shape[1:] != (2,) or not data.n_edges:
-        raise NetworkError("the source has no edges: give pairs of vertices")
-    if data.positions.ndim != 2 or not 1 <= data.dimension <= 3:
-        raise NetworkError(f"positions must have two or three columns, not the shape {data.positions.shape}")
-    bad = np.flatnonzero(~np.isfinite(data.positions).all(axis=1))
-    if len(bad):
-        name = data.name(int(bad[0]))
-        raise NetworkError(
-            f"the positions of {counted(len(bad), 'vertex')} are not numbers, vertex {name} first: correct them"
-        )
-    outside = np.flatnonzero(((data.edges < 0) | (data.edges >= data.n_vertices)).any(axis=1))
-    if len(outside):
-        raise NetworkError(
-            f"{counted(len(outside), 'edge', 'names')} vertices that do not exist, edge {outside[0]} first (of "
-            f"{data.n_vertices} vertices): add them, or check whether counting begins at 0 or 1"
-        )
-    _check_values(data)
-
-
-def _check_values(data: NetworkData) -> None:
-    """Refuse a cell and values of edges that are undefined or have a wrong shape."""
-    if np.abs(data.positions).max(initial=0.0) > _FAR:
-        raise NetworkError(f"positions lie beyond {_FAR:.0e}: choose other units")
-    cell = data.cell
-    if cell is not None:
-        sides = np.linalg.norm(cell, axis=1) if np.isfinite(cell).all() and np.abs(cell).max() < _FAR else np.zeros(1)
-        if not sides.all() or abs(np.linalg.det(cell / sides[:, None])) < _FLAT:
-            raise NetworkError("the cell vectors must be finite and span a volume: correct the cell")
-    for name in ("offsets", "bond_vectors"):
-        values = getattr(data, name)
-        if values is not None and values.shape != (data.n_edges, data.dimension):
-            raise NetworkError(f"{name} must have shape {(data.n_edges, data.dimension)}, not {values.shape}")
-    for name in ("bond_vectors", "stiffness", "rest_lengths", "force_densities"):
-        values = getattr(data, name)
-        if values is None:
-            continue
-        wrong = ~np.isfinite(values) | ((values < 0) if name == "rest_lengths" else False)
-        if wrong.any():
-            edge = int(np.argwhere(wrong)[0, 0])
-            raise NetworkError(f"{name} of edge {edge} is {values[edge]}: correct that value")
 
 
 def in_its_plane(data: NetworkData) -> NetworkData:
@@ -344,75 +297,6 @@ def _chains(ledger: _Ledger, contract: bool) -> None:
     ledger.vertices = ledger.vertices[~middle]
     ledger.note(f"{counted(int(middle.sum()), 'vertex')} of two edges, removed; the springs were joined in series")
     _without_loops(ledger)
-
-
-def contracted(data: NetworkData, middle: NDArray[np.bool_]) -> tuple[NetworkData, IntArray]:
-    """The data without chain vertices, springs joined in series and lengths added; and one old edge of each chain."""
-    inner = middle[data.edges]
-    n = data.n_edges
-    # Two edges that meet at a chain vertex belong to one chain.
-    order = np.argsort(data.edges.ravel(), kind="stable")
-    ends = data.edges.ravel()[order]
-    pairs = (order // 2)[middle[ends]].reshape(-1, 2)
-    _, chain = connected_components(sp.coo_array((np.ones(len(pairs)), tuple(pairs.T)), (n, n)), directed=False)
-    by_chain = np.argsort(chain, kind="stable")
-    edges, offsets, first = [], [], []
-    groups = np.split(by_chain, np.flatnonzero(np.diff(chain[by_chain])) + 1)
-    zero = np.zeros((n, data.dimension), np.int64) if data.offsets is None else np.asarray(data.offsets)
-    for group in groups:
-        walked = _walk(data.edges[group], zero[group], inner[group])
-        if walked is None:
-            continue
-        (tail, head), offset = walked
-        edges.append((tail, head))
-        offsets.append(offset)
-        first.append(int(group[0]))
-    if not edges:
-        raise InputError("the network is a single closed chain: nothing is left to contract")
-    kept = np.array(first)
-    number = {int(chain[e]): k for k, e in enumerate(first)}
-    owner = np.array([number.get(int(c), -1) for c in chain])
-    inside = owner >= 0
-
-    def summed(values: Array | None) -> Array | None:
-        return None if values is None else np.bincount(owner[inside], values[inside], minlength=len(kept)).astype(float)
-
-    compliance = summed(np.ones(n) if data.stiffness is None else 1 / data.stiffness)
-    index = np.cumsum(~middle) - 1
-    merged = replace(
-        data,
-        edges=index[np.array(edges)],
-        positions=data.positions[~middle],
-        offsets=None if data.offsets is None else np.array(offsets),
-        bond_vectors=None,
-        pins=tuple(int(index[i]) for i in data.pins),
-        stiffness=1 / np.asarray(compliance),
-        rest_lengths=summed(data.rest_lengths),
-        force_densities=None,
-        ids=tuple(name for name, gone in zip(data.ids, middle, strict=True) if not gone) if data.ids else (),
-        polygons=(),
-    )
-    return merged, kept
-
-
-def _walk(edges: IntArray, offsets: IntArray, inner: NDArray[np.bool_]) -> tuple[tuple[int, int], IntArray] | None:
-    """Ends and total offset of one chain from its edges in any order; None for a closed ring."""
-    outer = np.argwhere(~inner)
-    if not len(outer):
-        return None
-    row, side = (int(value) for value in outer[0])
-    start, total, left = int(edges[row, side]), np.zeros(offsets.shape[1], np.int64), set(range(len(edges)))
-    here, sign = row, 1 if side == 0 else -1
-    while True:
-        left.discard(here)
-        total = total + sign * offsets[here]
-        end = int(edges[here, 1 if sign > 0 else 0])
-        following = [k for k in left if end in edges[k]]
-        at_inner = bool(inner[here, 1 if sign > 0 else 0])
-        if not at_inner or not following:
-            return (start, end), total
-        here = following[0]
-        sign = 1 if int(edges[here, 0]) == end else -1
 
 
 def _digits(data: NetworkData) -> tuple[str, ...]:
