@@ -116,16 +116,10 @@ def nearest_critical(
     s = error if error is not None else float(np.sqrt(here.cost / freedom)) if freedom > 0 else np.nan
     stress_error, undetermined = fit.uncertainty(here, s)
     displacement = found.value.coordinates + here.shift - x
-    edges = np.flatnonzero(np.abs(here.theta) > WIDEST_STRESS)
-    note = ""
-    if status in (Status.edge_collapse, Status.slack_edges):
-        note = f"{len(edges)} edges tend to zero length or zero stress, edge {edges[0]} first: the distance is a limit"
-    elif status is Status.step_limit:
-        note = f"the descent did not end in {steps} steps: raise max_steps, or start from other stresses"
     solution = Nearest(
         value=found.value,
         status=status if found.ok else found.status,
-        note=note,
+        note=_note(here, steps, status),
         stats=Stats("gauss-newton", steps, residual=fit.gradient(here), error_bound=found.value.error_bound),
         distance=float(np.sqrt(here.cost / manifold.network.n_vertices)),
         displacement=displacement,
@@ -135,6 +129,16 @@ def nearest_critical(
         error=s,
     )
     return solution.or_raise("no nearest critical configuration was found") if throw else solution
+
+
+def _note(here: _Iterate, steps: int, status: Status) -> str:
+    """A sentence on a descent that reached no minimum."""
+    if status is Status.step_limit:
+        return f"the descent did not end in {steps} steps: raise max_steps, or start from other stresses"
+    if status not in (Status.edge_collapse, Status.slack_edges):
+        return ""
+    edges = np.flatnonzero(np.abs(here.theta) > WIDEST_STRESS)
+    return f"{len(edges)} edges tend to zero length or zero stress, edge {edges[0]} first: the distance is a limit"
 
 
 class _Fit:

@@ -107,5 +107,5 @@ def test_a_step_limit_is_a_status():
     network = NETWORKS["periodic"]
     observed = network.positions + 0.05 * np.random.default_rng(1).normal(size=network.positions.shape)
     assert nearest_critical(network, observed, max_steps=1, throw=False).status is Status.step_limit
-    with pytest.raises(SolveError):
+    with pytest.raises(SolveError, match="did not end in 1 steps"):
         nearest_critical(network, observed, max_steps=1)
