@@ -13,6 +13,7 @@ from critflow import CriticalManifold, Status, design, strain_path, voronoi_netw
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network
+from ..shared.reports import series
 
 MODULUS = 0.25
 GROWTH = {"softens": -0.05, "keeps": 0.0, "stiffens": 0.3}
@@ -63,15 +64,31 @@ def case(parameters, seed):
 
 def figure(ds, parameters):
     """Moduli against strain."""
-    fig = Figure(figsize=(8, 3.4), layout="constrained")
-    for axes, name, label in zip(fig.subplots(1, 2), ("bulk_modulus", "shear_modulus"), ("B", "G"), strict=True):
-        for n, kind in enumerate(GROWTH):
-            for row in ds[name].values[:, n]:
-                axes.plot(ds.strain.values[0], row, color=f"C{n}", linewidth=1, alpha=0.7)
-            axes.plot([], [], color=f"C{n}", label=f"{kind}, $C_B$ = {GROWTH[kind]:g}")
-        axes.set(xlabel=r"strain $\gamma$", ylabel=f"${label}$ [k]")
-    axes.legend(fontsize=8)
-    return fig
+    drawn = Figure(figsize=(9.6, 3.9), dpi=120, layout="constrained")
+    panels = drawn.subplots(1, 2)
+    for axes, name, label, title in zip(
+        panels,
+        ("bulk_modulus", "shear_modulus"),
+        ("$B$  [k]", "$G$  [k]"),
+        ("bulk modulus", "shear modulus"),
+        strict=True,
+    ):
+        for n, (kind, growth) in enumerate(GROWTH.items()):
+            color, legend = series(n)["color"], f"{kind}: $C_B$ = {growth:g} k"
+            for i, row in enumerate(ds[name].values[:, n]):
+                axes.plot(
+                    ds.strain.values[0], row, color=color, linewidth=1.2, alpha=0.7, label=legend if i == 0 else None
+                )
+        axes.set(xlabel="dilation $\\gamma$", ylabel=label, xlim=(0, None), title=title)
+        axes.spines[["top", "right"]].set_visible(False)
+    panels[0].axhline(MODULUS, color="0.5", linewidth=0.8, linestyle=":")
+    panels[0].legend(fontsize=9, frameon=False)
+    drawn.suptitle(
+        f"One topology and one $B_0$ = {MODULUS:g} k, three designed $C_B$: $N_v$ = {parameters['n_vertices']}, "
+        f"{ds.sizes['seed']} networks",
+        fontsize=11,
+    )
+    return drawn
 
 
 def claims(ds, parameters):

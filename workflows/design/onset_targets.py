@@ -24,6 +24,10 @@ from critflow import (
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network
+from ..shared.reports import series
+
+# Smallest error that is drawn.
+FLOOR = 1e-17
 
 # Requested onsets over that of equal lengths, and bulk moduli at the transition.
 PARAMETERS = {"n_vertices": 100, "excess": 0.05, "factors": (0.6, 1.3, -1.0), "moduli": (0.27, 0.25, 0.22, 0.18)}
@@ -77,18 +81,40 @@ def case(parameters, seed):
 
 
 def figure(ds, parameters):
-    """Requested and achieved onsets, and onsets at given moduli."""
-    fig = Figure(figsize=(8, 3.4), layout="constrained")
-    left, right = fig.subplots(1, 2)
+    """Changes and errors of the requested onsets, and onsets at given moduli."""
+    drawn = Figure(figsize=(12.5, 3.9), dpi=120, layout="constrained")
+    left, middle, right = drawn.subplots(1, 3)
     for n, factor in enumerate(parameters["factors"]):
-        left.scatter(
-            ds.target.values[:, n], ds.distance.values[:, n], s=14, label=f"{factor:g} of that of equal lengths"
-        )
-    left.set(xlabel=r"requested $\gamma_c$ in simple shear", ylabel=r"r.m.s. change of $\log\ell$")
-    left.legend(fontsize=7)
-    right.plot(ds.modulus.values.T, ds.shear.values.T, ".-", color="C0", alpha=0.5)
-    right.set(xlabel="$B_0$ at the isotropic transition [k]", ylabel=r"$\gamma_c$ in simple shear")
-    return fig
+        target, style = ds.target.values[:, n], series(n)
+        label = f"{factor:g} times that of equal lengths".replace("-", "−")
+        left.scatter(target, ds.distance.values[:, n], s=18, label=label, **style)
+        error = np.abs(ds.achieved.values[:, n] - target)
+        middle.scatter(target, np.maximum(error, FLOOR), s=18, **style)
+    left.set(
+        xlabel="requested onset $\\gamma_c$", ylabel="change of $\\log\\ell$ (r.m.s.)", ylim=(0, None),
+        title="change of the rest lengths",
+    )  # fmt: skip
+    left.legend(fontsize=8, frameon=False)
+    middle.axhline(1e-9, color="k", linewidth=0.8, linestyle=":")
+    middle.text(0.02, 1e-9, "bar", va="bottom", fontsize=9, transform=middle.get_yaxis_transform())
+    middle.set(
+        xlabel="requested onset $\\gamma_c$", ylabel="error of the onset", yscale="log", title="error of the onset"
+    )
+    style = series(0)
+    for one, shear in zip(ds.modulus.values, ds.shear.values, strict=True):
+        right.plot(one, shear, markersize=4, linewidth=0.8, alpha=0.6, **style)
+    right.set(
+        xlabel="$B_0$ at the isotropic transition  [k]", ylabel="onset $\\gamma_c$ in simple shear",
+        title="onsets of one $B_0$, a line a network",
+    )  # fmt: skip
+    for axes in (left, middle, right):
+        axes.spines[["top", "right"]].set_visible(False)
+    drawn.suptitle(
+        f"Onset in simple shear on demand: $N_v$ = {parameters['n_vertices']}, {ds.sizes['seed']} networks, "
+        f"lengths {100 * parameters['excess']:g} % above the isotropic transition",
+        fontsize=11,
+    )
+    return drawn
 
 
 def claims(ds, parameters):

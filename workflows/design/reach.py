@@ -121,12 +121,12 @@ def figure(ds, parameters):
         for row, threshold in enumerate(parameters["thresholds"]):
             style = series(1 + row)
             points = one.tensile.isel(threshold=row).transpose("direction", "axis").values / unit[i]
-            left.scatter(*points.T, s=8, color=style["color"], label=f"σ > 0, r = {threshold:g}" if i == 0 else None)
+            left.scatter(*points.T, s=8, color=style["color"], label=above(threshold) if i == 0 else None)
     edge = np.array([0, 1.1])
     left.fill_between(edge, -edge, edge, color="0.95", zorder=-1)
     left.text(0.62, 0.85, "S positive definite", fontsize=8, color="0.4")
     left.set(
-        xlabel="$\\frac{1}{2}(S_{xx} + S_{yy})/\\sqrt{VD}$, relative",
+        xlabel="$\\frac{1}{2}(S_{xx} + S_{yy})/\\sqrt{VD}$, over its bound",
         ylabel="$\\frac{1}{2}(S_{xx} - S_{yy})/\\sqrt{VD}$",
         xlim=(-1.1, 1.1), ylim=(-1.1, 1.1), aspect="equal", title="reach of S",
     )  # fmt: skip
@@ -134,7 +134,7 @@ def figure(ds, parameters):
     for row, threshold in enumerate(parameters["thresholds"]):
         part = attained(ds, parameters, row)
         style = series(1 + row)
-        right.plot(turn, part.mean(axis=0), ms=4, lw=1, label=f"σ > 0, r = {threshold:g}", **style)
+        right.plot(turn, part.mean(axis=0), ms=4, lw=1, label=above(threshold), **style)
     right.axhline(1, color=series(0)["color"], lw=1, label="any sign")
     right.set(
         xlabel="angle of A: 0 dilation, ±π/2 pure shear", ylabel="largest S:A over its bound", ylim=(0, 1.05),
@@ -144,6 +144,11 @@ def figure(ds, parameters):
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
     return drawn
+
+
+def above(threshold):
+    """Label of the ascents with one threshold."""
+    return f"σ > 0, penalty below {threshold:g} r.m.s."
 
 
 def attained(ds, parameters, row):

@@ -27,6 +27,7 @@ from critflow.workflow import Claim, stable_rng
 
 from ..shared.checks import check_network
 from ..shared.populations import LABELS, PAPER_POPULATIONS, configuration
+from ..shared.reports import series
 
 SOURCES = (*PAPER_POPULATIONS, "log-normal stress")
 NAMES = ("B_0", "C_B", "C_G")
@@ -107,22 +108,40 @@ def fitted(critical):
 
 
 def figure(ds, parameters):
-    """Targets in the plane of B_0 and C_B, and their times."""
-    fig = Figure(figsize=(8, 3.6), layout="constrained")
-    left, right = fig.subplots(1, 2)
+    """Targets in the planes of B_0 and the coefficients, and the times of the designs."""
+    drawn = Figure(figsize=(12.5, 4.1), dpi=120, layout="constrained")
+    left, middle, right = drawn.subplots(1, 3)
     for n, source in enumerate(parameters["sources"]):
-        targets, status = ds.target.values[:, n], ds.target_status.values[:, n]
-        reached = status != Status.infeasible
-        color, label = f"C{n}", LABELS.get(source, source)
-        left.scatter(*targets[reached, :2].T, s=16, color=color, label=label)
-        left.scatter(*targets[~reached, :2].T, s=20, color=color, marker="x", label=None if reached.any() else label)
-        right.scatter(ds.distance.values[reached, n], ds.target_seconds.values[reached, n], s=16, color=color)
-    B = np.linspace(*left.get_xlim())
-    left.plot(B, -B / 2, color="0.5", linewidth=1, label="$C_B = -B_0/2$")
-    left.set(xlabel="$B_0$ [k]", ylabel="$C_B$ [k]")
-    left.legend(fontsize=7)
-    right.set(xlabel=r"r.m.s. change of $\log\sigma$", ylabel="processor time [s]")
-    return fig
+        targets, reached = ds.target.values[:, n], ds.target_status.values[:, n] != Status.infeasible
+        style, label = series(n), LABELS.get(source, source)
+        hollow = style | {"facecolors": "none", "edgecolors": style["color"]}
+        hollow.pop("color")
+        for axes, column in ((left, 1), (middle, 2)):
+            axes.scatter(*targets[reached][:, [0, column]].T, s=20, label=label if reached.any() else None, **style)
+            refused = None if reached.any() else f"{label}: refused by the bound"
+            axes.scatter(*targets[~reached][:, [0, column]].T, s=34, label=refused, **hollow)
+        right.scatter(ds.distance.values[reached, n], ds.target_seconds.values[reached, n], s=20, **style)
+    B = np.array([np.nanmin(ds.target.values[..., 0]), np.nanmax(ds.target.values[..., 0])])
+    left.plot(B, -B / 2, color="k", linewidth=1, label="$C_B = -B_0/2$")
+    left.set(xlabel="$B_0$  [k]", ylabel="$C_B$  [k]", title="growth of the bulk modulus")
+    left.legend(fontsize=8, frameon=False)
+    middle.set(xlabel="$B_0$  [k]", ylabel="$C_G$  [k]", title="growth of the shear modulus")
+    right.axhline(3, color="k", linewidth=0.8, linestyle=":")
+    right.text(0.02, 3, "bar", va="bottom", fontsize=9, transform=right.get_yaxis_transform())
+    right.set(
+        xlabel="change of $\\log\\sigma$ (r.m.s.)",
+        ylabel="processor time  [s]",
+        ylim=(0, None),
+        title="time of one design",
+    )
+    for axes in (left, middle, right):
+        axes.spines[["top", "right"]].set_visible(False)
+    drawn.suptitle(
+        "Triples $(B_0, C_B, C_G)$ of configurations of other networks, designed at "
+        f"$N_v$ = {parameters['n_vertices']} ({ds.sizes['seed']} networks)",
+        fontsize=11,
+    )
+    return drawn
 
 
 def claims(ds, parameters):

@@ -16,6 +16,7 @@ from critflow import CriticalManifold, Status, design, voronoi_network
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network, check_positive
+from ..shared.reports import series
 
 PARAMETERS = {"n_vertices": 1000, "targets": 10, "beyond": 2}
 VARIABLES = {
@@ -29,6 +30,8 @@ VARIABLES = {
     "beyond_named": (("beyond",), "whether the note names the bound"),
 }
 NAMES = ("S_xx", "S_yy", "S_xy")
+# Smallest error that is drawn.
+FLOOR = 1e-17
 
 
 def sizes(parameters):
@@ -97,24 +100,46 @@ def bound_ratio(manifold, S):
 
 
 def figure(ds, parameters):
-    """Anisotropy against size of the targets, and the errors."""
-    fig = Figure(figsize=(8, 3.4), layout="constrained")
-    left, right = fig.subplots(1, 2)
+    """Anisotropy against size of the targets, their errors and times."""
+    drawn = Figure(figsize=(12.5, 3.9), dpi=120, layout="constrained")
+    left, middle, right = drawn.subplots(1, 3)
     S = ds.target.values.reshape(-1, 3)
-    reached = ds.target_status.values.ravel() == Status.ok
-    trace = S[:, 0] + S[:, 1]
-    anisotropy = np.hypot(S[:, 0] - S[:, 1], 2 * S[:, 2]) / trace
-    for mask, label, marker in ((reached, "reached", "o"), (~reached, "not reached", "x")):
-        left.scatter(
-            trace[mask] ** 2 / (4 * parameters["n_vertices"]), anisotropy[mask], s=12, marker=marker, label=label
-        )
-    left.set(xlabel="$B_0$ of the target [k]", ylabel="$|S_1 - S_2|/(S_1 + S_2)$")
-    left.legend()
-    error = np.maximum(ds.error.values.ravel(), 1e-17)
-    right.hist(np.log10(error[np.isfinite(error)]), bins=20)
-    right.axvline(-9, color="0.5", linestyle="--")
-    right.set(xlabel=r"$\log_{10}$ relative error of $S/\sqrt{D}$", ylabel="targets")
-    return fig
+    status, trace = ds.target_status.values.ravel(), S[:, 0] + S[:, 1]
+    bulk, anisotropy = trace**2 / (4 * parameters["n_vertices"]), np.hypot(S[:, 0] - S[:, 1], 2 * S[:, 2]) / trace
+    for n, (mask, label) in enumerate(((status == Status.ok, "reached"), (status != Status.ok, "not reached"))):
+        if mask.any():
+            left.scatter(bulk[mask], anisotropy[mask], s=14, label=label, **series(n))
+    left.set(
+        xlabel="$B_0$ of the target  [k]",
+        ylabel="$|S_1 - S_2|/(S_1 + S_2)$",
+        ylim=(0, None),
+        title="targets $S/\\sqrt{D}$",
+    )
+    left.legend(fontsize=9, frameon=False)
+    error = np.maximum(ds.error.values.ravel(), FLOOR)
+    middle.hist(np.log10(error[np.isfinite(error)]), bins=20, color=series(0)["color"])
+    middle.axvline(-9, color="k", linewidth=0.8, linestyle=":")
+    middle.text(-9.1, 0.97, "bar", ha="right", va="top", fontsize=9, transform=middle.get_xaxis_transform())
+    middle.set(
+        xlabel="$\\log_{10}$ of the largest error, relative to $|S/\\sqrt{D}|$", ylabel="designs", title="errors"
+    )
+    right.scatter(ds.distance.values.ravel(), ds.target_seconds.values.ravel(), s=14, **series(0))
+    right.axhline(0.3, color="k", linewidth=0.8, linestyle=":")
+    right.text(0.02, 0.3, "bar", va="bottom", fontsize=9, transform=right.get_yaxis_transform())
+    right.set(
+        xlabel="change of $\\log\\sigma$ (r.m.s.)",
+        ylabel="processor time  [s]",
+        ylim=(0, None),
+        title="time of one design",
+    )
+    for axes in (left, middle, right):
+        axes.spines[["top", "right"]].set_visible(False)
+    drawn.suptitle(
+        f"Linear response on demand: {error.size} designs of {ds.sizes['seed']} networks, "
+        f"$N_v$ = {parameters['n_vertices']:,}",
+        fontsize=11,
+    )
+    return drawn
 
 
 def claims(ds, parameters):
