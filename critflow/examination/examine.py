@@ -32,8 +32,6 @@ Result = TypeVar("Result")
 
 # Singular values below this count as zero where coordinates have all digits, as in `rigidity`.
 _TOLERANCE = 1e-6
-# Number of edges of the networks for which the effect of rounding is estimated.
-_FEW_EDGES = 150
 # Other singular values are hardly smaller than ten times this.
 _LARGEST_TOLERANCE = 0.01
 # Largest networks of which each edge is cut.
@@ -72,7 +70,8 @@ def examine(
             )
         digits = Digits(decimals, 0.5 * 10.0**-decimals)
     rounding = digits.effect(rest)
-    tolerance = max(_TOLERANCE, min(_margin(network) * rounding, _LARGEST_TOLERANCE))
+    # A count is certain where singular values lie below the tolerance by CLEAR_GAP.
+    tolerance = max(_TOLERANCE, min(CLEAR_GAP * rounding, _LARGEST_TOLERANCE))
     attempts = _Attempts()
     counted = rigidity(network, x, tolerance)
     counts = counted.value
@@ -104,11 +103,6 @@ def examine(
         names=names,
     )
     return replace(found, advice=advice_of(found, rounding * float(rest.mean())))
-
-
-def _margin(network: Network) -> float:
-    """Tolerance over the effect of rounding: a count is certain CLEAR_GAP below it, and the effect grows as √N_b."""
-    return CLEAR_GAP * max(1.0, float(np.sqrt(network.n_edges / _FEW_EDGES)))
 
 
 class _Subject(NamedTuple):

@@ -16,6 +16,8 @@ _ALL_DECIMALS = 15
 _ENOUGH = 4
 # Rounded coordinates change singular values of the rigidity matrix by about this number of their errors.
 _MARGIN = 10.0
+# Edges shorter than this part of the mean length are few, and count as that long.
+_SHORT = 0.01
 # Errors that would change singular values by more than this are those of grids, whose coordinates are exact.
 _COARSE = 0.01
 
@@ -38,9 +40,10 @@ class Digits(NamedTuple):
     def effect(self, lengths: Array) -> float:
         """Singular values that the rounding of coordinates may cause; 0 with all digits and for grids.
 
-        Error bound (estimate): ten times the error in units of the mean length.
+        Error bound (estimate): ten times the root mean square of the error over the lengths, which short edges raise.
         """
-        changed = _MARGIN * self.error / float(lengths.mean())
+        inverse = 1 / np.maximum(lengths, _SHORT * float(lengths.mean()))
+        changed = _MARGIN * self.error * float(np.sqrt(np.mean(inverse**2)))
         return changed if changed <= _COARSE else 0.0
 
 

@@ -16,8 +16,8 @@ from critflow import (
 )
 
 
-def pinned_network():
-    whole = voronoi_network(n_vertices=100, seed=2)
+def pinned_network(n_vertices=100):
+    whole = voronoi_network(n_vertices, seed=2)
     inner = (whole.offsets == 0).all(axis=1)
     return network_from(edges=whole.edges[inner], positions=whole.positions, pins="hull").network
 
@@ -81,6 +81,38 @@ def test_standard_errors_are_those_of_repeated_observations():
     one = nearest_critical(manifold, critical.coordinates + error * rng.normal(size=critical.coordinates.shape))
     assert one.error == pytest.approx(error, rel=0.4)
     assert np.linalg.norm(found[0].undetermined) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("pinned", [False, True])
+def test_standard_errors_follow_from_differences_of_the_map(pinned):
+    """s √diag((JᵀJ)⁺), with J = dx/dθ by differences at a fixed mean position; s from the degrees of freedom."""
+    network = pinned_network(40) if pinned else voronoi_network(n_vertices=12, seed=1)
+    manifold = CriticalManifold(network)
+    x = manifold.configuration(random_stress(network.n_edges, seed=3)).coordinates
+    observed = x + 1e-3 * np.random.default_rng(2).normal(size=x.shape)
+    found = nearest_critical(manifold, observed)
+    theta = np.log(found.value.sigma)
+
+    def moved(change):
+        there = manifold.configuration(np.exp(theta + change)).coordinates
+        return (there if pinned else there - there.mean(axis=0)).ravel()
+
+    J = np.stack([(moved(1e-5 * e) - moved(-1e-5 * e)) / 2e-5 for e in np.eye(network.n_edges)], axis=1)
+    freedom = x.size - (0 if pinned else 2) - (network.n_edges - 1)
+    error = np.sqrt(found.distance**2 * network.n_vertices / freedom) if freedom > 0 else np.nan
+    assert found.error == pytest.approx(error, rel=1e-9, nan_ok=True)
+    given = nearest_critical(manifold, observed, error=1e-3)
+    expected = 1e-3 * np.sqrt(np.diag(np.linalg.pinv(J.T @ J, rcond=1e-9)))
+    np.testing.assert_allclose(given.stress_error, expected, rtol=1e-4)
+
+
+def test_the_limits_of_a_descent_have_a_status():
+    network = honeycomb_network(2, 2)
+    collapsed = np.array(network.positions)
+    i, j = network.edges[int(np.flatnonzero(~network.offsets.any(axis=1))[0])]
+    collapsed[j] = collapsed[i]
+    found = nearest_critical(network, collapsed, throw=False)
+    assert found.status is Status.edge_collapse and "zero length" in found.note
 
 
 def test_a_honeycomb_has_equal_stresses():

@@ -40,11 +40,16 @@ def test_a_grid_of_fibres_has_a_vertex_at_each_crossing():
     lines = [(k, 5, k, 95) for k in places] + [(5, k, 95, k) for k in places]
     read = network_from(picture=drawn(lines, 100), pins="degree")
     assert (read.network.n_vertices, read.network.n_edges, len(read.network.pins)) == (21, 24, 12)
-    coarse = network_from(picture=drawn(lines, 100), pins="degree", pixel=10.0)
-    np.testing.assert_allclose(coarse.positions, 10 * read.positions)
     inner = np.delete(read.positions, list(read.network.pins), axis=0)
     expected = [(x, -y) for x in places for y in places]
     np.testing.assert_allclose(sorted(map(tuple, inner.round())), sorted(expected), atol=1)
+
+
+def test_neighbouring_pixels_of_a_junction_are_one_vertex_in_any_units():
+    crossed = drawn([(10, 10, 90, 90), (10, 90, 90, 10)], 100)
+    for pixel in (1.0, 10.0):
+        read = network_from(picture=crossed, pins="degree", pixel=pixel)
+        assert (read.network.n_vertices, read.network.n_edges) == (5, 4) and "itself" in str(read)
 
 
 def test_a_segmented_tissue_is_the_network_of_its_borders():
