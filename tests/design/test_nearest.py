@@ -138,6 +138,7 @@ def test_bad_input_is_one_sentence(arguments, word):
 def test_a_step_limit_is_a_status():
     network = NETWORKS["periodic"]
     observed = network.positions + 0.05 * np.random.default_rng(1).normal(size=network.positions.shape)
-    assert nearest_critical(network, observed, max_steps=1, throw=False).status is Status.step_limit
+    limited = nearest_critical(network, observed, max_steps=1, throw=False)
+    assert limited.status is Status.step_limit and limited.stats.residual > 1e-6
     with pytest.raises(SolveError, match="did not end in 1 steps"):
         nearest_critical(network, observed, max_steps=1)

@@ -334,6 +334,7 @@ def test_a_case_of_a_dataset():
         coords={"seed": [3]},
     )
     read = network_from(dataset.sel(seed=3))
+    assert not read.repaired
     assert_same(read.network, replace(network, positions=x))
     np.testing.assert_array_equal(read.force_densities, sigma[0])
     with pytest.raises(InputError, match="choose one case"):
