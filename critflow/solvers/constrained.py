@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from critflow.result import Status
-from critflow.solvers.tolerances import ARMIJO, CURVED, DEPENDENT, FLOOR, RESTORED
+from critflow.solvers.tolerances import ARMIJO, CURVED, DEPENDENT, FLOOR, RESTORED, ROUNDING
 
 Array = NDArray[np.float64]
 Product = Callable[[Array], Array]
@@ -252,7 +252,7 @@ class _Search:
         while part > _SHORTEST:
             self.steps += 1
             moved = self.problem.at(point.z + part * step.d)
-            wanted = here - ARMIJO * part * abs(slope)
+            wanted = here - ARMIJO * part * abs(slope) + ROUNDING * (1 + abs(here))
             if not self._merit(moved) <= wanted and np.isfinite(self._merit(moved)):
                 # Curvature of the constraints may hide a decrease: return towards their surface.
                 moved = self.restored(moved, metric, _RESTORING)
