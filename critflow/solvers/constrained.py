@@ -31,7 +31,7 @@ First = Callable[[Array], Product]
 
 # Pairs of the limited-memory matrix; steps to the constraints after one that reduces no merit, and at the end.
 _MEMORY, _RESTORING, _AT_END = 20, 1, 30
-# Pairs, and number of unknowns up to which so many cost little.
+# Pairs for few unknowns, up to which number they cost little.
 _LONG_MEMORY, _FEW = 60, 100
 # Largest and smallest damping of restoration, in units of the mean square gradient; shortest part of a step.
 _MOST_DAMPED, _LEAST_DAMPED, _SHORTEST = 1e4, 1e-10, 1e-4
@@ -247,12 +247,12 @@ class _Search:
         self.penalty = 1.2 * float(np.abs(step.multipliers).max(initial=0.0))
         violated = self._violation(point)
         here = point.value + self.penalty * violated
-        slope = float(point.gradient @ step.d) - self.penalty * violated
+        rate = float(point.gradient @ step.d) - self.penalty * violated
         part = min(1.0, self.longest / max(float(np.abs(step.d).max()), 1e-300))
         while part > _SHORTEST:
             self.steps += 1
             moved = self.problem.at(point.z + part * step.d)
-            wanted = here - ARMIJO * part * abs(slope) + ROUNDING * (1 + abs(here))
+            wanted = here - ARMIJO * part * abs(rate) + ROUNDING * (1 + abs(here))
             if not self._merit(moved) <= wanted and np.isfinite(self._merit(moved)):
                 # Curvature of the constraints may hide a decrease: return towards their surface.
                 moved = self.restored(moved, metric, _RESTORING)
