@@ -266,22 +266,17 @@ def _responses(state: ElasticState, factor: Factor, volume: float, strains: tupl
     unfinished = np.sqrt(np.outer(unfinished, unfinished))
     form_rounding = (noise + unfinished) / volume + 4 * EPS * np.abs(form)
 
-    # Dilation (1 + γ)^{1/d} is curved: b̈ = (1/d)(1/d − 1) b.
-    curvature = (1 / d) * (1 / d - 1)
-    stretched = first + (state.stress_rounding + 4 * EPS * np.abs(sigma)) * abs(curvature) * square
-    bulk = form[0, 0] + curvature * float(sigma @ square) / volume
-    bulk_rounding = (float(accumulated_rounding(stretched)) + unfinished[0, 0]) / volume + 4 * EPS * abs(bulk)
-    pressure = float(sigma @ square) / (d * volume)
     stress_rounding = float(accumulated_rounding(2 * state.stress_rounding * square)) / volume
-    shear_rounding = form_rounding[-1, -1] + 0.5 * stress_rounding / d + 4 * EPS * abs(pressure)
-
+    moduli, moduli_rounding = _moduli(
+        state, form, form_rounding, (first, float(unfinished[0, 0]), stress_rounding), volume
+    )
     T = _basis_change(d)[list(strains)]
     tensor, stress = T.T @ form @ T, (sigma * L) @ L.T / volume
     rounding = np.abs(T).T @ form_rounding @ np.abs(T) + 4 * EPS * np.abs(tensor)
     rounding += (stress_rounding + 4 * EPS * float(np.abs(stress).max())) * _products(d)
     return _Responses(
-        np.array([bulk, form[-1, -1], form[-1, -1] - 0.5 * pressure]),
-        np.array([bulk_rounding, form_rounding[-1, -1], shear_rounding]),
+        moduli,
+        moduli_rounding,
         _symmetric(tensor),
         _symmetric(T.T @ direct @ T) / volume,
         _symmetric(rounding),
@@ -290,6 +285,28 @@ def _responses(state: ElasticState, factor: Factor, volume: float, strains: tupl
         correction,
         float((size / np.maximum(scale, 1e-300)).max()),
         small,
+    )
+
+
+def _moduli(
+    state: ElasticState, form: Array, form_rounding: Array, parts: tuple[Array, float, float], volume: float
+) -> tuple[Array, Array]:
+    """Moduli (3,) and their rounding errors from the forms of the dilation, the first, and of the shear, the last.
+
+    parts  rounding of each edge's part of the first form (N_b,), its unfinished correction, and rounding of the stress
+    """
+    first, unfinished, stress_rounding = parts
+    sigma, square, d = state.sigma, state.lengths**2, state.network.dimension
+    trace, shear = float(sigma @ square) / volume, form[-1, -1]
+    # Dilation (1 + γ)^{1/d} is curved: b̈ = (1/d)(1/d − 1) b.
+    curvature = (1 / d) * (1 / d - 1)
+    bulk, pressure = form[0, 0] + curvature * trace, trace / d
+    stretched = first + (state.stress_rounding + 4 * EPS * np.abs(sigma)) * abs(curvature) * square
+    bulk_rounding = (float(accumulated_rounding(stretched)) + unfinished) / volume + 4 * EPS * abs(bulk)
+    corrected_rounding = form_rounding[-1, -1] + 0.5 * stress_rounding / d + 4 * EPS * abs(pressure)
+    return (
+        np.array([bulk, shear, shear - 0.5 * pressure]),
+        np.array([bulk_rounding, form_rounding[-1, -1], corrected_rounding]),
     )
 
 

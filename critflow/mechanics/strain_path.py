@@ -132,7 +132,6 @@ def strain_path(
     moduli             False: equilibria only
     tensors            False: bulk and shear moduli alone, in less time; `elasticity` is then empty
     pattern            of the Hessian, made here by default; given for many paths of one network
-
     Many parameters: those after the strains are options of the relaxation, most by keyword only.
 
     Raises `InputError` for strains that do not lead away from zero, a deformation that inverts the cell, a start of
@@ -147,8 +146,7 @@ def strain_path(
     state, critical, note = _start(network, _value(start), law, rest_lengths)
     gamma, method = check_strains(strains, signed=True, zero=critical is None), relaxation_method(method)
     deformation = deformation_of(deformation, state.network.dimension)
-    for strain in gamma:
-        deformation.gradient(strain)
+    _ = [deformation.gradient(strain) for strain in gamma]  # refuses those that invert the cell
     if deformation.free and method != "newton":
         raise InputError("free components of the cell need Newton's method: choose method='newton'")
     reached: list[Arrival] = []
