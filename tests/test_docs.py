@@ -39,7 +39,8 @@ import programs  # noqa: E402
 
 DOCS = ROOT / "docs"
 MADE = {DOCS / "studies.md", *(path.with_suffix(".md") for path in (DOCS / "notebooks").glob("*.py"))}  # by the site
-PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted(set(DOCS.rglob("*.md")) - MADE)]
+BUILT = set((DOCS / "_build").rglob("*.md"))
+PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted(set(DOCS.rglob("*.md")) - MADE - BUILT)]
 LINES_OF_EXTENDING = 30
 LINES_OF_README = 120
 LINES_OF_PICTURE, PICTURES = 40, 24

@@ -175,6 +175,8 @@ def test_commands(tmp_path, capsys):
     ],
 )
 def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, word):
+    if words[-1].endswith(".compas"):
+        pytest.importorskip("compas")
     write_network(honeycomb_network(4, 4), tmp_path / "h.csv")
     monkeypatch.chdir(tmp_path)
     assert main(words) == 2
