@@ -127,7 +127,7 @@ class Network:
             if self.reference_volume is None:
                 raise NetworkError(
                     "a network without a cell has no volume and so no modulus: give it a cell, or name the volume to "
-                    "which moduli refer by network.with_volume(V)"
+                    "which moduli refer, by network.with_volume(V), or --volume in a command"
                 )
             return self.reference_volume
         # NumPy's determinant is the exponential of a logarithm, which rounds more the farther V is from one.
