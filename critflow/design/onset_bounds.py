@@ -74,9 +74,11 @@ def _retreat(path: BoundaryPath, lengths: Array, state: OnsetState) -> float | N
     """
     if not np.isfinite(state.error):
         return None
-    # Each edge by its own rounding, or the shortest would decide on all.
+    # Each edge by its own rounding and error, or the shortest would decide on all.
     rounding = _rounding(path, state.strain, state.free, state.coordinates) / lengths
-    for margin in (4 * np.maximum(rounding, state.error), *RETREATS):
+    excess = np.maximum(np.linalg.norm(state.bond_vectors(path), axis=1) / lengths - 1, 0.0)
+    own = np.where(state.taut, excess, 0.0)
+    for margin in (4 * np.maximum(rounding, own), 4 * np.maximum(rounding, state.error), *RETREATS):
         shorter = newton_taut(path, (1 - margin) * lengths, state)
         try:
             if shorter is None or shorter.strain > state.strain:

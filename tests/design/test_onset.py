@@ -5,6 +5,7 @@ import pytest
 from problems import oblique, slack_lattice, taut_rows, voronoi_3d
 
 from critflow import (
+    CriticalManifold,
     Deformation,
     InputError,
     Network,
@@ -229,6 +230,16 @@ def test_stresses_that_stay_unresolved_are_reported():
     assert all(onset.value.proven)
     assert onset.upper - onset.lower < 1e-10
     assert "weakest" in onset.note
+
+
+def test_one_short_edge_does_not_widen_the_bounds():
+    # Its length is known to fewer digits than those of the others, and enters the strain with a small weight.
+    network, sigma = voronoi_network(40, seed=2), np.ones(60)
+    sigma[7] = 1e6
+    lengths = 1.05 * CriticalManifold(network).configuration(sigma).lengths
+    assert lengths.min() < 1e-5
+    onset = critical_strain(network, lengths, "simple_shear")
+    assert all(onset.value.proven) and onset.upper - onset.lower < 3e-11
 
 
 def test_slack_edges_of_random_lengths():
