@@ -1,7 +1,8 @@
 """Two sizes of the test suite.
 
-`pytest` runs every test but the sweeps: repetitions of a test over many seeds, sizes or steps, and small runs of every
-study but the ensemble. `pytest -m ""` runs everything, and draws the pictures of the studies; `.ci/run` does that.
+`pytest` runs every test but the sweeps: repetitions of a test over many seeds, sizes or steps, and the tests of studies
+other than the ensemble, of benchmarks and of pages. `pytest -m ""` runs everything, and draws the pictures of the
+studies; `.ci/run` does that.
 """
 
 import os
@@ -27,17 +28,18 @@ def everything(config):
     return "not sweep" not in config.getoption("markexpr")
 
 
-# Small runs of other studies than the ensemble, of notebooks and of the gallery.
-_RUNS = {"folder", "dataset", "small", "scale", "whole"}
-_RUN_BY_USERS = ("test_ensemble.py", "test_own_network.py")
+# Folders of tests of what the package does not contain, and studies that users start with.
+_MADE_HERE, _RUN_BY_USERS = ("studies", "benchmarks", "pages"), ("test_ensemble.py", "test_own_network.py")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     for item in items:
-        study = item.path.parent.name in ("studies", "benchmarks") and item.path.name not in _RUN_BY_USERS
-        if (study and _RUNS & set(item.fixturenames)) or item.name.startswith("test_a_picture_of_the_gallery"):
+        made_here = item.path.parent.name in _MADE_HERE and item.path.name not in _RUN_BY_USERS
+        if made_here or item.name.startswith("test_a_picture_of_the_gallery"):
             item.add_marker(pytest.mark.sweep)
+    # Files that wait for other processes begin, so that no process is alone with them at the end.
+    items.sort(key=lambda item: item.path.parent.name != "workflow")
 
 
 @contextmanager

@@ -36,10 +36,7 @@ def overview_figure(ds):
         return _nothing()
     figure = Figure(figsize=(_WIDTH, 6.0), dpi=_RESOLUTION, layout="constrained")
     panels = figure.subplots(2, len(shown), squeeze=False, height_ratios=(1.3, 1))
-    titles = [
-        f"{fill(_capital(TASKS[word].title), 29)}\n{fill(message(curves, default), 29)}"
-        for word, (_, curves, default) in shown.items()
-    ]
+    titles = [fill(_capital(TASKS[word].title), 26) for word in shown]
     lines = max(title.count("\n") for title in titles)
     for (word, (_, curves, default)), title, axes, below in zip(shown.items(), titles, *panels, strict=True):
         styles = _styles(curves, default)
@@ -47,7 +44,7 @@ def overview_figure(ds):
         axes.set_ylabel(fill(TASKS[word].error, 34), fontsize=_TEXT)
         axes.set_title(title + "\n" * (lines - title.count("\n")), loc="left", fontsize=_TEXT)
         # The panels, not their legends, share the width of the page.
-        _legend(below, curves, default, styles, "upper left").set_in_layout(False)
+        _legend(below, curves, default, styles, "upper left", left=-0.15).set_in_layout(False)
     sizes = " or ".join(f"{size:,}" for size in dict.fromkeys(size for size, _, _ in shown.values()))
     _explain(figure, ds, f"Error against time of every method, $N_v$ = {sizes}")
     return figure
@@ -65,7 +62,7 @@ def task_figure(ds, word):
     grid = figure.subplots(rows, columns, squeeze=False, sharey=False)
     panels = list(grid.flat)
     # One style a method in all panels.
-    everyone = {c.name: c for n in sizes for c in sizes[n][1]}.values()
+    everyone = list({c.name: c for n in sizes for c in sizes[n][1]}.values())
     _, middle_curves, middle_default = sizes[_middle(sizes)]
     styles = _styles(everyone, middle_default)
     for n, (size, (_, curves, default)) in enumerate(sizes.items()):
@@ -76,7 +73,7 @@ def task_figure(ds, word):
     for axes in panels[len(sizes) :]:
         axes.set_axis_off()
     title = f"at $N_v$ = {_middle(sizes):,}:"
-    _legend(panels[len(sizes)], middle_curves, middle_default, styles, "center left", title)
+    _legend(panels[len(sizes)], middle_curves, middle_default, styles, "center left", title, everyone)
     _explain(figure, ds, f"{_capital(TASKS[word].title)}. {message(middle_curves, middle_default)}")
     return figure
 
@@ -164,8 +161,8 @@ def _chart(axes, curves, default, styles):
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _legend(axes, curves, default, styles, place, title=""):
-    """The methods from fast to slow, with their times over that of the default."""
+def _legend(axes, curves, default, styles, place, title="", everyone=(), left=0.0):
+    """The methods from fast to slow, with their times over that of the default, then those of other sizes alone."""
     axes.set_axis_off()
     handles = []
     ratios = {c.name: gain(default, c) if default is not None and c is not default else None for c in curves}
@@ -173,11 +170,15 @@ def _legend(axes, curves, default, styles, place, title=""):
         ratio = ratios[name]
         times = "" if ratio is None else ": more accurate" if not ratio else f": {_number(ratio)} ×"
         handles.append(Line2D([], [], label=name + times, **styles[name]))
+    for curve in everyone:
+        if curve.name not in ratios:
+            handles.append(Line2D([], [], label=f"{curve.name}: other sizes", **styles[curve.name]))
     compared = f"time over that of {default.name}" if default is not None else ""
     heading = "\n".join(part for part in (title, compared) if part)
     return axes.legend(
         handles=handles, loc=place, fontsize=_SMALL, title=heading, title_fontsize=_SMALL, alignment="left",
         frameon=False, borderaxespad=0, handlelength=2.6, labelspacing=0.35,
+        bbox_to_anchor=(left, 0, 1 - left, 1),
     )  # fmt: skip
 
 
@@ -185,7 +186,7 @@ def _explain(figure, ds, first):
     share = ds.core_share.values[np.isfinite(ds.core_share.values)]
     load = f"; runs had {100 * np.median(share):.0f} % of it (median)" if len(share) else ""
     figure.suptitle(
-        f"{fill(first, 95)}\nlower left is better; dark blue: default, light blue: other methods of critflow, "
+        f"{fill(first, 80)}\nlower left is better; dark blue: default, light blue: other methods of critflow, "
         f"dashed: other packages\nprocessor time on one core{load}",
         fontsize=_TEXT,
     )
