@@ -24,7 +24,7 @@ from critflow import (
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network
-from ..shared.reports import series
+from ..shared.reports import mark, series
 
 # Smallest error that is drawn.
 FLOOR = 1e-17
@@ -95,8 +95,7 @@ def figure(ds, parameters):
         title="change of the rest lengths",
     )  # fmt: skip
     left.legend(fontsize=8, frameon=False)
-    middle.axhline(1e-9, color="k", linewidth=0.8, linestyle=":")
-    middle.text(0.02, 1e-9, "bar", va="bottom", fontsize=9, transform=middle.get_yaxis_transform())
+    mark(middle, 1e-9)
     middle.set(
         xlabel="requested onset $\\gamma_c$", ylabel="error of the onset", yscale="log", title="error of the onset"
     )

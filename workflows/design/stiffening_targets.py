@@ -28,6 +28,7 @@ from critflow.workflow import Claim, stable_rng
 from ..shared.checks import check_network
 from ..shared.populations import LABELS, PAPER_POPULATIONS, configuration
 from ..shared.reports import series
+from .stress_targets import time_axes
 
 SOURCES = (*PAPER_POPULATIONS, "log-normal stress")
 NAMES = ("B_0", "C_B", "C_G")
@@ -126,14 +127,7 @@ def figure(ds, parameters):
     left.set(xlabel="$B_0$  [k]", ylabel="$C_B$  [k]", title="growth of the bulk modulus")
     left.legend(fontsize=8, frameon=False)
     middle.set(xlabel="$B_0$  [k]", ylabel="$C_G$  [k]", title="growth of the shear modulus")
-    right.axhline(3, color="k", linewidth=0.8, linestyle=":")
-    right.text(0.02, 3, "bar", va="bottom", fontsize=9, transform=right.get_yaxis_transform())
-    right.set(
-        xlabel="change of $\\log\\sigma$ (r.m.s.)",
-        ylabel="processor time  [s]",
-        ylim=(0, None),
-        title="time of one design",
-    )
+    time_axes(right, 3)
     for axes in (left, middle, right):
         axes.spines[["top", "right"]].set_visible(False)
     drawn.suptitle(

@@ -16,7 +16,7 @@ from critflow import CriticalManifold, Status, design, voronoi_network
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network, check_positive
-from ..shared.reports import series
+from ..shared.reports import mark, series
 
 PARAMETERS = {"n_vertices": 1000, "targets": 10, "beyond": 2}
 VARIABLES = {
@@ -124,14 +124,7 @@ def figure(ds, parameters):
         xlabel="$\\log_{10}$ of the largest error, relative to $|S/\\sqrt{D}|$", ylabel="designs", title="errors"
     )
     right.scatter(ds.distance.values.ravel(), ds.target_seconds.values.ravel(), s=14, **series(0))
-    right.axhline(0.3, color="k", linewidth=0.8, linestyle=":")
-    right.text(0.02, 0.3, "bar", va="bottom", fontsize=9, transform=right.get_yaxis_transform())
-    right.set(
-        xlabel="change of $\\log\\sigma$ (r.m.s.)",
-        ylabel="processor time  [s]",
-        ylim=(0, None),
-        title="time of one design",
-    )
+    time_axes(right, 0.3)
     for axes in (left, middle, right):
         axes.spines[["top", "right"]].set_visible(False)
     drawn.suptitle(
@@ -140,6 +133,17 @@ def figure(ds, parameters):
         fontsize=11,
     )
     return drawn
+
+
+def time_axes(axes, bar):
+    """Labels of a panel of processor times against changes of stress, and their largest allowed value."""
+    mark(axes, bar)
+    axes.set(
+        xlabel="change of $\\log\\sigma$ (r.m.s.)",
+        ylabel="processor time  [s]",
+        ylim=(0, None),
+        title="time of one design",
+    )
 
 
 def claims(ds, parameters):
