@@ -192,8 +192,10 @@ TABLES: dict[str, Callable[[Path], str]] = {
 
 
 def pages() -> list[Path]:
-    """The pages that are filled by default."""
-    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    """The pages that are filled by default, without those that the site makes."""
+    docs = ROOT / "docs"
+    made = {docs / "studies.md", *(docs / "_build").rglob("*.md"), *(docs / "notebooks").glob("0*.md")}
+    return [ROOT / "README.md", *sorted(set(docs.rglob("*.md")) - made)]
 
 
 if __name__ == "__main__":
