@@ -13,12 +13,7 @@ from critflow.linalg.tolerances import EPS
 from critflow.mechanics.minimum import compressed_edges, minimum_factor, stability_of
 from critflow.mechanics.newton import newton
 from critflow.mechanics.springs import ElasticState, State
-from critflow.mechanics.tolerances import (
-    COLLAPSING_LENGTH,
-    FINEST_TOLERANCE,
-    FLOPPY_SHIFT,
-    LOOSEST_TOLERANCE,
-)
+from critflow.mechanics.tolerances import COLLAPSING_LENGTH, FINEST_TOLERANCE, FLOPPY_SHIFT, LOOSEST_TOLERANCE
 from critflow.networks.network import Array
 from critflow.precision.double_double import two_sum
 from critflow.precision.residual import Displacement, inverse_norm
