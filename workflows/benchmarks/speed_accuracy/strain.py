@@ -27,10 +27,10 @@ from critflow.precision.double_double import Extended, extended
 from critflow.solvers.minimize import LBFGS, minimise
 from critflow.workflow import stable_rng
 
+from ..lammps import Lammps, representable
 from ..timing import Accuracy, Method, Task, installed, peer
 from . import references
 from .ase import ase_springs, atoms_of
-from .lammps import Lammps, representable
 
 STRAIN = 1e-3
 # At most a hundredth of the error of the start.

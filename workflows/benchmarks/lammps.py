@@ -1,4 +1,4 @@
-"""LAMMPS with the springs of a state: `harmonic` bonds in a periodic box, and minimisers that start from it again."""
+"""LAMMPS with the springs of a state: `harmonic` bonds in a periodic cell, and minimisers that start from it again."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from critflow import write_network
 from critflow.mechanics.springs import SpringState
 from critflow.networks.network import Array
 
-from ..timing import peer
+from .timing import peer
 
 
 def representable(state: SpringState) -> bool:
@@ -23,21 +24,23 @@ def representable(state: SpringState) -> bool:
 
 
 class Lammps:
-    """Springs in LAMMPS, silent, with no pair forces; ghosts reach beyond the longest bond."""
+    """Springs of a plane state in LAMMPS, silent, without pair forces; ghosts reach beyond the longest bond.
+
+    The first cell vector is along x, as in a cell under simple shear, so that coordinates are not turned.
+    """
 
     def __init__(self, state: SpringState):
         # The wheel links to the MPI of the package `mpich`, next to the interpreter.
         for library in Path(sys.prefix, "lib").glob("libmpi.so.12"):
             ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
         self._run = peer("lammps").lammps(cmdargs=["-log", "none", "-screen", "none"])
-        self._side = float(state.network.cell[0, 0])  # type: ignore[index]
         with TemporaryDirectory() as folder:
             data = Path(folder, "springs.data")
-            data.write_text(_data(state, self._side))
+            write_network(state, data)
             self._run.commands_string(
                 f"""units lj
                 dimension 2
-                atom_style bond
+                atom_style molecular
                 atom_modify map array
                 bond_style harmonic
                 comm_modify cutoff {1.2 * float(state.lengths.max()) + 0.3!r}
@@ -49,28 +52,30 @@ class Lammps:
         start = np.array(self._run.gather_atoms("x", 1, 3))
         self._start = (ctypes.c_double * len(start))(*start)
 
-    def relax(self, style: str, options: str, max_force: float, most_steps: int) -> tuple[Array, int, float]:
-        """Wrapped coordinates (N_v, 2), iterations and the largest force component, from the start."""
+    def relax(
+        self, style: str, options: str, max_force: float, most_steps: int, time_step: float = 0.005
+    ) -> tuple[Array, int, float]:
+        """Wrapped coordinates (N_v, 2), iterations and the largest force component, from the start.
+
+        time_step  the first one of FIRE, which may grow tenfold; the default is that of LAMMPS
+        """
         run = self._run
         begin = run.extract_global("ntimestep")
         run.scatter_atoms("x", 1, 3, self._start)
         run.commands_string(
-            f"""min_style {style}
+            f"""timestep {time_step!r}
+            min_style {style}
             min_modify norm inf {options}
             minimize 0.0 {max_force!r} {most_steps} {10 * most_steps}"""
         )
         x = np.array(run.gather_atoms("x", 1, 3)).reshape(-1, 3)[:, :2]
         return x, run.extract_global("ntimestep") - begin, run.get_thermo("fmax")
 
+    @property
+    def energy(self) -> float:
+        """Energy at the present coordinates."""
+        return float(self._run.get_thermo("pe"))
 
-def _data(state: SpringState, side: float) -> str:
-    """The data file: one type of bond for each edge, because rest lengths differ."""
-    network, x = state.network, np.mod(state.coordinates, side)
-    springs = enumerate(zip(network.stiffness.tolist(), state.rest_lengths.tolist(), strict=True))
-    lines = ["springs", "", f"{len(x)} atoms", f"{network.n_edges} bonds", "1 atom types"]
-    lines += [f"{network.n_edges} bond types", "", f"0 {side!r} xlo xhi", f"0 {side!r} ylo yhi", "-1 1 zlo zhi"]
-    lines += ["", "Masses", "", "1 1.0", "", "Bond Coeffs", ""]
-    lines += [f"{e + 1} {k / 2!r} {rest!r}" for e, (k, rest) in springs]
-    lines += ["", "Atoms", ""] + [f"{i + 1} 1 1 {a!r} {b!r} 0.0" for i, (a, b) in enumerate(x.tolist())]
-    lines += ["", "Bonds", ""] + [f"{e + 1} {e + 1} {i + 1} {j + 1}" for e, (i, j) in enumerate(network.edges.tolist())]
-    return "\n".join(lines) + "\n"
+    def close(self) -> None:
+        """End LAMMPS."""
+        self._run.close()
