@@ -11,19 +11,16 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import Objective, transition_modulus
 from critflow.critical.stress_hessian import flat_directions, stress_hessian
 from critflow.design.designed import Design
-from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.isogonal import face_modes, isogonal_modes
 from critflow.design.isogonal_design import IsogonalDesign, isogonal_design
 from critflow.design.leverage import EdgeLeverage, add, cut, edge_leverage
 from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound, stiffening_bound
 from critflow.design.nearest import Nearest, nearest_critical
-from critflow.design.onset import Onset, critical_strain
 from critflow.design.onset_target import OnsetDesign, design_onset
 from critflow.design.optimize import optimize
 from critflow.design.optimum import Optimum
 from critflow.design.pareto import Front, pareto
 from critflow.design.prune_towards import PrunedDesign, prune_towards
-from critflow.design.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
 from critflow.design.stiffness_design import StiffnessDesign, design_stiffness, isotropic_targets
 from critflow.design.strained_objective import StrainedObjective, StrainedResponse, strained_response
 from critflow.design.targets import design
@@ -63,6 +60,9 @@ from critflow.networks.random_networks import delaunay_network, foam_network, th
 from critflow.networks.random_points import random_sequential_addition
 from critflow.networks.regular_networks import regular_network
 from critflow.networks.tessellations import delaunay_of, voronoi_of
+from critflow.onset.critical_strain import Onset, critical_strain
+from critflow.onset.from_lengths import critical_from_lengths
+from critflow.onset.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
 from critflow.result import (
     CritflowError,
     EnvironmentFailure,

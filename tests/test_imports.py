@@ -25,6 +25,7 @@ LAYERS = (
         "critical",
         "rigidity",
         "mechanics",
+        "onset",
         "design",
     ),
     *(

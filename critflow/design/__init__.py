@@ -1,1 +1,1 @@
-"""Optimisation over critical configurations, closed-form bounds, rest lengths, isogonal modes, tensegrity."""
+"""Optimisation over critical configurations, targets, closed-form bounds, isogonal modes, tensegrity, topology."""

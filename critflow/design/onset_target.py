@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.design.from_lengths import critical_from_lengths
-from critflow.design.onset import CriticalStrain, Onset, critical_strain
 from critflow.design.tolerances import ONSET_REACHED
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network, edge_values
+from critflow.onset.critical_strain import CriticalStrain, Onset, critical_strain
+from critflow.onset.from_lengths import critical_from_lengths
 from critflow.result import InputError, Solution, Stats, Status
 
 # Steps towards the nearest lengths and steps in all; largest change of log ℓ in one.

@@ -18,13 +18,13 @@ from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.objectives import LengthVariance, Objective, TransitionModulus, dilation, named_objective
 from critflow.design.descent import DESCENTS, Observer, descend
-from critflow.design.from_lengths import critical_from_lengths
 from critflow.design.modulus_bounds import largest_modulus
 from critflow.design.optimum import Optimum
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
 from critflow.linalg.tolerances import EPS
 from critflow.mechanics.moduli_bounds import transition_modulus_bound
 from critflow.networks.network import Array, Network, edge_values
+from critflow.onset.from_lengths import critical_from_lengths
 from critflow.result import InputError
 
 

@@ -21,10 +21,10 @@ from scipy.optimize import linprog
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
-from critflow.design.stressed_part import balanced_part
 from critflow.design.tolerances import BALANCED, NO_SIGNED_STRESS, RANK, SELF_STRESS_SHIFT
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.onset.stressed_part import balanced_part
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises
 from critflow.rigidity.spectrum import spread_columns

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked
 from critflow.design.leverage import edge_leverage
 from critflow.design.nearest import Nearest, nearest_critical
-from critflow.design.onset import Onset, critical_strain
 from critflow.design.tensegrity import signed_stress
 from critflow.examination.report import Examination, advice_of
 from critflow.exchange.boundaries import hull_volume
@@ -23,6 +22,7 @@ from critflow.mechanics.elasticity import Elasticity
 from critflow.mechanics.moduli import elasticity
 from critflow.networks.digits import Digits
 from critflow.networks.network import Array, Network, edge_values, validated_coordinates
+from critflow.onset.critical_strain import Onset, critical_strain
 from critflow.result import CritflowError, InputError, Solution, SolveError, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
 from critflow.rigidity.second_order import second_order_rigidity

@@ -8,10 +8,10 @@ from importlib import import_module
 import numpy as np
 
 from critflow.design.nearest import Nearest
-from critflow.design.onset import Onset
 from critflow.exchange.repair import described
 from critflow.mechanics.elasticity import Elasticity, Moduli
 from critflow.networks.network import Array, Network
+from critflow.onset.critical_strain import Onset
 from critflow.result import Record, Solution
 from critflow.rigidity.counts import Rigidity
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_network
-from critflow.design.from_lengths import stressed_fraction
+from critflow.onset.from_lengths import stressed_fraction
 from critflow.workflow import stable_rng
 
 from ...shared.populations import random_lengths

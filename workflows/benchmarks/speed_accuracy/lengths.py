@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state, voronoi_network
-from critflow.design.proportional_lengths import polish
+from critflow.onset.proportional_lengths import polish
 from critflow.precision.double_double import Extended
 from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng

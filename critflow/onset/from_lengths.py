@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.critical.tolerances import COLLAPSED
-from critflow.design.proportional_lengths import newton_error
-from critflow.design.stressed_part import balanced_part, polish_stressed, unknown_configuration
-from critflow.design.tolerances import EVEN, EXACT_CONE, FITTED, NO_STRESS, ROUGH_CONE, STRAIN_STEPS
 from critflow.mechanics.equilibrium import equilibrium, relaxation_method
 from critflow.mechanics.springs import spring_state
 from critflow.networks.network import Array, Network, edge_values
+from critflow.onset.proportional_lengths import newton_error
+from critflow.onset.stressed_part import balanced_part, polish_stressed, unknown_configuration
+from critflow.onset.tolerances import EVEN, EXACT_CONE, FITTED, NO_STRESS, ROUGH_CONE, STRAIN_STEPS
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.cone import fit_lengths
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from critflow.design.boundary_path import BoundaryPath
-from critflow.design.taut_edges import OnsetState
-from critflow.design.tolerances import (
+from critflow.networks.network import Array
+from critflow.onset.boundary_path import BoundaryPath
+from critflow.onset.taut_edges import OnsetState
+from critflow.onset.tolerances import (
     FLAT,
     FLAT_STEPS,
     FLOPPY_CONE,
@@ -18,7 +19,6 @@ from critflow.design.tolerances import (
     ONSET_CONE,
     ROUGH_CONE,
 )
-from critflow.networks.network import Array
 from critflow.result import InputError, Status
 from critflow.solvers.cone import Reach, farthest, fit_lengths, nearest
 

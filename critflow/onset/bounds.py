@@ -13,11 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import dijkstra
 
-from critflow.design.boundary_path import BoundaryPath
-from critflow.design.taut_edges import OnsetState, newton_taut, settled
-from critflow.design.tolerances import RETREATS
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
+from critflow.onset.boundary_path import BoundaryPath
+from critflow.onset.taut_edges import OnsetState, newton_taut, settled
+from critflow.onset.tolerances import RETREATS
 from critflow.result import InputError
 
 

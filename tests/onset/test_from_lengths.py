@@ -18,7 +18,7 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.design.from_lengths import stressed_fraction
+from critflow.onset.from_lengths import stressed_fraction
 from critflow.solvers.cone import fit_lengths
 
 NETWORK = voronoi_network(100, seed=1)
@@ -141,7 +141,7 @@ def test_the_cone_program_has_the_least_sufficient_tolerance(monkeypatch, n_vert
         requested.append(tolerance)
         return fit_lengths(incidence, offsets, target, tolerance)
 
-    monkeypatch.setattr(sys.modules["critflow.design.from_lengths"], "fit_lengths", fit)
+    monkeypatch.setattr(sys.modules["critflow.onset.from_lengths"], "fit_lengths", fit)
     network = voronoi_network(n_vertices, seed=seed)
     target = np.exp(spread * np.random.default_rng(seed).standard_normal(network.n_edges))
     solution = critical_from_lengths(network, target, throw=False)
@@ -225,7 +225,7 @@ def test_the_strain_protocol_ends_at_the_same_strain_in_any_units(unit, k):
 
 
 def test_a_strain_protocol_of_too_many_steps_ends(monkeypatch):
-    module = sys.modules["critflow.design.from_lengths"]
+    module = sys.modules["critflow.onset.from_lengths"]
     monkeypatch.setattr(module, "STRAIN_STEPS", 3)
     monkeypatch.setattr(module, "_skipped", lambda *_: (0, None))
     network = voronoi_network(12, seed=3)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from critflow import critical_from_lengths, voronoi_network
-from critflow.design.proportional_lengths import newton_error, polish
 from critflow.linalg.saddle import Saddle
+from critflow.onset.proportional_lengths import newton_error, polish
 from critflow.solvers.cone import fit_lengths
 
 NETWORK = voronoi_network(100, seed=1)

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
-from critflow.design.proportional_lengths import polish
-from critflow.design.taut_edges import without_hanging
-from critflow.design.tolerances import BALANCE_SHIFT, FITTED, NO_STRESS, WEAK_STRESS
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import edge_blocks
 from critflow.networks.network import Array, Network
+from critflow.onset.proportional_lengths import polish
+from critflow.onset.taut_edges import without_hanging
+from critflow.onset.tolerances import BALANCE_SHIFT, FITTED, NO_STRESS, WEAK_STRESS
 from critflow.result import NetworkError
 
 Mask = NDArray[np.bool_]

@@ -5,7 +5,7 @@ import pytest
 from problems import dense_free, random_stress
 
 from critflow import CriticalManifold, Network, critical_from_lengths, voronoi_network
-from critflow.design.stressed_part import balanced_part, polish_stressed, unknown_configuration
+from critflow.onset.stressed_part import balanced_part, polish_stressed, unknown_configuration
 
 NETWORK = voronoi_network(40, seed=1)
 MANIFOLD = CriticalManifold(NETWORK)

@@ -12,9 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from critflow.design.boundary_path import BoundaryPath
-from critflow.design.taut_edges import OnsetState, taut_part
-from critflow.design.tolerances import (
+from critflow.networks.network import Array
+from critflow.onset.boundary_path import BoundaryPath
+from critflow.onset.taut_edges import OnsetState, taut_part
+from critflow.onset.tolerances import (
     CENTRAL_DECREASE,
     CENTRAL_END,
     CENTRAL_FITTED,
@@ -22,7 +23,6 @@ from critflow.design.tolerances import (
     CENTRAL_STEPS,
     TO_BOUNDARY,
 )
-from critflow.networks.network import Array
 from critflow.result import InputError
 
 

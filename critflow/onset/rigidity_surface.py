@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
-from critflow.design.onset import critical_strain
 from critflow.networks.network import Array, Network
+from critflow.onset.critical_strain import critical_strain
 from critflow.result import InputError, Record, Status
 
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from critflow.design.tolerances import SOLVED
 from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
+from critflow.onset.tolerances import SOLVED
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.precision.geometry import ExtendedGeometry
 

@@ -15,8 +15,11 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.critical.backbone import connected_parts
-from critflow.design.boundary_path import BoundaryPath
-from critflow.design.tolerances import (
+from critflow.linalg.saddle import Saddle, SaddleFactor
+from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION
+from critflow.networks.network import Array, IntArray, Network
+from critflow.onset.boundary_path import BoundaryPath
+from critflow.onset.tolerances import (
     DAMPING,
     EXACT_CONE,
     FITTED,
@@ -27,9 +30,6 @@ from critflow.design.tolerances import (
     WEAK_GROWTH,
     WEAK_STRESS,
 )
-from critflow.linalg.saddle import Saddle, SaddleFactor
-from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION
-from critflow.networks.network import Array, IntArray, Network
 from critflow.result import InputError, NetworkError
 from critflow.solvers.cone import fit_lengths
 

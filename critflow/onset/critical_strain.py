@@ -19,15 +19,15 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.backbone import Backbone, backbone
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
-from critflow.design.boundary_path import BoundaryPath
-from critflow.design.central_path import follow_central_path
-from critflow.design.onset_bounds import StrainBounds, onset_bounds
-from critflow.design.onset_search import Interior, Search, floppy_start, search_onset
-from critflow.design.stressed_part import unknown_configuration
-from critflow.design.taut_edges import OnsetState, polish_taut, resolved, settled, without_slack_stress
-from critflow.design.tolerances import FITTED, ONSET_GAP
 from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network, edge_values
+from critflow.onset.boundary_path import BoundaryPath
+from critflow.onset.bounds import StrainBounds, onset_bounds
+from critflow.onset.central_path import follow_central_path
+from critflow.onset.search import Interior, Search, floppy_start, search_onset
+from critflow.onset.stressed_part import unknown_configuration
+from critflow.onset.taut_edges import OnsetState, polish_taut, resolved, settled, without_slack_stress
+from critflow.onset.tolerances import FITTED, ONSET_GAP
 from critflow.result import InputError, Record, Solution, Stats, Status
 
 
