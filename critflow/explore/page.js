@@ -56,13 +56,14 @@ function receive(buffer) {
       panels[name] = drawing;
     }
     state = header;
-    if ("seq" in header) { waiting = false; pump(); }
   } else for (const key of ["edge", "face"]) if (key in header) state[key] = header[key];
   if (header.welcome) greet(header.welcome);
   if (header.plane && header.plane.series) { series = header.plane.series; seriesKey = header.plane.key; legendOf = null; }
   if ("point" in header) { point = header.point; trail = header.trail; curve = header.curve; }
   // The pixels are made at once: the browser may wait most of a frame before it calls back.
   if (full) drawPanels();
+  // The next request leaves when the pixels are made, with the newest position of the hand.
+  if (full && "seq" in header) { waiting = false; pump(); }
   requestAnimationFrame(() => {
     if (full) controls(); else if ("edge" in header) sliders();
     numbers(header);
@@ -79,6 +80,7 @@ function painted(header) {
 function say(sentence, error = false) { text(get("sentence"), sentence); get("sentence").className = error ? "error" : ""; }
 // Text that stays is not set, which would lay out the page again.
 function text(element, words) { if (element.textContent !== words) element.textContent = words; }
+function adjust(input, values) { for (const [key, value] of Object.entries(values)) if (input[key] !== String(value)) input[key] = value; }
 
 // Pictures
 
@@ -183,9 +185,11 @@ function plots() {
 function legend(own) {
   const box = get("legend"); box.replaceChildren(); legendOf = Boolean(own);
   for (const s of series) {
-    const item = document.createElement("span"), icon = document.createElement("canvas");
+    const item = document.createElement("span"), drawn = document.createElement("canvas"), icon = document.createElement("img");
     item.append(icon, s.label); box.append(item);
-    icon.width = 24; icon.height = 24; const c = icon.getContext("2d"); c.scale(2, 2); mark(c, s.kind, 6, 6, 3.6);
+    drawn.width = 24; drawn.height = 24; const c = drawn.getContext("2d"); c.scale(2, 2); mark(c, s.kind, 6, 6, 3.6);
+    // Each canvas of a page costs time in every frame, an image does not.
+    icon.alt = ""; icon.src = drawn.toDataURL();
   }
   if (own) { const item = document.createElement("span"); item.textContent = "◯ this network, with its trail"; box.append(item); }
 }
@@ -226,8 +230,8 @@ function controls() {
   sliders();
   if (state.strain[0]) get("deformation").value = state.strain[0];
   const busy = waiting || queue.length;
-  bounds(); if (!busy) get("gamma").value = state.strain[1]; text(get("gammavalue"), (+state.strain[1]).toFixed(3));
-  if (!busy) state.weights.forEach((weight, i) => { const input = get("blend").querySelectorAll("input")[i]; if (input) { input.value = weight; text(input.nextSibling, weight.toFixed(2)); } });
+  bounds(); if (!busy) adjust(get("gamma"), { value: state.strain[1] }); text(get("gammavalue"), (+state.strain[1]).toFixed(3));
+  if (!busy) state.weights.forEach((weight, i) => { const input = get("blend").querySelectorAll("input")[i]; if (input) { adjust(input, { value: weight }); text(input.nextSibling, weight.toFixed(2)); } });
   if (!get("script").hidden) showScript();
 }
 function sliders() {
@@ -240,10 +244,10 @@ function sliders() {
 }
 function slide(id, item, limits, busy) {
   const input = get(id); input.disabled = !item || limits[0] === limits[1];
-  if (item && !busy) { input.min = limits[0]; input.max = limits[1]; input.value = item.value; }
+  if (item && !busy) adjust(input, { min: limits[0], max: limits[1], value: item.value });
   text(get(id + "value"), item ? item.value.toPrecision(3) : "0");
 }
-function bounds() { const limit = welcome.strains[get("deformation").value]; get("gamma").min = -limit / 5; get("gamma").max = limit / 5; }
+function bounds() { const limit = welcome.strains[get("deformation").value]; adjust(get("gamma"), { min: -limit / 5, max: limit / 5 }); }
 function option(value, text = value) { const o = document.createElement("option"); o.value = value; o.textContent = text; return o; }
 
 function greet(found) {
@@ -261,8 +265,7 @@ function greet(found) {
     box.append(label, input, value); return box;
   });
   get("blend").replaceChildren(...sliders);
-  const scale = get("scale").getContext("2d"); get("scale").width = 32; get("scale").height = 1;
-  found.palette.slice(0, 32).forEach((colour, i) => { scale.fillStyle = colour; scale.fillRect(i, 0, 1, 1); });
+  get("scale").style.backgroundImage = `linear-gradient(to right, ${found.palette.slice(0, 32).join()})`;
   dataset(found.dataset);
   const hash = location.hash.slice(1);
   if (!ready && hash && hash !== state.link) send({ do: "restore", link: hash });

@@ -20,7 +20,7 @@ from critflow.explore.trace import Trace
 _LIVE = 3000
 # Seconds without a message after which each stage is computed: the numbers that follow the hand at once, bounds and
 # coefficients when it rests, counts soon after those.
-WAITS = (0.0, 0.2, 0.04)
+WAITS = (0.0, 0.3, 0.1)
 _DUE = ("B_0", "G_0", "C_B", "C_G", "C_G_stress_corrected", "self-stresses", "zero modes")
 
 
@@ -77,20 +77,21 @@ class View:
         return self._stages[0][0] if self._stages else None
 
     def _quick(self, session: Session) -> Reply:
-        """Moduli, variances and residual, and the limits of the sliders."""
+        """Moduli, variances and residual."""
         critical = session.state.critical
         found = self._once("quick", critical, lambda: numbers.quick(critical))
-        return Reply({"numbers": _shown(found), "due": _DUE, **self.picked.sliders(session, exact=True)})
+        return Reply({"numbers": _shown(found), "due": _DUE})
 
     def _precise(self, session: Session) -> Reply:
-        """Moduli and coefficients with their error bounds, and moduli past the transition."""
+        """Moduli and coefficients with their error bounds, moduli past the transition, and limits of the sliders."""
         state = session.state
         found = self._once("precise", state.critical, lambda: numbers.precise(state.model.manifold, state.critical))
         values = {number.key: number.value for number in found}
         point = values["B_0"], values["C_B"]
         strained = self.trace.strained(state)
         curve = self.trace.curve(session, *point)
-        return Reply({"numbers": _shown([*found, *strained]), **self.trace.add(*point), "curve": curve})
+        sliders = self.picked.sliders(session, exact=True)
+        return Reply({"numbers": _shown([*found, *strained]), **self.trace.add(*point), "curve": curve, **sliders})
 
     def _counts(self, session: Session) -> Reply:
         critical = session.state.critical
