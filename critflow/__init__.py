@@ -25,6 +25,7 @@ from critflow.design.stiffness_design import StiffnessDesign, design_stiffness, 
 from critflow.design.strained_objective import StrainedObjective, StrainedResponse, strained_response
 from critflow.design.targets import design
 from critflow.design.tensegrity import SignedStress, Stability, signed_stress, stability
+from critflow.design.transition_properties import TransitionProperties, transition_properties
 from critflow.examination.examine import examine
 from critflow.examination.report import Examination
 from critflow.exchange.convert import network_from, write_network
@@ -126,6 +127,7 @@ __all__ = [
     "StressSpace",
     "StudyError",
     "TautComponent",
+    "TransitionProperties",
     "WormLike",
     "__version__",
     "add",
@@ -202,6 +204,7 @@ __all__ = [
     "transition_bounds",
     "transition_moduli",
     "transition_modulus",
+    "transition_properties",
     "triangular_network",
     "voronoi_network",
     "voronoi_of",

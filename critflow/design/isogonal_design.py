@@ -182,7 +182,7 @@ class _Family:
         found = np.asarray(size @ value.bond_errors + 4 * EPS * size @ value.lengths)
         for n, name in enumerate(self.names):
             if name in _COEFFICIENTS:
-                found[n] = error_bounds(self.manifold, [_objective(self.manifold, name)], value)[0]
+                found[n] = error_bounds([_objective(self.manifold, name)], value)[0]
         return found
 
     def excess(self) -> str:

@@ -21,8 +21,8 @@ from critflow.critical.objectives import (
     transition_modulus,
 )
 from critflow.design.designed import limits_of
-from critflow.mechanics.stiffening_objective import StiffeningCoefficient
-from critflow.networks.deformation import DEFORMATIONS, strain_basis
+from critflow.mechanics.stiffening_objective import PathStiffeningCoefficient, StiffeningCoefficient
+from critflow.networks.deformation import DEFORMATIONS, deformation_of, strain_basis
 from critflow.networks.network import Array, edge_values
 from critflow.result import InputError
 
@@ -94,29 +94,35 @@ class Wanted(NamedTuple):
 
 def wanted(manifold: CriticalManifold, targets: Mapping[str, object]) -> list[Wanted]:
     """The targets in their order; raises `InputError` for unknown names, and for values that are no targets."""
-    table = _table(manifold)
     if not targets:
         raise InputError("give at least one target, such as {'B_0': 0.25}")
     symbols, found = dict[str, str](), list[Wanted]()
     for name, value in targets.items():
-        symbol = ALIASES.get(name, name) if isinstance(name, str) else None
-        if symbol not in table:
-            raise InputError(f"no target is called {name!r:.40}: choose from {', '.join(table)}")
+        objective, symbol = named_target(manifold, name), ALIASES.get(name, name)
         if symbol in symbols:
             raise InputError(f"the targets {symbols[symbol]} and {name} are the same: give one of them")
         symbols[symbol] = name
         if isinstance(value, str):
             if value not in GOALS:
                 raise InputError(f"the target {name} must be a number, a pair of limits, or one of {GOALS}")
-            found.append(Wanted(name, table[symbol](), -np.inf, np.inf, 1 if value == "smallest" else -1))
+            found.append(Wanted(name, objective, -np.inf, np.inf, 1 if value == "smallest" else -1))
         else:
-            found.append(Wanted(name, table[symbol](), *limits_of(name, value), 0))
+            found.append(Wanted(name, objective, *limits_of(name, value), 0))
     goals = [target.name for target in found if target.goal]
     if len(goals) > 1:
         raise InputError(
             f"only one target can be largest or smallest, not {' and '.join(goals)}: give the others limits"
         )
     return found
+
+
+def named_target(manifold: CriticalManifold, name: str) -> Objective:
+    """The function of a target; raises `InputError` for unknown names."""
+    table = _table(manifold)
+    symbol = ALIASES.get(name, name) if isinstance(name, str) else None
+    if symbol not in table:
+        raise InputError(f"no target is called {name!r:.40}: choose from {', '.join(table)}")
+    return table[symbol]()
 
 
 def _table(manifold: CriticalManifold) -> dict[str, Callable[[], Objective]]:
@@ -135,7 +141,12 @@ def _table(manifold: CriticalManifold) -> dict[str, Callable[[], Objective]]:
         table[f"S_{name}"] = partial(StressComponent, strain, k)
     for name in DEFORMATIONS:
         table[f"modulus[{name}]"] = partial(transition_modulus, network, name)
+        table[f"stiffening[{name}]"] = partial(_path_stiffening, manifold, name)
     return table
+
+
+def _path_stiffening(manifold: CriticalManifold, name: str) -> Objective:
+    return PathStiffeningCoefficient(manifold, deformation_of(name, manifold.network.dimension))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
-"""C_B and C_G as objectives with exact gradients: networks can be designed for their growth past the transition.
+"""Stiffening coefficients as objectives with exact gradients: growth past the transition can be designed.
 
 A third derivative of the energy is stationary in the responses u and λ, so its derivative by σ needs none of theirs:
-    dC/dσ = ∂C/∂σ|_(L,u,λ) + pull-back of ∂C/∂L|_(σ,u,λ),
-one bordered solve for the responses and one with P for the pull-back.  Both partial derivatives are those of a sum over
+    dC/dσ = ∂C/∂σ|_(L,u,λ) + pull-back of ∂C/∂L|_(σ,u,λ),   dC/dk = ∂C/∂k|_(σ,L,u,λ),
+one bordered solve for the responses and one with P for the pull-back.  The partial derivatives are those of a sum over
 edges; the amplitudes c_a = σ̂·ḣ_a/D add the chain rule.
 """
 
@@ -17,7 +17,9 @@ from critflow.critical.manifold import CriticalManifold
 from critflow.critical.objectives import Objective, Partials, dilation, pure_shear
 from critflow.mechanics.laws import HOOKEAN
 from critflow.mechanics.third_order import Response, ThirdOrderEnergy, Triple
+from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
+from critflow.result import InputError
 
 
 @dataclass(frozen=True)
@@ -45,52 +47,125 @@ class StiffeningCoefficient(Objective):
 
     def of(self, growth: Growth) -> tuple[float, Partials]:
         """As `evaluate`, from responses that both coefficients share."""
-        network, L, s = growth.manifold.network, growth.bond_vectors, growth.unit_stress
-        responses = growth.energy.responses
-        amplitudes = np.array([response.amplitude for response in responses])
-        terms = _Terms(network.stiffness, responses, s, L, amplitudes)
-        value, by_s, by_L, by_c = terms.shear() if self.of_shear else terms.bulk()
-        # The amplitudes are functions of σ̂ and L.
-        flexibility = np.einsum("ad,ad->a", L, L) / network.stiffness
+        terms = growth.terms
+        return growth.derivatives(terms.shear() if self.of_shear else terms.cubed(-1.0))
+
+    def third_error(self, sigma: Array, L: Array) -> float:
+        """Error bound (estimate) of the third derivative over V, for exact bond vectors L."""
+        growth = Growth(self.manifold, sigma, L)
+        return growth.energy.third_error[int(self.of_shear)] / self.manifold.network.volume
+
+    def by_stiffness(self, sigma: Array, L: Array) -> Array:
+        """dC/dk (N_b,) at constant σ: the configuration does not depend on k."""
+        growth = Growth(self.manifold, sigma, L)
+        return growth.by_stiffness(growth.terms.shear() if self.of_shear else growth.terms.cubed(-1.0))
+
+
+@dataclass(frozen=True)
+class PathStiffeningCoefficient(Objective):
+    """C of the modulus (1/V) d²E/dγ² = M_0 + Cγ along a path of deformations, C = E_γγγ/V − M_0 tr A (`stiffening`).
+
+    manifold     of the network
+    deformation  the path, without free components
+    """
+
+    manifold: CriticalManifold = field(repr=False)
+    deformation: Deformation
+
+    one_self_stress: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if self.deformation.free:
+            raise InputError(
+                f"the free components of {self.deformation.name} relax the self-stress, so nothing stiffens at the "
+                "transition: choose a path with a fixed cell"
+            )
+
+    def evaluate(self, sigma: Array, L: Array) -> tuple[float, Partials]:
+        growth = Growth(self.manifold, sigma, L, self.deformation)
+        return growth.derivatives(growth.terms.cubed(self._growth))
+
+    def third_error(self, sigma: Array, L: Array) -> float:
+        """Error bound (estimate) of the third derivative over V, for exact bond vectors L."""
+        growth = Growth(self.manifold, sigma, L, self.deformation)
+        return growth.energy.third_error[0] / self.manifold.network.volume
+
+    def by_stiffness(self, sigma: Array, L: Array) -> Array:
+        """dC/dk (N_b,) at constant σ."""
+        growth = Growth(self.manifold, sigma, L, self.deformation)
+        return growth.by_stiffness(growth.terms.cubed(self._growth))
+
+    @property
+    def _growth(self) -> float:
+        """tr A, the growth of the volume."""
+        return float(np.trace(self.deformation.rate(0.0)))
+
+
+class Growth:
+    """The responses at stresses σ and bond vectors L in balance, to dilation and shear or to one path.
+
+    unit_stress  σ̂ = σ/norm, (N_b,)
+    energy       third derivatives of the energy, for springs of Hooke's law
+    terms        the same as sums over edges
+    """
+
+    def __init__(self, manifold: CriticalManifold, sigma: Array, L: Array, path: Deformation | None = None):
+        self.manifold, self.bond_vectors = manifold, L
+        self.norm = float(np.linalg.norm(sigma))
+        self.unit_stress = sigma / self.norm
+        d = manifold.network.dimension
+        strains: tuple[Array, ...]
+        triples: tuple[Triple, ...]
+        if path is None:
+            curvature = (1 / d) * (1 / d - 1) * np.eye(d)
+            strains = (dilation(d), pure_shear(d))
+            triples = (Triple.cubed(0, curvature), Triple.squared(1, 0, np.zeros((d, d)), pure_shear(d) / d))
+        else:
+            curvature = path.second_rate(0.0)
+            strains, triples = (path.rate(0.0),), (Triple.cubed(0, curvature),)
+        system = manifold.system(sigma)
+        self.energy = ThirdOrderEnergy(manifold.network, sigma, L, system, HOOKEAN, strains, triples)
+        self.amplitudes = np.array([response.amplitude for response in self.energy.responses])
+        network = manifold.network
+        self.terms = _Terms(network.stiffness, self.energy.responses, self.unit_stress, L, self.amplitudes, curvature)
+
+    def derivatives(self, sums: Sums) -> tuple[float, Partials]:
+        """C and its partial derivatives by σ and L, with those by the amplitudes, which are functions of σ̂ and L."""
+        network, L, s = self.manifold.network, self.bond_vectors, self.unit_stress
+        value, by_s, by_L, _, by_c = sums
+        flexibility = self.terms.flexibility
         D = float(s**2 @ flexibility)
-        for c, derivative, response in zip(amplitudes, by_c, responses, strict=True):
+        for c, derivative, response in zip(self.amplitudes, by_c, self.energy.responses, strict=True):
             symmetric = 0.5 * (response.strain + response.strain.T)
             AL = L @ symmetric
             hdot = np.einsum("ad,ad->a", L, AL)
             by_s += derivative * (hdot - 2 * c * s * flexibility) / D
             by_L += (derivative / D) * (2 * s[:, None] * AL - (2 * c * s**2 / network.stiffness)[:, None] * L)
-        by_sigma = (by_s - (by_s @ s) * s) / growth.norm
+        by_sigma = (by_s - (by_s @ s) * s) / self.norm
         return value / network.volume, (by_sigma / network.volume, by_L / network.volume)
 
+    def by_stiffness(self, sums: Sums) -> Array:
+        """dC/dk, (N_b,): dc/dk = (c/D) σ̂² |L|²/k²."""
+        network, flexibility, s = self.manifold.network, self.terms.flexibility, self.unit_stress
+        by_D = float(sums[4] @ self.amplitudes) / float(s**2 @ flexibility)
+        return (sums[3] + by_D * s**2 * flexibility / network.stiffness) / network.volume
 
-class Growth:
-    """The responses to dilation and shear at stresses σ and bond vectors L in balance: C_B and C_G share them.
 
-    unit_stress  σ̂ = σ/norm, (N_b,)
-    energy       third derivatives of the energy, for springs of Hooke's law
-    """
-
-    def __init__(self, manifold: CriticalManifold, sigma: Array, L: Array):
-        self.manifold, self.bond_vectors = manifold, L
-        self.norm = float(np.linalg.norm(sigma))
-        self.unit_stress = sigma / self.norm
-        d = manifold.network.dimension
-        triples = (
-            Triple.cubed(0, (1 / d) * (1 / d - 1) * np.eye(d)),
-            Triple.squared(1, 0, np.zeros((d, d)), pure_shear(d) / d),
-        )
-        strains = (dilation(d), pure_shear(d))
-        self.energy = ThirdOrderEnergy(manifold.network, sigma, L, manifold.system(sigma), HOOKEAN, strains, triples)
+Sums = tuple[float, Array, Array, Array, Array]
+"""V C, and its derivatives by σ̂ (N_b,), L (N_b, d), k (N_b,) and the amplitudes, each with the others constant."""
 
 
 class _Terms:
     """V C as a sum over edges at fixed responses u and λ: a function of σ̂ (N_b,), L (N_b, d) and the amplitudes c.
 
-    rates  L̇ = L Aᵀ + g u of both strains; slips  R = L·L̇ − c σ̂|L|²/k of both, with their derivatives by L
+    rates  L̇ = L Aᵀ + g u of all strains; slips  R = L·L̇ − c σ̂|L|²/k of all, with their derivatives by L
     """
 
-    def __init__(self, stiffness: Array, responses: tuple[Response, ...], s: Array, L: Array, c: Array):
+    def __init__(
+        self, stiffness: Array, responses: tuple[Response, ...], s: Array, L: Array, c: Array, curvature: Array
+    ):
         self.k, self.s, self.L, self.c = stiffness, s, L, c
+        self.curvature = 0.5 * (curvature + curvature.T)
         self.square = _dot(L, L)
         self.flexibility = self.square / stiffness
         self.strains = [response.strain for response in responses]
@@ -100,24 +175,27 @@ class _Terms:
         stretch = 2 * (s / stiffness)[:, None] * L
         self.slips_by_L = [rate + L @ A - a * stretch for rate, A, a in zip(self.rates, self.strains, c, strict=True)]
 
-    def bulk(self) -> tuple[float, Array, Array, Array]:
-        """V C_B, and its derivatives by σ̂, L and c (2,)."""
-        (A, _), (m, _), c, s, L = self.strains, self.weights, self.c[0], self.s, self.L
+    def cubed(self, growth: float) -> Sums:
+        """E_aaa − growth·E_aa of the first strain."""
+        A, m, c, s, L = self.strains[0], self.weights[0], self.c[0], self.s, self.L
         rate, slip, flexibility = self.rates[0], self.slips[0], self.flexibility
-        d = L.shape[1]
-        curvature = (1 / d) * (1 / d - 1)
-        dilating = _dot(rate, rate) + curvature * self.square
+        curved = L @ self.curvature
+        stretch = _dot(rate, rate) + _dot(L, curved)
         cube = s**2 * flexibility / self.k
-        edges = c**2 * s**2 * flexibility - 3 * c**3 * s * cube + 3 * c * (s * dilating + 2 * m * slip)
-        by_s = 2 * c**2 * s * flexibility - 9 * c**3 * cube + 3 * c * (dilating - 2 * c * m * flexibility)
-        along = 2 * c**2 * s**2 / self.k - 6 * c**3 * s**3 / self.k**2 + 6 * c * curvature * s
-        by_L = along[:, None] * L + (6 * c * s)[:, None] * (rate @ A) + (6 * c * m)[:, None] * self.slips_by_L[0]
-        by_c = 2 * c * s**2 * flexibility - 9 * c**2 * s * cube + 3 * (s * dilating + 2 * m * slip)
+        edges = -growth * c**2 * s**2 * flexibility - 3 * c**3 * s * cube + 3 * c * (s * stretch + 2 * m * slip)
+        by_s = -2 * growth * c**2 * s * flexibility - 9 * c**3 * cube + 3 * c * (stretch - 2 * c * m * flexibility)
+        along = -2 * growth * c**2 * s**2 / self.k - 6 * c**3 * s**3 / self.k**2
+        by_L = along[:, None] * L + (6 * c * s)[:, None] * (rate @ A + curved)
+        by_L += (6 * c * m)[:, None] * self.slips_by_L[0]
+        by_k = (growth * c**2 * s**2 + 6 * c**2 * m * s + 6 * c**3 * s**3 / self.k) * flexibility / self.k
+        by_c = -2 * growth * c * s**2 * flexibility - 9 * c**2 * s * cube + 3 * (s * stretch + 2 * m * slip)
         by_c -= 6 * c * m * s * flexibility
-        return float(np.sum(edges)), by_s, by_L, np.array([np.sum(by_c), 0.0])
+        amplitudes = np.zeros(len(self.strains))
+        amplitudes[0] = np.sum(by_c)
+        return float(np.sum(edges)), by_s, by_L, by_k, amplitudes
 
-    def shear(self) -> tuple[float, Array, Array, Array]:
-        """V C_G, and its derivatives by σ̂, L and c (2,)."""
+    def shear(self) -> Sums:
+        """V C_G of the second strain, along the first."""
         (A, B), (m, n), (a, b), s, L = self.strains, self.weights, self.c, self.s, self.L
         (rate_a, rate_b), (slip_a, slip_b), flexibility = self.rates, self.slips, self.flexibility
         d = L.shape[1]
@@ -132,9 +210,11 @@ class _Terms:
         by_L = along[:, None] * L + (2 * a * s)[:, None] * (rate_b @ B) + (2 * a * n)[:, None] * self.slips_by_L[1]
         by_L += (2 * b * s)[:, None] * (rate_b @ A + rate_a @ B + (L @ B + L @ B.T) / d)
         by_L += (2 * b) * (n[:, None] * self.slips_by_L[0] + m[:, None] * self.slips_by_L[1])
+        by_k = 6 * a * b**2 * s**3 / self.k + b**2 * s**2 + (4 * a * b * n + 2 * b**2 * m) * s
+        by_k *= flexibility / self.k
         by_a = -3 * b**2 * s * cube + single - 2 * b * n * s * flexibility
         by_b = -6 * a * b * s * cube + 2 * double - 2 * (a * n + b * m + b * s) * s * flexibility
-        return float(np.sum(edges)), by_s, by_L, np.array([np.sum(by_a), np.sum(by_b)])
+        return float(np.sum(edges)), by_s, by_L, by_k, np.array([np.sum(by_a), np.sum(by_b)])
 
 
 def _dot(a: Array, b: Array) -> Array:

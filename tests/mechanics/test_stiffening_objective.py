@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from problems import random_stress, with_random_stiffness
 
-from critflow import CriticalManifold, foam_network, optimize, stiffening, voronoi_network
+from critflow import CriticalManifold, deformation_of, foam_network, optimize, stiffening, voronoi_network
 from critflow.critical.derivatives import evaluate
 from critflow.critical.objectives import pure_shear
-from critflow.mechanics.stiffening_objective import Growth, StiffeningCoefficient
+from critflow.mechanics.stiffening_objective import Growth, PathStiffeningCoefficient, StiffeningCoefficient
 from workflows.benchmarks.high_precision import MP, dot, numbers, roots, solve
 
 NETWORKS = {
@@ -37,8 +37,8 @@ def test_values_and_gradients(network, of_shear):
 class Strained:
     """Energies in 60 digits of a periodic network at rest at the configuration of σ, strained by γ and then by s."""
 
-    def __init__(self, network, sigma):
-        self.k, self.b = numbers(network.stiffness), numbers(network.boundary_vectors)
+    def __init__(self, network, sigma, k):
+        self.k, self.b, self.volume = k, numbers(network.boundary_vectors), numbers(network.volume)
         self.g = numbers(network.incidence.toarray()[:, 1:])
         sg = sigma[:, None] * self.g
         self.L = self.b + self.g @ solve(self.g.T @ sg, -(sg.T @ self.b))
@@ -63,7 +63,15 @@ class Strained:
         length = roots(dot(bonds, bonds))
         return (k * (length - self.rest) ** 2).sum() / 2
 
-    def coefficients(self, responses, volume):
+    def along(self, A, response):
+        """C of E(γ), F = 1 + γA, from γ = h and 2h: errors of order h."""
+        h = MP.mpf(10) ** -13
+        energies = [self.energy(numbers(np.eye(2)) + n * h * A, n * h * response) for n in (1, 2)]
+        modulus = 2 * np.array(energies) / (self.volume * np.array([h, 2 * h]) ** 2)
+        growth = 3 * (modulus[1] - modulus[0]) / h
+        return growth - np.trace(A) * (2 * modulus[0] - modulus[1])
+
+    def coefficients(self, responses):
         """C_B and C_G of E(γ, s), F = √(1 + γ) (1 + s A), from γ = h and 2h: errors of order h."""
         h, A = MP.mpf(10) ** -13, numbers(pure_shear(2))
         s, E = h / 1000, np.empty((2, 3), dtype=object)
@@ -72,33 +80,42 @@ class Strained:
                 gamma, shear = (i + 1) * h, (j - 1) * s
                 F = MP.sqrt(1 + gamma) * (numbers(np.eye(2)) + shear * A)
                 E[i, j] = self.energy(F, gamma * responses[0] + shear * responses[1])
-        modulus = 2 * E[:, 1] / (volume * np.array([h, 2 * h]) ** 2)
+        modulus = 2 * E[:, 1] / (self.volume * np.array([h, 2 * h]) ** 2)
         growth = 3 * (modulus[1] - modulus[0]) / h
         # Per volume at γ.
-        shear_modulus = (E[:, 0] - 2 * E[:, 1] + E[:, 2]) / (s**2 * volume * np.array([1 + h, 1 + 2 * h]))
+        shear_modulus = (E[:, 0] - 2 * E[:, 1] + E[:, 2]) / (s**2 * self.volume * np.array([1 + h, 1 + 2 * h]))
         return growth + 2 * modulus[0] - modulus[1], (shear_modulus[1] - shear_modulus[0]) / h
 
 
-def test_gradients_agree_with_differences_in_sixty_digits():
+@pytest.mark.parametrize("variable", ["stress", "stiffness"])
+def test_gradients_agree_with_differences_in_sixty_digits(variable):
     network = with_random_stiffness(voronoi_network(n_vertices=8, seed=1), seed=2)
     manifold, sigma = CriticalManifold(network), random_stress(network.n_edges, seed=5)
-    direction, t = np.random.default_rng(7).normal(size=network.n_edges), 1e-8
-    energy = Growth(manifold, sigma, manifold.balance(sigma).bond_vectors).energy
+    direction, t = np.random.default_rng(7).normal(size=network.n_edges), MP.mpf(1e-8)
+    path = deformation_of([[0.8, 0.3], [0.1, -0.2]], 2)
+    L = manifold.balance(sigma).bond_vectors
     # Bond displacements from those of the free vertices; vertex 0 does not move.
     free = np.linalg.pinv(network.incidence.toarray()[:, 1:])
-    responses = [numbers(free @ response.bond_displacement) for response in energy.responses]
+    responses, along = (
+        [numbers(free @ response.bond_displacement) for response in Growth(manifold, sigma, L, of).energy.responses]
+        for of in (None, path)
+    )
     with MP.workdps(60):
-        ahead, behind = (
-            Strained(network, numbers(sigma) + sign * MP.mpf(t) * numbers(direction)).coefficients(
-                responses, numbers(network.volume)
-            )
-            for sign in (1, -1)
-        )
-        exact = [float((one - other) / (2 * MP.mpf(t))) for one, other in zip(ahead, behind, strict=True)]
-    for of_shear in (False, True):
-        found = evaluate(manifold, StiffeningCoefficient(manifold, of_shear), sigma)
-        assert found.value == pytest.approx(float(ahead[of_shear]), rel=1e-6)
-        assert found.gradient @ direction == pytest.approx(exact[of_shear], rel=1e-11)
+        values = []
+        for sign in (1, -1):
+            moved = sign * t * numbers(direction)
+            stress, k = numbers(sigma), numbers(network.stiffness)
+            of_stress = variable == "stress"
+            strained = Strained(network, stress + moved if of_stress else stress, k if of_stress else k + moved)
+            C = strained.along(numbers(path.rate(0.0)), along[0])
+            values.append([*strained.coefficients(responses), C])
+        exact = [float((one - other) / (2 * t)) for one, other in zip(*values, strict=True)]
+    objectives = StiffeningCoefficient(manifold), StiffeningCoefficient(manifold, True)
+    for n, objective in enumerate((*objectives, PathStiffeningCoefficient(manifold, path))):
+        found = evaluate(manifold, objective, sigma)
+        assert found.value == pytest.approx(float(values[0][n]), rel=1e-6)
+        gradient = found.gradient if variable == "stress" else objective.by_stiffness(sigma, L)
+        assert gradient @ direction == pytest.approx(exact[n], rel=1e-11)
 
 
 def test_softening_can_be_optimised():

@@ -7,13 +7,14 @@ energies of these paths by LAMMPS.
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from critflow import CriticalManifold, Status, design, strain_path, voronoi_network
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network
 from ..shared.reports import series
+from .panels import panels, signed
+from .parts import undefined
 
 MODULUS = 0.25
 GROWTH = {"softens": -0.05, "keeps": 0.0, "stiffens": 0.3}
@@ -48,11 +49,7 @@ def designs(parameters, seed):
 
 def case(parameters, seed):
     """Strain paths of the three designs."""
-    size = sizes(parameters)
-    found = {
-        name: np.full([size[dim] for dim in dims], int(Status.missing) if name.endswith("status") else np.nan)
-        for name, (dims, _) in VARIABLES.items()
-    }
+    found = undefined(VARIABLES, sizes(parameters))
     found["strain"][:] = STRAINS
     for n, (growth, made) in enumerate(zip(GROWTH.values(), designs(parameters, seed), strict=True)):
         path = strain_path(made.value.network, made.value, STRAINS, throw=False).value
@@ -64,30 +61,24 @@ def case(parameters, seed):
 
 def figure(ds, parameters):
     """Moduli against strain."""
-    drawn = Figure(figsize=(9.6, 3.9), dpi=120, layout="constrained")
-    panels = drawn.subplots(1, 2)
-    for axes, name, label, title in zip(
-        panels,
-        ("bulk_modulus", "shear_modulus"),
-        ("$B$  [k]", "$G$  [k]"),
-        ("bulk modulus", "shear modulus"),
-        strict=True,
+    drawn, (left, right) = panels(
+        2,
+        f"One topology and one $B_0$ = {MODULUS:g} k, three designed $C_B$: $N_v$ = {parameters['n_vertices']}, "
+        f"{ds.sizes['seed']} networks",
+    )
+    for axes, name, label, title in (
+        (left, "bulk_modulus", "$B$  [k]", "the bulk modulus differs by design"),
+        (right, "shear_modulus", "$G$  [k]", "the shear modulus hardly does"),
     ):
         for n, (kind, growth) in enumerate(GROWTH.items()):
-            color, legend = series(n)["color"], f"{kind}: $C_B$ = {growth:g} k"
+            color, legend = series(n)["color"], f"{kind}: $C_B$ = {signed(growth)} k"
             for i, row in enumerate(ds[name].values[:, n]):
                 axes.plot(
                     ds.strain.values[0], row, color=color, linewidth=1.2, alpha=0.7, label=legend if i == 0 else None
                 )
         axes.set(xlabel="dilation $\\gamma$", ylabel=label, xlim=(0, None), title=title)
-        axes.spines[["top", "right"]].set_visible(False)
-    panels[0].axhline(MODULUS, color="0.5", linewidth=0.8, linestyle=":")
-    panels[0].legend(fontsize=9, frameon=False)
-    drawn.suptitle(
-        f"One topology and one $B_0$ = {MODULUS:g} k, three designed $C_B$: $N_v$ = {parameters['n_vertices']}, "
-        f"{ds.sizes['seed']} networks",
-        fontsize=11,
-    )
+    left.axhline(MODULUS, color="0.5", linewidth=0.8, linestyle=":")
+    left.legend(fontsize=9, frameon=False)
     return drawn
 
 

@@ -8,13 +8,13 @@ the largest B_0 only, and C_G ≥ −(G_0/3B_0)(C_B + B_0/2).  Random stresses w
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from critflow import CriticalManifold, Status, StudyError, bulk_modulus_bound, pareto, stiffening, voronoi_network
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network
 from ..shared.reports import series
+from .panels import panels
 
 FRONTS = {
     "stiff_stiffening": {"B_0": "largest", "C_B": "largest"},
@@ -104,8 +104,11 @@ def samples(manifold, parameters, seed):
 
 def figure(ds, parameters):
     """Fronts in units of the largest B_0 of each network: C_B, its tip, and C_G."""
-    drawn = Figure(figsize=(12.5, 4.1), dpi=120, layout="constrained")
-    left, middle, right = drawn.subplots(1, 3)
+    drawn, (left, middle, right) = panels(
+        3,
+        f"Fronts over stresses of at least {parameters['least_stress']:g} of their mean; grey: random stresses",
+        height=4.0,
+    )
     fronts = list(FRONTS)
     for axes, pair, sampled in ((left, (0, 1), "C_B"), (middle, (0, 1), "C_B"), (right, (2, 3), "C_G")):
         for i, seed in enumerate(ds.seed.values):
@@ -130,12 +133,6 @@ def figure(ds, parameters):
     right.plot([], [], "k-", lw=0.8, label=f"largest $B_0$, {FRONTS[fronts[2]]['C_G']} $C_G$")
     right.plot([], [], "k--", lw=0.8, label=f"largest $B_0$, {FRONTS[fronts[3]]['C_G']} $C_G$")
     right.legend(fontsize=8, frameon=False)
-    for axes in (left, middle, right):
-        axes.spines[["top", "right"]].set_visible(False)
-    drawn.suptitle(
-        f"Fronts over stresses of at least {parameters['least_stress']:g} of their mean; grey: random stresses",
-        fontsize=11,
-    )
     return drawn
 
 

@@ -21,6 +21,8 @@ from critflow.workflow import Claim
 
 from ..shared.checks import check_network, check_positive
 from ..shared.reports import series, spread, status_counts
+from .panels import signed
+from .parts import undefined
 
 PARAMETERS = {
     "n_vertices": 64,
@@ -67,9 +69,7 @@ def case(parameters, seed):
     network = voronoi_network(parameters["n_vertices"], seed)
     sigma = np.exp(parameters["spread"] * np.random.default_rng(seed).standard_normal(network.n_edges))
     start = CriticalManifold(network).configuration(sigma)
-    size, before = sizes(parameters), transition_moduli(start)
-    found = {name: np.full([size[dim] for dim in dims], np.nan) for name, (dims, _) in VARIABLES.items()}
-    found["design_status"] = np.full(size["target"], int(Status.missing))
+    found, before = undefined(VARIABLES, sizes(parameters)), transition_moduli(start)
     found["bulk"] = before.bulk
     # No positive stress has a smaller coefficient; the compromise is about the least one of the family.
     found["least"] = isogonal_design(start, {"C_B": -before.bulk / 2}, throw=False).achieved["C_B"]
@@ -94,38 +94,38 @@ def case(parameters, seed):
 
 def figure(ds, parameters):
     """Networks of one family, their moduli along dilation, and the cost of a target."""
-    drawn = Figure(figsize=(13, 7.2), dpi=100, layout="constrained")
-    pictures, plots = drawn.subfigures(2, 1, height_ratios=(1, 1.35))
+    drawn = Figure(figsize=(10, 6.2), dpi=130, layout="constrained")
+    pictures, plots = drawn.subfigures(2, 1, height_ratios=(1, 1.5))
     one = ds.isel(seed=0).transpose("target", ...)
     met = np.flatnonzero(one.design_status.values == Status.ok)
     panels = pictures.subplots(1, max(len(met), 1), squeeze=False)[0]
     for n, axes in zip(met, panels, strict=False):
-        axes.add_collection(LineCollection(one.lines.values[n], colors=series(n)["color"], linewidths=1.2))
+        axes.add_collection(LineCollection(one.lines.values[n], colors=series(n)["color"], linewidths=1.0))
         axes.autoscale_view()
         axes.set_aspect("equal")
         axes.set_axis_off()
-        axes.set_title(f"$C_B$ = {parameters['coefficients'][n]:g} k", fontsize=10.5)
+        axes.set_title(f"$C_B$ = {signed(parameters['coefficients'][n])} k", fontsize=10)
     growth, reach = plots.subplots(1, 2)
     for n in met:
         strains = np.array([0.0, *parameters["strains"]])
         modulus = np.array([float(one.bulk), *one.modulus.values[n]])
         style = series(n)
-        growth.plot(100 * strains, modulus, **style, markersize=4, label=f"{parameters['coefficients'][n]:g}")
-    growth.set(xlabel="dilation  [%]", ylabel="bulk modulus  [k]")
-    growth.legend(title="$C_B$ designed", fontsize=8.5, frameon=False)
-    for n, target in enumerate(parameters["coefficients"]):
+        growth.plot(100 * strains, modulus, **style, markersize=4, label=signed(parameters["coefficients"][n]))
+    growth.set(xlabel="dilation  [%]", ylabel="bulk modulus  [k]", title="one $B_0$, five designed $C_B$")
+    growth.legend(title="$C_B$ designed  [k]", fontsize=8.5, title_fontsize=9, frameon=False)
+    for n in range(len(parameters["coefficients"])):
         values = ds.isel(target=n).where(ds.design_status.isel(target=n) == Status.ok)
-        reach.plot(
-            values.distance, values.C_G, color=series(n)["color"], marker="o", linestyle="none", label=f"{target:g}"
-        )
-    reach.set(xlabel="change of the lengths, rms of log", ylabel="$C_G$ (energy convention)  [k]", xlim=(0, None))
-    for axes, letter in zip((growth, reach), "AB", strict=True):
-        axes.set_title(letter, loc="left", fontweight="bold")
+        reach.plot(values.distance, values.C_G, linestyle="none", markersize=5, **series(n))
+    reach.set(
+        xlabel="change of log lengths (r.m.s.)", ylabel="$C_G$  [k]", xlim=(0, None),
+        title=f"cost, and $C_G$ that follows: {ds.sizes['seed']} networks",
+    )  # fmt: skip
+    for axes in (growth, reach):
         axes.spines[["top", "right"]].set_visible(False)
     drawn.suptitle(
         "One force network, one $B_0$ and $G_0$: isogonal changes of the lengths design how it stiffens  "
-        f"($N_v$ = {parameters['n_vertices']}, {ds.sizes['seed']} networks in B)",
-        fontsize=11.5,
+        f"($N_v$ = {parameters['n_vertices']})",
+        fontsize=11,
     )
     return drawn
 

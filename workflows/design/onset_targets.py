@@ -10,11 +10,9 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from critflow import (
     CriticalManifold,
-    Status,
     critical_from_lengths,
     critical_strain,
     design,
@@ -24,7 +22,9 @@ from critflow import (
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network
-from ..shared.reports import mark, series
+from ..shared.reports import series
+from .panels import limit, panels, signed
+from .parts import undefined
 
 # Smallest error that is drawn.
 FLOOR = 1e-17
@@ -57,11 +57,7 @@ def case(parameters, seed):
     """Designs of one network."""
     manifold = CriticalManifold(voronoi_network(parameters["n_vertices"], seed))
     network, longer = manifold.network, 1 + parameters["excess"]
-    size = sizes(parameters)
-    found = {
-        name: np.full([size[dim] for dim in dims], int(Status.missing) if name.endswith("status") else np.nan)
-        for name, (dims, _) in VARIABLES.items()
-    }
+    found = undefined(VARIABLES, sizes(parameters))
     equal = np.ones(network.n_edges)
     lengths = longer * critical_from_lengths(manifold, equal, throw=False).ratio * equal
     onset = critical_strain(network, lengths, "simple_shear")
@@ -82,11 +78,15 @@ def case(parameters, seed):
 
 def figure(ds, parameters):
     """Changes and errors of the requested onsets, and onsets at given moduli."""
-    drawn = Figure(figsize=(12.5, 3.9), dpi=120, layout="constrained")
-    left, middle, right = drawn.subplots(1, 3)
+    drawn, (left, middle, right) = panels(
+        3,
+        f"Onset in simple shear on demand: $N_v$ = {parameters['n_vertices']}, {ds.sizes['seed']} networks, "
+        f"lengths {100 * parameters['excess']:g} % above the isotropic transition",
+        height=4.0,
+    )
     for n, factor in enumerate(parameters["factors"]):
         target, style = ds.target.values[:, n], series(n)
-        label = f"{factor:g} times that of equal lengths".replace("-", "−")
+        label = f"{signed(factor)} times the onset of equal rest lengths"
         left.scatter(target, ds.distance.values[:, n], s=18, label=label, **style)
         error = np.abs(ds.achieved.values[:, n] - target)
         middle.scatter(target, np.maximum(error, FLOOR), s=18, **style)
@@ -94,8 +94,8 @@ def figure(ds, parameters):
         xlabel="requested onset $\\gamma_c$", ylabel="change of $\\log\\ell$ (r.m.s.)", ylim=(0, None),
         title="change of the rest lengths",
     )  # fmt: skip
-    left.legend(fontsize=8, frameon=False)
-    mark(middle, 1e-9)
+    drawn.legend(*left.get_legend_handles_labels(), fontsize=8.5, frameon=False, ncols=3, loc="outside lower center")
+    limit(middle, 1e-9, "required")
     middle.set(
         xlabel="requested onset $\\gamma_c$", ylabel="error of the onset", yscale="log", title="error of the onset"
     )
@@ -104,15 +104,8 @@ def figure(ds, parameters):
         right.plot(one, shear, markersize=4, linewidth=0.8, alpha=0.6, **style)
     right.set(
         xlabel="$B_0$ at the isotropic transition  [k]", ylabel="onset $\\gamma_c$ in simple shear",
-        title="onsets of one $B_0$, a line a network",
+        title="$B_0$ does not determine the onset",
     )  # fmt: skip
-    for axes in (left, middle, right):
-        axes.spines[["top", "right"]].set_visible(False)
-    drawn.suptitle(
-        f"Onset in simple shear on demand: $N_v$ = {parameters['n_vertices']}, {ds.sizes['seed']} networks, "
-        f"lengths {100 * parameters['excess']:g} % above the isotropic transition",
-        fontsize=11,
-    )
     return drawn
 
 

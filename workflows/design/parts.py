@@ -42,22 +42,25 @@ def table(modules):
             )
 
 
+def undefined(variables, sizes):
+    """Arrays of all variables of a module before anything is computed: NaN, and `Status.missing` for outcomes."""
+    return {
+        key: np.full([sizes[dim] for dim in dims], int(Status.missing) if key.endswith("status") else np.nan)
+        for key, (dims, _) in variables.items()
+    }
+
+
 def complete(modules, part, parameters, found):
     """The variables of one case; those of other modules, and those that were not computed, are undefined."""
     values = {"status": found.get("status", Status.ok)}
     for module in modules:
         name = name_of(module)
         sizes = module.sizes(own_parameters(module, parameters))
-        for key, (dims, _) in module.VARIABLES.items():
-            shape = tuple(sizes[dim] for dim in dims)
+        for key, value in undefined(module.VARIABLES, sizes).items():
             if name == part and key in found:
-                value = np.asarray(found[key])
+                shape, value = value.shape, np.asarray(found[key])
                 if value.shape != shape:
                     raise ValueError(f"{key} of {part} has shape {value.shape}, and sizes() makes it {shape}")
-            elif key.endswith("status"):
-                value = np.full(shape, int(Status.missing))
-            else:
-                value = np.full(shape, np.nan)
             values[f"{name}_{key}"] = value
     return values
 

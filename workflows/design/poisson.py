@@ -11,7 +11,6 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from critflow import (
     InputError,
@@ -31,6 +30,7 @@ from critflow.workflow import Claim
 
 from ..shared.checks import check_network
 from ..shared.reports import finite, series
+from .panels import limit, panels
 
 PARAMETERS = {
     "sizes": (24, 36, 48, 60, 72, 84, 96, 112, 128, 144),
@@ -149,22 +149,28 @@ def ratio_and_bulk(optimum):
 
 def figure(ds, parameters):
     """Errors of the designed ratios, their cost, and ratios at the transition."""
-    drawn = Figure(figsize=(12.5, 3.9), dpi=120, layout="constrained")
-    left, middle, right = drawn.subplots(1, 3)
+    drawn, (left, middle, right) = panels(
+        3,
+        f"Poisson's ratio on demand by stiffnesses, {min(parameters['sizes'])} to {max(parameters['sizes'])} vertices, "
+        "and its range at the transition",
+    )
     ratios = np.array(parameters["ratios"])
     floor = 1e-16
-    for n, (name, label) in enumerate((("error", "designed"), ("checked_error", "checked by another relaxation"))):
+    for n, (name, label) in enumerate((("error", "designed"), ("checked_error", "relaxed by another code"))):
         values = np.maximum(ds[name].transpose("seed", "ratio").values, floor)
-        left.semilogy(ratios, np.nanmax(values, axis=0), ms=4, lw=1, label=f"{label}, worst", **series(n))
-    left.axhline(BOUND_OF_ERROR, color="k", lw=0.8, ls=":")
-    left.text(ratios[0], 1.4 * BOUND_OF_ERROR, f"{BOUND_OF_ERROR:g}", fontsize=8)
-    left.set(xlabel="Poisson's ratio $\\nu$", ylabel="error of $\\nu$", ylim=(floor, 1e-2), title="error")
+        left.semilogy(ratios, np.nanmax(values, axis=0), ms=4, lw=1, label=label, **series(n))
+    limit(left, BOUND_OF_ERROR, f"required median: {BOUND_OF_ERROR:g}")
+    left.set(
+        xlabel="requested Poisson's ratio $\\nu$", ylabel="largest error of $\\nu$", ylim=(floor, 1e-1), title="error"
+    )
     left.legend(fontsize=8, frameon=False)
     for seed, change in enumerate(ds.change.transpose("seed", "ratio").values):
         size = parameters["sizes"][int(ds.seed.values[seed]) % len(parameters["sizes"])]
         middle.plot(ratios, change, lw=1, color=str(0.75 - 0.6 * size / max(parameters["sizes"])))
     middle.set(
-        xlabel="Poisson's ratio $\\nu$", ylabel="change of $\\log k$ (r.m.s.)", title="change of the stiffnesses"
+        xlabel="requested Poisson's ratio $\\nu$",
+        ylabel="change of $\\log k$ (r.m.s.)",
+        title="change of the stiffnesses",
     )
     for n, (name, label) in enumerate((("signed", "compression allowed"), ("tensile", "σ > 0"))):
         style = series(n)
@@ -175,8 +181,6 @@ def figure(ds, parameters):
         xlabel="$\\nu = S_{xx}/S_{yy}$", ylabel="$B_0$  [k]", xlim=(-1.5, 4), ylim=(0, None), title="at the transition"
     )
     right.legend(fontsize=8, frameon=False)
-    for axes in (left, middle, right):
-        axes.spines[["top", "right"]].set_visible(False)
     return drawn
 
 

@@ -8,7 +8,6 @@ stresses the support is found by ascents of the modulus μ_A with the penalty th
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from critflow import (
     CriticalManifold,
@@ -24,6 +23,8 @@ from critflow.workflow import Claim
 
 from ..shared.checks import check_network
 from ..shared.reports import finite, series
+from .panels import panels
+from .parts import undefined
 
 PARAMETERS = {"n_vertices": 100, "directions": 24, "thresholds": (0.3, 0.1), "samples": 60, "ascent": 150}
 VARIABLES = {
@@ -63,8 +64,7 @@ def case(parameters, seed):
     """The support of both reaches of one network, and random stresses."""
     network = voronoi_network(parameters["n_vertices"], seed)
     manifold = CriticalManifold(network)
-    shape = sizes(parameters)
-    found = {name: np.full([shape[dim] for dim in dims], np.nan) for name, (dims, _) in VARIABLES.items()}
+    found = undefined(VARIABLES, sizes(parameters))
     for n, angle in enumerate(angles(parameters)):
         A = np.cos(angle) * MEAN + np.sin(angle) * DIFFERENCE
         found["support"][n] = np.sqrt(modulus_bound(manifold, A))
@@ -105,50 +105,59 @@ def oriented(critical, strain):
 
 
 def figure(ds, parameters):
-    """Both reaches in units of the largest isotropic response, and the part of the support that σ > 0 attains."""
-    drawn = Figure(figsize=(10.5, 4.4), dpi=120, layout="constrained")
-    left, right = drawn.subplots(1, 2)
-    turn = angles(parameters)
-    isotropic = int(np.argmin(np.abs(turn)))
-    unit = ds.support.transpose("seed", "direction").values[:, isotropic] / 2
-    for i in range(ds.sizes["seed"]):
-        one = ds.isel(seed=i)
-        signed = one.signed.transpose("direction", "axis").values / unit[i]
-        closed = np.concatenate([signed, -signed, signed[:1]])
-        left.plot(*closed.T, lw=0.8, color=series(0)["color"], label="any sign" if i == 0 else None)
-        sampled = one.sampled.transpose("sample", "axis").values / unit[i]
-        left.scatter(*sampled.T, s=3, color="0.75", zorder=0, label="random σ > 0" if i == 0 else None)
-        for row, threshold in enumerate(parameters["thresholds"]):
-            style = series(1 + row)
-            points = one.tensile.isel(threshold=row).transpose("direction", "axis").values / unit[i]
-            left.scatter(*points.T, s=8, color=style["color"], label=above(threshold) if i == 0 else None)
-    edge = np.array([0, 1.1])
-    left.fill_between(edge, -edge, edge, color="0.95", zorder=-1)
-    left.text(0.62, 0.85, "S positive definite", fontsize=8, color="0.4")
-    left.set(
-        xlabel="$\\frac{1}{2}(S_{xx} + S_{yy})/\\sqrt{VD}$, over its bound",
-        ylabel="$\\frac{1}{2}(S_{xx} - S_{yy})/\\sqrt{VD}$",
-        xlim=(-1.1, 1.1), ylim=(-1.1, 1.1), aspect="equal", title="reach of S",
-    )  # fmt: skip
-    left.legend(fontsize=7.5, frameon=False, loc=(0.1, 0.38))
-    for row, threshold in enumerate(parameters["thresholds"]):
+    """Both reaches of one network, and the part of the support that σ > 0 attains in all."""
+    drawn, (left, right) = panels(
+        2,
+        f"Linear response that a network can have at the transition: $N_v$ = {parameters['n_vertices']}, "
+        f"{ds.sizes['seed']} networks",
+        height=4.6,
+    )
+    _one_network(left, ds.isel(seed=0), parameters)
+    turn = angles(parameters) / np.pi
+    right.axhline(1, color=series(0)["color"], lw=1)
+    for row in range(len(parameters["thresholds"])):
         part = attained(ds, parameters, row)
         style = series(1 + row)
-        right.plot(turn, part.mean(axis=0), ms=4, lw=1, label=above(threshold), **style)
-    right.axhline(1, color=series(0)["color"], lw=1, label="any sign")
+        right.plot(turn, part.mean(axis=0), ms=4, lw=1, **style)
+        right.fill_between(turn, part.min(axis=0), part.max(axis=0), color=style["color"], alpha=0.2, lw=0)
     right.set(
-        xlabel="angle of A: 0 dilation, ±π/2 pure shear", ylabel="largest S:A over its bound", ylim=(0, 1.05),
-        title="part of the bound that positive stresses attain",
+        xlabel="direction A: 0 dilation, ±½ pure shear  [π]", ylabel="largest $S:A$ over its bound", ylim=(0, 1.05),
+        title="part that positive stresses attain: mean and range",
     )  # fmt: skip
-    right.legend(fontsize=8, frameon=False)
-    for axes in (left, right):
-        axes.spines[["top", "right"]].set_visible(False)
+    drawn.legend(*left.get_legend_handles_labels(), fontsize=8.5, frameon=False, ncols=3, loc="outside lower center")
     return drawn
+
+
+def _one_network(axes, one, parameters):
+    """The ellipse of the bound, the responses that attain it, and those of positive stresses."""
+    turn, support = angles(parameters), one.support.values
+    unit = support[np.argmin(np.abs(turn))] / 2
+    # The support function of the ellipse is √(aᵀ Q a): three numbers, known exactly from any three directions.
+    a = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    products = np.stack([a[:, 0] ** 2, 2 * a[:, 0] * a[:, 1], a[:, 1] ** 2], axis=1)
+    xx, xy, yy = np.linalg.lstsq(products, support**2, rcond=None)[0]
+    circle = np.linspace(0, 2 * np.pi, 200)
+    ellipse = np.linalg.cholesky([[xx, xy], [xy, yy]]) @ [np.cos(circle), np.sin(circle)] / 2
+    axes.plot(*ellipse / unit, color="k", lw=0.8, label="closed-form bound")
+    signed = one.signed.transpose("direction", "axis").values / unit
+    axes.scatter(*np.concatenate([signed, -signed]).T, s=14, label="attained, any sign", **series(0))
+    sampled = one.sampled.transpose("sample", "axis").values / unit
+    axes.scatter(*sampled.T, s=4, color="0.6", label="random σ > 0")
+    for row, threshold in enumerate(parameters["thresholds"]):
+        points = one.tensile.isel(threshold=row).transpose("direction", "axis").values / unit
+        axes.scatter(*points.T, s=14, label=above(threshold), **series(1 + row))
+    edge = np.array([0, 1.15])
+    axes.fill_between(edge, -edge, edge, color="0.94", zorder=-1)
+    axes.text(0.12, 0, "S positive\ndefinite", fontsize=8.5, color="0.35", va="center")
+    axes.set(
+        xlabel="$(S_{xx} + S_{yy})/2\\sqrt{VD}$, over its bound", ylabel="$(S_{xx} - S_{yy})/2\\sqrt{VD}$",
+        xlim=(-1.15, 1.15), ylim=(-1.15, 1.15), aspect="equal", title="one network",
+    )  # fmt: skip
 
 
 def above(threshold):
     """Label of the ascents with one threshold."""
-    return f"σ > 0, penalty below {threshold:g} r.m.s."
+    return f"σ > 0, at least about {threshold:g} r.m.s."
 
 
 def attained(ds, parameters, row):

@@ -11,7 +11,6 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from critflow import (
     CriticalManifold,
@@ -28,7 +27,8 @@ from critflow.workflow import Claim, stable_rng
 from ..shared.checks import check_network
 from ..shared.populations import LABELS, PAPER_POPULATIONS, configuration
 from ..shared.reports import series
-from .stress_targets import time_axes
+from .panels import limit, panels, times
+from .parts import undefined
 
 SOURCES = (*PAPER_POPULATIONS, "log-normal stress")
 NAMES = ("B_0", "C_B", "C_G")
@@ -66,11 +66,7 @@ def case(parameters, seed):
     """Designs of one network."""
     manifold = CriticalManifold(voronoi_network(parameters["n_vertices"], seed))
     other = CriticalManifold(voronoi_network(parameters["n_vertices"], seed + OTHER))
-    size = sizes(parameters)
-    found = {
-        name: np.full([size[dim] for dim in dims], int(Status.missing) if name.endswith("status") else np.nan)
-        for name, (dims, _) in VARIABLES.items()
-    }
+    found = undefined(VARIABLES, sizes(parameters))
     for n, source in enumerate(parameters["sources"]):
         targets = triple(other, source_of(parameters, other, seed + OTHER, source))
         start = time.process_time()
@@ -110,8 +106,12 @@ def fitted(critical):
 
 def figure(ds, parameters):
     """Targets in the planes of B_0 and the coefficients, and the times of the designs."""
-    drawn = Figure(figsize=(12.5, 4.1), dpi=120, layout="constrained")
-    left, middle, right = drawn.subplots(1, 3)
+    drawn, (left, middle, right) = panels(
+        3,
+        "Triples $(B_0, C_B, C_G)$ of configurations of other networks, designed at "
+        f"$N_v$ = {parameters['n_vertices']} ({ds.sizes['seed']} networks)",
+        height=4.4,
+    )
     for n, source in enumerate(parameters["sources"]):
         targets, reached = ds.target.values[:, n], ds.target_status.values[:, n] != Status.infeasible
         style, label = series(n), LABELS.get(source, source)
@@ -121,20 +121,14 @@ def figure(ds, parameters):
             axes.scatter(*targets[reached][:, [0, column]].T, s=20, label=label if reached.any() else None, **style)
             refused = None if reached.any() else f"{label}: refused by the bound"
             axes.scatter(*targets[~reached][:, [0, column]].T, s=34, label=refused, **hollow)
-        right.scatter(ds.distance.values[reached, n], ds.target_seconds.values[reached, n], s=20, **style)
+        times(right, ds.distance.values[reached, n], ds.target_seconds.values[reached, n], **style)
     B = np.array([np.nanmin(ds.target.values[..., 0]), np.nanmax(ds.target.values[..., 0])])
     left.plot(B, -B / 2, color="k", linewidth=1, label="$C_B = -B_0/2$")
     left.set(xlabel="$B_0$  [k]", ylabel="$C_B$  [k]", title="growth of the bulk modulus")
-    left.legend(fontsize=8, frameon=False)
+    drawn.legend(*left.get_legend_handles_labels(), fontsize=8.5, frameon=False, ncols=4, loc="outside lower center")
     middle.set(xlabel="$B_0$  [k]", ylabel="$C_G$  [k]", title="growth of the shear modulus")
-    time_axes(right, 3)
-    for axes in (left, middle, right):
-        axes.spines[["top", "right"]].set_visible(False)
-    drawn.suptitle(
-        "Triples $(B_0, C_B, C_G)$ of configurations of other networks, designed at "
-        f"$N_v$ = {parameters['n_vertices']} ({ds.sizes['seed']} networks)",
-        fontsize=11,
-    )
+    limit(right, 3, "required: 3 s")
+    right.set_ylim(0, None)
     return drawn
 
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from critflow import CriticalManifold, Status, design, voronoi_network
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network, check_positive
-from ..shared.reports import mark, series
+from ..shared.reports import series
+from .panels import limit, panels, times
+from .parts import undefined
 
 PARAMETERS = {"n_vertices": 1000, "targets": 10, "beyond": 2}
 VARIABLES = {
@@ -49,11 +50,7 @@ def case(parameters, seed):
     """Designs of one network."""
     manifold = CriticalManifold(voronoi_network(parameters["n_vertices"], seed))
     rng = np.random.default_rng([seed, 1])
-    size = sizes(parameters)
-    found = {
-        name: np.full([size[dim] for dim in dims], int(Status.missing) if name.endswith("status") else np.nan)
-        for name, (dims, _) in VARIABLES.items()
-    }
+    found = undefined(VARIABLES, sizes(parameters))
     design(manifold, {"S_xx": 1.0}, max_steps=1, throw=False)  # patterns of the network, analysed once
     for n in range(parameters["targets"]):
         S = response(attained(manifold, rng))
@@ -101,8 +98,11 @@ def bound_ratio(manifold, S):
 
 def figure(ds, parameters):
     """Anisotropy against size of the targets, their errors and times."""
-    drawn = Figure(figsize=(12.5, 3.9), dpi=120, layout="constrained")
-    left, middle, right = drawn.subplots(1, 3)
+    drawn, (left, middle, right) = panels(
+        3,
+        f"Linear response on demand: {ds.error.size} designs of {ds.sizes['seed']} networks, "
+        f"$N_v$ = {parameters['n_vertices']:,}",
+    )
     S = ds.target.values.reshape(-1, 3)
     status, trace = ds.target_status.values.ravel(), S[:, 0] + S[:, 1]
     bulk, anisotropy = trace**2 / (4 * parameters["n_vertices"]), np.hypot(S[:, 0] - S[:, 1], 2 * S[:, 2]) / trace
@@ -111,7 +111,7 @@ def figure(ds, parameters):
             left.scatter(bulk[mask], anisotropy[mask], s=14, label=label, **series(n))
     left.set(
         xlabel="$B_0$ of the target  [k]",
-        ylabel="$|S_1 - S_2|/(S_1 + S_2)$",
+        ylabel="anisotropy $|S_1 - S_2|/(S_1 + S_2)$",
         ylim=(0, None),
         title="targets $S/\\sqrt{D}$",
     )
@@ -119,31 +119,15 @@ def figure(ds, parameters):
     error = np.maximum(ds.error.values.ravel(), FLOOR)
     middle.hist(np.log10(error[np.isfinite(error)]), bins=20, color=series(0)["color"])
     middle.axvline(-9, color="k", linewidth=0.8, linestyle=":")
-    middle.text(-9.1, 0.97, "bar", ha="right", va="top", fontsize=9, transform=middle.get_xaxis_transform())
+    middle.text(-9.1, 0.97, "required", ha="right", va="top", fontsize=8.5, transform=middle.get_xaxis_transform())
+    middle.yaxis.get_major_locator().set_params(integer=True)
     middle.set(
-        xlabel="$\\log_{10}$ of the largest error, relative to $|S/\\sqrt{D}|$", ylabel="designs", title="errors"
+        xlabel="$\\log_{10}$ of the relative error", ylabel="number of designs", title="largest error of $S/\\sqrt{D}$"
     )
-    right.scatter(ds.distance.values.ravel(), ds.target_seconds.values.ravel(), s=14, **series(0))
-    time_axes(right, 0.3)
-    for axes in (left, middle, right):
-        axes.spines[["top", "right"]].set_visible(False)
-    drawn.suptitle(
-        f"Linear response on demand: {error.size} designs of {ds.sizes['seed']} networks, "
-        f"$N_v$ = {parameters['n_vertices']:,}",
-        fontsize=11,
-    )
+    times(right, ds.distance.values.ravel(), ds.target_seconds.values.ravel(), **series(0))
+    limit(right, 0.3, "required: 0.3 s")
+    right.set_ylim(0, None)
     return drawn
-
-
-def time_axes(axes, bar):
-    """Labels of a panel of processor times against changes of stress, and their largest allowed value."""
-    mark(axes, bar)
-    axes.set(
-        xlabel="change of $\\log\\sigma$ (r.m.s.)",
-        ylabel="processor time  [s]",
-        ylim=(0, None),
-        title="time of one design",
-    )
 
 
 def claims(ds, parameters):

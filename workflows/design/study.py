@@ -14,8 +14,8 @@ Each question is a module of this folder, listed in `MODULES`; a module contains
     check(parameters)           raises `StudyError` for settings that could only fail (optional)
 
 `ds` is the dataset of the module alone, under the names that it declares, with dimensions (seed, ...) and `ds.status`
-by seed.  A module imports `critflow` and `workflows.shared`, no other module of this folder; randomness comes from the
-seed.  `--set parts=MODULE` runs one module, `--set seeds=0:2` fewer networks.
+by seed.  A module imports `critflow`, `workflows.shared`, and of this folder `panels` and `parts` only; randomness
+comes from the seed.  `--set parts=MODULE` runs one module, `--set seeds=0:2` fewer networks.
 """
 
 from __future__ import annotations

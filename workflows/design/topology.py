@@ -26,6 +26,7 @@ from critflow.workflow import Claim
 from ..shared.checks import check_network, check_positive
 from ..shared.measurements import known_moduli
 from ..shared.reports import finite, series, spread, status_counts
+from .parts import undefined
 
 LAWS = {"largest": "largest tension", "smallest": "smallest tension", "random": "at random"}
 PATHS = {"dilation": "dilation", "simple_shear": "simple shear"}
@@ -68,9 +69,7 @@ def check(parameters):
 def case(parameters, seed):
     """All paths and laws from the configuration of equal lengths."""
     start = optimize(voronoi_network(parameters["n_vertices"], seed), "length_variance").value
-    size = sizes(parameters)
-    found = {name: np.full([size[dim] for dim in dims], np.nan) for name, (dims, _) in VARIABLES.items()}
-    found["strain_status"] = np.full(found["strain_status"].shape, int(Status.missing))
+    found = undefined(VARIABLES, sizes(parameters))
     draw(found, 0, start, 0)
     for p, path in enumerate(PATHS):
         for n, law in enumerate(LAWS):
@@ -144,8 +143,8 @@ def measures(critical, strain, total):
 
 PANELS = {
     "critical_strain": "onset $\\gamma_c$",
-    "bulk_modulus": "$B_0$ at the onset  [k]",
-    "shear_modulus": "$G_0$ at the onset  [k]",
+    "bulk_modulus": "$B_0$ there  [k]",
+    "shear_modulus": "$G_0$ there  [k]",
     "alignment": "alignment of taut edges",
     "taut_fraction": "part of edges under tension",
 }
@@ -153,7 +152,7 @@ PANELS = {
 
 def figure(ds, parameters):
     """Pictures of one network, and measures against the number of cuts: a column a measure, a row a path."""
-    drawn = Figure(figsize=(3.0 * len(PANELS), 9.2), dpi=100, layout="constrained")
+    drawn = Figure(figsize=(11, 7.6), dpi=130, layout="constrained")
     pictures, plots = drawn.subfigures(2, 1, height_ratios=(1, 1.75))
     _pictures(pictures, ds.isel(seed=0))
     panels = plots.subplots(len(PATHS), len(PANELS), sharex=True, squeeze=False)

@@ -16,12 +16,6 @@ PAPER = (
 MARKERS = "osD^v<>"
 
 
-def mark(axes, bar):
-    """A dotted line at the largest value that is allowed."""
-    axes.axhline(bar, color="k", linewidth=0.8, linestyle=":")
-    axes.text(0.02, bar, "bar", va="bottom", fontsize=9, transform=axes.get_yaxis_transform())
-
-
 def series(n):
     """Colour and marker of the n-th of any number of series."""
     return {"color": COLOURS[n % len(COLOURS)], "marker": MARKERS[n % len(MARKERS)]}
