@@ -21,7 +21,7 @@ from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.design.target_problem import Preference, TargetProblem, Unknowns
 from critflow.design.target_table import ALIASES, EdgeLimits, Wanted, edge_limits, wanted
-from critflow.design.tolerances import END_WEIGHT, FRONT_CERTIFIED, FRONT_FLAT, FRONT_OPTIMAL, SAME_END
+from critflow.design.tolerances import BETTER_END, END_WEIGHT, FRONT_CERTIFIED, FRONT_FLAT, FRONT_OPTIMAL, SAME_END
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
@@ -32,6 +32,8 @@ _RESTORING = 60
 _LONGEST = 1.0
 # Change of log σ from the start to the second one.
 _SHAKEN = 0.3
+# Fronts that are computed at most, each from better ends.
+_FRONTS = 3
 _BACKWARDS = "a multiplier is negative: here an objective improves without cost, so the point is not on the front"
 
 
@@ -47,6 +49,7 @@ class Front(Solution[tuple[CriticalConfiguration, ...]]):
                  terms or to `FRONT_FLAT`, (n,)
     statuses     outcome of each point: `ok` where it is certified
     n_limited    number of limits of edges that are active, (n,)
+    dominated    whether another point is better in both objectives, (n,): such a point is a local optimum only
     """
 
     names: tuple[str, str]
@@ -56,6 +59,7 @@ class Front(Solution[tuple[CriticalConfiguration, ...]]):
     residuals: Array = field(repr=False)
     statuses: tuple[Status, ...]
     n_limited: NDArray[np.intp] = field(repr=False)
+    dominated: NDArray[np.bool_] = field(repr=False)
 
 
 @checked
@@ -176,8 +180,19 @@ class _Search:
         )
 
     def points(self, n: int) -> list[_Point]:
-        """The ends, then the points between them, each from its neighbour, and back where that fails."""
-        ends = self._ends()
+        """The front between the best ends that are known: a better end that a front contains begins another one."""
+        starts: list[list[Array]] = [[], []]
+        for _ in range(_FRONTS):
+            found = self._between(self._ends(starts), n)
+            values = np.array([self.objectives(one.minimum.point.z)[0] for one in found])
+            values[[not one.minimum.reached for one in found]] = np.inf
+            if values.min() > -BETTER_END:
+                break
+            starts = [[found[i].minimum.point.z] for i in values.argmin(axis=0)]
+        return found
+
+    def _between(self, ends: list[_Point], n: int) -> list[_Point]:
+        """The ends and the points between them, each from its neighbour, and back where that is not the best."""
         if n == 2 or not all(end.minimum.reached for end in ends):
             return ends
         found = [ends[0]]
@@ -189,14 +204,23 @@ class _Search:
         found.append(ends[1])
         # Where the front jumps, the points beyond belong to the branch of the other end.
         for i in range(n - 2, 0, -1):
-            if found[i].status is not Status.ok:
-                again = self._point(problems[i - 1], found[i + 1].minimum.point.z)
-                found[i] = again if again.status is Status.ok else found[i]
+            if found[i].status is not Status.ok or self._dominated(found)[i]:
+                again, old = self._point(problems[i - 1], found[i + 1].minimum.point.z), found[i]
+                better = old.status is not Status.ok or again.minimum.point.value < old.minimum.point.value
+                found[i] = again if again.status is Status.ok and better else old
         return found
 
-    def _ends(self) -> list[_Point]:
-        """Each end first alone, which gives the units, then with a small weight of the other objective."""
-        alone = [self._alone(weights) for weights in ((1.0, 0.0), (0.0, 1.0))]
+    def _dominated(self, found: list[_Point]) -> NDArray[np.bool_]:
+        """Whether another point is better in both objectives, (n,)."""
+        return dominated(np.array([self.objectives(one.minimum.point.z)[0] for one in found]))
+
+    def _ends(self, starts: list[list[Array]]) -> list[_Point]:
+        """Each end first alone, which gives the units, then with a small weight of the other objective.
+
+        starts  more of them for each end
+        """
+        self._ideal, self.units = np.zeros(2), np.ones(2)
+        alone = [self._alone(weights, more) for weights, more in zip(((1.0, 0.0), (0.0, 1.0)), starts, strict=True)]
         values = np.array([self.objectives(z)[0] for z in alone])
         spread = np.diag(values[::-1]) - np.diag(values)
         if not (spread > SAME_END * np.abs(values).max(axis=0)).all():
@@ -210,13 +234,13 @@ class _Search:
             self._point(_Weighted(self, (small, 1 - small), None), alone[1]),
         ]
 
-    def _alone(self, weights: tuple[float, float]) -> Array:
-        """The best z of one objective, from the start, where B_0 and C_B may be stationary, and from one near it."""
+    def _alone(self, weights: tuple[float, float], more: list[Array]) -> Array:
+        """The best z of one objective, from the start, where B_0 and C_B may be stationary, one near it, and more."""
         origin, problem = self._unknowns.origin, _Weighted(self, weights, None)
         shaken = origin + _SHAKEN * np.random.default_rng(0).standard_normal(len(origin))
         found = [
             minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING)
-            for start in (origin, shaken)
+            for start in (origin, shaken, *more)
         ]
         best = min(found, key=lambda end: end.point.value if end.reached else np.inf)
         return best.point.z
@@ -239,6 +263,11 @@ class _Search:
         elif status is Status.ok:
             status = Status.stalled
         return _Point(found, weights, residual, int(np.count_nonzero(found.multipliers[first:])), status, note)
+
+
+def dominated(values: Array) -> NDArray[np.bool_]:
+    """Whether another point is better in both objectives, (n,), of values to be minimised (n, 2)."""
+    return np.any(np.all(values[:, None, :] > values[None, :, :], axis=2), axis=1)
 
 
 def _front(
@@ -266,4 +295,5 @@ def _front(
         residuals=residuals,
         statuses=tuple(statuses),
         n_limited=np.array([one.n_limited for one in found]),
+        dominated=dominated(achieved * [each.goal for each in pair]),
     )

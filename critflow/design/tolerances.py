@@ -63,6 +63,7 @@ Fronts
 FRONT_OPTIMAL     Gradient at which the search for a point ends, in units of the ends of the front.
 FRONT_CERTIFIED   Largest relative residual of the first-order conditions of a certified point.
 FRONT_FLAT        Gradients below this, in units of the ends, count as zero.
+BETTER_END        Improvement of an end, in units of the ends, with which a front is computed again.
 SAME_END          Relative difference of values below which both objectives have the same best configuration.
 END_WEIGHT        Weight of the other objective at an end: without it ends with many best configurations are arbitrary.
 
@@ -97,6 +98,7 @@ SAME_LAW = 1e-12
 FRONT_OPTIMAL = 2e-9
 FRONT_CERTIFIED = 1e-5
 FRONT_FLAT = 1e-4
+BETTER_END = 1e-3
 SAME_END = 1e-4
 END_WEIGHT = 1e-2
 

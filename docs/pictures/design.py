@@ -10,9 +10,10 @@ from critflow.plot import draw_network
 
 manifold = CriticalManifold(voronoi_network(100, seed=1))
 fig = Figure(figsize=(9, 3.3), layout="constrained")
-for axes, growth in zip(fig.subplots(1, 3), (-0.05, 0.0, 0.3), strict=True):
+kinds = {"softens": -0.05, "keeps": 0.0, "stiffens": 0.3}
+for axes, (kind, growth) in zip(fig.subplots(1, 3), kinds.items(), strict=True):
     found = design(manifold, {"B_0": 0.25, "C_B": growth})
     network, critical = found.value.network, found.value
     draw_network(axes, network.edges, network.offsets, network.cell, critical.coordinates, critical.tensions)
-    axes.set_title(f"$B_0$ = 0.25, $C_B$ = {growth:g}", pad=3)
+    axes.set_title(f"{kind}: $C_B$ = {growth:g} k".replace("-", "−"), pad=3)
 fig.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=110)

@@ -6,6 +6,7 @@ import pytest
 from critflow import CriticalManifold, InputError, Status, design, pareto, voronoi_network
 from critflow.critical.derivatives import evaluate
 from critflow.critical.objectives import LengthVariance, TensionVariance, dilation, transition_modulus
+from critflow.design.pareto import dominated
 
 MANIFOLD = CriticalManifold(voronoi_network(16, seed=1))
 
@@ -41,6 +42,13 @@ def test_the_same_points_follow_from_a_limit_on_one_objective(stiff_and_equal):
         MANIFOLD, {"B_0": (stiffness, np.inf)}, prefer="length_variance", start=stiff_and_equal.value[2].sigma
     )
     assert other.preference == pytest.approx(variance, rel=1e-6)
+
+
+def test_a_better_end_that_a_front_contains_begins_another_front():
+    network, objectives = voronoi_network(12, seed=3), {"B_0": "largest", "C_G": "largest"}
+    front = pareto(network, objectives, 4, within={"force_densities": (0.2, None)})
+    assert not front.dominated.any() and (np.diff(front.achieved[:, 1]) > 0).all()
+    np.testing.assert_array_equal(dominated(np.array([[0, 3], [1, 1], [2, 2], [3, 0]])), [0, 0, 1, 0])
 
 
 def test_limits_of_edges_bound_a_front():

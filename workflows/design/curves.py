@@ -78,7 +78,7 @@ def figure(ds, parameters):
                 )
         axes.set(xlabel="dilation $\\gamma$", ylabel=label, xlim=(0, None), title=title)
     left.axhline(MODULUS, color="0.5", linewidth=0.8, linestyle=":")
-    left.legend(fontsize=9, frameon=False)
+    left.legend(fontsize=9, frameon=False, loc="lower left")
     return drawn
 
 

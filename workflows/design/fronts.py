@@ -35,6 +35,7 @@ VARIABLES = {
     "growth": (("front", "point"), "C_B or C_G there [k]"),
     "weight": (("front", "point"), "weight of B_0 in the first-order conditions"),
     "residual": (("front", "point"), "residual of the first-order conditions"),
+    "dominated": (("front", "point"), "whether another point of the front is better in both"),
     "point_status": (("front", "point"), "outcome of each point"),
     "sampled_bulk": (("sample",), "B_0 of random stresses [k]"),
     "sampled_shear": (("sample",), "G_0 of them [k]"),
@@ -70,7 +71,7 @@ def case(parameters, seed):
     network = voronoi_network(parameters["sizes"][seed % len(parameters["sizes"])], seed)
     manifold = CriticalManifold(network)
     shape = (len(FRONTS), parameters["points"])
-    found = {name: np.full(shape, np.nan) for name in ("bulk", "growth", "weight", "residual")}
+    found = {name: np.full(shape, np.nan) for name in ("bulk", "growth", "weight", "residual", "dominated")}
     found["point_status"] = np.full(shape, int(Status.missing))
     within = {"force_densities": (parameters["least_stress"], None)}
     for row, (name, objectives) in enumerate(FRONTS.items()):
@@ -80,7 +81,7 @@ def case(parameters, seed):
         n = len(front.value)
         found["bulk"][row, :n], found["growth"][row, :n] = front.achieved.T
         found["weight"][row, :n], found["residual"][row, :n] = front.weights[:, 0], front.residuals
-        found["point_status"][row, :n] = front.statuses
+        found["point_status"][row, :n], found["dominated"][row, :n] = front.statuses, front.dominated
     stiffest = stiffening(network, manifold.configuration(network.stiffness)).value
     found |= {"largest_bulk": bulk_modulus_bound(manifold), "tip": stiffest.C_B}
     return found | samples(manifold, parameters, seed)
@@ -120,19 +121,24 @@ def figure(ds, parameters):
                 axes.plot(known.bulk / unit, known.growth / unit, ls=line, ms=3, lw=0.8, **style)
     x = np.linspace(0, 1, 2)
     for axes in (left, middle):
-        axes.plot(x, -x / 2, color="k", lw=1, label="$C_B = -B_0/2$")
+        axes.plot(x, -x / 2, color="k", lw=1.6, label="$C_B = -B_0/2$" if axes is middle else None)
         axes.plot(1, -0.5, "k*", ms=8)
         axes.set(xlabel="$B_0 / \\max B_0$", ylabel="$C_B / \\max B_0$")
     for n, size in enumerate(parameters["sizes"]):
-        left.plot([], [], ms=3, lw=0.8, label=f"$N_v$ = {size}", **series(n))
+        middle.plot([], [], ms=3, lw=0.8, label=f"$N_v$ = {size}", **series(n))
+    for axes, pair in ((left, (0, 1)), (right, (2, 3))):
+        for line, front in zip(("-", "--"), pair, strict=True):
+            (bulk, of_bulk), (growth, of_growth) = FRONTS[fronts[front]].items()
+            axes.plot([], [], "k" + line, lw=0.8, label=f"{of_bulk} ${bulk}$, {of_growth} ${growth}$")
     left.set(title="growth of the bulk modulus", yscale="symlog")
     middle.set(title="at the tip", xlim=(0.85, 1.01), ylim=(-0.6, 2))
     right.set(xlabel="$B_0 / \\max B_0$", ylabel="$C_G / \\max B_0$", title="growth of the shear modulus")
     right.set_yscale("symlog")
-    left.legend(fontsize=8, frameon=False)
-    right.plot([], [], "k-", lw=0.8, label=f"largest $B_0$, {FRONTS[fronts[2]]['C_G']} $C_G$")
-    right.plot([], [], "k--", lw=0.8, label=f"largest $B_0$, {FRONTS[fronts[3]]['C_G']} $C_G$")
-    right.legend(fontsize=8, frameon=False)
+    left.set_ylim(top=3e3)
+    left.legend(fontsize=8, frameon=False, loc="upper left")
+    right.set_ylim(top=60)
+    right.legend(fontsize=8, frameon=False, loc="upper left")
+    drawn.legend(*middle.get_legend_handles_labels(), fontsize=8.5, frameon=False, ncols=4, loc="outside lower center")
     return drawn
 
 
@@ -150,6 +156,7 @@ def claims(ds, parameters):
     certified = int(np.count_nonzero(ds.point_status.values == int(Status.ok)))
     least, tip = float(np.nanmin(gap)), float(np.abs(ds.tip / ds.largest_bulk + 0.5).max())
     weights = ds.weight.values[ds.point_status.values == int(Status.ok)]
+    worse = int(ds.dominated.sum())
     return [
         Claim.tested(
             "DesignSoftening",
@@ -164,8 +171,9 @@ def claims(ds, parameters):
             "DesignFronts",
             "points of the fronts satisfy their first-order conditions",
             "weights ≥ 0",
-            f"{certified} of {known.sum()} points certified, largest residual {np.nanmax(ds.residual.values):.0e}",
-            bool(certified == known.sum() and weights.min() >= -1e-5),
+            f"{certified} of {known.sum()} points certified, largest residual {np.nanmax(ds.residual.values):.0e}; "
+            f"{worse} dominated by another of their front",
+            bool(certified == known.sum() and weights.min() >= -1e-5 and worse == 0),
             "the search ended before the conditions held at the other points",
         ),
     ]

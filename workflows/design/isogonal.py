@@ -103,6 +103,7 @@ def figure(ds, parameters):
         axes.add_collection(LineCollection(one.lines.values[n], colors=series(n)["color"], linewidths=1.0))
         axes.autoscale_view()
         axes.set_aspect("equal")
+        axes.set_anchor("N")
         axes.set_axis_off()
         axes.set_title(f"$C_B$ = {signed(parameters['coefficients'][n])} k", fontsize=10)
     growth, reach = plots.subplots(1, 2)

@@ -104,7 +104,7 @@ def figure(ds, parameters):
         right.plot(one, shear, markersize=4, linewidth=0.8, alpha=0.6, **style)
     right.set(
         xlabel="$B_0$ at the isotropic transition  [k]", ylabel="onset $\\gamma_c$ in simple shear",
-        title="$B_0$ does not determine the onset",
+        title="onsets at given $B_0$",
     )  # fmt: skip
     return drawn
 

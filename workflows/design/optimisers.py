@@ -258,12 +258,15 @@ def draw(rows):
         column[0].axhline(REACHED, color="0.5", linewidth=0.8, linestyle="--")
         column[0].set(title=f"targets: {TITLES[kind]}", ylim=(FLOOR / 3, 30))
         column[1].set(xlabel="processor time  [s]", ylim=(0.995, 1.1))
+        column[0].set_xlim(1e-2, 10)
         for axes in column:
             axes.spines[["top", "right"]].set_visible(False)
     panels[0, 0].set_ylabel("largest relative error of a target")
     panels[1, 0].set_ylabel("change over the least one found")
     panels[0, 0].legend(fontsize=9, frameon=False)
-    fig.suptitle("Optimisers on the same designs; dashed: an error that counts as reached", fontsize=11)
+    fig.suptitle(
+        "Five optimisers on the same designs: a symbol a design; dashed: an error that counts as reached", fontsize=11
+    )
     return fig
 
 

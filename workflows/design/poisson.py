@@ -172,13 +172,19 @@ def figure(ds, parameters):
         ylabel="change of $\\log k$ (r.m.s.)",
         title="change of the stiffnesses",
     )
+    middle.text(0.5, 0.95, "darker: larger cells", ha="center", fontsize=8.5, transform=middle.transAxes)
     for n, (name, label) in enumerate((("signed", "compression allowed"), ("tensile", "σ > 0"))):
         style = series(n)
         x, y = (ds[f"{name}_{what}"].values.ravel() for what in ("ratio", "bulk"))
-        right.scatter(x, y, s=12, color=style["color"], marker=style["marker"], label=label)
+        fill = {"facecolors": "none" if name == "signed" else style["color"], "edgecolors": style["color"]}
+        right.scatter(x, y, s=30 if name == "signed" else 10, marker=style["marker"], label=label, **fill)
     right.axvline(0, color="0.6", lw=0.8)
     right.set(
-        xlabel="$\\nu = S_{xx}/S_{yy}$", ylabel="$B_0$  [k]", xlim=(-1.5, 4), ylim=(0, None), title="at the transition"
+        xlabel="$\\nu = S_{xx}/S_{yy}$",
+        ylabel="$B_0$  [k]",
+        xlim=(-1.5, 5.5),
+        ylim=(0, None),
+        title="at the transition",
     )
     right.legend(fontsize=8, frameon=False)
     return drawn

@@ -115,13 +115,14 @@ def figure(ds, parameters):
     _one_network(left, ds.isel(seed=0), parameters)
     turn = angles(parameters) / np.pi
     right.axhline(1, color=series(0)["color"], lw=1)
+    right.text(-0.5, 1.01, "any sign", fontsize=8.5, color=series(0)["color"])
     for row in range(len(parameters["thresholds"])):
         part = attained(ds, parameters, row)
         style = series(1 + row)
         right.plot(turn, part.mean(axis=0), ms=4, lw=1, **style)
         right.fill_between(turn, part.min(axis=0), part.max(axis=0), color=style["color"], alpha=0.2, lw=0)
     right.set(
-        xlabel="direction A: 0 dilation, ±½ pure shear  [π]", ylabel="largest $S:A$ over its bound", ylim=(0, 1.05),
+        xlabel="direction A: 0 dilation, ±½ pure shear  [π]", ylabel="largest $S:A$ over its bound", ylim=(0, 1.09),
         title="part that positive stresses attain: mean and range",
     )  # fmt: skip
     drawn.legend(*left.get_legend_handles_labels(), fontsize=8.5, frameon=False, ncols=3, loc="outside lower center")

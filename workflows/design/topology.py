@@ -145,8 +145,8 @@ PANELS = {
     "critical_strain": "onset $\\gamma_c$",
     "bulk_modulus": "$B_0$ there  [k]",
     "shear_modulus": "$G_0$ there  [k]",
-    "alignment": "alignment of taut edges",
-    "taut_fraction": "part of edges under tension",
+    "alignment": "alignment",
+    "taut_fraction": "part under tension",
 }
 
 
@@ -165,12 +165,14 @@ def figure(ds, parameters):
         panels[row, 0].set_title(f"strained by {title}", loc="left", fontweight="bold", fontsize=10.5)
     for axes in panels[-1]:
         axes.set_xlabel("edges cut")
-    panels[0, 0].legend(fontsize=9, frameon=False, title="edge that is cut", title_fontsize=9)
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    labels = [f"edge that is cut: {labels[0]}", *labels[1:]]
+    plots.legend(handles, labels, fontsize=9.5, frameon=False, ncols=3, loc="outside lower center")
     drawn.suptitle(
-        f"Fracture and remodelling: one edge is cut, the network strained to its new onset, and so on.  "
+        "Fracture and remodelling: one edge is cut, the network strained to its new onset, and so on\n"
         f"$N_v$ = {parameters['n_vertices']}, {ds.sizes['seed']} networks: mean and 68 %; "
         "× : half of them have come apart",
-        fontsize=11.5,
+        fontsize=11,
     )
     return drawn
 
@@ -201,6 +203,7 @@ def _pictures(figure, one):
         axes.add_collection(LineCollection(lines[taut], colors=colour, linewidths=0.4 + 3.5 * tension[taut]))
         axes.autoscale_view()
         axes.set_aspect("equal")
+        axes.set_anchor("N")
         axes.set_axis_off()
         cuts = int(one.pictured_cuts.values[n])
         axes.set_title(title if n == 0 else f"after {cuts} cuts: {title}", fontsize=10.5)
