@@ -25,7 +25,8 @@ from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.tolerances import ARTEFACT, COLLAPSED, CURVATURE_ERROR, DENSE_BYTES
 from critflow.linalg.vectors import quasi_random
-from critflow.networks.network import Array, edge_values
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array
 from critflow.result import InputError, Record, Solution, Stats, Status
 
 

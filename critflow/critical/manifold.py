@@ -25,7 +25,8 @@ from critflow.critical.tolerances import CONDENSED_EDGES, SCALED
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
-from critflow.networks.network import Array, Network, edge_values
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array, Network
 from critflow.networks.support import check_opened
 from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement

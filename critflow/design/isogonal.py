@@ -27,7 +27,8 @@ from scipy.optimize import linprog
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.design.tolerances import FLAT_TRIANGLE
-from critflow.networks.network import Array, edge_values
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.spectrum import spread_columns
 from critflow.rigidity.tolerances import LARGEST_DENSE

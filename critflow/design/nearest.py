@@ -29,7 +29,8 @@ from critflow.design.tolerances import (
 )
 from critflow.linalg.factor import Entries, FixedPattern
 from critflow.linalg.matrices import free_ends
-from critflow.networks.network import Array, Network, edge_values, validated_coordinates
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.spectrum import spread_columns
 from critflow.rigidity.tolerances import LARGEST_DENSE

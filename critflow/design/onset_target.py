@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.design.tolerances import ONSET_REACHED
+from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
-from critflow.networks.network import Array, Network, edge_values
+from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import CriticalStrain, Onset, critical_strain
 from critflow.onset.from_lengths import critical_from_lengths
 from critflow.result import InputError, Solution, Stats, Status

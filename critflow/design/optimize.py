@@ -23,7 +23,8 @@ from critflow.design.optimum import Optimum
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
 from critflow.linalg.tolerances import EPS
 from critflow.mechanics.moduli_bounds import transition_modulus_bound
-from critflow.networks.network import Array, Network, edge_values
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array, Network
 from critflow.onset.from_lengths import critical_from_lengths
 from critflow.result import InputError
 

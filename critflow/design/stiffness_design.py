@@ -20,8 +20,9 @@ from critflow.design.tolerances import POSITIVE_TENSOR, TARGET_STATIONARY
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.mechanics.at_rest import response_at_rest
 from critflow.mechanics.elasticity import Elasticity
+from critflow.networks.checks import edge_values
 from critflow.networks.deformation import strain_basis
-from critflow.networks.network import Array, Network, edge_values, validated_coordinates
+from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError, Stats, Status
 from critflow.rigidity.counts import rigidity
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained

@@ -16,7 +16,8 @@ from critflow.critical.objectives import LengthVariance, Objective, Partials, Te
 from critflow.design.target_table import EdgeLimits, Wanted
 from critflow.design.tolerances import TARGET_NEAREST, TARGET_OPTIMAL
 from critflow.mechanics.stiffening_objective import Growth, StiffeningCoefficient
-from critflow.networks.network import Array, Network, edge_values, validated_coordinates
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError
 from critflow.solvers.constrained import Point
 

@@ -22,8 +22,9 @@ from critflow.critical.objectives import (
 )
 from critflow.design.designed import limits_of
 from critflow.mechanics.stiffening_objective import PathStiffeningCoefficient, StiffeningCoefficient
+from critflow.networks.checks import edge_values
 from critflow.networks.deformation import DEFORMATIONS, deformation_of, strain_basis
-from critflow.networks.network import Array, edge_values
+from critflow.networks.network import Array
 from critflow.result import InputError
 
 ALIASES = {

@@ -20,7 +20,8 @@ from critflow.critical.objectives import Objective, TransitionModulus
 from critflow.design.target_errors import error_bounds
 from critflow.design.target_table import StressComponent, named_target
 from critflow.mechanics.stiffening_objective import PathStiffeningCoefficient, StiffeningCoefficient
-from critflow.networks.network import Array, Network, edge_values
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
 
 

@@ -20,8 +20,9 @@ from critflow.exchange.convert import network_from
 from critflow.exchange.repair import ImportedNetwork
 from critflow.mechanics.elasticity import Elasticity
 from critflow.mechanics.moduli import elasticity
+from critflow.networks.checks import edge_values
 from critflow.networks.digits import Digits
-from critflow.networks.network import Array, Network, edge_values, validated_coordinates
+from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.onset.critical_strain import Onset, critical_strain
 from critflow.result import CritflowError, InputError, Solution, SolveError, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes

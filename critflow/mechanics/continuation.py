@@ -16,7 +16,8 @@ from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli
 from critflow.mechanics.equilibrium import Equilibrium, relaxed
 from critflow.mechanics.free_cell import FreeCellState, relaxed_with_cell, stretched
 from critflow.mechanics.laws import HOOKEAN
-from critflow.mechanics.response import LinearResponse, response_of, strains_of
+from critflow.mechanics.predictor import Predictor
+from critflow.mechanics.response import LinearResponse, response_of
 from critflow.mechanics.springs import SpringState
 from critflow.mechanics.tangent import Tangent, path_rates, relaxations_to, tangent, tangent_of_response
 from critflow.mechanics.tolerances import (
@@ -26,6 +27,7 @@ from critflow.mechanics.tolerances import (
     FLOPPY_SHIFT,
     RETURN_DISTANCE,
 )
+from critflow.mechanics.unit_strains import strains_of
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.result import Status
@@ -38,10 +40,6 @@ _MOST_STEPS, _MOST_ITERATIONS = 400, 4000
 _DEPARTING_STRESS = 1e-6
 # A step that covers this part of the remaining interval ends at the requested strain, not a rounding next to it.
 _WHOLE = 0.999
-# Beyond this number of previous steps ahead a polynomial extrapolates worse than a straight line.
-_FARTHEST = 2
-# Points of the path from which it is extrapolated.
-_MOST_POINTS = 3
 
 _LIMIT = "the steps became too short to arrive: give strains that are closer together, or another method"
 _UNRESOLVED = "this strain and the one before it give the same cell in floating-point numbers: choose larger ones"
@@ -115,19 +113,19 @@ class Continuation:
     stride: float = np.inf
     reference: Network = field(init=False)
     stretch: Array = field(init=False)
-    predictor: _Predictor = field(init=False)
+    predictor: Predictor = field(init=False)
     _gradients: dict[float, Array] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self.reference, self.stretch = self.state.network, np.zeros(len(self.deformation.free))
-        self.predictor = _Predictor(self._point(self.state, 0.0, self.stretch))
+        self.predictor = Predictor(self._point(self.state, 0.0, self.stretch))
 
     def begin(self) -> Arrival:
         """Relax at γ = 0, where free components of the cell may have stress and velocities are unknown."""
         step = self._step(0.0)
         if step.ok:
             self.state, self.stretch, self.regular = step.state, step.stretch, True
-            self.predictor = _Predictor(self._point(step.state, 0.0, step.stretch), step.velocity)
+            self.predictor = Predictor(self._point(step.state, 0.0, step.stretch), step.velocity)
         return Arrival(step, step.iterations, 0)
 
     def refused(self, strain: float, status: Status, note: str) -> Arrival:
@@ -253,7 +251,7 @@ class Continuation:
         if along is None:
             return False
         velocity = np.concatenate([along.relaxation.ravel(), along.stretch_rate])
-        self.predictor = _Predictor(self.predictor.last, velocity)
+        self.predictor = Predictor(self.predictor.last, velocity)
         return True
 
     def _accept(self, step: Step) -> None:
@@ -322,61 +320,3 @@ def _unique(state: SpringState) -> bool:
 def _distance(one: SpringState, other: SpringState) -> float:
     """The largest difference of two states' bond vectors, in units of the mean length."""
     return float(np.abs(one.bond_vectors - other.bond_vectors).max() / one.lengths.mean())
-
-
-class _Predictor:
-    """Extrapolates the path (y, q)(γ) from its last two or three points, whichever predicted the last one better."""
-
-    def __init__(self, start: Array, velocity: Array | None = None):
-        self._points: list[tuple[float, Array, Array | None]] = [(0.0, start, velocity)]
-        # The changes (1 or 2, n) extrapolated last, from two points and from three, and the strain there.
-        self._changes, self._strain, self._better = np.zeros((1, len(start))), np.nan, -1
-
-    @property
-    def last(self) -> Array:
-        """The last point (n,)."""
-        return self._points[-1][1]
-
-    def add(self, strain: float, y: Array, velocity: Array | None) -> None:
-        """Add a point of the path (n,) with its velocity dy/dγ; the last three are kept."""
-        if strain == self._strain and len(self._changes) > 1:
-            self._better = int(np.abs(self._changes - (y - self.last)).max(axis=1).argmin())
-        self._points = [*self._points[1 - _MOST_POINTS :], (strain, y, velocity)]
-
-    def displacement(self, strain: float) -> Array:
-        """Extrapolated change of y (n,) from the last point."""
-        last, y, velocity = self._points[-1]
-        self._strain = np.nan
-        if velocity is None:
-            return np.zeros_like(y)
-        ahead, behind = strain - last, last - self._points[-2:][0][0]
-        if abs(ahead) > _FARTHEST * abs(behind):
-            return velocity * ahead
-        # Conditions on a polynomial that vanishes at the last point, in units of the last step.
-        rows, values, counts = [_monomial_rates(0.0)], [velocity * behind], []
-        for there, y_there, velocity_there in self._points[-2::-1]:
-            place = (there - last) / behind
-            rows.append(_monomials(place))
-            values.append(y_there - y)
-            if velocity_there is not None:
-                rows.append(_monomial_rates(place))
-                values.append(velocity_there * behind)
-            counts.append(len(rows))
-        weights = np.zeros((len(counts), len(rows)))
-        for weight, n in zip(weights, counts, strict=True):
-            weight[:n] = np.linalg.solve(np.array(rows)[:n, :n].T, _monomials(ahead / behind)[:n])
-        self._changes, self._strain = weights @ np.array(values), strain
-        return np.asarray(self._changes[self._better if len(counts) > 1 else 0])
-
-
-_POWERS = np.arange(1, 2 * _MOST_POINTS)
-
-
-def _monomials(t: float) -> Array:
-    """t, t², …, of as many powers as a Hermite polynomial of the points may have."""
-    return np.power(t, _POWERS)
-
-
-def _monomial_rates(t: float) -> Array:
-    """Derivatives of `_monomials`."""
-    return np.asarray(_POWERS * np.power(t, _POWERS - 1))

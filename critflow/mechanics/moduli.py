@@ -25,7 +25,8 @@ from critflow.mechanics.elasticity import Elasticity, Moduli
 from critflow.mechanics.laws import HOOKEAN, SpringLaw
 from critflow.mechanics.response import linear_response
 from critflow.mechanics.springs import ElasticState, SpringState, edge_directions, spring_state
-from critflow.networks.network import Array, Network, edge_values, validated_coordinates
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
 from critflow.rigidity.uniqueness import only_self_stress, require_only_self_stress

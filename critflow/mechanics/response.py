@@ -4,14 +4,12 @@ With the total rates L̇_a = E_a L + g u_a of bond vectors under a strain E_a an
     V C_ab = ḣ_aᵀ K ḣ_b + Σ σ L̇_a·L̇_b
 is stationary at the relaxations u, so that their errors enter as products (`LinearResponse`).
 
-The strains are those of `_strains`: dilation, shears and the parts of normal strains without change of volume, each
-with a separate relaxation, so that the bulk modulus is not a difference of larger numbers.
+The strains are those of `unit_strains`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -19,10 +17,10 @@ import numpy as np
 from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
-from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli, no_elasticity, strain_components
+from critflow.mechanics.elasticity import NO_MODULI, Elasticity, Moduli, no_elasticity
 from critflow.mechanics.springs import ElasticState
 from critflow.mechanics.tolerances import FLOPPY_SHIFT, TRUSTED_ERROR
-from critflow.networks.deformation import strain_basis
+from critflow.mechanics.unit_strains import basis_change, stress_products, unit_strains
 from critflow.networks.network import Array, Network
 from critflow.precision.residual import inverse_norm
 from critflow.result import InputError, Solution, Stats, Status
@@ -100,9 +98,9 @@ def response_of(
 ) -> LinearResponse:
     """As `linear_response`; without `condition`, which costs a solve, `stats.condition` is NaN.
 
-    strains  rows of `_strains`, such as those of `strains_of`; responses to all others are zero in the result
+    strains  rows of `unit_strains`, such as those of `strains_of`; responses to all others are zero in the result
     """
-    strains = strains or tuple(range(len(_strains(state.network.dimension))))
+    strains = strains or tuple(range(len(unit_strains(state.network.dimension))))
     # Without negative eigenvalues any factor near the state will do; convergence shows whether it is near enough.
     found = _responses(state, factor, volume, strains) if factor is not None and _taut(state) else None
     if factor is None or found is None or not found.converged:
@@ -123,7 +121,7 @@ def response_of(
     bound = Moduli(np.inf, np.inf, np.inf) if bounds is None else Moduli(*map(float, bounds[0]))
     stats = Stats("linear response", 1, residual=found.residual, condition=number, error_bound=bound)
     d = state.network.dimension
-    relaxations = np.tensordot(_basis_change(d)[list(strains)].T, found.relaxations, axes=1)
+    relaxations = np.tensordot(basis_change(d)[list(strains)].T, found.relaxations, axes=1)
     relaxation = found.relaxations[0]
     if bounds is None or bounds[0].max() > TRUSTED_ERROR * np.abs(found.moduli[:2]).max():
         value, status, tensors = NO_MODULI, Status.ill_conditioned, no_elasticity(d, volume)
@@ -149,44 +147,6 @@ def _unstable(state: ElasticState, factor: Factor) -> LinearResponse:
     )
 
 
-# Strains
-
-
-@cache
-def _strains(dimension: int) -> Array:
-    """Strains (m, d, d): dilation 1/d, deviators e_i e_iᵀ − 1/d of all axes but the last, shears in Voigt's order."""
-    basis, unit = strain_basis(dimension)[1], np.eye(dimension) / dimension
-    return np.concatenate([unit[None], basis[: dimension - 1] - unit, basis[dimension:]])
-
-
-@cache
-def _basis_change(dimension: int) -> Array:
-    """T (m, m): the strain a of `strain_basis` is Σ_n T_na `_strains`_n."""
-    d = dimension
-    T = np.eye(d * (d + 1) // 2)
-    normal = np.zeros((d, d))
-    normal[0] = 1.0
-    normal[1:, :-1] = np.eye(d - 1)
-    normal[1:, -1] = -1.0
-    T[:d, :d] = normal
-    return T
-
-
-def strains_of(rates: Array) -> tuple[int, ...]:
-    """Rows of `_strains` for the moduli, dilation and the last shear, and for rates A (n, d, d) of a cell."""
-    d = rates.shape[1]
-    parts = np.array([_basis_change(d) @ strain_components(0.5 * (A + A.T)) for A in rates])
-    last = parts.shape[1] - 1
-    return tuple(n for n in range(last + 1) if n in (0, last) or parts[:, n].any())
-
-
-@cache
-def _products(dimension: int) -> Array:
-    """Sums of the entries of |E_a||E_b|, (m, m): the effect of an error of the stress on its terms."""
-    basis = np.abs(strain_basis(dimension)[1])
-    return np.einsum("aij,bjk->ab", basis, basis)
-
-
 # Responses
 
 
@@ -197,7 +157,7 @@ class _Responses:
     moduli, moduli_rounding  (3,) in the order of `Moduli`
     tensor, affine, rounding  C_ab in the strain basis, relaxed and affine, with rounding errors of both, (m, m)
     stress                   S, (d, d)
-    relaxations, last        u (m, n_free, d) under `_strains` and its last correction
+    relaxations, last        u (m, n_free, d) under `unit_strains` and its last correction
     """
 
     moduli: Array
@@ -230,7 +190,7 @@ def _change_to_equilibrium(
 
 
 def _responses(state: ElasticState, factor: Factor, volume: float, strains: tuple[int, ...]) -> _Responses:
-    """The responses to some rows of `_strains` by a factor of the Hessian, refined until corrections are small.
+    """The responses to some rows of `unit_strains` by a factor of the Hessian, refined until corrections are small.
 
     The first of them is the dilation, the last one the last shear.
     """
@@ -238,7 +198,7 @@ def _responses(state: ElasticState, factor: Factor, volume: float, strains: tupl
     d, m, n = network.dimension, len(strains), network.n_edges
     # Arrays over edges have the edges last: NumPy is several times slower where the last axis is short.
     L = np.ascontiguousarray(state.bond_vectors.T)
-    affine = (_strains(d)[list(strains)].reshape(m * d, d) @ L).reshape(m, d, n)
+    affine = (unit_strains(d)[list(strains)].reshape(m * d, d) @ L).reshape(m, d, n)
     rate, direct, least = affine, np.zeros((m, m)), _NO_RELAXATION * state.length_scale
     u, scale, energy = np.zeros((m, *state.forces.shape)), np.zeros(m), np.zeros(m)
     for refinement in range(_MOST_CORRECTIONS + 1):
@@ -270,10 +230,10 @@ def _responses(state: ElasticState, factor: Factor, volume: float, strains: tupl
     moduli, moduli_rounding = _moduli(
         state, form, form_rounding, (first, float(unfinished[0, 0]), stress_rounding), volume
     )
-    T = _basis_change(d)[list(strains)]
+    T = basis_change(d)[list(strains)]
     tensor, stress = T.T @ form @ T, (sigma * L) @ L.T / volume
     rounding = np.abs(T).T @ form_rounding @ np.abs(T) + 4 * EPS * np.abs(tensor)
-    rounding += (stress_rounding + 4 * EPS * float(np.abs(stress).max())) * _products(d)
+    rounding += (stress_rounding + 4 * EPS * float(np.abs(stress).max())) * stress_products(d)
     return _Responses(
         moduli,
         moduli_rounding,

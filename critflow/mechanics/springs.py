@@ -21,7 +21,8 @@ from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import norms
 from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
-from critflow.networks.network import Array, Network, edge_values, validated_coordinates
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.precision.double_double import Extended, difference_of_squares
 from critflow.precision.residual import Displacement, exact_displacement
 from critflow.result import InputError, Record

@@ -23,8 +23,9 @@ from critflow.mechanics.equilibrium import relaxation_method
 from critflow.mechanics.laws import HOOKEAN, SpringLaw, checked_law
 from critflow.mechanics.springs import SpringState
 from critflow.mechanics.tolerances import BALANCED_START, CONSISTENT_LENGTHS, LOOSENING_WORK, OPENING
+from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
-from critflow.networks.network import Array, Network, edge_values
+from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record, Solution, Stats, Status
 
 _LOOSENED = "the strain loosens the network, which is floppy on this side of the transition: change its sign"

@@ -18,13 +18,24 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.networks.checks import (
+    Array,
+    IntArray,
+    check_edges,
+    check_positions,
+    check_values,
+    checked_count,
+    checked_pins,
+    dimension_of,
+    edge_values,
+    finite_rows,
+    floats,
+    integers,
+    shown,
+)
 from critflow.networks.faces import Faces
-from critflow.networks.images import doubtful_offsets
 from critflow.networks.support import check_support
 from critflow.result import NetworkError
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,28 +70,28 @@ class Network:
     reference_volume: float | None = None
 
     def __post_init__(self) -> None:
-        edges = _integers(self.edges, "edges")
+        edges = integers(self.edges, "edges")
         if edges.ndim != 2 or edges.shape[1] != 2 or len(edges) == 0:
             raise NetworkError(f"edges must have shape (N_b, 2) with N_b >= 1, not {edges.shape}: give tail and head")
-        n_vertices = _n_vertices(self.n_vertices) or max(int(edges.max()) + 1, 0)
-        pins = _pins(self.pins)
-        cell = None if self.cell is None else _floats(self.cell, "cell")
-        dimension = _dimension(cell, pins)
-        offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else _integers(self.offsets, "offsets")
-        stiffness = _floats(self.stiffness, "stiffness")
+        n_vertices = checked_count(self.n_vertices) or max(int(edges.max()) + 1, 0)
+        pins = checked_pins(self.pins)
+        cell = None if self.cell is None else floats(self.cell, "cell")
+        dimension = dimension_of(cell, pins)
+        offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else integers(self.offsets, "offsets")
+        stiffness = floats(self.stiffness, "stiffness")
         if stiffness.ndim == 0:
             stiffness = np.full(len(edges), float(stiffness))
-        positions = None if self.positions is None else _floats(self.positions, "positions")
+        positions = None if self.positions is None else floats(self.positions, "positions")
 
         if offsets.shape != (len(edges), dimension):
             raise NetworkError(f"offsets must have shape {(len(edges), dimension)}, not {offsets.shape}: one per edge")
         if cell is None and offsets.any():
             raise NetworkError("edges with image offsets need a cell: give its vectors as rows")
-        _check_values(stiffness, len(edges), cell, pins, n_vertices)
-        _check_edges(edges, offsets, n_vertices)
+        check_values(stiffness, len(edges), cell, pins, n_vertices)
+        check_edges(edges, offsets, n_vertices)
         self._check_support(edges, offsets, cell, pins, n_vertices)
         if positions is not None:
-            _check_positions(positions, edges, offsets, cell, (n_vertices, dimension))
+            check_positions(positions, edges, offsets, cell, (n_vertices, dimension))
 
         arrays = (
             ("edges", edges),
@@ -206,7 +217,7 @@ class Network:
 
     def with_stiffness(self, stiffness: ArrayLike) -> Network:
         """The same network with other stiffnesses k, (N_b,) or one number."""
-        values = _floats(stiffness, "stiffness")
+        values = floats(stiffness, "stiffness")
         values = np.full(self.n_edges, float(values)) if values.ndim == 0 else values
         edge_values(values, self.n_edges, "stiffness")
         values.flags.writeable = False
@@ -216,14 +227,14 @@ class Network:
         """The same network without a cell, with the volume V (area in two dimensions) to which its moduli refer."""
         if self.cell is not None:
             raise NetworkError("the volume of a periodic network is that of its cell: name one only without a cell")
-        value = _floats(volume, "a volume")
+        value = floats(volume, "a volume")
         if value.ndim or not 0 < value < np.inf:
-            raise NetworkError(f"a volume must be positive and finite, not {_shown(volume)}: give one number")
+            raise NetworkError(f"a volume must be positive and finite, not {shown(volume)}: give one number")
         return self._copied(reference_volume=float(value))
 
     def deformed(self, gradient: ArrayLike) -> Network:
         """The network after the affine deformation F of its boundary: b → F b, including pins and positions."""
-        F = _floats(gradient, "a deformation")
+        F = floats(gradient, "a deformation")
         if F.shape != (self.dimension,) * 2 or not np.isfinite(F).all() or not abs(np.linalg.det(F)) > 0:
             raise NetworkError(f"a deformation must be an invertible {self.dimension} × {self.dimension} matrix")
         copied = self._copied(
@@ -260,137 +271,6 @@ class Network:
         return part._copied(positions=positions, reference_volume=self.reference_volume), vertices
 
 
-def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True) -> Array:
-    """Values per edge as floats (N_b,), finite and positive, else a `NetworkError` that names the first bad edge."""
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise NetworkError(f"{name} must be numbers, one per edge, not {values!r:.60}") from None
-    if array.shape != (n_edges,):
-        raise NetworkError(f"{name} must have one value per edge, shape ({n_edges},), not {array.shape}")
-    bad = ~np.isfinite(array) | (positive & ~(array > 0))
-    if bad.any():
-        edge = int(np.flatnonzero(bad)[0])
-        rule = "positive and finite" if positive else "finite"
-        raise NetworkError(
-            f"{name} must be {rule} on every edge, but {name}[{edge}] = {array[edge]}: correct that value"
-        )
-    return array
-
-
 def validated_coordinates(network: Network, coordinates: ArrayLike) -> Array:
     """A copy of vertex coordinates as finite floats (N_v, d), else an `InputError`."""
-    return _rows(_floats(coordinates, "coordinates"), "coordinates", (network.n_vertices, network.dimension))
-
-
-def _rows(array: Array, name: str, shape: tuple[int, int]) -> Array:
-    """The array if it has this shape and is finite, else a `NetworkError` that names the first bad row."""
-    if array.shape != shape:
-        raise NetworkError(f"{name} must have shape {shape}, not {array.shape}: give one row per vertex")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-    if len(bad):
-        raise NetworkError(f"{name} must be finite, but {name}[{bad[0]}] = {array[bad[0]].tolist()}: correct that row")
-    return array
-
-
-def _floats(values: ArrayLike, name: str) -> Array:
-    """A copy of the values as floats, else a `NetworkError`."""
-    try:
-        array = np.array(values)
-        if array.dtype.kind == "c":
-            raise TypeError
-        return array.astype(float)
-    except (TypeError, ValueError, OverflowError):
-        raise NetworkError(f"{name} must be real numbers in rows of equal length, not {_shown(values)}") from None
-
-
-def _integers(values: ArrayLike, name: str) -> IntArray:
-    """A copy of the values as integers, else a `NetworkError`."""
-    try:
-        array = np.array(values)
-    except ValueError:
-        raise NetworkError(f"{name} must be rows of equal length, not {_shown(values)}") from None
-    if array.dtype.kind == "f" and np.array_equal(array, np.round(array)) and (np.abs(array) < 2.0**63).all():
-        return array.astype(np.int64)
-    if array.dtype.kind not in "iu" or (array.size and array.max() >= 2**63):
-        raise NetworkError(f"{name} must be whole numbers, not {array.dtype}: they count vertices and cell images")
-    return array.astype(np.int64)
-
-
-def _shown(value: object) -> str:
-    """The value in one short line."""
-    return " ".join(f"{value!r:.60}".split())
-
-
-def _n_vertices(value: object) -> int:
-    if not isinstance(value, int | np.integer) or value < 0:
-        raise NetworkError(f"n_vertices must be a whole number above zero, not {_shown(value)}, or left out")
-    return int(value)
-
-
-def _pins(pins: object) -> dict[int, Array]:
-    if pins is None:
-        return {}
-    if not isinstance(pins, Mapping):
-        raise NetworkError(
-            f"pins must be a mapping from vertices to positions, such as {{0: [0.0, 0.0]}}, not a {type(pins).__name__}"
-        )
-    for vertex in pins:
-        if not isinstance(vertex, int | np.integer):
-            raise NetworkError(f"pin {_shown(vertex)} is not a vertex: the keys of pins are numbers of vertices")
-    return {int(i): _floats(p, f"the position of pin {i}") for i, p in pins.items()}
-
-
-def _dimension(cell: Array | None, pins: Mapping[int, Array]) -> int:
-    if cell is None and not pins:
-        raise NetworkError("a network needs a periodic cell or pins: without either it collapses to a point")
-    sizes = {p.shape for p in pins.values()} | ({cell.shape[:1]} if cell is not None else set())
-    if len(sizes) != 1 or any(len(size) != 1 for size in sizes):
-        raise NetworkError("the cell vectors and the pinned positions must all have the same dimension")
-    dimension = int(sizes.pop()[0])
-    if cell is not None and cell.shape != (dimension, dimension):
-        raise NetworkError(f"cell must be a square matrix with the cell vectors as rows, not {cell.shape}")
-    return dimension
-
-
-def _check_values(
-    stiffness: Array, n_edges: int, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
-) -> None:
-    edge_values(stiffness, n_edges, "stiffness")
-    if cell is not None and not (np.isfinite(cell).all() and abs(np.linalg.det(cell)) > 0):
-        raise NetworkError("the cell vectors must be finite and span a volume: two of them are parallel or one is zero")
-    for vertex, position in pins.items():
-        if not 0 <= vertex < n_vertices:
-            raise NetworkError(f"pin {vertex} is not a vertex: vertices run from 0 to {n_vertices - 1}")
-        if not np.isfinite(position).all():
-            raise NetworkError(f"the position of pin {vertex} is not finite: give {len(position)} numbers")
-
-
-def _check_edges(edges: IntArray, offsets: IntArray, n_vertices: int) -> None:
-    missing = (edges < 0) | (edges >= n_vertices)
-    if missing.any():
-        edge = int(np.flatnonzero(missing.any(axis=1))[0])
-        raise NetworkError(
-            f"edge {edge} joins vertices {edges[edge].tolist()}, but vertices run from 0 to {n_vertices - 1}: "
-            "remove it or add the vertex"
-        )
-    loops = (edges[:, 0] == edges[:, 1]) & ~offsets.any(axis=1)
-    if loops.any():
-        edge = int(np.flatnonzero(loops)[0])
-        raise NetworkError(f"edge {edge} joins vertex {edges[edge, 0]} to itself, which has no length: remove it")
-
-
-def _check_positions(
-    positions: Array, edges: IntArray, offsets: IntArray, cell: Array | None, shape: tuple[int, int]
-) -> None:
-    """Raise `NetworkError` for positions that are not finite, or contradict the offsets of many edges."""
-    _rows(positions, "positions", shape)
-    if cell is None:
-        return
-    doubtful = doubtful_offsets(edges, offsets, cell, positions)
-    if doubtful.contradicted:
-        raise NetworkError(
-            f"the positions contradict the offsets of {len(doubtful.edges)} of {doubtful.n_crossing} edges across the "
-            f"boundary: edge {doubtful.edges[0]} is longer than the cell, though its ends have images nearby; an "
-            "offset is that of the head (negate it?), or leave positions out"
-        )
+    return finite_rows(floats(coordinates, "coordinates"), "coordinates", (network.n_vertices, network.dimension))

@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.backbone import Backbone, backbone
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
+from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, deformation_of
-from critflow.networks.network import Array, Network, edge_values
+from critflow.networks.network import Array, Network
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.bounds import StrainBounds, onset_bounds
 from critflow.onset.central_path import follow_central_path

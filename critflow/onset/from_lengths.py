@@ -18,7 +18,8 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, 
 from critflow.critical.tolerances import COLLAPSED
 from critflow.mechanics.equilibrium import equilibrium, relaxation_method
 from critflow.mechanics.springs import spring_state
-from critflow.networks.network import Array, Network, edge_values
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array, Network
 from critflow.onset.proportional_lengths import newton_error
 from critflow.onset.stressed_part import balanced_part, polish_stressed, unknown_configuration
 from critflow.onset.tolerances import EVEN, EXACT_CONE, FITTED, NO_STRESS, ROUGH_CONE, STRAIN_STEPS

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
-from critflow.networks.network import Array, edge_values
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array
 from critflow.result import InputError, Record, Solution, Stats
 from critflow.rigidity.counts import Rigidity, rigidity
 

@@ -16,8 +16,8 @@ from problems import (
 )
 
 from critflow import CriticalManifold, Network, NetworkError, honeycomb_network, three_bar_linkage, voronoi_network
+from critflow.networks.checks import edge_values
 from critflow.networks.faces import planar_faces
-from critflow.networks.network import edge_values
 
 
 @pytest.mark.parametrize("name", NETWORKS)

@@ -1,0 +1,145 @@
+"""Checks of the values that make a network: each raises a `NetworkError` that names the first bad one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from critflow.networks.images import doubtful_offsets
+from critflow.result import NetworkError
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True) -> Array:
+    """Values per edge as floats (N_b,), finite and positive, else a `NetworkError` that names the first bad edge."""
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise NetworkError(f"{name} must be numbers, one per edge, not {values!r:.60}") from None
+    if array.shape != (n_edges,):
+        raise NetworkError(f"{name} must have one value per edge, shape ({n_edges},), not {array.shape}")
+    bad = ~np.isfinite(array) | (positive & ~(array > 0))
+    if bad.any():
+        edge = int(np.flatnonzero(bad)[0])
+        rule = "positive and finite" if positive else "finite"
+        raise NetworkError(
+            f"{name} must be {rule} on every edge, but {name}[{edge}] = {array[edge]}: correct that value"
+        )
+    return array
+
+
+def finite_rows(array: Array, name: str, shape: tuple[int, int]) -> Array:
+    """The array if it has this shape and is finite, else a `NetworkError` that names the first bad row."""
+    if array.shape != shape:
+        raise NetworkError(f"{name} must have shape {shape}, not {array.shape}: give one row per vertex")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if len(bad):
+        raise NetworkError(f"{name} must be finite, but {name}[{bad[0]}] = {array[bad[0]].tolist()}: correct that row")
+    return array
+
+
+def floats(values: ArrayLike, name: str) -> Array:
+    """A copy of the values as floats, else a `NetworkError`."""
+    try:
+        array = np.array(values)
+        if array.dtype.kind == "c":
+            raise TypeError
+        return array.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        raise NetworkError(f"{name} must be real numbers in rows of equal length, not {shown(values)}") from None
+
+
+def integers(values: ArrayLike, name: str) -> IntArray:
+    """A copy of the values as integers, else a `NetworkError`."""
+    try:
+        array = np.array(values)
+    except ValueError:
+        raise NetworkError(f"{name} must be rows of equal length, not {shown(values)}") from None
+    if array.dtype.kind == "f" and np.array_equal(array, np.round(array)) and (np.abs(array) < 2.0**63).all():
+        return array.astype(np.int64)
+    if array.dtype.kind not in "iu" or (array.size and array.max() >= 2**63):
+        raise NetworkError(f"{name} must be whole numbers, not {array.dtype}: they count vertices and cell images")
+    return array.astype(np.int64)
+
+
+def shown(value: object) -> str:
+    """The value in one short line."""
+    return " ".join(f"{value!r:.60}".split())
+
+
+def checked_count(value: object) -> int:
+    if not isinstance(value, int | np.integer) or value < 0:
+        raise NetworkError(f"n_vertices must be a whole number above zero, not {shown(value)}, or left out")
+    return int(value)
+
+
+def checked_pins(pins: object) -> dict[int, Array]:
+    if pins is None:
+        return {}
+    if not isinstance(pins, Mapping):
+        raise NetworkError(
+            f"pins must be a mapping from vertices to positions, such as {{0: [0.0, 0.0]}}, not a {type(pins).__name__}"
+        )
+    for vertex in pins:
+        if not isinstance(vertex, int | np.integer):
+            raise NetworkError(f"pin {shown(vertex)} is not a vertex: the keys of pins are numbers of vertices")
+    return {int(i): floats(p, f"the position of pin {i}") for i, p in pins.items()}
+
+
+def dimension_of(cell: Array | None, pins: Mapping[int, Array]) -> int:
+    if cell is None and not pins:
+        raise NetworkError("a network needs a periodic cell or pins: without either it collapses to a point")
+    sizes = {p.shape for p in pins.values()} | ({cell.shape[:1]} if cell is not None else set())
+    if len(sizes) != 1 or any(len(size) != 1 for size in sizes):
+        raise NetworkError("the cell vectors and the pinned positions must all have the same dimension")
+    dimension = int(sizes.pop()[0])
+    if cell is not None and cell.shape != (dimension, dimension):
+        raise NetworkError(f"cell must be a square matrix with the cell vectors as rows, not {cell.shape}")
+    return dimension
+
+
+def check_values(
+    stiffness: Array, n_edges: int, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
+) -> None:
+    edge_values(stiffness, n_edges, "stiffness")
+    if cell is not None and not (np.isfinite(cell).all() and abs(np.linalg.det(cell)) > 0):
+        raise NetworkError("the cell vectors must be finite and span a volume: two of them are parallel or one is zero")
+    for vertex, position in pins.items():
+        if not 0 <= vertex < n_vertices:
+            raise NetworkError(f"pin {vertex} is not a vertex: vertices run from 0 to {n_vertices - 1}")
+        if not np.isfinite(position).all():
+            raise NetworkError(f"the position of pin {vertex} is not finite: give {len(position)} numbers")
+
+
+def check_edges(edges: IntArray, offsets: IntArray, n_vertices: int) -> None:
+    missing = (edges < 0) | (edges >= n_vertices)
+    if missing.any():
+        edge = int(np.flatnonzero(missing.any(axis=1))[0])
+        raise NetworkError(
+            f"edge {edge} joins vertices {edges[edge].tolist()}, but vertices run from 0 to {n_vertices - 1}: "
+            "remove it or add the vertex"
+        )
+    loops = (edges[:, 0] == edges[:, 1]) & ~offsets.any(axis=1)
+    if loops.any():
+        edge = int(np.flatnonzero(loops)[0])
+        raise NetworkError(f"edge {edge} joins vertex {edges[edge, 0]} to itself, which has no length: remove it")
+
+
+def check_positions(
+    positions: Array, edges: IntArray, offsets: IntArray, cell: Array | None, shape: tuple[int, int]
+) -> None:
+    """Raise `NetworkError` for positions that are not finite, or contradict the offsets of many edges."""
+    finite_rows(positions, "positions", shape)
+    if cell is None:
+        return
+    doubtful = doubtful_offsets(edges, offsets, cell, positions)
+    if doubtful.contradicted:
+        raise NetworkError(
+            f"the positions contradict the offsets of {len(doubtful.edges)} of {doubtful.n_crossing} edges across the "
+            f"boundary: edge {doubtful.edges[0]} is longer than the cell, though its ends have images nearby; an "
+            "offset is that of the head (negate it?), or leave positions out"
+        )
