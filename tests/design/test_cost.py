@@ -22,8 +22,8 @@ from critflow import (
 )
 from critflow.critical.objectives import OBJECTIVES, pure_shear
 from critflow.design.modulus_bounds import largest_modulus, modulus_bound
-from critflow.mechanics import response
 from critflow.mechanics.response import linear_response
+from critflow.mechanics.unit_strains import strains_of
 
 NETWORKS = {"planar": voronoi_network, "foam": foam_network}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]
@@ -111,8 +111,8 @@ def test_a_path_without_moduli_has_no_linear_response(factorised, monkeypatch, n
 @pytest.mark.parametrize("deformation, solved", [("dilation", 2), ("simple_shear", 2), ("uniaxial", 3)])
 def test_a_path_without_tensors_solves_for_its_strains_alone(monkeypatch, deformation, solved):
     network = NETWORKS["planar"](60, seed=1)
-    critical, rows, found = CriticalManifold(network).configuration(np.ones(network.n_edges)), [], response.strains_of
-    monkeypatch.setattr(PATH, "strains_of", lambda rates: rows.append(found(rates)) or rows[-1])
+    critical, rows = CriticalManifold(network).configuration(np.ones(network.n_edges)), []
+    monkeypatch.setattr(PATH, "strains_of", lambda rates: rows.append(strains_of(rates)) or rows[-1])
     for strain in (0.001, -0.001):  # one of them tightens
         strain_path(network, critical, [strain], deformation=deformation, tensors=False, throw=False)
     assert {len(row) for row in rows} == {solved}

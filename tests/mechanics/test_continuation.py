@@ -22,8 +22,9 @@ from critflow import (
 )
 from critflow import voronoi_network as voronoi
 from critflow.mechanics import continuation
-from critflow.mechanics.continuation import Continuation, _Predictor
+from critflow.mechanics.continuation import Continuation
 from critflow.mechanics.free_cell import stretched
+from critflow.mechanics.predictor import Predictor
 
 
 def test_failed_path_names_the_strain():
@@ -176,7 +177,7 @@ def test_a_path_is_extrapolated_to_the_order_of_its_points(strains, degree):
     def velocity(t):
         return degree * np.array([t ** (degree - 1), -2 * t ** (degree - 1)])
 
-    predictor = _Predictor(path(0.0), velocity(0.0))
+    predictor = Predictor(path(0.0), velocity(0.0))
     for t in strains[1:]:
         predictor.add(t, path(t), velocity(t))
     np.testing.assert_allclose(predictor.displacement(1.7), path(1.7) - path(1.0), rtol=1e-11)
@@ -185,7 +186,7 @@ def test_a_path_is_extrapolated_to_the_order_of_its_points(strains, degree):
 
 
 def test_a_path_with_a_kink_is_extrapolated_from_two_points():
-    predictor = _Predictor(np.zeros(1), np.ones(1))
+    predictor = Predictor(np.zeros(1), np.ones(1))
     for t in (1.0, 2.0, 3.0, 4.0):
         predictor.displacement(t)
         predictor.add(t, np.array([abs(t - 1.5)]), np.sign([t - 1.5]))
