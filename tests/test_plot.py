@@ -9,15 +9,12 @@ from scipy.spatial import cKDTree
 
 from critflow import CriticalManifold, diamond_network, foam_network, honeycomb_network, voronoi_network
 from critflow.plot import (
-    clipped_polygons,
     draw_in_depth,
     draw_network,
-    draw_surfaces,
     face_polygons,
     network_figure,
     periodic_segments,
     shade_faces,
-    surface_quads,
     unit_pressure_tensions,
     violins,
 )
@@ -189,36 +186,6 @@ def test_figure_of_a_three_dimensional_network():
     )
     figure.canvas.draw()
     assert len(figure.axes) == 2 and figure.axes[0].get_title() == "diamond"
-
-
-def test_quads_of_a_grid():
-    points = np.random.default_rng(2).random((4, 3, 3))
-    quads = surface_quads(points)
-    assert quads.shape == (6, 4, 3)
-    np.testing.assert_array_equal(quads[0], [points[0, 0], points[1, 0], points[1, 1], points[0, 1]])
-
-
-def test_clipped_polygons_lie_in_the_box():
-    square = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]])
-    (cut,) = clipped_polygons([square, square + 5.0], 1.5)
-    assert cut.max() == 1.5
-    # Shoelace area of the clipped square.
-    x, y = cut[:, 0], cut[:, 1]
-    assert abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2 == pytest.approx(2.25, rel=1e-14)
-    # A corner cut off by a slanted edge.
-    (triangle,) = clipped_polygons([np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]])], 1.0)
-    assert len(triangle) == 4
-
-
-def test_surfaces_are_sorted_by_depth_and_keep_their_colours(tmp_path):
-    figure = Figure()
-    axes = figure.add_subplot(projection="3d")
-    quad = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    # Both have the same normal, so the same shade.
-    collection = draw_surfaces(axes, [([quad], "red", 1.0), ([quad + 0.5], "blue", 0.5)], light=(0, 0, 1))
-    figure.savefig(tmp_path / "surfaces.png")
-    assert sorted(map(tuple, np.round(collection.get_facecolor(), 12))) == [(0, 0, 1, 0.5), (1, 0, 0, 1)]
-    assert len(axes.collections) == 1
 
 
 @pytest.mark.parametrize("name", ["voronoi", "oblique", "sheared", "honeycomb"])

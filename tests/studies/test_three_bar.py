@@ -4,10 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from critflow import Status
 from critflow.cli import main
 from critflow.workflow.load import load_study
+from workflows.three_bar.surfaces import clipped_polygons, draw_surfaces, surface_quads
 
 SPAN = 2.0
 
@@ -123,3 +125,33 @@ def test_verify_names_what_does_not_follow(folder, dataset, variable, said, caps
     problems = load_study("three_bar").study.verify(changed)
     assert problems
     assert all(said in problem for problem in problems), problems
+
+
+def test_quads_of_a_grid():
+    points = np.random.default_rng(2).random((4, 3, 3))
+    quads = surface_quads(points)
+    assert quads.shape == (6, 4, 3)
+    np.testing.assert_array_equal(quads[0], [points[0, 0], points[1, 0], points[1, 1], points[0, 1]])
+
+
+def test_clipped_polygons_lie_in_the_box():
+    square = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]])
+    (cut,) = clipped_polygons([square, square + 5.0], 1.5)
+    assert cut.max() == 1.5
+    # Shoelace area of the clipped square.
+    x, y = cut[:, 0], cut[:, 1]
+    assert abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2 == pytest.approx(2.25, rel=1e-14)
+    # A corner cut off by a slanted edge.
+    (triangle,) = clipped_polygons([np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]])], 1.0)
+    assert len(triangle) == 4
+
+
+def test_surfaces_are_sorted_by_depth_and_keep_their_colours(tmp_path):
+    figure = Figure()
+    axes = figure.add_subplot(projection="3d")
+    quad = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    # Both have the same normal, so the same shade.
+    collection = draw_surfaces(axes, [([quad], "red", 1.0), ([quad + 0.5], "blue", 0.5)], light=(0, 0, 1))
+    figure.savefig(tmp_path / "surfaces.png")
+    assert sorted(map(tuple, np.round(collection.get_facecolor(), 12))) == [(0, 0, 1, 0.5), (1, 0, 0, 1)]
+    assert len(axes.collections) == 1

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow.plot import Drawing, Panel, gallery_figure, panel_figure, unit_pressure_tensions
+from critflow.plot import unit_pressure_tensions
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ..shared.panels import Drawing, Panel, gallery_figure, panel_figure
 from ..shared.population_reports import (
     CONVENTIONS,
     large_shear,

@@ -9,10 +9,11 @@ from matplotlib.patches import Rectangle
 from mpl_toolkits.mplot3d import proj3d
 from scipy.interpolate import RectBivariateSpline
 
-from critflow.plot import COLOURS, COMPRESSED, clipped_polygons, draw_surfaces, surface_quads
+from critflow.plot import COLOURS, COMPRESSED
 from critflow.result import Status
 
 from ..shared.reports import parameters
+from .surfaces import clipped_polygons, draw_surfaces, surface_quads
 
 ORANGE, PURPLE, GREY, CURVE = "#E69F00", "#8E5BB5", "#A9A9A9", "#C00000"
 FAMILIES = {"stretched": ORANGE, "folded": PURPLE, "branch": GREY}
