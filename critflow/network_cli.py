@@ -159,7 +159,10 @@ def make(
     file: FileArgument,
     out: Annotated[Path, typer.Option(metavar="OUT", help="The file to write; its ending names the format.")],
     hints: Hints,
-    objective: Annotated[str, typer.Option(metavar="NAME", help=f"One of {', '.join(OBJECTIVES)}.")] = "bulk_modulus",
+    objective: Annotated[
+        str,
+        typer.Option(metavar="NAME", help=f"One of {', '.join(OBJECTIVES)}; bulk_modulus unless there are targets."),
+    ] = "",
     picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the configuration.")] = None,
     target: Annotated[
         list[str],
@@ -170,6 +173,9 @@ def make(
 
     Many parameters: each is an option of the command.
     """
+    if objective and target:
+        raise InputError("--objective is for networks without --target: give NAME=largest or NAME=smallest as a target")
+    objective = objective or "bulk_modulus"
     # Before a long computation, whose result could not be written.
     writable_format(out)
     if picture is not None:
@@ -210,13 +216,15 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str]:
         name, equals, value = word.partition("=")
         if not (name and equals and value):
             raise InputError(f"--target must be NAME=VALUE or NAME=LOW:HIGH, such as B_0=0.25, not {word!r}")
+        if name in targets:
+            raise InputError(f"--target {name} is given twice: give one value, or limits LOW:HIGH")
         targets[name] = _target(value)
     made = design(network, targets, throw=False)
     print(f"  {made.status.name}: {made.reason}")
     for name, reached in made.achieved.items():
         print(
             f"  {name} {reached:.12g} ± {made.error_bounds[name]:.1e}, requested {targets[name]}, "
-            f"cost {made.multipliers[name]:.3g}, independence {made.independence[name]:.3g}"
+            f"cost {made.multipliers[name] + 0.0:.3g}, independence {made.independence[name]:.3g}"
         )
     return made, ", ".join(f"{name} {reached:.4g}" for name, reached in made.achieved.items())
 

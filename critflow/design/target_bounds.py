@@ -9,6 +9,7 @@ equality at the largest B_0 only (`stiffening_bound`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
@@ -29,14 +30,14 @@ def excluded(manifold: CriticalManifold, targets: Sequence[Wanted], positive: bo
     positive  whether all stresses are positive
     """
     note = _beyond_sign(targets) or _beyond_modulus(manifold, targets)
-    note = note or _beyond_stress(manifold, targets, positive)
+    note = note or _beyond_stress(manifold, targets, positive) or _beyond_together(manifold, targets)
     return note or (_beyond_softening(manifold, targets) if positive else "")
 
 
 def _beyond_sign(targets: Sequence[Wanted]) -> str:
     for target in targets:
         if isinstance(target.objective, TransitionModulus | LengthVariance | TensionVariance) and target.high < 0:
-            return f"{target.name} is never negative, and at most {target.high:.8g} was requested"
+            return f"{target.name} is never negative, and at most {target.high:.8g} was requested: raise it"
     return ""
 
 
@@ -74,6 +75,42 @@ def _beyond_stress(manifold: CriticalManifold, targets: Sequence[Wanted], positi
     if ratio <= 1 + BOUND_ROUNDING:
         return ""
     return f"S/√D exceeds its bound for every stress of this network by a factor of {np.sqrt(ratio):.6g}"
+
+
+def _beyond_together(manifold: CriticalManifold, targets: Sequence[Wanted]) -> str:
+    """The bound of several values of moduli and of components of S/√D together, for any signs of S:A.
+
+    S/√D lies in the ellipsoid sᵀ form⁻¹ s ≤ V, so its products C s with some strains in vᵀ (C form Cᵀ)⁻¹ v ≤ V.
+    """
+    network, (_, strains) = manifold.network, strain_basis(manifold.network.dimension)
+    doubled = np.where(np.einsum("nii->n", strains) > 0, 1, 2)
+    rows, sizes, signed, names = list[Array](), list[float](), list[bool](), list[str]()
+    for target in targets:
+        objective = target.objective
+        if target.low != target.high or not isinstance(objective, StressComponent | TransitionModulus):
+            continue
+        modulus = isinstance(objective, TransitionModulus)
+        A = objective.symmetric if isinstance(objective, TransitionModulus) else objective.strain
+        rows.append(np.einsum("nij,ij->n", strains, A) * doubled)
+        sizes.append(np.sqrt(network.volume * target.low) if modulus else target.low)
+        signed.append(not modulus)
+        names.append(target.name)
+    if len(rows) < 2:
+        return ""
+    C, v = np.array(rows), np.array(sizes)
+    inverse = np.linalg.pinv(C @ (_modulus_form(manifold, strains) * network.volume) @ C.T, hermitian=True)
+    fits = list[float]()
+    for pattern in product(*((1.0,) if known else (1.0, -1.0) for known in signed)):
+        values = v * pattern
+        s = np.linalg.lstsq(C, values, rcond=None)[0]
+        if np.abs(C @ s - values).max() <= 1e-9 * np.abs(values).max():
+            fits.append(float(values @ inverse @ values))
+    if not fits:
+        raise InputError(f"the targets {', '.join(names)} contradict each other: S/√D of each stress relates them")
+    if min(fits) <= 1 + BOUND_ROUNDING:
+        return ""
+    factor = np.sqrt(min(fits))
+    return f"{' and '.join(names)} together exceed the bound of S/√D for every stress by a factor of {factor:.6g}"
 
 
 def prescribed_stress(dimension: int, targets: Sequence[Wanted]) -> Array | None:

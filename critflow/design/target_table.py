@@ -16,6 +16,7 @@ from critflow.critical.objectives import (
     Objective,
     Partials,
     TensionVariance,
+    TransitionModulus,
     dilation,
     pure_shear,
     transition_modulus,
@@ -105,16 +106,28 @@ def wanted(manifold: CriticalManifold, targets: Mapping[str, object]) -> list[Wa
         symbols[symbol] = name
         if isinstance(value, str):
             if value not in GOALS:
-                raise InputError(f"the target {name} must be a number, a pair of limits, or one of {GOALS}")
+                raise InputError(
+                    f"the target {name} must be a number, a pair of limits, 'largest' or 'smallest', not {value!r:.40}"
+                )
             found.append(Wanted(name, objective, -np.inf, np.inf, 1 if value == "smallest" else -1))
         else:
             found.append(Wanted(name, objective, *limits_of(name, value), 0))
+    _require_different(found)
     goals = [target.name for target in found if target.goal]
     if len(goals) > 1:
         raise InputError(
             f"only one target can be largest or smallest, not {' and '.join(goals)}: give the others limits"
         )
     return found
+
+
+def _require_different(targets: list[Wanted]) -> None:
+    """Refuse one modulus by two names: B_0 is that of dilation."""
+    moduli = [target for target in targets if isinstance(target.objective, TransitionModulus)]
+    for n, one in enumerate(moduli):
+        for other in moduli[:n]:
+            if np.allclose(one.objective.symmetric, other.objective.symmetric, rtol=0, atol=1e-14):  # type: ignore[attr-defined]
+                raise InputError(f"the targets {other.name} and {one.name} are the same modulus: give one of them")
 
 
 def named_target(manifold: CriticalManifold, name: str) -> Objective:
@@ -140,7 +153,7 @@ def _table(manifold: CriticalManifold) -> dict[str, Callable[[], Objective]]:
     }
     for name, strain in zip(*strain_basis(d), strict=True):
         table[f"S_{name}"] = partial(StressComponent, strain, k)
-    for name in DEFORMATIONS:
+    for name in (name for name in DEFORMATIONS if not deformation_of(name, d).free):
         table[f"modulus[{name}]"] = partial(transition_modulus, network, name)
         table[f"stiffening[{name}]"] = partial(_path_stiffening, manifold, name)
     return table

@@ -23,7 +23,7 @@ from critflow.design.target_problem import Preference, TargetProblem, Unknowns
 from critflow.design.target_table import Wanted, edge_limits, wanted
 from critflow.design.tolerances import UNLIMITED
 from critflow.networks.network import Array, Network
-from critflow.result import Stats, Status
+from critflow.result import InputError, Stats, Status
 from critflow.solvers.constrained import Minimum, minimise_constrained
 
 _MOST_STEPS = 300
@@ -71,6 +71,8 @@ def design(
     `stats.residual` is the largest error of a target relative to its size.
     Raises `InputError` for unknown or contradictory targets and wrong shapes or signs, `SolveError` with `throw`.
     """
+    if max_steps < 0:
+        raise InputError(f"max_steps must not be negative, not {max_steps}")
     manifold = CriticalManifold.of(network)
     wants = wanted(manifold, targets)
     if any(target.objective.one_self_stress for target in wants):
@@ -154,6 +156,7 @@ def _note(problem: TargetProblem, best: Minimum) -> str:
         return (
             f"no start reached all targets together, {name} misses by {excess[worst] * problem.sizes[worst]:.3g}: "
             + ("raise max_steps, " if best.status is Status.step_limit else "")
+            + ("widen the limits of the edges, " if problem.limits else "")
             + "relax one, or give another start"
         )
     return "no start reached the targets inside the limits of the edges: widen the limits, or relax a target"

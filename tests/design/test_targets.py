@@ -63,6 +63,9 @@ def test_targets_beyond_a_bound_are_refused():
     bound = bulk_modulus_bound(MANIFOLD)
     found = design(MANIFOLD, {"bulk_modulus": 1.001 * bound}, throw=False)
     assert found.status is Status.infeasible and f"{bound:.8g}" in found.note
+    # Each is below its bound, their ellipse is left by a third.
+    found = design(MANIFOLD, {"B_0": 0.27, "G_0": 0.2}, throw=False)
+    assert found.status is Status.infeasible and "together" in found.note
     S = 1.01 * stress_of(MANIFOLD.configuration(np.ones(90)))
     found = design(MANIFOLD, {"S_xx": S[0, 0], "S_yy": S[1, 1], "S_xy": S[0, 1]}, throw=False)
     assert found.status is Status.infeasible and "factor of 1.01" in found.note
@@ -91,6 +94,9 @@ def test_bad_targets_are_one_sentence(targets, word):
         ({"targets": {"B_0": 0.2, "bulk_modulus": 0.2}}, "same"),
         ({"targets": {"B_0": "largest", "G_0": "smallest"}}, "only one"),
         ({"targets": {"B_0": "great"}}, "largest"),
+        ({"targets": {"B_0": 0.2, "modulus[dilation]": 0.25}}, "same modulus"),
+        ({"targets": {"S_xx": 3.0, "modulus[uniaxial]": 0.01}}, "contradict"),
+        ({"max_steps": -1}, "max_steps"),
         ({"targets": {"S_xx": 3.0, "S_yy": 1.0, "S_xy": 0.0, "B_0": 0.2}}, "contradict"),
         ({"prefer": "cheap"}, "preference"),
         ({"targets": {"B_0": "largest"}, "prefer": "length_variance"}, "omit prefer"),

@@ -106,7 +106,7 @@ def test_the_gradient_of_the_onset_agrees_with_differences_in_sixty_digits():
         ((NETWORK, SIGMA, ["colour"]), "colour"),
         ((NETWORK, SIGMA, "B_0"), "list"),
         ((NETWORK, SIGMA[:3], ["B_0"]), "edge"),
-        ((NETWORK, SIGMA, ["stiffening[uniaxial_free]"]), "fixed cell"),
+        ((NETWORK, SIGMA, ["stiffening[uniaxial_free]"]), "uniaxial_free"),
         ((triangular_network(4, 4), np.ones(48), ["B_0"]), "self-stress"),
     ],
 )
