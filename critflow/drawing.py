@@ -24,6 +24,8 @@ from critflow.result import InputError, Solution
 _SLACK, _PLAIN = "0.8", "0.35"
 # Edges with less than this part of the mean |tension| carry none.
 _NO_TENSION = 1e-9
+# Largest part of the axes that discs of all vertices may cover.
+_DISC_AREA = 0.2
 
 
 @checked
@@ -66,6 +68,7 @@ def draw(
         draw_in_depth(ax, network.edges, network.offsets, network.cell, x, shown)
     elif network.dimension == 3:
         _draw_plane(ax, network, x[:, [0, 2]], values, cmap, width)
+        title = f"{title} (seen along y)" if title else "seen along y"
     else:
         _draw_plane(ax, network, x, values, cmap, width)
         if vertices is not None:
@@ -157,7 +160,10 @@ def _discs(ax: Axes, network: Network, x: Array, values: Array) -> None:
         fraction = x @ np.linalg.inv(network.cell)
         places = (fraction - np.floor(fraction)) @ network.cell
     largest = float(values.max(initial=0.0))
-    size = 90.0 * np.clip(values, 0, None) / (largest or 1.0)
+    # Area in square points, of which the largest leaves the edges between two vertices visible.
+    inches = ax.get_window_extent().transformed(ax.figure.dpi_scale_trans.inverted()).size
+    most = min(90.0, _DISC_AREA * 72**2 * float(np.prod(inches)) / len(x))
+    size = most * np.clip(values, 0, None) / (largest or 1.0)
     ax.scatter(places[:, 0], places[:, 1], s=size, color=COLOURS[4], alpha=0.75, linewidths=0, zorder=3)
 
 

@@ -21,7 +21,7 @@ from scipy.optimize import linprog
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
-from critflow.design.tolerances import BALANCED, NO_SIGNED_STRESS, RANK, SELF_STRESS_SHIFT
+from critflow.design.tolerances import BALANCED, NO_SIGNED_STRESS, RANK, SELF_STRESS_SHIFT, SIMPLEX_EDGES
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.onset.stressed_part import balanced_part
@@ -115,7 +115,7 @@ def _largest_least(R: sp.csr_array, signs: Array) -> Any:
         A_eq=sp.hstack([R.T, sp.csr_array((R.shape[1], 1))]),
         b_eq=np.zeros(R.shape[1]),
         bounds=[(-1.0, 1.0)] * n + [(None, 1.0)],
-        method="highs",
+        method="highs" if n <= SIMPLEX_EDGES else "highs-ipm",
     )
 
 

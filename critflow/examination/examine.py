@@ -14,7 +14,7 @@ from critflow.arguments import checked
 from critflow.design.leverage import edge_leverage
 from critflow.design.nearest import Nearest, nearest_critical
 from critflow.design.tensegrity import signed_stress
-from critflow.examination.report import Examination, advice_of
+from critflow.examination.report import UNFINISHED, Examination, advice_of
 from critflow.exchange.boundaries import hull_volume
 from critflow.exchange.convert import network_from
 from critflow.exchange.repair import ImportedNetwork
@@ -37,7 +37,7 @@ _TOLERANCE = 1e-6
 _LARGEST_TOLERANCE = 0.01
 # Largest networks of which each edge is cut.
 _MOST_CUTS = 3000
-_USABLE = (Status.ok, Status.edge_collapse, Status.slack_edges)
+_USABLE = (Status.ok, Status.edge_collapse, Status.slack_edges, *UNFINISHED)
 DEFORMATIONS = ("dilation", "simple_shear", "pure_shear", "uniaxial")
 
 
@@ -77,10 +77,7 @@ def examine(
     counted = rigidity(network, x, tolerance)
     counts = counted.value
     tension = attempts.number("a self-stress in tension", lambda: _tension(network, x, counts))
-    nearest = attempts.value("the nearest critical configuration", lambda: nearest_critical(network, x, throw=False))
-    if nearest is not None and nearest.status not in _USABLE:
-        attempts.failures.append(f"the nearest critical configuration: {nearest.reason}")
-        nearest = None
+    nearest = _nearest(network, x, counts, attempts)
     critical_strains = _critical_strains(network, rest, deformations, attempts)
     modes = attempts.value("the floppy motions", lambda: _participation(network, x, tolerance))
     found = Examination(
@@ -161,6 +158,17 @@ class _Attempts:
         """The number of a part, or NaN."""
         value = self.value(what, compute)
         return np.nan if value is None else float(value)
+
+
+def _nearest(network: Network, x: Array, counts: Rigidity, attempts: _Attempts) -> Nearest | None:
+    """The nearest critical configuration; none where several self-stresses make the network rigid to first order."""
+    if counts.first_order_rigid and counts.n_self_stresses > 1:
+        return None
+    found = attempts.value("the nearest critical configuration", lambda: nearest_critical(network, x, throw=False))
+    if found is None or found.status in _USABLE:
+        return found
+    attempts.failures.append(f"the nearest critical configuration: {found.reason}")
+    return None
 
 
 def _critical_strains(

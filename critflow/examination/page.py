@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import re
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -21,8 +22,13 @@ from critflow.result import InputError
 
 _STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:52em;margin:2em auto;padding:0 1em;color:#222}"
+    "h1{font-size:1.5em}ul{padding-left:1.2em}"
     "table{border-collapse:collapse}td,th{border:1px solid #bbb;padding:.2em .6em}img{max-width:100%}"
 )
+
+
+# The picture follows the answer.
+_AFTER_PICTURE = "## As read"
 
 
 @checked
@@ -40,7 +46,8 @@ def write_page(found: Examination, path: str | PathLike[str]) -> None:
         picture = target.with_suffix(".png")
         saved(pictures(found), picture)
         lines = report_lines(found)
-        text = "\n".join([*lines[:2], f"![The network]({picture.name})", "", *lines[2:], ""])
+        first = lines.index(_AFTER_PICTURE)
+        text = "\n".join([*lines[:first], f"![The network]({picture.name})", "", *lines[first:], ""])
     else:
         text = html_page(found)
     target.write_text(text, encoding="utf-8")
@@ -90,6 +97,8 @@ def _html(lines: list[str], image: bytes) -> str:
     """The lines of Markdown that the report uses, as HTML."""
     body: list[str] = []
     rows: list[str] = []
+    items: list[str] = []
+    picture = f'<img alt="The network" src="data:image/png;base64,{base64.b64encode(image).decode()}">'
 
     def flush() -> None:
         if rows:
@@ -100,20 +109,25 @@ def _html(lines: list[str], image: bytes) -> str:
                 table += ["<tr>", *(f"<td>{cell}</td>" for cell in row), "</tr>"]
             body.append("".join([*table, "</table>"]))
             rows.clear()
+        if items:
+            body.append(f"<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>")
+            items.clear()
 
     for line in lines:
-        text = html.escape(line).replace("**", "")
+        text = re.sub(r"\*\*(.*?)\*\*", r"<strong>\1</strong>", html.escape(line))
         if line.startswith("|"):
             rows.append(text)
             continue
+        if line.startswith("- "):
+            items.append(text[2:])
+            continue
         flush()
+        if line == _AFTER_PICTURE:
+            body.append(picture)
         if line.startswith("# "):
-            picture = base64.b64encode(image).decode()
-            body.append(f'<h1>{text[2:]}</h1><img alt="The network" src="data:image/png;base64,{picture}">')
+            body.append(f"<h1>{text[2:]}</h1>")
         elif line.startswith("## "):
             body.append(f"<h2>{text[3:]}</h2>")
-        elif line.startswith("- "):
-            body.append(f"<p>{text[2:]}</p>")
     flush()
     title = html.escape(lines[0][2:])
     return (

@@ -12,20 +12,31 @@ from critflow.exchange.repair import described
 from critflow.mechanics.elasticity import Elasticity, Moduli
 from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import Onset
-from critflow.result import Record, Solution
+from critflow.result import Record, Solution, Status
 from critflow.rigidity.counts import Rigidity
 
 _MOST_EDGES = 5
+# A descent that ended so still holds a critical configuration.
+UNFINISHED = (Status.stalled, Status.step_limit)
 # Moduli below this part of the largest component are printed as zero.
 _ZERO = 1e-12
 ORDERS = {
-    "floppy": "floppy: motions exist that change no length to second order, and every modulus is zero",
-    "critical": "critical: one self-stress, in tension on every edge, makes it rigid at the transition",
+    "floppy": "motions exist that change no length to second order",
+    "critical": "one self-stress, in tension on every edge, makes it rigid at the transition",
     "first": "rigid to first order: no motion keeps all lengths",
     "prestress": "rigid to second order: a self-stress stabilises every floppy motion",
     "second": "rigid to second order, by several self-stresses of which none alone is enough",
-    "undecided": "undecided",
+    "undecided": "undecided: singular values lie too close to the tolerance",
 }
+_STRAINS = {
+    "dilation": "relative increase of the volume (area in 2D)",
+    "simple_shear": "x is shifted by γ y",
+    "pure_shear": "x is stretched by 1 + γ, y by 1/(1 + γ)",
+    "uniaxial": "x is stretched by 1 + γ, other sides fixed",
+}
+_UNITS = {2: "stiffness", 3: "stiffness/length"}
+# Tensors that agree to this are printed once.
+_SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,42 +143,68 @@ class Examination(Record):
 
 
 def report_lines(found: Examination) -> list[str]:
-    """The report as lines of text, which are also Markdown."""
-    lines = [f"# {described(found.network)}", ""]
-    if found.notes:
-        lines += ["## As read", "", *(f"- {note}" for note in found.notes), ""]
-    lines += [*_rigidity(found), *_nearest(found)]
-    if found.critical_strains:
-        lines += ["## Critical strains", "", "| deformation | γ_c | taut edges | exact for |", "|---|---|---|---|"]
-        for name, onset in found.critical_strains.items():
-            lines.append(f"| {name} | {onset.strain:.8g} | {_taut(onset)} | {onset.value.exact_for} |")
-        lines.append("")
+    """The report as lines of text, which are also Markdown: the answer first."""
+    lines = [*summary_lines(found), "## As read", "", *(f"- {note}" for note in found.notes), f"- {_units(found)}", ""]
+    lines += [*_rigidity(found), *_nearest(found), *_strains(found)]
     if found.tensor is not None:
         lines += ["## Moduli at these positions, springs at rest", "", *_moduli(found.tensor), ""]
     if found.failures:
         lines += ["## Not computed", "", *(f"- {sentence}" for sentence in found.failures), ""]
-    return [*lines, "## Next", "", *(f"- {sentence}" for sentence in found.advice)]
+    return lines
+
+
+def summary_lines(found: Examination) -> list[str]:
+    """Title, answer and advice."""
+    answer = [f"- {_answer(found)}"]
+    if found.tensor is not None and np.isfinite(found.tensor.value.energy).all():
+        answer.append(f"- {_bulk_and_shear(found.tensor.value)}")
+    elif found.critical_tensor is not None:
+        answer.append(f"- at the nearest critical configuration {_bulk_and_shear(found.critical_tensor.value, '_0')}")
+    return [f"# {described(found.network)}", "", *answer, *(f"- next: {sentence}" for sentence in found.advice), ""]
+
+
+def _answer(found: Examination) -> str:
+    """The order of rigidity with its meaning."""
+    meaning = ORDERS[found.order]
+    if found.order in ("floppy", "critical"):
+        meaning = f"{found.order}: {meaning}"
+    if found.order == "floppy":
+        meaning += (
+            "; the self-stresses stiffen a part of it only" if found.n_self_stresses else ", and every modulus is zero"
+        )
+    name, colon, rest = meaning.partition(":")
+    return f"**{name}**{colon}{rest}"
+
+
+def _units(found: Examination) -> str:
+    """A sentence on the units of the numbers."""
+    length = float(np.linalg.norm(found.network.bond_vectors(found.coordinates), axis=1).mean())
+    k = found.network.stiffness
+    stiffness = f"{k.min():.6g}" if k.min() == k.max() else f"from {k.min():.6g} to {k.max():.6g}"
+    modulus = _UNITS.get(found.network.dimension, "force")
+    return (
+        f"units: lengths as in the source, mean edge length {length:.6g}; stiffness {stiffness}; moduli in units of "
+        f"{modulus}"
+    )
 
 
 def _rigidity(found: Examination) -> list[str]:
     counts = found.counts
-    name, _, meaning = ORDERS[found.order].partition(":")
-    lines = ["## Rigidity", "", f"- **{name}**" + (f":{meaning}" if meaning else "")]
+    lines = ["## Rigidity", ""]
     if found.doubt:
         lines.append(f"- {found.doubt}")
+    zero = f"{counts.largest_zero:.1e} counts as zero, " if counts.largest_zero else ""
     lines += [
         f"- {_count(counts.n_self_stresses, 'self-stress', 'es')}, {_count(found.n_floppy_modes, 'floppy mode', 's')}",
-        f"- singular values: {counts.largest_zero:.1e} counts as zero, the next is {counts.smallest_nonzero:.1e} "
-        f"(tolerance {found.tolerance:.0e})",
+        f"- singular values: {zero}the least above zero is {counts.smallest_nonzero:.1e} (tolerance "
+        f"{found.tolerance:.0e})",
         "- a self-stress in tension on every edge "
-        + (f"exists, least over largest σ {found.tension:.2g}" if found.tension > 0 else "does not exist"),
+        + (f"exists: its least σ is {found.tension:.2g} of the largest" if found.tension > 0 else "does not exist"),
     ]
     moving = found.participation
     if found.n_floppy_modes and np.isfinite(moving).all():
         most = np.argsort(moving)[::-1][:5]
-        lines.append(
-            f"- vertices with the largest part in the floppy motions: {', '.join(map(found.vertex_name, most))}"
-        )
+        lines.append(f"- vertices that move most in the floppy motions: {', '.join(map(found.vertex_name, most))}")
     return [*lines, ""]
 
 
@@ -175,24 +212,50 @@ def _nearest(found: Examination) -> list[str]:
     near = found.nearest
     if near is None:
         return []
-    sigma, error = near.value.sigma, float(np.sqrt(np.mean(near.stress_error**2)))
+    sigma, errors = near.value.sigma, near.stress_error
     known = ""
-    if np.isfinite(error):
+    if np.isfinite(errors).all():
+        # Squares of huge errors overflow.
+        error = float(np.sqrt(np.mean(np.minimum(errors, errors.size) ** 2)))
         known = f", relative standard error {error:.1e}" if error < 1 else "; the positions hardly determine them"
+    shares = ", ".join(f"{found.edge_name(edge)} {100 * found.weights[edge]:.3g} %" for edge in found.heaviest_edges)
+    limit = "at most " if near.status in UNFINISHED else ""
     lines = [
         "## Nearest critical configuration",
         "",
-        f"- root mean square distance {near.distance:.3e}, largest {np.abs(near.displacement).max():.3e}",
-        f"- stresses from {float(sigma.min()):.3g} to {float(sigma.max()):.3g} (mean square 1){known}",
-        f"- edges with the largest part in its compliance: {', '.join(map(found.edge_name, found.heaviest_edges))}",
+        f"- root mean square distance of the vertices {limit}{near.distance:.3e}, largest "
+        f"{np.linalg.norm(near.displacement, axis=1).max():.3e}",
+        f"- force densities σ from {float(sigma.min()):.3g} to {float(sigma.max()):.3g} (mean square 1){known}",
+        f"- edges with the largest shares of its compliance: {shares}",
     ]
     if cuts := found.most_loaded_cuts:
         named = ", ".join(f"{found.edge_name(edge)} by {-100 * found.cuts[edge]:.3g} %" for edge in cuts)
         lines.append(f"- edges whose cut lowers B_0 most, with the stress of the others unchanged: {named}")
-    if near.note:
+    if limit:
+        lines.append("- the search ended before the minimum, so the distance is an upper limit")
+    elif near.note:
         lines.append(f"- {near.status.name}: {near.note}")
     if found.critical_tensor is not None:
-        lines += _moduli(found.critical_tensor, "_0")
+        lines += ["- moduli: those below"] if _same(found) else _moduli(found.critical_tensor, "_0")
+    return [*lines, ""]
+
+
+def _same(found: Examination) -> bool:
+    """Whether the tensors at the positions and of the nearest critical configuration agree."""
+    if found.tensor is None or found.critical_tensor is None:
+        return False
+    here, there = found.tensor.value.energy, found.critical_tensor.value.energy
+    return bool(np.abs(here - there).max() <= _SAME * np.abs(there).max())
+
+
+def _strains(found: Examination) -> list[str]:
+    """The table of critical strains."""
+    if not found.critical_strains:
+        return []
+    lines = ["## Critical strains", "", "| deformation | γ_c | taut edges | exact for | γ |", "|---|---|---|---|---|"]
+    for name, onset in found.critical_strains.items():
+        meaning = _STRAINS.get(name, "")
+        lines.append(f"| {name} | {onset.strain:.8g} | {_taut(onset)} | {onset.value.exact_for} | {meaning} |")
     return [*lines, ""]
 
 
@@ -203,8 +266,7 @@ def _moduli(solution: Solution[Elasticity], index: str = "") -> list[str]:
         return [f"- {solution.status.name}: {solution.reason}"]
     state = "" if solution.ok else f"{solution.status.name}: "
     size = float(np.abs(tensor.energy).max())
-    bulk, shear = (_number(0.0 if abs(value) < _ZERO * size else value) for value in (tensor.bulk, tensor.shear))
-    lines = [f"- {state}B{index} = {bulk}, G{index} = {shear}"]
+    lines = [f"- {state}{_bulk_and_shear(tensor, index)}"]
     if not tensor.energy.any():
         return lines
     x, y = np.eye(tensor.dimension)[:2]
@@ -217,6 +279,12 @@ def _moduli(solution: Solution[Elasticity], index: str = "") -> list[str]:
         for name, row in zip(names, tensor.energy, strict=True)
     ]
     return [*lines, "", f"| C | {' | '.join(names)} |", "|---" * (1 + len(names)) + "|", *rows]
+
+
+def _bulk_and_shear(tensor: Elasticity, index: str = "") -> str:
+    size = float(np.abs(tensor.energy).max())
+    bulk, shear = (_number(0.0 if abs(value) < _ZERO * size else value) for value in (tensor.bulk, tensor.shear))
+    return f"B{index} = {bulk}, G{index} = {shear}"
 
 
 def _count(number: int, noun: str, plural: str) -> str:
@@ -237,23 +305,26 @@ def advice_of(found: Examination, margin: float) -> tuple[str, ...]:
     margin  distance to a critical configuration that rounded coordinates may cause; 0 where they have all digits
     """
     near, advice = found.nearest, []
-    if near is not None and margin and near.distance <= margin and found.order != "critical":
+    within = near is not None and margin > 0 and near.distance <= margin
+    if near is not None and within and found.order != "critical":
         advice.append(
             f"the network is critical within its digits: the nearest critical configuration is {near.distance:.1e} "
             f"away, and rounded coordinates explain {margin:.0e}; nearest_critical(...).value restores it"
         )
-    elif found.order == "floppy" and near is not None:
-        advice.append(
-            f"a critical configuration is {near.distance:.3g} away (root mean square): nearest_critical(...).value; "
-            "optimize(network, 'bulk_modulus') gives the stiffest one"
-        )
     if found.order == "floppy" and found.critical_strains:
         name, onset = min(found.critical_strains.items(), key=lambda item: abs(item[1].strain))
         advice.append(
-            f"it becomes rigid first in {name}, at strain {onset.strain:.4g}; strain_path follows it from there"
+            f"of the deformations below, {name} makes it rigid first, at γ = {onset.strain:.4g} ({_taut(onset)} edges "
+            "taut); strain_path follows it from there"
+        )
+    if found.order == "floppy" and near is not None and not within:
+        limit = "at most " if near.status in UNFINISHED else ""
+        advice.append(
+            f"a critical configuration is {limit}{near.distance:.3g} away (root mean square): nearest_critical(...)"
+            ".value; critflow make, or optimize(network, 'bulk_modulus'), gives the stiffest one"
         )
     if found.order == "floppy" and near is None and not found.critical_strains:
-        advice.append("add edges or fix vertices: neither a strain nor another configuration makes it rigid")
+        advice.append("add edges or fix vertices: neither a strain nor another configuration is known to make it rigid")
     if found.order == "critical":
         advice.append("transition_moduli and stiffening give its response; strain_path follows it past the transition")
     if found.order == "first":
@@ -261,5 +332,5 @@ def advice_of(found: Examination, margin: float) -> tuple[str, ...]:
     if found.order in ("prestress", "second"):
         advice.append("elasticity gives its tensor at rest; signed_stress and strain_path follow it under stress")
     if found.order == "undecided":
-        advice.append("singular values lie too close to the tolerance: give more digits or another tolerance")
+        advice.append("give coordinates with more digits, or their number of decimals")
     return tuple(advice)

@@ -10,6 +10,7 @@ from critflow.exchange.data import NetworkData
 from critflow.exchange.drawings import require_plane, write_dxf, write_svg
 from critflow.exchange.graphs import read_graph, write_graph
 from critflow.exchange.meshes import read_compas, read_mesh, require_no_cell, write_compas, write_mesh
+from critflow.exchange.node_link import read_node_link, write_node_link
 from critflow.exchange.packages import optional
 from critflow.exchange.particles import read_gsd, read_lammps, write_gsd, write_lammps
 from critflow.exchange.solids import write_solid
@@ -43,7 +44,8 @@ def _write_tables(data: NetworkData, path: Path) -> None:
 
 FORMATS = (
     Format("tables", (".csv", ".txt", ".tsv"), _read_tables, _write_tables),
-    Format("graph", (".graphml", ".gml", ".json"), read_graph, write_graph, "networkx"),
+    Format("graph", (".graphml", ".gml"), read_graph, write_graph, "networkx"),
+    Format("graph", (".json",), read_node_link, write_node_link),
     Format("LAMMPS data", (".data", ".lmp", ".lammps"), read_lammps, write_lammps),
     Format("GSD", (".gsd",), read_gsd, write_gsd, "gsd.hoomd"),
     Format("mesh", (".vtu", ".vtk"), read_mesh, write_mesh, "meshio"),

@@ -1,9 +1,9 @@
-"""networkx graphs and the files that networkx reads: GraphML, GML and JSON in node-link form."""
+"""networkx graphs and their attributes, GraphML and GML."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -67,62 +67,55 @@ def from_graph(graph: Any, positions: Mapping[Any, Any] | None = None) -> Networ
     )
 
 
+def node_attributes(data: NetworkData) -> Iterator[dict[str, Any]]:
+    """Attributes of each vertex: pos, fixed."""
+    fixed = set(data.pins)
+    for n, x in enumerate(data.positions.tolist()):
+        yield {"pos": tuple(x), "fixed": n in fixed}
+
+
+def edge_attributes(data: NetworkData) -> Iterator[dict[str, Any]]:
+    """Attributes of each edge: index and tail, since undirected graphs keep neither; offset, stiffness and so on."""
+    values = {names[0]: getattr(data, name) for name, names in _EDGE_VALUES.items()}
+    columns = {name: column.tolist() for name, column in values.items() if column is not None}
+    offsets = None if data.offsets is None else data.offsets.tolist()
+    for n, tail in enumerate(data.edges[:, 0].tolist()):
+        attributes: dict[str, Any] = {"index": n, "tail": tail}
+        if offsets is not None:
+            attributes["offset"] = tuple(offsets[n])
+        yield attributes | {name: column[n] for name, column in columns.items()}
+
+
 def to_graph(data: NetworkData) -> Any:
     """A networkx multigraph with attributes pos, fixed; tail, offset, stiffness and so on; cell."""
     networkx = optional("networkx")
     graph = networkx.MultiGraph()
     if data.cell is not None:
         graph.graph["cell"] = data.cell.tolist()
-    fixed = set(data.pins)
-    for n, x in enumerate(data.positions):
-        graph.add_node(n, pos=tuple(map(float, x)), fixed=n in fixed)
-    for n, (tail, head) in enumerate(data.edges.tolist()):
-        attributes: dict[str, Any] = {"index": n, "tail": tail}
-        if data.offsets is not None:
-            attributes["offset"] = tuple(map(int, data.offsets[n]))
-        for name, names in _EDGE_VALUES.items():
-            values = getattr(data, name)
-            if values is not None:
-                attributes[names[0]] = float(values[n])
+    for n, attributes in enumerate(node_attributes(data)):
+        graph.add_node(n, **attributes)
+    for (tail, head), attributes in zip(data.edges.tolist(), edge_attributes(data), strict=True):
         graph.add_edge(tail, head, **attributes)
     return graph
 
 
 def read_graph(path: Path) -> NetworkData:
-    """GraphML, GML or JSON."""
+    """GraphML or GML."""
     networkx = optional("networkx")
     try:
-        if path.suffix.lower() == ".json":
-            graph = _json_graph(json.loads(path.read_text(encoding="utf-8")))
-        elif path.suffix.lower() == ".gml":
+        if path.suffix.lower() == ".gml":
             graph = networkx.read_gml(path, label="id")
         else:
             graph = networkx.read_graphml(path)
-    except InputError:
-        raise
     except (networkx.NetworkXException, ValueError, KeyError, SyntaxError) as error:
         raise InputError(f"{path} cannot be read as a graph: {error}") from None
     return replace(from_graph(graph), source=f"graph {path.name}")
 
 
-def _json_graph(content: Any) -> Any:
-    """The graph of JSON in node-link form, with its edges under `edges` or `links`, or in adjacency form."""
-    networkx = optional("networkx")
-    keys = set(content) if isinstance(content, dict) else set()
-    if "nodes" in keys and keys & {"edges", "links"}:
-        return networkx.node_link_graph(content, edges="edges" if "edges" in keys else "links")
-    if {"nodes", "adjacency"} <= keys:
-        return networkx.adjacency_graph(content)
-    raise InputError("JSON of a graph has the keys nodes and edges, as networkx.node_link_data writes it")
-
-
 def write_graph(data: NetworkData, path: Path) -> None:
-    """GraphML, GML or node-link JSON; vectors are JSON text in the first two, which know numbers and text only."""
+    """GraphML or GML, with vectors as JSON text: they know numbers and text only."""
     networkx = optional("networkx")
     graph = to_graph(data)
-    if path.suffix.lower() == ".json":
-        path.write_text(json.dumps(networkx.node_link_data(graph, edges="edges")), encoding="utf-8")
-        return
     for attributes in (
         graph.graph,
         *(a for _, a in graph.nodes(data=True)),

@@ -44,6 +44,8 @@ def read_tables(edges_path: Path, vertices_path: Path) -> NetworkData:
     header, rows = _rows(edges_path)
     width = len(rows[0])
     tail, head = (_column(header, names, k) for k, names in enumerate((_TAIL, _HEAD)))
+    if header and tail is None and head is None and not set(header) & _READ:
+        tail, head = 0, 1
     if width < 2 or tail is None or head is None:
         raise InputError(f"{edges_path} has no columns for tail and head: name them tail and head, or put them first")
     edges = _indices([(row[tail], row[head]) for row in rows], ids, edges_path)
@@ -65,7 +67,7 @@ def read_tables(edges_path: Path, vertices_path: Path) -> NetworkData:
         pins=pinned,
         ids=tuple(ids),
         source=f"tables {edges_path.name} and {vertices_path.name}",
-        notes=unread(header, _READ),
+        notes=unread([name for n, name in enumerate(header) if n not in (tail, head)], _READ),
         stiffness=values["stiffness"],
         rest_lengths=values["rest_lengths"],
         force_densities=values["force_densities"],
@@ -124,7 +126,12 @@ def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
     separator = next((mark for mark in (",", ";", "\t") if mark in lines[0]), None)
     rows = [[cell.strip().strip('"') for cell in line.split(separator)] for line in lines]
     known = {*_TAIL, *_HEAD, *_ID, *(axis for axes in _AXES for axis in axes)}
-    has_header = any(cell.lower() in known for cell in rows[0]) and not all(map(_is_number, rows[0]))
+    words = not all(map(_is_number, rows[0]))
+    # A first row of text above rows of numbers names the columns, known or not.
+    has_header = words and (
+        any(cell.lower() in known for cell in rows[0])
+        or (len(rows) > 1 and not any(map(_is_number, rows[0])) and all(all(map(_is_number, row)) for row in rows[1:]))
+    )
     header = [cell.lower() for cell in rows.pop(0)] if has_header else []
     if not rows:
         raise InputError(f"{path} has a header and no rows: give one row per vertex or edge")

@@ -35,7 +35,9 @@ class Digits(NamedTuple):
     @property
     def words(self) -> str:
         """For a sentence: coordinates have ..."""
-        return "single precision" if self.decimals is None else f"{self.decimals} decimals"
+        if self.decimals is None:
+            return "single precision"
+        return f"{self.decimals} decimal{'' if self.decimals == 1 else 's'}"
 
     def effect(self, lengths: Array) -> float:
         """Singular values that the rounding of coordinates may cause; 0 with all digits and for grids.
@@ -54,7 +56,9 @@ def digits_of(coordinates: Array) -> Digits:
     large = coordinates[np.abs(coordinates) >= decade]
     if large.size < _ENOUGH:
         large = coordinates[np.abs(coordinates) >= 0.1 * decade]
-    for decimals in range(_ALL_DECIMALS):
+    # Of large coordinates doubles keep fewer decimals.
+    whole = max(0, int(np.floor(np.log10(size)))) if size else 0
+    for decimals in range(_ALL_DECIMALS - whole):
         if np.allclose(np.round(large, decimals), large, rtol=4e-16, atol=0):
             return Digits(decimals, 0.5 * 10.0**-decimals)
     if (large == large.astype(np.float32)).all():

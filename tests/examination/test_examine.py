@@ -51,7 +51,9 @@ def test_a_floppy_network_has_onsets_and_advice(floppy):
     onset = floppy.critical_strains["dilation"]
     assert "**floppy**" in str(floppy) and f"{onset.strain:.8g}" in str(floppy)
     assert set(floppy.critical_strains) == {"dilation", "simple_shear", "pure_shear", "uniaxial"}
-    assert "critical configuration" in floppy.advice[0]
+    # The answer and the advice come first.
+    assert "uniaxial" in floppy.advice[0] and "critical configuration" in floppy.advice[1]
+    assert floppy.advice[0] in str(floppy).split("## ")[0]
     # The floppy modes are orthonormal: their parts add up to their number.
     n_modes = floppy.counts.n_zero_modes - floppy.counts.n_trivial
     assert 2 * floppy.participation.sum() == pytest.approx(n_modes)
@@ -202,13 +204,13 @@ def test_the_command_makes_a_network_with_targets(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "code", "word"),
     [
-        (["make", "h.csv", "--out", "m.json"], 6, "networkx"),
+        (["make", "h.csv", "--out", "m.gml"], 6, "networkx"),
         (["make", "h.csv", "--out", "m.doc"], 2, "ending"),
         (["make", "h.csv", "--out", "nowhere/m.csv"], 2, "folder"),
         (["make", "h.csv", "--out", "m.compas"], 6, "compas"),
         (["make", "d.csv", "--out", "m.svg"], 2, "two-dimensional"),
         (["make", "h.csv", "--out", "m.csv", "--picture", "m.doc"], 2, "picture"),
-        (["make", "h.csv", "--out", "m.json", "--target", "B_0=0.2"], 6, "networkx"),
+        (["make", "h.csv", "--out", "m.graphml", "--target", "B_0=0.2"], 6, "networkx"),
         (["examine", "h.csv", "--out", "h.doc"], 2, "ending"),
         (["examine", "h.csv", "--out", "nowhere/h.html"], 2, "folder"),
         (["convert", "h.csv", "h.stl"], 6, "trimesh"),

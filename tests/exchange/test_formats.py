@@ -25,6 +25,7 @@ from critflow import (
 )
 from critflow.exchange.data import data_of
 from critflow.exchange.drawings import clipped_segments
+from critflow.exchange.graphs import to_graph
 
 networkx = pytest.importorskip("networkx")
 
@@ -122,6 +123,44 @@ def test_networkx_graphs_and_files(tmp_path):
         again = network_from(tmp_path / name, pins="hull").network
         np.testing.assert_array_equal(again.positions, read.network.positions)
         assert again.n_edges == 24
+
+
+def test_json_needs_no_networkx_and_is_what_networkx_writes(tmp_path, monkeypatch):
+    network, path = sheared_network(), tmp_path / "n.json"
+    data = network_from(network).data
+    expected = networkx.node_link_data(to_graph(data), edges="edges")
+    with monkeypatch.context() as without:
+        without.setattr(packages, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
+        write_network(network, path)
+        assert_same(network_from(path).network, network)
+        path.with_name("bad.json").write_text('{"nodes": [{"id": 1}], "edges": [{"source": 1, "target": 2}]}')
+        with pytest.raises(InputError, match="lacks"):
+            network_from(path.with_name("bad.json"))
+    content = json.loads(path.read_text())
+    graph = networkx.node_link_graph(content, edges="edges")
+    assert graph.is_multigraph() and graph.number_of_edges() == network.n_edges
+    named = {(row["source"], row["target"], row["key"]): row for row in json.loads(json.dumps(expected))["edges"]}
+    assert named == {(row["source"], row["target"], row["key"]): row for row in content["edges"]}
+    assert content["nodes"] == json.loads(json.dumps(expected))["nodes"] and content["graph"] == expected["graph"]
+
+
+def test_tables_with_names_of_columns_that_are_not_known(tmp_path):
+    (tmp_path / "t_edges.csv").write_text("a,b\n0,2\n1,2\n")
+    (tmp_path / "t_vertices.csv").write_text("x,y\n0,0\n2,0\n1,1\n")
+    read = network_from(tmp_path / "t.csv", pins=[0, 1])
+    assert read.network.edges.tolist() == [[0, 2], [1, 2]] and "not read" not in str(read)
+
+
+def test_a_mesh_that_needs_another_package_names_it(tmp_path, monkeypatch):
+    meshio = pytest.importorskip("meshio")
+    (tmp_path / "m.xdmf").write_text("<Xdmf/>")
+
+    def read(path):
+        raise ModuleNotFoundError("No module named 'h5py'", name="h5py")
+
+    monkeypatch.setattr(meshio, "read", read)
+    with pytest.raises(EnvironmentFailure, match="pip install h5py"):
+        network_from(tmp_path / "m.xdmf")
 
 
 def test_lammps_data_of_lammpsio(tmp_path):

@@ -31,3 +31,10 @@ def test_single_precision_and_all_digits():
     assert digits_of(X) == (None, 0.0)
     assert digits_of(printed("%.17g")).error == 0
     assert digits_of(X).effect(np.ones(3)) == 0
+
+
+def test_doubles_of_large_coordinates_have_all_digits():
+    # Round to 14 decimals they hardly change: a double near 20 has no more.
+    X = 1 + 19 * np.random.default_rng(0).random((9, 2))
+    assert digits_of(X) == (None, 0.0) and digits_of(np.round(X, 12)).decimals == 12
+    assert digits_of(np.array([[20 / 3, 10 * 3**0.5], [5.0, 0.5]])).decimals is None
