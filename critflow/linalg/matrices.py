@@ -6,6 +6,7 @@ Their patterns stay the same while σ, the lengths or the strain change, so each
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ def edge_blocks(axial: Array, vectors: Array, isotropic: Array) -> Array:
     """Values for `block_laplacian` of C_α = axial_α v_α v_αᵀ + isotropic_α 1: two (N_b,) and v (N_b, d)."""
     d = vectors.shape[1]
     blocks = np.empty((d * (d + 1) // 2, len(vectors)))
-    for block, row, col in zip(blocks, *np.triu_indices(d), strict=True):
+    for block, (row, col) in zip(blocks, combinations_with_replacement(range(d), 2), strict=True):
         np.multiply(axial * vectors[:, row], vectors[:, col], out=block)
         if row == col:
             block += isotropic

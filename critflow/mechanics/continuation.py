@@ -266,7 +266,7 @@ class Continuation:
     def _affine(self, strain: float) -> Array:
         """F(γ) (d, d), of which a step needs those at its two ends many times."""
         if strain not in self._gradients:
-            kept = {self.strain: self._gradients.get(self.strain, self.deformation.gradient(self.strain))}
+            kept = {at: F for at, F in self._gradients.items() if at == self.strain}
             self._gradients = kept | {strain: self.deformation.gradient(strain)}
         return self._gradients[strain]
 

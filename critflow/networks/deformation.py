@@ -130,11 +130,11 @@ class Deformation:
         d, unit = dimension, np.eye(dimension)
 
         def power(order: int) -> Function:
+            factor = float(np.prod([1 / d - n for n in range(order)]))
+
             def function(strain: float) -> Array:
                 # A negative volume has no real root; NaN is refused with a sentence.
-                with np.errstate(invalid="ignore", divide="ignore"):
-                    factor = np.prod([1 / d - n for n in range(order)])
-                    return float(factor * np.power(np.float64(1 + strain), 1 / d - order)) * unit
+                return factor * (1 + strain) ** (1 / d - order) * unit if strain > -1 else np.full((d, d), np.nan)
 
             return function
 
