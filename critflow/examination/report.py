@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib import import_module
 
 import numpy as np
 
@@ -131,12 +130,6 @@ class Examination(Record):
     def text(self) -> str:
         """The report as Markdown."""
         return "\n".join(report_lines(self))
-
-    def to_html(self) -> str:
-        """The report as a page with pictures, which `write_page` writes to a file."""
-        # matplotlib is loaded at the first picture.
-        page = import_module("critflow.examination.page")
-        return str(page.html_page(self))
 
     def __str__(self) -> str:
         return self.text

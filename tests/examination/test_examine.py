@@ -22,6 +22,7 @@ from critflow import (
     write_page,
 )
 from critflow.cli import main
+from critflow.examination.page import html_page
 from critflow.exchange import packages
 
 VORONOI = voronoi_network(n_vertices=40, seed=1)
@@ -66,7 +67,7 @@ def test_a_lattice_is_rigid_to_first_order():
     assert found.tension == pytest.approx(1)
     # C_xxxx = 3C_xyxy of isotropy: ν = 1/3, and Young's modulus 2/√3.
     assert "Young's modulus 1.1547005, Poisson's ratio 0.333333" in str(found)
-    assert "| xx | 1.29904 | 0.433013 | 0 |" in found.text and found.to_html().count("<td>") == 12
+    assert "| xx | 1.29904 | 0.433013 | 0 |" in found.text and html_page(found).count("<td>") == 12
     assert found.critical_strains == {}
 
 
