@@ -7,8 +7,9 @@ const ROWS = ["B_0", "bound", "G_0", "C_B", "C_G", "C_G_stress_corrected", "V_L"
 // Okabe and Ito's colours, and a shape for each, so that none depends on colour alone.
 const COLOURS = ["#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F", "#000000"];
 let state = {}, welcome = {}, panels = {}, series = [], seriesKey = null, point = null, trail = [], curve = null;
-let legendOf = null, socket, waiting = false, queue = [], sequence = 0, sentAt = new Map(), drag = null, ready = false, picked = null;
+let legendOf = null, socket, waiting = false, queue = [], sequence = 0, sentAt = new Map(), drag = null, ready = false, picked = null, requested = null;
 const HINT = "Click an edge and drag it up or down, choose a population, or move γ past the transition. Every number below is exact to its error bound.";
+const HELP = { edge: "Pick an edge, or type its number.", face: "Every edge keeps its direction and tension, so B₀ stands still." };
 const SLOW = "This network is large: at 10,000 vertices a change takes about 0.2 s, bounds half a second more, and counts another second.";
 window.latencies = []; window.replies = 0;
 
@@ -164,6 +165,8 @@ function mark(c, kind, x, y, r) {
 function plots() {
   const here = state.plane && state.plane.open === "cloud" || !state.plane || /^bulk_modulus_0$/.test(state.plane.x) && /^C_B/.test(state.plane.y);
   const own = here && point ? [...trail, point] : [];
+  // The curve takes part of the width of the plane.
+  get("curvebox").hidden = !curve;
   if (series.length || own.length) {
     const [c, x, y] = axes(get("plane"), [...series.flatMap((s) => s.x), ...own.map((p) => p[0])], [...series.flatMap((s) => s.y), ...own.map((p) => p[1])], state.plane.x, state.plane.y);
     get("plane").places = [];
@@ -174,7 +177,6 @@ function plots() {
     }
     if (legendOf !== Boolean(own.length)) legend(own.length);
   }
-  get("curvebox").hidden = !curve;
   if (!curve) return;
   get("curvename").textContent = `${curve.name} against ${curve.along}${curve.line ? "; the line is B₀ + C_B γ" : ""}`;
   const line = curve.line || [[], []], [c, x, y] = axes(get("curve"), [...curve.x, ...line[0]], [...curve.y, ...line[1]], curve.along, curve.name);
@@ -239,12 +241,13 @@ function sliders() {
   slide("stress", state.edge, state.edge && [-state.edge.reach, state.edge.reach], busy); slide("size", state.face, state.face && [state.face.low, state.face.high], busy);
   for (const [id, item] of [["edge", state.edge], ["face", state.face]]) {
     if (document.activeElement !== get(id)) get(id).value = item ? item.number : "";
-    if (item) text(get(id + "text"), item.text);
+    text(get(id + "text"), item ? item.text : HELP[id]);
   }
 }
 function slide(id, item, limits, busy) {
   const input = get(id); input.disabled = !item || limits[0] === limits[1];
-  if (item && !busy) adjust(input, { min: limits[0], max: limits[1], value: item.value });
+  if (!item) adjust(input, { min: -1, max: 1, value: 0 });
+  else if (!busy) adjust(input, { min: limits[0], max: limits[1], value: item.value });
   text(get(id + "value"), item ? item.value.toPrecision(3) : "0");
 }
 function bounds() { const limit = welcome.strains[get("deformation").value]; adjust(get("gamma"), { min: -limit / 5, max: limit / 5 }); }
@@ -317,7 +320,7 @@ for (const name of ["network", "forces"]) {
   canvas.onkeydown = (event) => {
     const kind = tool() === "face" ? "face" : "edge", item = state[kind], step = { ArrowLeft: -1, ArrowRight: 1 }[event.key], sign = { ArrowUp: 1, ArrowDown: -1 }[event.key];
     if (step) send({ do: "select", [kind]: item ? item.number + step : 0 });
-    else if (sign && item) move(kind, item, item.value + sign * (kind === "edge" ? 0.1 : (item.high - item.low) / 40));
+    else if (sign && item) move(kind, item, latest(kind, item) + sign * (kind === "edge" ? 0.1 : (item.high - item.low) / 40));
     else if (event.key === "x" && state.edge) change("cut", state.edge.number);
     else return;
     event.preventDefault();
@@ -325,8 +328,11 @@ for (const name of ["network", "forces"]) {
 }
 function move(kind, item, value) {
   const [low, high] = kind === "edge" ? [-item.reach, item.reach] : [item.low, item.high];
-  change(kind, item.number, Math.min(high, Math.max(low, value)));
+  requested = [kind, item.number, Math.min(high, Math.max(low, value))];
+  change(...requested);
 }
+// Keys that repeat continue from the value requested last, which the server may not have shown yet.
+function latest(kind, item) { return (waiting || queue.length) && requested && requested[0] === kind && requested[1] === item.number ? requested[2] : item.value; }
 get("stress").oninput = () => state.edge && change("edge", state.edge.number, +get("stress").value);
 get("size").oninput = () => state.face && change("face", state.face.number, +get("size").value);
 get("gamma").oninput = () => change("strain", get("deformation").value, +get("gamma").value);

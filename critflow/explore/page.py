@@ -78,11 +78,14 @@ class Page:
         state = self.session.apply(message["change"])
         if state.model is not before.model:
             self.view.picked.clear()
+        sentences = []
+        if state.change[0] == "cut":
+            sentences.append(f"edge {state.change[1]} is cut")
         if before.strain and not state.strain and state.change[0] != "strain":
-            return "γ is 0 again: stresses are changed at the transition"
+            sentences.append("γ is 0 again: stresses are changed at the transition")
         if state.change[0] == "population":
-            return state.model.remarks.get(state.change[1], "")
-        return ""
+            sentences.append(state.model.remarks.get(state.change[1], ""))
+        return "; ".join(filter(None, sentences))
 
     def _undo(self, message: dict[str, Any]) -> str:
         """Undo a change, or the opening of another network."""
@@ -109,8 +112,7 @@ class Page:
         point = np.array([float(message["x"]), float(message["y"])])
         segment = drawing.nearest(point)
         if message.get("tool") == "cut":
-            edge = int(drawing.edges[segment])
-            return self._change({"change": ("cut", edge)}) or f"edge {edge} is cut"
+            return self._change({"change": ("cut", int(drawing.edges[segment]))})
         if message.get("tool") == "face" and message["panel"] == "network":
             dual = known_dual(self.session)
             self.view.picked.face = int(dual.ends[int(drawing.edges[segment]), drawing.side(segment, point)])

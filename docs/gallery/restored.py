@@ -15,7 +15,7 @@ seen = truth.coordinates + 0.01 * rng.standard_normal(truth.coordinates.shape)
 fit = cf.nearest_critical(network, seen, error=0.01)
 figure, axes = plt.subplots(figsize=(4.4, 4.2), layout="constrained")
 sigma = fit.value.sigma
-axes.errorbar(truth.sigma, sigma, sigma * fit.stress_error, fmt=".", elinewidth=0.7)
+axes.errorbar(truth.sigma, sigma, sigma * fit.stress_error, fmt=".", color="#0072B2", elinewidth=0.7)
 axes.axline((1, 1), slope=1, color="0.5", linewidth=0.8)
 axes.set(xlabel="true σ", ylabel="σ from the picture", aspect="equal")
 figure.savefig("restored.png", dpi=80)
