@@ -104,7 +104,7 @@ class Dataset:
                 for axis, i in zip(self.axes, index, strict=True)}  # fmt: skip
 
     def description(self) -> dict[str, Any]:
-        """What the page needs to choose cases, variables, statuses and claims."""
+        """The choices of cases, variables, statuses and claims."""
         statuses = {Status(code).name: int(np.sum(self.status == code)) for code in np.unique(self.status).tolist()}
         return {
             "title": self.title,

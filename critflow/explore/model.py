@@ -38,7 +38,7 @@ Observer = Callable[[int], bool]
 
 
 class Model:
-    """A planar network with what the page needs of it, computed at first use.
+    """A planar network with its matrices, faces and populations, computed at first use.
 
     seed  of the random populations
     """

@@ -1,4 +1,4 @@
-"""The numbers on the page: what the library returns, with its error bounds, to the digits that these leave."""
+"""The numbers on the page: results of the library with their error bounds, to the digits that these leave."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Number:
         return f"{self.value:.{max(decimals, 0)}f}"
 
     def shown(self) -> dict[str, str]:
-        """What the page prints."""
+        """The texts of a row of the table."""
         bound = f"± {self.bound:.1e}" if np.isfinite(self.bound) and self.bound > 0 else ""
         return {"key": self.key, "text": self.text, "bound": bound, "kind": self.kind, "note": self.note}
 

@@ -28,7 +28,7 @@ _SESSIONS = 6
 
 
 class Page:
-    """One tab: a session, what is picked in it, and a dataset if one is open.
+    """One tab: a session, its picked edge and face, and a dataset if one is open.
 
     progress  called by long computations with a sentence
     """
@@ -219,7 +219,7 @@ class Page:
         return cloud_series() if self.dataset is None else self.dataset.points(self.filter)
 
     def welcome(self) -> dict[str, Any]:
-        """What does not change while a source is open."""
+        """The values that stay the same while a source is open."""
         return {
             "palette": PALETTE,
             "optima": OPTIMA,

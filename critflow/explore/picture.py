@@ -1,4 +1,4 @@
-"""What the page draws: line segments with their colours, from arrays; also the edge or face nearest to a pointer."""
+"""Drawings of the page: line segments with their colours, from arrays; also the edge or face nearest to a pointer."""
 
 from __future__ import annotations
 

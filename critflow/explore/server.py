@@ -56,7 +56,7 @@ class Explorer:
         self.folder = tempfile.TemporaryDirectory(prefix="critflow-explore-")
 
     def page(self, name: str) -> tuple[str, Page]:
-        """The page of a tab that was reloaded, or a new one; a copied tab has a page of its own."""
+        """The page of a tab that was reloaded, or a new one; a copied tab has another page."""
         if name not in self.pages or name in self.open_tabs:
             name = secrets.token_urlsafe(9)
             self.pages[name] = Page(self.source)

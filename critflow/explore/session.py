@@ -37,7 +37,7 @@ def _start_change() -> Change:
 class State:
     """One state of the page.
 
-    change  what made it of the state before
+    change  the change that led to it from the state before
     strain  deformation and γ past the transition, and the springs there; None at the transition
     """
 
@@ -206,7 +206,7 @@ _CHANGES: dict[str, Callable[..., State]] = {
 
 
 def _target(change: Change) -> Change:
-    """What a change acts on: a slider that moves on has the same target."""
+    """The object of a change: a slider that moves on has the same target."""
     return change[:2] if change[0] in ("edge", "face") else change[:1] if change[0] in ("blend", "strain") else (None,)
 
 

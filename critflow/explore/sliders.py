@@ -1,4 +1,4 @@
-"""What is picked on the page: an edge and a face, their sliders, and their marks in the picture."""
+"""The picked edge and face, their sliders, and their marks in the picture."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def known_dual(session: Session) -> Any:
 
 
 def _limits(session: Session, base: State, face: int) -> tuple[tuple[float, float], str]:
-    """Lowest and highest amplitude of a face from a state, and why there are none."""
+    """Lowest and highest amplitude of a face from a state, and the reason where the face cannot change."""
     try:
         modes = session.modes(base)
         one = np.eye(1, modes.elongations.shape[0], face)[0]

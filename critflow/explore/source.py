@@ -21,7 +21,7 @@ LARGEST = 20_000
 class Source(Protocol):
     """A source of networks.
 
-    recipe  what a link contains of the source
+    recipe  the values of the source that a link contains
     title   the network in a few words
     """
 

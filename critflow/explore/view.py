@@ -1,4 +1,4 @@
-"""What one tab shows of its session, in stages: the picture first, then numbers, then those that take longer."""
+"""The view of a session in one tab, in stages: the picture first, then numbers, then those that take longer."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _DUE = ("B_0", "G_0", "C_B", "C_G", "C_G_stress_corrected", "self-stresses", "ze
 
 @dataclass
 class Reply:
-    """What the page shows next: a header of plain values, and drawings by panel."""
+    """An answer to the page: a header of plain values, and drawings by panel."""
 
     header: dict[str, Any]
     drawings: dict[str, Drawing] = field(default_factory=dict)
 
 
 class View:
-    """The picture of a session, what is picked in it, and the stages that are not shown yet."""
+    """The picture of a session, its picked edge and face, and the stages that are not shown yet."""
 
     def __init__(self) -> None:
         self.picked, self.trace = Picked(), Trace()
