@@ -11,8 +11,8 @@ Array = NDArray[np.float64]
 
 # Doubles have 15 to 17 significant digits; with this number of decimals a coordinate was not rounded.
 _ALL_DECIMALS = 15
-# So many coordinates as large as the largest show its decimals, which are the fewest where a file has a fixed number of
-# significant digits; of fewer ones all may end with zeros.
+# Number of coordinates as large as the largest that show its decimals, which are the fewest where a file has a fixed
+# number of significant digits; fewer ones may all end with zeros.
 _ENOUGH = 4
 # Rounded coordinates change singular values of the rigidity matrix by about this number of their errors.
 _MARGIN = 10.0
