@@ -302,13 +302,13 @@ def _rounding(state: ElasticState, speed: Array, u: Array, tension: Array) -> tu
     rate_rounding = EPS * (speed + vertex_speed.take(tail, 1) + vertex_speed.take(head, 1) + length)
     pull = np.abs(tension) * length + sigma * speed
     loose = state.stress_rounding * speed
-    total, first = np.empty((len(u), len(u))), np.zeros(len(length))
-    for a in range(len(u)):
-        noise = loose[a] * speed[a:] + pull[a:] * rate_rounding[a] + pull[a] * rate_rounding[a:]
-        total[a, a:] = total[a:, a] = accumulated_rounding(noise)
-        if a == 0:
-            first = noise[0]
-    return total, first
+    mixed = _accumulated_products(pull, rate_rounding)
+    return _accumulated_products(loose, speed) + mixed + mixed.T, loose[0] * speed[0] + 2 * pull[0] * rate_rounding[0]
+
+
+def _accumulated_products(one: Array, other: Array) -> Array:
+    """`accumulated_rounding` of all products of rows of two arrays (m, n) without negative entries, (m, m)."""
+    return np.asarray(3 * np.sqrt(one**2 @ (other**2).T) + 0.25 * one @ other.T)
 
 
 def _at_edges(network: Network, u: Array) -> Array:

@@ -16,7 +16,7 @@ from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network
-from critflow.precision.double_double import Extended
+from critflow.precision.double_double import Extended, two_sum
 from critflow.precision.geometry import exact_bond_vectors, exact_forces
 from critflow.precision.tolerances import CONTRACTION, MOST_CORRECTIONS, UNSEEN
 
@@ -56,12 +56,15 @@ def exact_displacement(
     rounding = float(EPS * np.abs(coordinates).max())
     enough, noise = UNSEEN * rounding, 0.0 if regularised else rounding
     D = np.zeros((len(network.free), network.dimension))
+    L, change = exact_bond_vectors(network, coordinates, D), np.zeros((network.n_edges, network.dimension))
     before, remainder, compliance = np.inf, np.inf, 0.0
     for _ in range(MOST_CORRECTIONS):
-        L = exact_bond_vectors(network, coordinates, D)
+        # The change is far below L, so its rounding is far below the last digit of L.low.
+        L = two_sum(L.high, L.low + change)
         sigma = stress(L)
         forces = exact_forces(network, sigma, L)
         correction = solve(forces)
+        change = network.free_incidence @ correction
         size = float(np.abs(correction).max())
         if size == 0.0:
             remainder = 0.0
@@ -80,7 +83,7 @@ def exact_displacement(
     else:
         remainder = np.inf
     remainder += EPS * compliance * float(np.abs(sigma * L.high.T).max())
-    return Displacement(D, L.high + (L.low + network.free_incidence @ correction), remainder, correction)
+    return Displacement(D, L.high + (L.low + change), remainder, correction)
 
 
 def inverse_norm(factor: Factor, vector: Array) -> float:
