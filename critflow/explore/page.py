@@ -133,13 +133,17 @@ class Page:
     def _file(self, message: dict[str, Any]) -> str:
         """Open a network or a dataset that was sent to the server before."""
         path = self.inbox[message["name"]]
-        if path.suffix == ".nc":
-            dataset = Dataset(path)
-            self._start(self._first(dataset))
-            self.dataset, self.filter = dataset, Filter()
-        else:
-            self._start(File(path))
-            self.dataset = None
+        try:
+            if path.suffix == ".nc":
+                dataset = Dataset(path)
+                self._start(self._first(dataset))
+                self.dataset, self.filter = dataset, Filter()
+            else:
+                self._start(File(path))
+                self.dataset = None
+        except CritflowError as error:
+            # The folder is that of the server.
+            raise InputError(str(error).replace(f"{path.parent}/", "")) from None
         return f"{path.name} is open"
 
     def _case(self, message: dict[str, Any]) -> str:

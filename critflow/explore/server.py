@@ -10,38 +10,32 @@ import secrets
 import socket
 import sys
 import tempfile
-import threading
 import time
-import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from tornado.httpserver import HTTPServer
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from critflow.drawing import draw, saved
-from critflow.exchange.convert import write_network
 from critflow.explore.datasets import Dataset
+from critflow.explore.exports import network_file, picture_file
 from critflow.explore.page import Page, Reply
 from critflow.explore.source import Source
-from critflow.result import CritflowError, EnvironmentFailure, InputError
+from critflow.explore.view import packed
+from critflow.result import CritflowError, EnvironmentFailure
 
 LOOPBACK = "127.0.0.1"
 # Seconds after which numbers are shown although the hand does not rest.
 OVERDUE = 0.5
 # Pages of closed tabs that are kept for a reload, and the largest file that is accepted, in bytes.
 _KEPT, _LARGEST_FILE = 12, 50_000_000
-_STATIC = {"": "page.html", **{name: name for name in ("raster.js", "page.js", "page.css")}}
+_STATIC = {"": "page.html", **{name: name for name in ("raster.js", "plots.js", "page.js", "page.css")}}
 _KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'"
-# matplotlib keeps the current figure in one place.
-_DRAWING = threading.Lock()
 
 
 class Explorer:
@@ -117,8 +111,8 @@ class _Export(_Guarded):
             if name == "script.py":
                 name, content = name, page.script().encode()
             else:
-                make = _picture if name.startswith("picture") else _network_file
-                name, content = await loop.run_in_executor(self.explorer.threads, make, page, suffix)
+                make = picture_file if name.startswith("picture") else network_file
+                name, content = await loop.run_in_executor(self.explorer.threads, make, page.session, suffix)
         except CritflowError as error:
             self.set_status(409)
             self.set_header("Content-Type", "text/plain; charset=utf-8")
@@ -127,39 +121,6 @@ class _Export(_Guarded):
         self.set_header("Content-Type", "text/plain; charset=utf-8" if suffix == ".py" else "application/octet-stream")
         self.set_header("Content-Disposition", f'attachment; filename="{name}"')
         self.finish(content)
-
-
-def _picture(page: Page, suffix: str) -> tuple[str, bytes]:
-    """The picture of the state."""
-    if suffix not in (".png", ".svg", ".pdf"):
-        raise InputError("a picture is .png, .svg or .pdf")
-    state = page.session.state
-    with _DRAWING, tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"critflow{suffix}"
-        saved(draw(state.springs or state.critical, title=page.session.source.title).figure, path)
-        return path.name, path.read_bytes()
-
-
-def _network_file(page: Page, suffix: str) -> tuple[str, bytes]:
-    """The network in the format of an ending, in an archive where the format has several files."""
-    critical = page.session.state.critical
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"critflow{suffix}"
-        write_network(
-            critical.network,
-            path,
-            critical.coordinates,
-            rest_lengths=critical.lengths,
-            force_densities=critical.sigma,
-        )
-        written = sorted(Path(folder).iterdir())
-        if len(written) == 1:
-            return written[0].name, written[0].read_bytes()
-        archive = BytesIO()
-        with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
-            for file in written:
-                packed.write(file, file.name)
-        return "critflow.zip", archive.getvalue()
 
 
 class _Upload(_Guarded):
@@ -277,24 +238,6 @@ class _Socket(WebSocketHandler):
             await self.write_message(packed(reply), binary=True)
         except WebSocketClosedError:
             pass
-
-
-def packed(reply: Reply) -> bytes:
-    """A reply as bytes: the length of the header, the header, and the segments of all drawings as floats."""
-    drawings, arrays = {}, []
-    for panel, drawing in reply.drawings.items():
-        shade, first = np.unique(drawing.shades, return_index=True)
-        order = np.argsort(first)
-        drawings[panel] = {
-            "n": len(drawing.segments),
-            "outline": drawing.outline.tolist(),
-            "runs": list(zip(shade[order].tolist(), first[order].tolist(), strict=True)),
-        }
-        arrays.append(drawing.segments.astype("<f4").tobytes())
-        arrays.append(drawing.edges.astype("<f4").tobytes())
-    header = json.dumps({**reply.header, "drawings": drawings}, allow_nan=False).encode()
-    header += b" " * (-len(header) % 4)
-    return len(header).to_bytes(4, "little") + header + b"".join(arrays)
 
 
 def application(explorer: Explorer) -> Application:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -120,3 +121,21 @@ def _bound(state: State) -> str:
     """The closed-form bound of B_0, to as many digits as its rounding leaves."""
     bound = state.model.bulk_bound
     return f"{bound:.14f}" if np.isfinite(bound) else "—"
+
+
+def packed(reply: Reply) -> bytes:
+    """A reply as bytes: the length of the header, the header, and the segments of all drawings as floats."""
+    drawings, arrays = {}, []
+    for panel, drawing in reply.drawings.items():
+        shade, first = np.unique(drawing.shades, return_index=True)
+        order = np.argsort(first)
+        drawings[panel] = {
+            "n": len(drawing.segments),
+            "outline": drawing.outline.tolist(),
+            "runs": list(zip(shade[order].tolist(), first[order].tolist(), strict=True)),
+        }
+        arrays.append(drawing.segments.astype("<f4").tobytes())
+        arrays.append(drawing.edges.astype("<f4").tobytes())
+    header = json.dumps({**reply.header, "drawings": drawings}, allow_nan=False).encode()
+    header += b" " * (-len(header) % 4)
+    return len(header).to_bytes(4, "little") + header + b"".join(arrays)

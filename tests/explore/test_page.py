@@ -9,8 +9,8 @@ import xarray as xr
 from critflow.explore.cloud import cloud_series
 from critflow.explore.datasets import Dataset, Filter
 from critflow.explore.page import Page
-from critflow.explore.server import packed
 from critflow.explore.source import Random
+from critflow.explore.view import packed
 
 
 @pytest.fixture
