@@ -10,7 +10,8 @@ import numpy as np
 
 from critflow.design.tolerances import INDEPENDENT_TARGETS
 from critflow.networks.network import Array
-from critflow.result import InputError, Solution
+from critflow.result import InputError, Solution, Status
+from critflow.solvers.constrained import Minimum
 
 Value = TypeVar("Value")
 Interval = float | tuple[float, float]
@@ -57,6 +58,19 @@ def of_targets(
     by_name = {"achieved": achieved, "error_bounds": error_bounds, "multipliers": multipliers, "independence": sines}
     fields = {key: dict(zip(names, map(float, values), strict=True)) for key, values in by_name.items()}
     return fields | {"gram": gram}
+
+
+def outcome(found: Minimum, refused: str, unreached: str) -> tuple[Status, str]:
+    """Status and note of a search in which the least change only selects: a design with its targets is complete.
+
+    refused    the reason why a closed form excludes the targets, or an empty string
+    unreached  what to do where the search reduces the errors no further
+    """
+    if refused:
+        return Status.infeasible, refused
+    if found.reached:
+        return Status.ok, ""
+    return found.status, unreached if found.status is Status.infeasible else ""
 
 
 def limits_of(name: str, value: object) -> tuple[float, float]:

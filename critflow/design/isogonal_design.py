@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import LengthVariance, Objective
-from critflow.design.designed import Design, Interval, all_limits, of_targets
+from critflow.design.designed import Design, Interval, all_limits, of_targets, outcome
 from critflow.design.isogonal import IsogonalModes, face_modes, isogonal_modes
 from critflow.design.modulus_bounds import bulk_modulus_bound
 from critflow.design.target_errors import error_bounds
@@ -30,7 +30,7 @@ from critflow.linalg.tolerances import EPS
 from critflow.mechanics.moduli import transition_moduli
 from critflow.mechanics.stiffening_objective import StiffeningCoefficient
 from critflow.networks.network import Array, Network
-from critflow.result import InputError, Stats, Status
+from critflow.result import InputError, Stats
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
 
 # Longest change of an amplitude in one step, in units of the mean length.
@@ -208,12 +208,8 @@ class _Family:
         value, (values, rows) = self.modes.walk(full), self.values(a)
         bounds = self.bounds(value, rows)
         error = np.abs(values - np.clip(values, self._low, self._high)) / self.scale
-        status, note = Status.infeasible if excess else found.status, excess
-        if found.reached and not excess:
-            # The least change only selects: a design that has its targets is complete without it.
-            status = Status.ok
-        elif found.status is Status.infeasible and not excess:
-            note = "no isogonal change reduces the errors of the targets: relax one, or change the force network"
+        unreached = "no isogonal change reduces the errors of the targets: relax one, or change the force network"
+        status, note = outcome(found, excess, unreached)
         n_edges = self.network.n_edges
         return IsogonalDesign(
             value=value,

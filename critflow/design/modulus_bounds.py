@@ -22,7 +22,7 @@ from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import dilation, transition_modulus
 from critflow.design.optimum import Optimum
-from critflow.design.tolerances import BALANCED, ISOTROPIC, NO_LENGTH
+from critflow.design.tolerances import BALANCED, ISOTROPIC, NO_LENGTH, PARALLEL_FORCES
 from critflow.networks.deformation import Deformable
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution, SolveError, Stats, Status
@@ -77,9 +77,11 @@ def stiffening_bound(network: Network | CriticalManifold) -> float:
 def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> Optimum:
     """The configuration nearest to L* that attains `modulus_bound`, stresses of both signs allowed.
 
-    Nearest in Σk|L − L*|²: all others differ by isogonal modes.  `Status.edge_collapse` or `Status.singular` and NaN
-    where an edge of it has no length or the forces are too nearly parallel to close; the objective is then the bound,
-    a limit.  Where the bound is zero every configuration attains it, and that of σ = k is returned.
+    Nearest in Σk|L − L*|², unless the forces are nearly parallel: all others differ by isogonal modes.
+    `Status.edge_collapse` or `Status.singular` and NaN where an edge of it has no length or all forces are parallel, as
+    for uniaxial strains of isotropic networks, so that they close around no cell; the objective is then the bound, a
+    limit: strains next to it attain theirs.  Where the bound is zero every configuration attains it, and that of σ = k
+    is returned.
     Raises `InputError` in three dimensions except for dilations: such forces seldom close there.
     """
     manifold = CriticalManifold.of(network)
@@ -103,7 +105,7 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     attained = _vanishes(F, moment, A) or abs(optimum.gap) < BALANCED
     if value.residual < BALANCED and attained and shortest > NO_LENGTH:
         return optimum
-    # Forces that are all nearly parallel, or an edge that vanishes: the bound is approached, not attained.
+    # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
     status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if found.ok else found.status
     unknown = np.full_like(value.bond_vectors, np.nan)
     value = CriticalConfiguration(network, unknown[:, 0], np.full_like(value.coordinates, np.nan), unknown)
@@ -134,8 +136,17 @@ def _attaining(manifold: CriticalManifold, A: Array) -> _Attaining:
     F, moment = _force_map(network, L_star, A)
     if _vanishes(F, moment, A):
         return _Attaining(manifold.solve(k), 1.0, F, moment)
-    sigma, shortest = _closed(manifold, L_star, F)
-    return _Attaining(manifold.solve(sigma), shortest, F, moment)
+    bound = float(np.trace(F @ moment @ F.T)) / network.volume
+    for closed in (_nearest_bonds, _stretched_bonds):
+        L = closed(manifold, L_star, F)
+        square = np.einsum("ad,ad->a", L, L)
+        sigma = k * np.einsum("ad,ad->a", L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny)
+        found, shortest = manifold.solve(sigma), float(np.sqrt(square.min()) / np.sqrt(square).mean())
+        modulus = transition_modulus(network, A).evaluate(found.value.sigma, found.value.bond_vectors)[0]
+        parallel = abs(float(np.linalg.det(F))) <= PARALLEL_FORCES * float(np.sum(F**2))
+        if abs(modulus / bound - 1) < BALANCED or parallel:
+            break
+    return _Attaining(found, shortest, F, moment)
 
 
 def least_compressed_length(network: Network | CriticalManifold, strain: Deformable) -> float:
@@ -167,22 +178,30 @@ def least_compressed_length(network: Network | CriticalManifold, strain: Deforma
     return float(program.fun)
 
 
-def _closed(manifold: CriticalManifold, L_star: Array, F: Array) -> tuple[Array, float]:
-    """The stress of bond vectors L = L* + g u parallel to the forces T = kFL*, and the shortest length over the mean.
+def _nearest_bonds(manifold: CriticalManifold, L_star: Array, F: Array) -> Array:
+    """Bond vectors L = L* + g u (N_b, 2) parallel to the forces T = kFL*, with the least Σk|g u|².
 
-    They have no component in the direction n = JFL*, n·(L* + g u) = 0, and least Σk|g u|².  Since gᵀ(k n) = 0, the
-    constraints have the self-stress k, and this is a system of stresses and displacements.
+    They have no component in the direction n = JFL*, n·(L* + g u) = 0.  Since gᵀ(k n) = 0, the constraints have the
+    self-stress k, and this is a system of stresses and displacements.
     """
     network, k = manifold.network, manifold.network.stiffness
-    direction = L_star @ F.T
-    normal = direction @ _QUARTER_TURN.T
+    normal = L_star @ F.T @ _QUARTER_TURN.T
     no_force = np.zeros((len(network.free), 2))
     u, _, _ = manifold.saddle.factorize(k, normal).solve(no_force, -np.einsum("ad,ad->a", normal, L_star))
-    L = L_star + network.free_incidence @ u
-    square = np.einsum("ad,ad->a", L, L)
-    sigma = k * np.einsum("ad,ad->a", direction, L) / np.maximum(square, np.finfo(float).tiny)
-    shortest = float(np.sqrt(square.min()) / np.sqrt(square).mean())
-    return sigma, shortest
+    return np.asarray(L_star + network.free_incidence @ u)
+
+
+def _stretched_bonds(manifold: CriticalManifold, L_star: Array, F: Array) -> Array:
+    """Others with these forces: L = B⁻¹L̃ with B = FᵀJᵀ, where n·L = L*·L̃ = 0, L̃ = BL* + g u and Σk|g u|² is least.
+
+    Nearly parallel forces make the constraints n·L nearly dependent, and those of L̃ are not.  The lengths grow as
+    1/det F; forces that are all parallel belong to no bond vectors.
+    """
+    network, B = manifold.network, F.T @ _QUARTER_TURN.T
+    start, no_force = L_star @ B.T, np.zeros((len(network.free), 2))
+    factor = manifold.saddle.factorize(network.stiffness, L_star)
+    u, _, _ = factor.solve(no_force, -np.einsum("ad,ad->a", L_star, start))
+    return np.asarray(np.linalg.solve(B, (start + network.free_incidence @ u).T).T)
 
 
 def _force_map(network: Network, L_star: Array, A: Array) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.design.designed import Design, Interval, all_limits, of_targets
+from critflow.design.designed import Design, Interval, all_limits, of_targets, outcome
 from critflow.design.tolerances import POSITIVE_TENSOR, TARGET_STATIONARY
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.mechanics.at_rest import response_at_rest
@@ -23,7 +23,7 @@ from critflow.mechanics.elasticity import Elasticity
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.result import InputError, Stats, Status
+from critflow.result import InputError, Stats
 from critflow.rigidity.counts import rigidity
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
 
@@ -204,12 +204,8 @@ class TensorGoals:
         values = self._values(response.value.energy)
         bounds = np.einsum("nab,ab->n", np.abs(self._W), response.value.bounds)
         error = np.abs(values - np.clip(values, self._low, self._high)) / self._scale
-        status, note = Status.infeasible if reason else found.status, reason
-        if found.reached and not reason:
-            # The least change only selects: stiffnesses that have the targets are complete without it.
-            status = Status.ok
-        elif found.status is Status.infeasible and not reason:
-            note = "the errors of the targets cannot be reduced together from here: relax one, or give another start"
+        unreached = "the errors of the targets cannot be reduced together from here: relax one, or give another start"
+        status, note = outcome(found, reason, unreached)
         if not response.ok:
             status, note = response.status, response.note
         rows = found.point.rows(np.arange(len(self.names))) * self._scale[:, None]

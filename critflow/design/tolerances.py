@@ -21,6 +21,8 @@ UNRESOLVED_LENGTH Length of the shortest edge, in units of the mean, at which a 
 
 Balance and optima
 BALANCED          Relative force balance, and relative distance from the bound, of a modulus that attains its bound.
+PARALLEL_FORCES   Determinant of the map F of forces, over |F|², below which all forces count as parallel: lengths grow
+                  as its inverse.
 ISOTROPIC         Anisotropy of a strain that is a dilation up to rounding.
 CONVERGED_REST    Gain that remains at an infimum in the edges that do not tend to their limits, relative to the value;
                   standard networks reach 4e-4, and false infima have more than 1e-2.
@@ -128,6 +130,7 @@ SOUND = 1e-2
 NO_LENGTH = 1e-10
 UNRESOLVED_LENGTH = 1e-8
 BALANCED = 1e-8
+PARALLEL_FORCES = 1e-9
 ISOTROPIC = 1e-14
 CONVERGED_REST = 1e-3
 STATIONARY = 1e-8
