@@ -139,7 +139,8 @@ def _note(here: _Iterate, steps: int, status: Status) -> str:
     if status not in (Status.edge_collapse, Status.slack_edges):
         return ""
     edges = np.flatnonzero(np.abs(here.theta) > WIDEST_STRESS)
-    return f"{len(edges)} edges tend to zero length or zero stress, edge {edges[0]} first: the distance is a limit"
+    tend = "1 edge tends" if len(edges) == 1 else f"{len(edges)} edges tend"
+    return f"{tend} to zero length or zero stress, edge {edges[0]} first: the distance is a limit"
 
 
 class _Fit:

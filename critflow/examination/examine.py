@@ -176,6 +176,9 @@ def _critical_strains(
 ) -> dict[str, Onset]:
     """Critical strains of the rest lengths; none where the network is rigid at strain zero."""
     onsets: dict[str, Onset] = {}
+    if deformations and not (rest > 0).all():
+        attempts.failures.append("the critical strains: an edge has no rest length: give a positive one to each")
+        return onsets
     for name in deformations:
         try:
             onsets[name] = critical_strain(network, rest, name)
@@ -202,6 +205,8 @@ def _order(
     network: Network, x: Array, counted: Solution[Rigidity], tension: float, tolerance: float, attempts: _Attempts
 ) -> str:
     counts = counted.value
+    if np.isnan(counts.largest_zero):
+        return "undecided"
     if counts.first_order_rigid:
         return "first"
     if counts.n_self_stresses == 0:

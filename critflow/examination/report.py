@@ -25,7 +25,7 @@ ORDERS = {
     "first": "rigid to first order: no motion keeps all lengths",
     "prestress": "rigid to second order: a self-stress stabilises every floppy motion",
     "second": "rigid to second order, by several self-stresses of which none alone is enough",
-    "undecided": "undecided: singular values lie too close to the tolerance",
+    "undecided": "undecided",
 }
 _STRAINS = {
     "dilation": "relative increase of the volume (area in 2D)",
@@ -165,6 +165,8 @@ def _answer(found: Examination) -> str:
         meaning += (
             "; the self-stresses stiffen a part of it only" if found.n_self_stresses else ", and every modulus is zero"
         )
+    if found.order == "undecided" and found.doubt:
+        meaning += f": {found.doubt}"
     name, colon, rest = meaning.partition(":")
     return f"**{name}**{colon}{rest}"
 
@@ -184,8 +186,10 @@ def _units(found: Examination) -> str:
 def _rigidity(found: Examination) -> list[str]:
     counts = found.counts
     lines = ["## Rigidity", ""]
-    if found.doubt:
+    if found.doubt and found.order != "undecided":
         lines.append(f"- {found.doubt}")
+    if np.isnan(counts.largest_zero):
+        return []
     zero = f"{counts.largest_zero:.1e} counts as zero, " if counts.largest_zero else ""
     lines += [
         f"- {_count(counts.n_self_stresses, 'self-stress', 'es')}, {_count(found.n_floppy_modes, 'floppy mode', 's')}",
@@ -324,6 +328,8 @@ def advice_of(found: Examination, margin: float) -> tuple[str, ...]:
         advice.append("it is rigid at rest: elasticity gives its tensor; diluted(...) leads to the transition")
     if found.order in ("prestress", "second"):
         advice.append("elasticity gives its tensor at rest; signed_stress and strain_path follow it under stress")
-    if found.order == "undecided":
+    if found.order == "undecided" and np.isnan(found.counts.largest_zero):
+        advice.append("correct the coordinates: the rigidity of edges without length is not defined")
+    elif found.order == "undecided":
         advice.append("give coordinates with more digits, or their number of decimals")
     return tuple(advice)

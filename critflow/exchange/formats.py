@@ -79,7 +79,7 @@ def writable_format(path: Path) -> Format:
     Raises `InputError` for an ending that cannot be written and for a folder that does not exist, and
     `EnvironmentFailure` where the package of the writer is missing.
     """
-    known = format_of(path)
+    known = format_of(path, writing=True)
     if known.write is None:
         raise InputError(f"files with the ending {path.suffix} are read only: choose another one")
     require_folder(path)
@@ -96,12 +96,15 @@ def require_folder(path: Path) -> None:
         raise InputError(f"{path} is a folder: give the name of a file in it")
 
 
-def format_of(path: Path) -> Format:
-    """The format of a file by its ending, else an `InputError` with all endings."""
+def format_of(path: Path, writing: bool = False) -> Format:
+    """The format of a file by its ending, else an `InputError` with the endings that are read, or written."""
     for known in FORMATS:
         if path.suffix.lower() in known.endings:
             return known
-    endings = ", ".join(ending for known in FORMATS for ending in known.endings)
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: give the name of a file in it")
+    possible = [known for known in FORMATS if (known.write if writing else known.read) is not None]
+    endings = ", ".join(ending for known in possible for ending in known.endings)
     raise InputError(f"no format has the ending {path.suffix!r} of {str(path)!r}: choose one of {endings}")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+from contextlib import redirect_stderr
 from pathlib import Path
 from typing import Any
 
@@ -69,8 +71,13 @@ def read_mesh(path: Path) -> NetworkData:
     """Any file of meshio with line cells or polygons."""
     meshio = optional("meshio")
     try:
-        mesh = meshio.read(path)
-    except (meshio.ReadError, OSError, ValueError, KeyError, SystemExit) as error:
+        # meshio prints its reasons before it ends the program.
+        with redirect_stderr(io.StringIO()) as reasons:
+            mesh = meshio.read(path)
+    except SystemExit:
+        reason = " ".join(reasons.getvalue().split()).removeprefix("Error: ")
+        raise InputError(f"{path} cannot be read as a mesh: {reason or 'its content is broken'}") from None
+    except (meshio.ReadError, OSError, ValueError, KeyError) as error:
         raise InputError(f"{path} cannot be read as a mesh: {error}") from None
     except ModuleNotFoundError as missing:
         raise EnvironmentFailure(

@@ -61,7 +61,13 @@ def _graph(content: Any) -> NodeLink:
         raise InputError(
             "the JSON file is no graph: it needs nodes and edges (or links), as networkx.node_link_data writes them"
         )
+    if not all(isinstance(row, dict) for row in [*nodes, *links]):
+        raise InputError('the nodes and edges of a graph in JSON must be objects, such as {"id": 0, "pos": [0, 0]}')
+    if not all("source" in row and "target" in row for row in links):
+        raise InputError("every edge of a graph in JSON needs a source and a target: complete them")
     named = {_name(row.get("id", n)): row for n, row in enumerate(nodes)}
+    if len(named) < len(nodes):
+        raise InputError("two nodes of the graph have the same id: give each its own")
     ends = [(_name(row["source"]), _name(row["target"]), row) for row in links]
     for tail, head, _ in ends:
         for end in (tail, head):

@@ -92,7 +92,7 @@ class _Ledger:
 
     def note(self, sentence: str) -> None:
         if self.strict:
-            raise NetworkError(f"{sentence}: correct the source, or leave out strict=True")
+            raise NetworkError(f"strict=True refuses this repair: {sentence}; correct the source, or leave strict out")
         self.changed = True
         self.sentences.append(sentence)
 
@@ -129,6 +129,7 @@ def imported(
     _without_bare(ledger)
     _chains(ledger, contract)
     found = ledger.data
+    ledger.sentences.extend(_without_length(found))
     network = Network(
         found.edges,
         found.offsets,  # type: ignore[arg-type]
@@ -297,6 +298,18 @@ def _chains(ledger: _Ledger, contract: bool) -> None:
     ledger.vertices = ledger.vertices[~middle]
     ledger.note(f"{counted(int(middle.sum()), 'vertex')} of two edges, removed; the springs were joined in series")
     _without_loops(ledger)
+
+
+def _without_length(data: NetworkData) -> tuple[str, ...]:
+    """A sentence on edges whose ends have one position."""
+    short = np.flatnonzero(np.linalg.norm(bond_vectors_of(data), axis=1) == 0)
+    if not len(short):
+        return ()
+    i, j = (data.name(int(vertex)) for vertex in data.edges[short[0]])
+    return (
+        f"{counted(len(short), 'edge', 'has')} no length, between vertices {i} and {j} first: its direction is "
+        "unknown, so move them apart or join them",
+    )
 
 
 def _digits(data: NetworkData) -> tuple[str, ...]:

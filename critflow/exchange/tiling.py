@@ -14,6 +14,9 @@ from critflow.result import InputError
 
 Copies = int | Sequence[int]
 
+# Edges of copies that fit into the memory of a usual computer with their file.
+_MOST_EDGES = 10_000_000
+
 
 def tiled(data: NetworkData, copies: Copies) -> NetworkData:
     """The record of copies of the cell along each cell vector, one number or d numbers, joined as one periodic network.
@@ -25,6 +28,9 @@ def tiled(data: NetworkData, copies: Copies) -> NetworkData:
         return data
     if data.cell is None or data.offsets is None:
         raise InputError("copies repeat a periodic cell, and this network has none: leave copies out")
+    edges = data.n_edges * float(np.prod(counts, dtype=float))
+    if edges > _MOST_EDGES:
+        raise InputError(f"these copies have {edges:.1e} edges, more than {_MOST_EDGES:.0e}: give fewer copies")
     images = np.array(list(product(*map(range, counts))))
     m, n = len(images), data.n_vertices
     # The image of each head, counted in old cells, and the copy and the larger cell in which it lies.

@@ -128,7 +128,7 @@ class CarryingPart(NamedTuple):
         """The note on the edges removed."""
         counted = {
             "on bridges and dangling ends": self.bridges,
-            "in pieces that hang on one vertex": self.closed,
+            "in closed pieces that hang on at most one vertex": self.closed,
             "in separate pieces": self.separate,
         }
         removed = [f"{count} {where}" for where, count in counted.items() if count]

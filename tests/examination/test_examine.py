@@ -130,6 +130,15 @@ def test_whole_coordinates_of_a_grid_count_as_exact():
     assert any("0 decimals and count as exact" in note for note in found.notes)
 
 
+def test_an_edge_without_length_leaves_the_answer_open():
+    x = VORONOI.positions.copy()
+    tail, head = VORONOI.edges[0]
+    x[head] = x[tail] - VORONOI.offsets[0] @ VORONOI.cell
+    found = examine(network_from(edges=VORONOI.edges, offsets=VORONOI.offsets, cell=VORONOI.cell, positions=x))
+    assert found.order == "undecided" and "**undecided**: edge 0 has no length" in str(found)
+    assert "nan" not in str(found) and "modes" not in str(found) and any("no length" in n for n in found.notes)
+
+
 def test_pages_have_the_report_and_the_picture(floppy, tmp_path):
     write_page(floppy, tmp_path / "page.md")
     text = (tmp_path / "page.md").read_text()
@@ -175,6 +184,8 @@ def test_commands(tmp_path, capsys):
         (["convert", "h.csv", "h.svg", "--cell", "wide"], "numbers"),
         (["convert", "h.csv", "h.compas"], "cell"),
         (["convert", "h.csv", "nowhere/h.json"], "folder"),
+        (["convert", ".", "h.json"], "folder"),
+        (["convert", "h.csv", "h.svg", "--copies", "100000"], "fewer copies"),
     ],
 )
 def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, word):

@@ -133,9 +133,15 @@ def test_json_needs_no_networkx_and_is_what_networkx_writes(tmp_path, monkeypatc
         without.setattr(packages, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
         write_network(network, path)
         assert_same(network_from(path).network, network)
-        path.with_name("bad.json").write_text('{"nodes": [{"id": 1}], "edges": [{"source": 1, "target": 2}]}')
-        with pytest.raises(InputError, match="lacks"):
-            network_from(path.with_name("bad.json"))
+        for nodes, edges, word in (
+            ([{"id": 1}], [{"source": 1, "target": 2}], "lacks"),
+            ([{"id": 1}, {"id": 1}], [], "same id"),
+            ([{"id": 1}], [{"source": 1}], "target"),
+            ([1, 2], [], "objects"),
+        ):
+            path.with_name("bad.json").write_text(json.dumps({"nodes": nodes, "edges": edges}))
+            with pytest.raises(InputError, match=word):
+                network_from(path.with_name("bad.json"))
     content = json.loads(path.read_text())
     graph = networkx.node_link_graph(content, edges="edges")
     assert graph.is_multigraph() and graph.number_of_edges() == network.n_edges

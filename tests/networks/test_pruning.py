@@ -49,7 +49,7 @@ def test_hanging_parts_are_removed():
     np.testing.assert_array_equal(network.stiffness, np.arange(7.0, 13.0))
     assert "removed 6 of 12 edges" in network.note
     assert "3 on bridges" in network.note
-    assert "3 in pieces" in network.note
+    assert "3 in closed pieces" in network.note
     CriticalManifold(network).configuration(np.ones(6))
 
 

@@ -48,6 +48,8 @@ def check_own(network, *, planar_faces_needed=False):
         raise StudyError(f"network: {error}") from error
     if planar_faces_needed and network.faces is None:
         raise StudyError("network: this study needs the faces of a network without crossing edges: give such a one")
+    if planar_faces_needed and (np.bincount(network.edges.ravel()) != 3).any():
+        raise StudyError("network: this study changes faces, which needs three edges at every vertex: give such a one")
 
 
 def _identified(text):
