@@ -203,7 +203,7 @@ def list_studies(
         try:
             found = load_study(name).study
         except CritflowError as error:
-            _warn(str(error))
+            _warn(f"{name} is not available: {error.__cause__ or error}")
             continue
         sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in found.axes)
         print(f"{name}: {found.title} ({sizes})")

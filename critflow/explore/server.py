@@ -29,8 +29,8 @@ from critflow.explore.view import packed
 from critflow.result import CritflowError, EnvironmentFailure
 
 LOOPBACK = "127.0.0.1"
-# Seconds after which numbers are shown although the hand does not rest.
-OVERDUE = 0.5
+# Seconds after which the first numbers, and those with bounds, are shown although the hand does not rest.
+OVERDUE = (0.15, 0.5)
 # Pages of closed tabs that are kept for a reload, and the largest file that is accepted, in bytes.
 _KEPT, _LARGEST_FILE = 12, 50_000_000
 _STATIC = {"": "page.html", **{name: name for name in ("raster.js", "plots.js", "page.js", "page.css")}}
@@ -187,7 +187,7 @@ class _Socket(WebSocketHandler):
 
     async def _work(self) -> None:
         """Answer messages in turn, and compute the stages that are due while none comes."""
-        shown = self.loop.time()
+        shown = [self.loop.time()] * len(OVERDUE)
         while True:
             rests = self.page.wait is None
             try:
@@ -198,13 +198,13 @@ class _Socket(WebSocketHandler):
                 await self._refine()
                 continue
             if rests:
-                shown = self.loop.time()
+                shown = [self.loop.time()] * len(OVERDUE)
             await self._answer(message)
-            if self.loop.time() - shown > OVERDUE:
-                # The hand does not rest: the numbers that follow it, then those with bounds.
+            late = [self.loop.time() - at > limit for at, limit in zip(shown, OVERDUE, strict=True)]
+            # The hand does not rest.  Numbers with bounds come after the first ones.
+            for stage in range(2 if late[1] else int(late[0])):
                 await self._refine()
-                await self._refine()
-                shown = self.loop.time()
+                shown[stage] = self.loop.time()
 
     async def _answer(self, message: dict[str, Any]) -> None:
         """Send the reply to a message; a fault of the program is a sentence too, and the tab stays usable."""

@@ -19,9 +19,9 @@ from critflow.explore.trace import Trace
 
 # Vertices beyond which a change takes longer than the eye.
 _LIVE = 3000
-# Seconds without a message after which each stage is computed: the numbers that follow the hand at once, bounds and
-# coefficients when it rests, counts soon after those.
-WAITS = (0.0, 0.3, 0.1)
+# Seconds without a message after which each stage is computed: the first numbers where the next position of the hand
+# is not there yet, so that they delay no picture; bounds and coefficients when it rests, counts soon after those.
+WAITS = (0.02, 0.3, 0.1)
 _DUE = ("B_0", "G_0", "C_B", "C_G", "C_G_stress_corrected", "self-stresses", "zero modes")
 
 

@@ -10,7 +10,7 @@ from critflow.explore.cloud import cloud_series
 from critflow.explore.datasets import Dataset, Filter
 from critflow.explore.page import Page
 from critflow.explore.source import Random
-from critflow.explore.view import packed
+from critflow.explore.view import WAITS, packed
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_numbers_and_limits_follow_the_picture(page):
     page.handle({"do": "select", "face": 4})
     before = precise(page)["face"]
     picture = header(page, do="change", change=["edge", 5, 2.0])
-    assert "numbers" not in picture and picture["face"] == before and page.wait == 0
+    assert "numbers" not in picture and picture["face"] == before and page.wait == WAITS[0]
     first = page.refine().header
     assert {number["key"] for number in first["numbers"]} == {"B_0", "G_0", "V_L", "V_τ", "residual"}
     assert page.wait > 0 and page.refine().header["face"]["high"] != before["high"]
