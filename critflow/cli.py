@@ -203,7 +203,8 @@ def list_studies(
         try:
             found = load_study(name).study
         except CritflowError as error:
-            _warn(f"{name} is not available: {error.__cause__ or error}")
+            reason = error.__cause__ if isinstance(error.__cause__, CritflowError) else error
+            _warn(f"{name} is not available: {reason}")
             continue
         sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in found.axes)
         print(f"{name}: {found.title} ({sizes})")
