@@ -149,9 +149,10 @@ def report_lines(found: Examination) -> list[str]:
 def summary_lines(found: Examination) -> list[str]:
     """Title, answer and advice."""
     answer = [f"- {_answer(found)}"]
-    if found.tensor is not None and np.isfinite(found.tensor.value.energy).all():
+    known = found.tensor is not None and np.isfinite(found.tensor.value.energy).all()
+    if found.tensor is not None and known:
         answer.append(f"- {_bulk_and_shear(found.tensor.value)}")
-    elif found.critical_tensor is not None:
+    if found.critical_tensor is not None and not (known and found.order == "critical"):
         answer.append(f"- at the nearest critical configuration {_bulk_and_shear(found.critical_tensor.value, '_0')}")
     return [f"# {described(found.network)}", "", *answer, *(f"- next: {sentence}" for sentence in found.advice), ""]
 

@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import hyp2f1
 
+from critflow.arguments import shown
 from critflow.mechanics.tolerances import LAW_AT_REST, LAW_CONSISTENCY, LAW_STIFFNESS_AT_REST
 from critflow.networks.network import Array
 from critflow.result import InputError
@@ -78,8 +79,8 @@ class PowerLaw(SpringLaw):
     convex: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if not 2 <= self.exponent < np.inf:
-            raise InputError(f"the exponent of a power law must be at least 2 and finite, not {self.exponent}")
+        if not (isinstance(self.exponent, int | float | np.number) and 2 <= self.exponent < np.inf):
+            raise InputError(f"the exponent of a power law must be at least 2 and finite, not {shown(self.exponent)}")
 
     def energy(self, extension: Array, rest: Array, k: Array) -> Array:
         # kℓ²/(n − 1)·((λⁿ − 1)/n − (λ − 1)), λ = |L|/ℓ, without the difference: k e² ∫ (1 − s)(1 + s e/ℓ)^{n−2} ds.
@@ -107,8 +108,8 @@ class WormLike(SpringLaw):
     convex: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if not 0 < self.slack < np.inf:
-            raise InputError(f"the slack of a worm-like law must be positive and finite, not {self.slack}")
+        if not (isinstance(self.slack, int | float | np.number) and 0 < self.slack < np.inf):
+            raise InputError(f"the slack of a worm-like law must be positive and finite, not {shown(self.slack)}")
 
     def energy(self, extension: Array, rest: Array, k: Array) -> Array:
         with np.errstate(divide="ignore"):

@@ -17,9 +17,11 @@ IntArray = NDArray[np.int64]
 def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True) -> Array:
     """Values per edge as floats (N_b,), finite and positive, else a `NetworkError` that names the first bad edge."""
     try:
+        if np.asarray(values).dtype.kind == "c":
+            raise TypeError
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        raise NetworkError(f"{name} must be numbers, one per edge, not {values!r:.60}") from None
+        raise NetworkError(f"{name} must be real numbers, one per edge, not {values!r:.60}") from None
     if array.shape != (n_edges,):
         raise NetworkError(f"{name} must have one value per edge, shape ({n_edges},), not {array.shape}")
     bad = ~np.isfinite(array) | (positive & ~(array > 0))
