@@ -44,11 +44,19 @@ def test_the_same_points_follow_from_a_limit_on_one_objective(stiff_and_equal):
     assert other.preference == pytest.approx(variance, rel=1e-6)
 
 
-def test_a_better_end_that_a_front_contains_begins_another_front():
+def test_a_point_of_a_worse_branch_is_found_on_the_better_one():
     network, objectives = voronoi_network(12, seed=3), {"B_0": "largest", "C_G": "largest"}
     front = pareto(network, objectives, 4, within={"force_densities": (0.2, None)})
     assert not front.dominated.any() and (np.diff(front.achieved[:, 1]) > 0).all()
     np.testing.assert_array_equal(dominated(np.array([[0, 3], [1, 1], [2, 2], [3, 0]])), [0, 0, 1, 0])
+
+
+@pytest.mark.sweep
+def test_a_better_end_that_a_front_contains_begins_another_front():
+    network, objectives = voronoi_network(18, seed=4), {"B_0": "largest", "C_B": "largest"}
+    front = pareto(network, objectives, 5, within={"force_densities": (0.2, None)})
+    # The first front has 8.0 at its end and 8.3 before it.
+    assert not front.dominated.any() and front.achieved[-1, 1] > 12
 
 
 def test_limits_of_edges_bound_a_front():

@@ -15,7 +15,7 @@ from critflow import (
     triangular_network,
     voronoi_network,
 )
-from critflow.design.target_table import StressComponent
+from critflow.design.target_table import LIMITED, EdgeLimits, StressComponent
 
 MANIFOLD = CriticalManifold(voronoi_network(n_vertices=60, seed=1))
 NETWORK = MANIFOLD.network
@@ -147,6 +147,37 @@ def test_a_preference_selects():
 def test_softening_beyond_the_stiffest_network_is_refused():
     found = design(MANIFOLD, {"B_0": 0.27, "C_B": -0.135}, throw=False)
     assert found.status is Status.infeasible and "largest B_0" in found.note
+
+
+@pytest.mark.parametrize(
+    ("targets", "word"),
+    [
+        ({"B_0": 0.25, "G_0": (0.0, 0.01), "C_B": 0.1, "C_G": -0.05}, "C_G is at least"),
+        ({"B_0": bulk_modulus_bound(MANIFOLD), "C_B": 0.0}, "every configuration"),
+        ({"B_0": -0.1}, "never negative"),
+    ],
+)
+def test_targets_that_the_theorem_of_softening_excludes_are_refused(targets, word):
+    found = design(MANIFOLD, targets, throw=False)
+    assert found.status is Status.infeasible and word in found.note
+
+
+def test_a_search_that_ends_too_early_is_not_ok():
+    few = design(MANIFOLD, {"B_0": 0.25, "C_B": 0.1}, max_steps=2, throw=False)
+    assert few.status is Status.step_limit and "raise max_steps" in few.note
+    few = design(MANIFOLD, {"B_0": 0.25}, prefer="length_variance", max_steps=8, throw=False)
+    assert few.status is Status.step_limit and abs(few.achieved["B_0"] - 0.25) < 1e-9
+
+
+@pytest.mark.parametrize("name", LIMITED)
+def test_gradients_of_limits_of_edges_agree_with_differences(name):
+    rng, edges, h = np.random.default_rng(4), np.array([3, 17, 40]), 1e-4
+    sigma, change = np.exp(0.3 * rng.normal(size=90)), rng.normal(size=90)
+    limits = EdgeLimits.of(name, (0.1, None), 90)
+    there = [limits.values(MANIFOLD.balance(sigma + n * h * change))[edges] for n in (-2, -1, 1, 2)]
+    expected = (there[0] - 8 * there[1] + 8 * there[2] - there[3]) / (12 * h)
+    found = limits.rows(MANIFOLD.balance(sigma), edges) @ change
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11)
 
 
 def test_the_gradient_of_stress_components_has_an_exact_differential():
