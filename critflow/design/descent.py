@@ -183,7 +183,7 @@ class DescentMonitor:
         tension = sigma * length
         if length.min() > SOUND * length.mean() and sigma.min() > SOUND**2:
             self.last_sound = point.x
-        # An edge tends to its limit if the value decreases that way; a bad start may lie there without reason.
+        # An edge tends to its limit if the value decreases in that direction; a bad start may lie there without reason.
         gradient = point.gradient
         fading = (sigma < FADED) & (gradient > 0)
         vanishing = (length < COLLAPSING * length.mean()) & (tension > TENSE * tension.mean()) & (gradient < 0)

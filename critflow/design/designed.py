@@ -64,7 +64,7 @@ def outcome(found: Minimum, refused: str, unreached: str) -> tuple[Status, str]:
     """Status and note of a search in which the least change only selects: a design with its targets is complete.
 
     refused    the reason why a closed form excludes the targets, or an empty string
-    unreached  what to do where the search reduces the errors no further
+    unreached  the next step where the search reduces the errors no further
     """
     if refused:
         return Status.infeasible, refused

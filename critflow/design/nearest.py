@@ -160,7 +160,7 @@ class _Fit:
         balance = self.manifold.balance(np.exp(theta))
         apart = self.network.all_coordinates(balance.coordinates) - self._observed
         shift = -apart.mean(axis=0) if self._moves else np.zeros(apart.shape[1])
-        # A pin is where it is, whatever was observed.
+        # Pins do not move to observed positions.
         residual = (apart + shift)[self._free] if not self._moves else apart + shift
         return _Iterate(theta, balance, residual, shift, float(np.sum(residual**2)))
 

@@ -143,7 +143,7 @@ def _starts(problem: TargetProblem, wants: list[Wanted]) -> Iterator[Array]:
 
 
 def _note(problem: TargetProblem, best: Minimum) -> str:
-    """What remains, and what to do next."""
+    """The error that remains, and the next step."""
     if best.status is Status.ok:
         return ""
     if best.reached:
