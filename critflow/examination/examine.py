@@ -146,17 +146,17 @@ class _Attempts:
     def __init__(self) -> None:
         self.failures: list[str] = []
 
-    def value(self, what: str, compute: Callable[[], Result]) -> Result | None:
+    def value(self, part: str, compute: Callable[[], Result]) -> Result | None:
         """The result of a part, or None."""
         try:
             return compute()
         except CritflowError as error:
-            self.failures.append(f"{what}: {error}")
+            self.failures.append(f"{part}: {error}")
             return None
 
-    def number(self, what: str, compute: Callable[[], float]) -> float:
+    def number(self, part: str, compute: Callable[[], float]) -> float:
         """The number of a part, or NaN."""
-        value = self.value(what, compute)
+        value = self.value(part, compute)
         return np.nan if value is None else float(value)
 
 

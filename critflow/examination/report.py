@@ -152,7 +152,7 @@ def summary_lines(found: Examination) -> list[str]:
     known = found.tensor is not None and np.isfinite(found.tensor.value.energy).all()
     if found.tensor is not None and known:
         answer.append(f"- {_bulk_and_shear(found.tensor.value)}")
-    if found.critical_tensor is not None and not (known and found.order == "critical"):
+    if found.critical_tensor is not None and not (known and (found.order == "critical" or _same(found))):
         answer.append(f"- at the nearest critical configuration {_bulk_and_shear(found.critical_tensor.value, '_0')}")
     return [f"# {described(found.network)}", "", *answer, *(f"- next: {sentence}" for sentence in found.advice), ""]
 

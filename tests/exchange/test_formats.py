@@ -1,4 +1,4 @@
-"""Files of other programs: what goes out comes in again, and files that the other library wrote are read."""
+"""Files of other programs: networks that are written are read again, and so are files of the other library."""
 
 import json
 import xml.etree.ElementTree as ET
