@@ -55,7 +55,7 @@ function legend(own) {
   const box = get("legend"); box.replaceChildren(); legendOf = Boolean(own);
   for (const s of series) {
     const item = document.createElement("span"), drawn = document.createElement("canvas"), icon = document.createElement("img");
-    item.append(icon, s.label.replace(/_/g, " ")); box.append(item);
+    item.append(icon, s.label.replace(/([a-z])_(?=[a-z])/g, "$1 ")); box.append(item);
     drawn.width = 24; drawn.height = 24; const c = drawn.getContext("2d"); c.scale(2, 2); mark(c, s.kind, 6, 6, 3.6);
     // Each canvas of a page costs time in every frame, an image does not.
     icon.alt = ""; icon.src = drawn.toDataURL();

@@ -104,7 +104,7 @@ async def _frame(tab: Tab) -> Image.Image:
 def _small(content: bytes) -> bytes:
     """The picture with a palette that keeps rare colours."""
     out = io.BytesIO()
-    Image.open(io.BytesIO(content)).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE).save(
+    Image.open(io.BytesIO(content)).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=3).save(
         out, "PNG", optimize=True
     )
     return out.getvalue()
