@@ -54,7 +54,7 @@ FORMATS = (
     Format("COMPAS graph", (".compas",), read_compas, write_compas, "compas.datastructures", require_no_cell),
     Format("SVG drawing", (".svg",), None, write_svg, accepts=require_plane),
     Format("DXF drawing", (".dxf",), None, write_dxf, "ezdxf", require_plane),
-    Format("solid", (".stl", ".3mf"), None, write_solid, "trimesh"),
+    Format("solid", (".stl", ".3mf"), None, write_solid),
 )
 
 

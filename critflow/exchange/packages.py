@@ -15,7 +15,6 @@ EXTRAS = {
     "ase.neighborlist": "particles",
     "meshio": "meshes",
     "compas.datastructures": "meshes",
-    "trimesh": "meshes",
     "ezdxf": "drawings",
     "skimage.morphology": "pictures",
     "skan": "pictures",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +11,28 @@ from scipy.spatial import KDTree
 
 from critflow.exchange.data import Array, NetworkData
 from critflow.exchange.drawings import clipped_segments
-from critflow.exchange.packages import optional
 from critflow.result import InputError
 
 _HEADER = b"critflow network, lengths in millimetres"
+_XML = '<?xml version="1.0" encoding="UTF-8"?>'
+_OPC = "http://schemas.openxmlformats.org/package/2006"
+_CORE = "http://schemas.microsoft.com/3dmanufacturing"
+_CONTENT_TYPES = (
+    f'{_XML}<Types xmlns="{_OPC}/content-types">'
+    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>'
+)
+_RELATIONS = (
+    f'{_XML}<Relationships xmlns="{_OPC}/relationships"><Relationship Target="/3D/3dmodel.model" Id="rel0" '
+    f'Type="{_CORE}/2013/01/3dmodel"/></Relationships>'
+)
+_MODEL_START = (
+    f'{_XML}<model unit="millimeter" xml:lang="en" xmlns="{_CORE}/core/2015/02"><resources>'
+    '<object id="1" type="model"><mesh><vertices>\n'
+)
+_MODEL_END = '</triangles></mesh></object></resources><build><item objectid="1"/></build></model>\n'
+# Rows of text that are formatted at once.
+_BLOCK = 50_000
 # Sides of a strut; part of the radius by which struts end inside the balls.
 _SIDES, _INSET = 12, 0.2
 
@@ -22,7 +42,6 @@ def write_solid(data: NetworkData, path: Path, size: float = 100.0, radius: floa
 
     Struts and balls are closed bodies that overlap; slicers join them.  A periodic network is cut at its cell.
     """
-    trimesh = optional("trimesh")
     if not radius > 0 or not size > 0:
         raise InputError("size and radius of a solid must be positive, in millimetres")
     segments = clipped_segments(data)
@@ -30,13 +49,40 @@ def write_solid(data: NetworkData, path: Path, size: float = 100.0, radius: floa
     space[..., : data.dimension] = segments
     ends = space.reshape(-1, 3)
     space = (space - ends.min(axis=0)) * (size / float(np.ptp(ends, axis=0).max()))
-    body = trimesh.Trimesh(*struts(space, radius), process=False)
-    body.units = "mm"
-    if path.suffix.lower() == ".stl":
-        # STL has no field for units; programs show its header of 80 bytes.
-        path.write_bytes(_HEADER.ljust(80) + body.export(file_type="stl")[80:])
-    else:
-        body.export(path)
+    write = _write_stl if path.suffix.lower() == ".stl" else _write_3mf
+    write(*struts(space, radius), path)
+
+
+def _write_stl(points: Array, triangles: Array, path: Path) -> None:
+    """Binary STL; it has no field for units, and programs show its header of 80 bytes."""
+    records = np.zeros(len(triangles), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
+    corners = points[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    records["normal"] = normal / np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
+    records["corners"] = corners
+    path.write_bytes(_HEADER.ljust(80) + np.uint32(len(triangles)).astype("<u4").tobytes() + records.tobytes())
+
+
+def _write_3mf(points: Array, triangles: Array, path: Path) -> None:
+    """The 3D Manufacturing Format: a zip archive with one model in XML."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.writestr("[Content_Types].xml", _CONTENT_TYPES)
+        archive.writestr("_rels/.rels", _RELATIONS)
+        with archive.open("3D/3dmodel.model", "w", force_zip64=True) as model:
+            model.write(_MODEL_START.encode())
+            for rows in _blocks(points):
+                model.write(
+                    ('<vertex x="%.7g" y="%.7g" z="%.7g"/>\n' * len(rows) % tuple(rows.ravel().tolist())).encode()
+                )
+            model.write(b"</vertices><triangles>\n")
+            for rows in _blocks(triangles):
+                line = '<triangle v1="%d" v2="%d" v3="%d"/>\n'
+                model.write((line * len(rows) % tuple(rows.ravel().tolist())).encode())
+            model.write(_MODEL_END.encode())
+
+
+def _blocks(rows: Array) -> Iterator[Array]:
+    return (rows[start : start + _BLOCK] for start in range(0, len(rows), _BLOCK))
 
 
 def struts(segments: Array, radius: float) -> tuple[Array, Array]:

@@ -228,7 +228,7 @@ def test_the_command_makes_a_network_with_targets(tmp_path, capsys):
         (["make", "h.csv", "--out", "m.graphml", "--target", "B_0=0.2"], 6, "networkx"),
         (["examine", "h.csv", "--out", "h.doc"], 2, "ending"),
         (["examine", "h.csv", "--out", "nowhere/h.html"], 2, "folder"),
-        (["convert", "h.csv", "h.stl"], 6, "trimesh"),
+        (["convert", "h.csv", "h.dxf"], 6, "ezdxf"),
     ],
 )
 def test_what_cannot_be_written_is_refused_before_the_computation(tmp_path, monkeypatch, capsys, words, code, word):

@@ -451,6 +451,9 @@ def test_tiled_solids_are_watertight_and_state_their_units(tmp_path):
         assert solid.is_watertight and max(solid.extents) == pytest.approx(121, rel=1e-3)
     assert b"millimetres" in (tmp_path / "n.stl").read_bytes()[:80]
     assert trimesh.load(tmp_path / "n.3mf").units == "millimeter"
+    stl, packed = (trimesh.load_mesh(tmp_path / name) for name in ("n.stl", "n.3mf"))
+    assert stl.volume == pytest.approx(packed.volume, rel=1e-5) and len(stl.faces) == len(packed.faces)
+    np.testing.assert_allclose(stl.bounds, packed.bounds, atol=1e-4)
     # The struts of four cells, of which none is cut at a border between two of them.
     write_network(network, tmp_path / "n.svg", copies=(2, 2), size=100.0)
     words = ET.parse(tmp_path / "n.svg").getroot()[1].get("d").replace("M", " ").replace("L", " ").split()
