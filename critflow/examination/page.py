@@ -76,7 +76,7 @@ def pictures(found: Examination) -> Figure:
     floppy = found.network.dimension == 2 and np.nanmax(found.participation, initial=0.0) > 1e-6
     moving = found.participation if floppy else None
     name = "as given" + (" (discs: floppy motions)" if moving is not None else "")
-    draw(replace(found.network, positions=found.coordinates), axes[0], vertices=moving, title=f"{name}: {found.order}")
+    draw(replace(found.network, positions=found.coordinates), axes[0], vertices=moving, title=f"{name}: {found.title}")
     if found.nearest is not None:
         # In the frame of the observed positions.
         draw(_Shifted(found), axes[1], title="nearest critical configuration (dark: large tension)")

@@ -89,6 +89,15 @@ class Examination(Record):
         return f"{edge} ({self.vertex_name(int(tail))}–{self.vertex_name(int(head))})"
 
     @property
+    def title(self) -> str:
+        """The order of rigidity in words."""
+        return (
+            self.order
+            if self.order in ("floppy", "critical")
+            else ORDERS[self.order].partition(",")[0].partition(":")[0]
+        )
+
+    @property
     def n_self_stresses(self) -> int:
         return self.counts.n_self_stresses
 

@@ -62,7 +62,7 @@ def test_a_floppy_network_has_onsets_and_advice(floppy):
 
 def test_a_lattice_is_rigid_to_first_order():
     found = examine(triangular_network(4, 4))
-    assert found.order == "first"
+    assert (found.order, found.title) == ("first", "rigid to first order")
     assert found.moduli.value.bulk == pytest.approx(np.sqrt(3) / 2)
     assert found.tension == pytest.approx(1)
     # C_xxxx = 3C_xyxy of isotropy: ν = 1/3, and Young's modulus 2/√3.
