@@ -95,7 +95,8 @@ def _beyond_together(manifold: CriticalManifold, targets: Sequence[Wanted]) -> s
         sizes.append(np.sqrt(network.volume * target.low) if modulus else target.low)
         signed.append(not modulus)
         names.append(target.name)
-    if len(rows) < 2:
+    # A fully prescribed S has this bound already.
+    if len(rows) < 2 or prescribed_stress(network.dimension, targets) is not None:
         return ""
     C, v = np.array(rows), np.array(sizes)
     inverse = np.linalg.pinv(C @ (_modulus_form(manifold, strains) * network.volume) @ C.T, hermitian=True)
