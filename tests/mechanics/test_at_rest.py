@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from problems import random_stress, triangular_lattice, voronoi_3d, with_random_stiffness
+from scipy.linalg import null_space
 
 from critflow import (
     CriticalManifold,
@@ -12,6 +13,7 @@ from critflow import (
     critical_from_lengths,
     cubic_network,
     delaunay_network,
+    diluted,
     elastic_moduli,
     elasticity,
     equilibrium,
@@ -177,6 +179,22 @@ def test_slack_edges_resist_nothing():
     assert (critical.sigma == 0).any()
     tensors, found = elasticity(critical).value, transition_moduli(critical)
     assert (tensors.bulk, tensors.shear) == pytest.approx((found.bulk, found.shear), rel=1e-10)
+
+
+def test_self_stresses_that_no_strain_loads_give_no_modulus():
+    network = diluted(triangular_network(20, 20), 3.4, 1)
+    L = network.bond_vectors(network.positions)
+    rigidity_matrix = (network.free_incidence.toarray()[:, :, None] * L[:, None]).reshape(network.n_edges, -1)
+    stresses = null_space(rigidity_matrix.T)
+    # The macroscopic stress Σ σ L⊗L of each of them vanishes.
+    assert stresses.shape[1] == 2 and np.abs(np.einsum("an,ai,aj->nij", stresses, L, L)).max() < 1e-11
+    for stiffness in (np.ones(network.n_edges), np.logspace(0, 3, network.n_edges)):
+        found = response_at_rest(network.with_stiffness(stiffness), network.positions, network.volume)
+        assert found.status is Status.floppy and found.n_self_stresses == 2 and "loads" in found.reason
+        np.testing.assert_array_equal(found.value.energy, 0.0)
+        assert found.value.bounds.max() < 1e-16
+    moduli = elastic_moduli(network, network.positions).value
+    assert moduli.bulk == moduli.shear == 0
 
 
 def test_pinned_networks_have_a_stiffness_per_named_volume():
