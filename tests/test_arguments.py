@@ -89,6 +89,7 @@ OF_FUNCTION = {
     },
     "isotropic_targets": {"youngs_modulus": 1.0, "poissons_ratio": 0.2},
     "prune_towards": {"target": 0.1},
+    "transition_properties": {"stress": np.ones(6), "names": ["B_0"]},
     "isogonal_design": {
         "critical": CriticalManifold(HEXAGONS).configuration(1 + 0.1 * np.arange(HEXAGONS.n_edges)),
         "targets": {"length_0": 0.9},

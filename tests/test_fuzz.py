@@ -208,6 +208,9 @@ CALLS = {
     ),
     "pareto": lambda p, r: critflow.pareto(p.network, {"V_tau": "smallest", "V_L": "smallest"}, 3, max_steps=40),
     "edge_leverage": lambda p, r: critflow.edge_leverage(critical_of(p)),
+    "transition_properties": lambda p, r: critflow.transition_properties(
+        p.network, p.sigma, r.choice([["V_tau", "V_L"], ["B_0", "C_B"]])
+    ),
     "cut": lambda p, r: critflow.cut(p.network, 0),
     "add": lambda p, r: critflow.add(p.network, 0, p.network.n_vertices - 1),
     "prune_towards": lambda p, r: critflow.prune_towards(critical_of(p), cuts=2),
