@@ -10,7 +10,7 @@ With Σ |f_α| ℓ_α = 1 the derivatives of t are the macroscopic stress, ∂t/
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,10 +25,10 @@ from critflow.networks.network import Array, Network
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.bounds import StrainBounds, onset_bounds
 from critflow.onset.central_path import follow_central_path
-from critflow.onset.search import Interior, Search, floppy_start, search_onset
+from critflow.onset.search import SIDES_MEET, Interior, Search, floppy_start, search_onset
 from critflow.onset.stressed_part import unknown_configuration
 from critflow.onset.taut_edges import OnsetState, polish_taut, resolved, settled, without_slack_stress
-from critflow.onset.tolerances import FITTED, ONSET_GAP
+from critflow.onset.tolerances import FITTED, NARROW, ONSET_GAP
 from critflow.result import InputError, Record, Solution, Stats, Status
 
 
@@ -197,6 +197,9 @@ def _polished(path: BoundaryPath, lengths: Array, found: Search, start: OnsetSta
     gap = bounds.upper - bounds.lower
     status, note = Status.ok, ""
     if not gap <= ONSET_GAP * (1 + state.strain):
+        if path.has_free_sides and np.linalg.det(path.gradient(state.strain, state.free)) < NARROW:
+            # The taut chain winds around the free side as well, and is straight only where that has no length.
+            return _without_onset(path, replace(found, status=Status.floppy, note=SIDES_MEET))
         status, note = Status.stalled, f"the bounds on the strain differ by {gap:.1g}: see `lower` and `upper`"
     elif not state.error < FITTED:
         status = Status.stalled

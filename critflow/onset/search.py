@@ -23,6 +23,7 @@ from critflow.result import InputError, Status
 from critflow.solvers.cone import Reach, farthest, fit_lengths, nearest
 
 Interior = tuple[Array, Array]
+SIDES_MEET = "cables stay floppy until the free sides of the cell meet: fix a side"
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +130,7 @@ def _finished(
             q_new = INSIDE * (q + least.parameters) + (1 - INSIDE) * q_new
             x = INSIDE * least.coordinates + (1 - INSIDE) * x
         if not np.linalg.det(path.gradient(strain, q_new)) > FLAT:
-            note = "cables stay floppy until the free sides of the cell meet: fix a side"
-            return Search(None, Status.floppy, note, programs, steps)
+            return Search(None, Status.floppy, SIDES_MEET, programs, steps)
     # Taut edges are as long as their rest lengths.
     state = OnsetState(strain, q_new, x, np.where(reach.taut, reach.tensions / lengths, 0.0), reach.taut)
     return Search(state, programs=programs, steps=steps)

@@ -38,6 +38,8 @@ NEARBY            Step of the strain, relative to 1 + |s|, after which the next 
 MOST_PROGRAMS     Linear programs on one path; smooth paths need two to four.
 FLAT_STEPS        Programs in a row that end beyond a flat cell, after which the path counts as floppy to its end.
 FLAT              Relative distance from a flat cell, det F = 0, that counts as flat.
+NARROW            det F of a cell with free sides at which an onset without bounds is that of a flat cell: the program
+                  with ROUGH_CONE leaves a tilt of about its root.
 INSIDE            Part of the distance to a limit that a step uses, to stay inside.
 """
 
@@ -72,4 +74,5 @@ NEARBY = 0.01
 MOST_PROGRAMS = 24
 FLAT_STEPS = 5
 FLAT = 1e-9
+NARROW = 0.02
 INSIDE = 0.9

@@ -16,6 +16,7 @@ from critflow import (
     deformation_of,
     diluted,
     mikado_network,
+    optimize,
     triangular_network,
     voronoi_network,
 )
@@ -124,6 +125,16 @@ def test_two_cables_between_pins_by_hand(name):
     assert onset.strain == pytest.approx(strain, rel=1e-13)
     np.testing.assert_allclose(onset.length_gradient, gradient, rtol=1e-12)
     assert onset.backbone.n_cables == 1
+
+
+def test_a_chain_around_a_free_side_is_straight_in_a_flat_cell_only():
+    network = voronoi_network(60, 1)
+    lengths = 1.05 * optimize(network, "bulk_modulus").value.lengths
+    onset = critical_strain(network, lengths, "uniaxial_free", throw=False)
+    assert onset.status is Status.floppy and "sides" in onset.reason
+    # The chain is nearly straight in a cell of a hundredth of the height.
+    flat = critical_strain(network.deformed(np.diag([1.0, 0.01])), lengths, "uniaxial").strain
+    assert flat == pytest.approx(0.3415, abs=1e-3)
 
 
 def test_free_sides_leave_the_shortest_chain_taut():
