@@ -144,11 +144,11 @@ class _Metric:
         q, parts = np.array(rows, copy=True), []
         for s, y, rho in reversed(self._pairs):
             part = rho * (q @ s)
-            q -= np.multiply.outer(part, y)
+            q -= part[..., None] * y
             parts.append(part)
         q = self._scale * (q if self._product is None else self._product(q))
         for (s, y, rho), part in zip(self._pairs, reversed(parts), strict=True):
-            q += np.multiply.outer(part - rho * (q @ y), s)
+            q += (part - rho * (q @ y))[..., None] * s
         return q
 
 
@@ -236,8 +236,8 @@ class _Search:
         """The step to the minimum of the quadratic model, at linearised constraints."""
         working = _Working(self.problem, point)
         J, g = working.rows, point.gradient
-        metric.at(point.z)
-        HJ, Hg = metric.times(J), metric.times(g)
+        H = metric.at(point.z).times(np.vstack([J, g]))
+        HJ, Hg = H[:-1], H[-1]
         mu = working.multipliers(J @ HJ.T, working.excess - J @ Hg)
         plain = working.multipliers(J @ J.T, np.where(working.equal, 0.0, np.minimum(working.excess, 0.0)) - J @ g)
         return _Step(-(Hg + mu @ HJ), mu, working, float(np.abs(g + plain @ J).max()))

@@ -207,7 +207,7 @@ def _pictures(figure, one):
         axes.set_axis_off()
         cuts = int(one.pictured_cuts.values[n])
         axes.set_title(title if n == 0 else f"after {cuts} cuts: {title}", fontsize=10.5)
-    figure.suptitle("simple shear to the onset; width: tension; grey: slack", fontsize=10, y=0.02, va="bottom")
+    figure.supxlabel("simple shear to the onset; width: tension; grey: slack", fontsize=10)
 
 
 def _at(ds, name, path, law, cut):
