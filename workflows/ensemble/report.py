@@ -248,7 +248,7 @@ def _percolation(ds):
             "full rigidity percolation",
             f"{whole} of {len(fraction)} networks; {100 * fraction.mean():.1f} ± {100 * fraction.std():.1f} % of edges",
             whole >= 0.9 * len(fraction),
-            "edges are slack in the other networks, which the cone program, whose answer is global, leaves no doubt of",
+            "edges are slack in the other networks: the cone program finds the global optimum",
         )  # fmt: skip
 
 
