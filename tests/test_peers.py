@@ -37,6 +37,10 @@ from critflow import (
 from critflow.networks.deformation import strain_basis
 
 
+# SymPy before 1.15 calls a function that mpmath 1.4 deprecates.
+pytestmark = pytest.mark.filterwarnings("ignore:bitcount function is deprecated:DeprecationWarning")
+
+
 @pytest.fixture(scope="module")
 def lammps(tmp_path_factory):
     """Function from a spring state to its relaxation by LAMMPS: wrapped coordinates, energy, pressure −dE/dV."""
