@@ -36,7 +36,6 @@ from critflow import (
 )
 from critflow.networks.deformation import strain_basis
 
-
 # SymPy before 1.15 calls a function that mpmath 1.4 deprecates.
 pytestmark = pytest.mark.filterwarnings("ignore:bitcount function is deprecated:DeprecationWarning")
 
