@@ -155,3 +155,11 @@ def test_surfaces_are_sorted_by_depth_and_keep_their_colours(tmp_path):
     figure.savefig(tmp_path / "surfaces.png")
     assert sorted(map(tuple, np.round(collection.get_facecolor(), 12))) == [(0, 0, 1, 0.5), (1, 0, 0, 1)]
     assert len(axes.collections) == 1
+
+
+def test_polygons_of_different_lengths_have_finite_limits(monkeypatch):
+    axes = Figure().add_subplot(projection="3d")
+    triangle, quad = np.eye(3), np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    monkeypatch.setattr(np, "empty", lambda shape, *_, **__: np.full(shape, 1e308))
+    draw_surfaces(axes, [([triangle, quad], "red", 1.0)])
+    assert np.isfinite([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()]).all()

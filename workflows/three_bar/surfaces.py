@@ -55,6 +55,9 @@ def draw_surfaces(
             colours.append((*(shade * np.array(to_rgba(colour)[:3])), alpha))
             # Outlines of opaque faces close the gaps between them.
             edges.append((*colours[-1][:3], float(alpha == 1)))
-    collection = Poly3DCollection(faces, facecolors=colours, edgecolors=edges, linewidths=0.4)
+    # Of lists of different lengths matplotlib takes limits from memory that it does not fill.
+    most = max(map(len, faces))
+    faces = [np.concatenate([face, np.repeat(face[-1:], most - len(face), axis=0)]) for face in faces]
+    collection = Poly3DCollection(np.array(faces), facecolors=colours, edgecolors=edges, linewidths=0.4)
     axes.add_collection3d(collection)
     return collection
