@@ -162,4 +162,4 @@ def test_polygons_of_different_lengths_have_finite_limits(monkeypatch):
     triangle, quad = np.eye(3), np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     monkeypatch.setattr(np, "empty", lambda shape, *_, **__: np.full(shape, 1e308))
     draw_surfaces(axes, [([triangle, quad], "red", 1.0)])
-    assert np.isfinite([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()]).all()
+    assert np.abs([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()]).max() < 2
