@@ -15,9 +15,9 @@ import numpy as np
 import typer
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.objectives import OBJECTIVES
-from critflow.design.designed import Design
+from critflow.critical.quantity import OBJECTIVES
 from critflow.design.optimize import optimize
+from critflow.design.result import Design
 from critflow.design.targets import design
 from critflow.examination.examine import examine
 from critflow.exchange.convert import network_from, write_network, writer_to

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from critflow.critical.manifold import Balance, CriticalManifold
-from critflow.critical.objectives import Objective
+from critflow.critical.quantity import Objective
 from critflow.networks.network import Array
 
 

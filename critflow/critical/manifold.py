@@ -21,7 +21,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import checked
-from critflow.critical.tolerances import CONDENSED_EDGES, SCALED
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
@@ -31,6 +30,16 @@ from critflow.networks.support import check_opened
 from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
 from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status
+
+# An edge shorter than this part of the mean length has collapsed: its direction, and what follows from it, has half of
+# its digits or fewer.
+COLLAPSED = 1e-8
+# Number of edges from which systems of stresses and displacements are cheaper condensed than as saddle matrices, for
+# stresses that are all positive.
+CONDENSED_EDGES = 100_000
+# A stress with Σσ² = N_b to this relative accuracy counts as scaled and keeps its digits: the sum of squares is
+# rounded by a few EPS.
+SCALED = 4e-15
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,12 @@ from scipy.sparse.linalg import LinearOperator
 from critflow.arguments import checked
 from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.objectives import Objective, named_objective
-from critflow.critical.tolerances import DENSE_EDGES, FLAT
+from critflow.critical.quantity import Objective, named_objective
 from critflow.networks.network import Array
 from critflow.result import InputError, Record
+
+FLAT = 1e-9  # eigenvalues of a stress Hessian below this part of the largest are zero; rounding leaves about 1e-13
+DENSE_EDGES = 2000  # most edges for all eigenvalues of a stress Hessian: 32 MB and some seconds
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,19 +19,22 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from critflow.arguments import checked
+from critflow.critical.isogonal import IsogonalModes, face_modes, isogonal_modes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.objectives import LengthVariance, Objective
-from critflow.design.designed import Design, Interval, all_limits, of_targets, outcome
-from critflow.design.isogonal import IsogonalModes, face_modes, isogonal_modes
-from critflow.design.modulus_bounds import bulk_modulus_bound
-from critflow.design.target_errors import error_bounds
-from critflow.design.tolerances import ISOGONAL_NEAREST, SHORTEST_ISOGONAL, STIFFEST
+from critflow.critical.quantity import LengthVariance, Objective
+from critflow.design.result import Design, Interval, all_limits, of_targets, outcome
 from critflow.linalg.tolerances import EPS
-from critflow.mechanics.moduli import transition_moduli
-from critflow.mechanics.stiffening_objective import StiffeningCoefficient
 from critflow.networks.network import Array, Network
+from critflow.quantities.errors import error_bounds
+from critflow.quantities.largest_modulus import bulk_modulus_bound
+from critflow.quantities.stiffening import StiffeningCoefficient
+from critflow.response.moduli import transition_moduli
 from critflow.result import InputError, Stats
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
+
+SHORTEST_ISOGONAL = 5e-2  # shortest length of an isogonal design by default, in units of the mean
+ISOGONAL_NEAREST = 1e-2  # component of the gradient of the isogonal change along the targets, relative to 1 + it
+STIFFEST = 1e-9  # relative distance from the largest B_0 at which C_B is the closed form for all isogonal changes
 
 # Longest change of an amplitude in one step, in units of the mean length.
 _LONGEST = 0.3

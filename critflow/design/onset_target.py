@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.design.tolerances import ONSET_REACHED
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import CriticalStrain, Onset, critical_strain
 from critflow.onset.from_lengths import critical_from_lengths
 from critflow.result import InputError, Solution, Stats, Status
+
+ONSET_REACHED = 1e-10  # error of the strain of a designed onset
 
 # Steps towards the nearest lengths and steps in all; largest change of log ℓ in one.
 _NEAREST, _MOST_STEPS, _LONGEST = 20, 40, 0.2

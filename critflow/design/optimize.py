@@ -16,16 +16,16 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked
 from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.critical.objectives import LengthVariance, Objective, TransitionModulus, dilation, named_objective
+from critflow.critical.quantity import LengthVariance, Objective, TransitionModulus, dilation, named_objective
 from critflow.design.descent import DESCENTS, Observer, descend
-from critflow.design.modulus_bounds import largest_modulus
-from critflow.design.optimum import Optimum
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
 from critflow.linalg.tolerances import EPS
-from critflow.mechanics.moduli_bounds import transition_modulus_bound
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.onset.from_lengths import critical_from_lengths
+from critflow.quantities.largest_modulus import largest_modulus
+from critflow.quantities.optimum import Optimum
+from critflow.response.moduli_bounds import transition_modulus_bound
 from critflow.result import InputError
 
 

@@ -20,11 +20,18 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.design.target_problem import Preference, TargetProblem, Unknowns
-from critflow.design.target_table import ALIASES, EdgeLimits, Wanted, edge_limits, wanted
-from critflow.design.tolerances import BETTER_END, END_WEIGHT, FRONT_CERTIFIED, FRONT_FLAT, FRONT_OPTIMAL, SAME_END
 from critflow.networks.network import Array, Network
+from critflow.quantities.table import ALIASES, EdgeLimits, Wanted, edge_limits, wanted
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
+
+FRONT_OPTIMAL = 2e-9  # gradient at which the search for a point ends, in units of the ends of the front
+FRONT_CERTIFIED = 1e-5  # largest relative residual of the first-order conditions of a certified point
+FRONT_FLAT = 1e-4  # gradients below this, in units of the ends, count as zero
+BETTER_END = 1e-3  # improvement of an end, in units of the ends, with which a front is computed again
+SAME_END = 1e-4  # relative difference of values below which both objectives have the same best configuration
+# Weight of the other objective at an end: without it ends with many best configurations are arbitrary.
+END_WEIGHT = 1e-2
 
 _MOST_STEPS = 1000
 # Steps in which the position on the front must be reached.

@@ -16,13 +16,16 @@ from scipy.linalg.blas import dger
 
 from critflow.arguments import checked, generator
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.objectives import LengthVariance, Objective, TensionVariance, TransitionModulus, named_objective
-from critflow.design.leverage import Mask, values_after
-from critflow.design.tolerances import NO_LENGTH, PRUNING_DRIFT, PRUNING_REACHED
+from critflow.critical.quantity import LengthVariance, Objective, TensionVariance, TransitionModulus, named_objective
+from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.network import Array, IntArray
 from critflow.networks.pruning import prune
+from critflow.quantities.largest_modulus import NO_LENGTH
+from critflow.quantities.leverage import Mask, values_after
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.rigidity.tolerances import LARGEST_DENSE
+
+PRUNING_DRIFT = 1e-10  # error of rank-one updates from which P is factorised again: far below the digits of a design
+PRUNING_REACHED = 1e-3  # distance from a target that counts as reached, relative to it: cuts are discrete
 
 # The column of C that is checked changes from cut to cut.
 _PRIME = 7919

@@ -15,17 +15,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.design.designed import Design, Interval, all_limits, of_targets, outcome
-from critflow.design.tolerances import POSITIVE_TENSOR, TARGET_STATIONARY
+from critflow.design.result import Design, Interval, all_limits, of_targets, outcome
 from critflow.linalg.matrices import block_laplacian, edge_blocks
-from critflow.mechanics.at_rest import response_at_rest
-from critflow.mechanics.elasticity import Elasticity
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.response.at_rest import response_at_rest
+from critflow.response.elasticity import Elasticity
 from critflow.result import InputError, Stats
 from critflow.rigidity.counts import rigidity
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
+
+TARGET_STATIONARY = 1e-5  # largest gradient of ½|Δ log k|² at the end, relative to 1 + max |Δ log k|
+POSITIVE_TENSOR = 1e-12  # eigenvalues of a requested tensor below this part of the largest one count as zero
 
 _MOST_STEPS = 200
 # Longest change of log k in one step.

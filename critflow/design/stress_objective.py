@@ -9,10 +9,12 @@ import numpy as np
 
 from critflow.critical.derivatives import Evaluation, evaluate
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.objectives import Objective
-from critflow.design.tolerances import DIFFERENCE
+from critflow.critical.quantity import Objective
 from critflow.networks.network import Array
 from critflow.solvers.minimize import Function, Point
+
+# Step of central differences of gradients: their error is its square, and rounding allows as many digits.
+DIFFERENCE = 1e-5
 
 
 class StressObjective(Function):

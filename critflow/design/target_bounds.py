@@ -14,14 +14,16 @@ from itertools import product
 import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.objectives import LengthVariance, TensionVariance, TransitionModulus, dilation, pure_shear
-from critflow.design.modulus_bounds import bulk_modulus_bound, largest_modulus, modulus_bound
-from critflow.design.target_table import StressComponent, Wanted
-from critflow.design.tolerances import BOUND_ROUNDING, ONLY_STIFFEST
-from critflow.mechanics.stiffening_objective import StiffeningCoefficient
+from critflow.critical.quantity import LengthVariance, TensionVariance, TransitionModulus, dilation, pure_shear
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array
+from critflow.quantities.largest_modulus import bulk_modulus_bound, largest_modulus, modulus_bound
+from critflow.quantities.stiffening import StiffeningCoefficient
+from critflow.quantities.table import StressComponent, Wanted
 from critflow.result import InputError
+
+BOUND_ROUNDING = 1e-12  # rounding of a closed-form bound, relative
+ONLY_STIFFEST = 1e-9  # relative distance from the largest B_0 within which its own relations count as attained
 
 
 def excluded(manifold: CriticalManifold, targets: Sequence[Wanted], positive: bool) -> str:

@@ -12,14 +12,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
-from critflow.critical.objectives import LengthVariance, Objective, Partials, TensionVariance
-from critflow.design.target_table import EdgeLimits, Wanted
-from critflow.design.tolerances import TARGET_NEAREST, TARGET_OPTIMAL
-from critflow.mechanics.stiffening_objective import Growth, StiffeningCoefficient
+from critflow.critical.quantity import LengthVariance, Objective, Partials, TensionVariance
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.quantities.stiffening import Growth, StiffeningCoefficient
+from critflow.quantities.table import EdgeLimits, Wanted
 from critflow.result import InputError
 from critflow.solvers.constrained import Point
+
+# Component of the gradient of a preference along the surface of the targets, relative to 1 plus the largest component
+# of the gradient, below which it is least.
+TARGET_OPTIMAL = 1e-3
+TARGET_NEAREST = 2e-2  # TARGET_OPTIMAL of the least change, least to 1e-3 then: it only selects
 
 PREFERENCES = {"length_variance": LengthVariance, "tension_variance": TensionVariance}
 """Preferences that are objectives, by name."""

@@ -15,16 +15,17 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.design.designed import Design, of_targets
 from critflow.design.optimize import optimize
+from critflow.design.result import Design, of_targets
 from critflow.design.target_bounds import excluded, limiting_stress
-from critflow.design.target_errors import error_bounds
 from critflow.design.target_problem import Preference, TargetProblem, Unknowns
-from critflow.design.target_table import Wanted, edge_limits, wanted
-from critflow.design.tolerances import UNLIMITED
 from critflow.networks.network import Array, Network
+from critflow.quantities.errors import error_bounds
+from critflow.quantities.table import Wanted, edge_limits, wanted
 from critflow.result import InputError, Stats, Status
 from critflow.solvers.constrained import Minimum, minimise_constrained
+
+UNLIMITED = 1e-6  # gradient of a target by log σ, in units of its size, below which a search cannot start there
 
 _MOST_STEPS = 300
 # Steps of one start in which the targets must be reached.

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from critflow.design.nearest import Nearest
+from critflow.critical.nearest import Nearest
 from critflow.exchange.repair import described
-from critflow.mechanics.elasticity import Elasticity, Moduli
 from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import Onset
+from critflow.response.elasticity import Elasticity, Moduli
 from critflow.result import Record, Solution, Status
 from critflow.rigidity.counts import Rigidity
 

@@ -10,13 +10,13 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.design.modulus_bounds import bulk_modulus_bound
 from critflow.design.optimize import optimize
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import block_laplacian
 from critflow.networks.faces import Faces, planar_faces
 from critflow.networks.network import Array, IntArray, Network
 from critflow.onset.from_lengths import critical_from_lengths
+from critflow.quantities.largest_modulus import bulk_modulus_bound
 from critflow.result import CritflowError, InputError
 from critflow.workflow import stable_rng
 

@@ -9,12 +9,12 @@ from typing import TypeVar
 import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.objectives import named_objective
+from critflow.critical.quantity import named_objective
 from critflow.linalg.tolerances import EPS
-from critflow.mechanics.moduli import transition_moduli
-from critflow.mechanics.moduli_bounds import transition_bounds
-from critflow.mechanics.stiffening import stiffening
 from critflow.networks.network import Array
+from critflow.response.moduli import transition_moduli
+from critflow.response.moduli_bounds import transition_bounds
+from critflow.response.stiffening import stiffening
 from critflow.result import CritflowError
 from critflow.rigidity.counts import certify
 

@@ -11,7 +11,7 @@ import numpy as np
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.exchange.convert import network_from
 from critflow.explore.model import Model, start_of
-from critflow.networks.random_networks import voronoi_network
+from critflow.generators.random_networks import voronoi_network
 from critflow.result import CritflowError, InputError
 
 # Beyond this a change takes seconds.

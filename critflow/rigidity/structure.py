@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.objectives import LengthVariance, TensionVariance
+from critflow.critical.quantity import LengthVariance, TensionVariance
 from critflow.networks.network import Array
 from critflow.result import InputError
 

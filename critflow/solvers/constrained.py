@@ -23,7 +23,16 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from critflow.result import Status
-from critflow.solvers.tolerances import ARMIJO, CURVED, DEPENDENT, FLOOR, RESTORED, ROUNDING
+from critflow.solvers.minimize import ARMIJO, ROUNDING
+
+RESTORED = 1e-11  # violation of a constraint that counts as satisfied, in units of its size
+# Eigenvalue of the Gram matrix of gradients below which they count as dependent, relative to the largest: the rounding
+# of gradients, squared, is below it.
+DEPENDENT = 1e-14
+# Least eigenvalue of the Gram matrix with limits, relative to the largest: multipliers of dependent limits stay
+# finite, and the limits hold to this part.
+FLOOR = 1e-12
+CURVED = 1e-8  # cosine between a step and its change of gradient below which it says nothing about the curvature
 
 Array = NDArray[np.float64]
 Product = Callable[[Array], Array]

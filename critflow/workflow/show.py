@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.design.modulus_bounds import bulk_modulus_bound
-from critflow.mechanics.moduli import transition_moduli
 from critflow.networks.network import Network
 from critflow.plot import network_figure
+from critflow.quantities.largest_modulus import bulk_modulus_bound
+from critflow.response.moduli import transition_moduli
 from critflow.result import InputError, Status
 from critflow.rigidity.counts import certify
 from critflow.workflow.study import nearest, require

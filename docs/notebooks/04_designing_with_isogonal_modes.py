@@ -22,7 +22,7 @@ from critflow import (
     strain_path,
     transition_moduli,
 )
-from critflow.design.isogonal import affine_bulk_modulus
+from critflow.critical.isogonal import affine_bulk_modulus
 from critflow.example_data import ensemble_path
 from critflow.networks.faces import planar_faces
 from critflow.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions

@@ -14,7 +14,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical.derivatives import evaluate
-from critflow.critical.objectives import named_objective
+from critflow.critical.quantity import named_objective
 
 
 @pytest.mark.parametrize("objective", ["bulk_modulus", "shear_modulus", "length_variance", "tension_variance"])

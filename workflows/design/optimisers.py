@@ -21,9 +21,8 @@ from scipy.optimize import NonlinearConstraint, minimize
 
 from critflow import CriticalManifold, delaunay_network, isotropic_targets, voronoi_network
 from critflow.design.stiffness_design import TensorGoals
-from critflow.design.target_problem import Preference, TargetProblem, Unknowns
-from critflow.design.target_table import wanted
-from critflow.design.tolerances import TARGET_NEAREST
+from critflow.design.target_problem import TARGET_NEAREST, Preference, TargetProblem, Unknowns
+from critflow.quantities.table import wanted
 from critflow.solvers.constrained import Point, minimise_constrained
 
 from ..shared.reports import series
