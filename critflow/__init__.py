@@ -10,15 +10,11 @@ from critflow.critical.gaussian import gaussian_curvature
 from critflow.critical.isogonal import face_modes, isogonal_modes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.nearest import Nearest, nearest_critical
-from critflow.critical.quantity import Objective, transition_modulus
-from critflow.critical.stress_hessian import flat_directions, stress_hessian
-from critflow.design.isogonal_design import IsogonalDesign, isogonal_design
-from critflow.design.onset_target import OnsetDesign, design_onset
+from critflow.critical.quantity import Quantity
 from critflow.design.optimize import optimize
 from critflow.design.pareto import Front, pareto
 from critflow.design.prune_towards import PrunedDesign, prune_towards
 from critflow.design.result import Design
-from critflow.design.stiffness_design import StiffnessDesign, design_stiffness, isotropic_targets
 from critflow.design.targets import design
 from critflow.examination.examine import examine
 from critflow.examination.report import Examination
@@ -48,11 +44,13 @@ from critflow.onset.critical_strain import Onset, critical_strain
 from critflow.onset.from_lengths import critical_from_lengths
 from critflow.onset.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
 from critflow.paths.strain_path import strain_path
-from critflow.paths.strained_response import StrainedObjective, StrainedResponse, strained_response
-from critflow.quantities.largest_modulus import bulk_modulus_bound, modulus_bound, stiffening_bound
+from critflow.paths.strained_response import StrainedQuantity, StrainedResponse, strained_response
+from critflow.quantities.largest_modulus import upper_bound
 from critflow.quantities.leverage import EdgeLeverage, add, cut, edge_leverage
 from critflow.quantities.optimum import Optimum
-from critflow.quantities.properties import TransitionProperties, transition_properties
+from critflow.quantities.properties import Properties, properties
+from critflow.quantities.stress_hessian import flat_directions, stress_hessian
+from critflow.quantities.vocabulary import quantity
 from critflow.response.elasticity import Elasticity
 from critflow.response.moduli import elastic_moduli, elasticity, transition_moduli
 from critflow.response.moduli_bounds import transition_bounds
@@ -101,14 +99,13 @@ __all__ = [
     "ImportedNetwork",
     "InputError",
     "IntegrityError",
-    "IsogonalDesign",
     "Nearest",
     "Network",
     "NetworkError",
-    "Objective",
     "Onset",
-    "OnsetDesign",
     "Optimum",
+    "Properties",
+    "Quantity",
     "PowerLaw",
     "Pruned",
     "PrunedDesign",
@@ -121,19 +118,16 @@ __all__ = [
     "Stats",
     "Status",
     "StereographicChart",
-    "StiffnessDesign",
-    "StrainedObjective",
+    "StrainedQuantity",
     "StrainedResponse",
     "StressSpace",
     "StudyError",
     "TautComponent",
-    "TransitionProperties",
     "WormLike",
     "__version__",
     "add",
     "backbone",
     "bond_operator",
-    "bulk_modulus_bound",
     "cells_of",
     "certify",
     "critical_from_lengths",
@@ -145,8 +139,6 @@ __all__ = [
     "delaunay_network",
     "delaunay_of",
     "design",
-    "design_onset",
-    "design_stiffness",
     "diamond_network",
     "diluted",
     "draw",
@@ -163,13 +155,10 @@ __all__ = [
     "geometric_split",
     "honeycomb_network",
     "hookean_split",
-    "isogonal_design",
     "isogonal_modes",
-    "isotropic_targets",
     "kagome_network",
     "linear_response",
     "mikado_network",
-    "modulus_bound",
     "nearest_critical",
     "network_from",
     "optimize",
@@ -180,7 +169,9 @@ __all__ = [
     "phantom_network",
     "planar_faces",
     "principal_curvatures",
+    "properties",
     "prune",
+    "quantity",
     "prune_towards",
     "pruned_network",
     "random_sequential_addition",
@@ -193,7 +184,6 @@ __all__ = [
     "square_network",
     "stability",
     "stiffening",
-    "stiffening_bound",
     "strain_path",
     "strain_plane",
     "strained_response",
@@ -203,9 +193,8 @@ __all__ = [
     "three_bar_linkage",
     "transition_bounds",
     "transition_moduli",
-    "transition_modulus",
-    "transition_properties",
     "triangular_network",
+    "upper_bound",
     "voronoi_network",
     "voronoi_of",
     "write_network",

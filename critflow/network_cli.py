@@ -15,7 +15,6 @@ import numpy as np
 import typer
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.quantity import OBJECTIVES
 from critflow.design.optimize import optimize
 from critflow.design.result import Design
 from critflow.design.targets import design
@@ -161,7 +160,7 @@ def make(
     hints: Hints,
     objective: Annotated[
         str,
-        typer.Option(metavar="NAME", help=f"One of {', '.join(OBJECTIVES)}; bulk_modulus unless there are targets."),
+        typer.Option(metavar="NAME", help="A quantity, such as B_0, G_0, V_L or V_tau; B_0 unless there are targets."),
     ] = "",
     picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the configuration.")] = None,
     target: Annotated[
@@ -175,7 +174,7 @@ def make(
     """
     if objective and target:
         raise InputError("--objective is for networks without --target: give NAME=largest or NAME=smallest as a target")
-    objective = objective or "bulk_modulus"
+    objective = objective or "B_0"
     # Before a long computation, whose result could not be written.
     writable_format(out)
     if picture is not None:
@@ -221,12 +220,12 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str]:
         targets[name] = _target(value)
     made = design(network, targets, throw=False)
     print(f"  {made.status.name}: {made.reason}")
-    for name, reached in made.achieved.items():
+    for name, one in made.targets.items():
         print(
-            f"  {name} {reached:.12g} ± {made.error_bounds[name]:.1e}, requested {targets[name]}, "
-            f"cost {made.multipliers[name] + 0.0:.3g}, independence {made.independence[name]:.3g}"
+            f"  {name} {one.value:.12g} ± {one.error:.1e}, requested {targets[name]}, "
+            f"cost {one.multiplier + 0.0:.3g}, independence {one.independence:.3g}"
         )
-    return made, ", ".join(f"{name} {reached:.4g}" for name, reached in made.achieved.items())
+    return made, ", ".join(f"{name} {one.value:.4g}" for name, one in made.targets.items())
 
 
 def _target(text: str) -> Any:

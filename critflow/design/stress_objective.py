@@ -1,4 +1,4 @@
-"""An objective as a function of the unknowns of a descent, with its gradient and Hessian-vector products.
+"""A quantity as a function of the unknowns of a descent, with its gradient and Hessian-vector products.
 
 The unknowns are θ = log σ, or σ itself where compression is allowed.
 """
@@ -9,12 +9,9 @@ import numpy as np
 
 from critflow.critical.derivatives import Evaluation, evaluate
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.quantity import Objective
+from critflow.critical.quantity import DIFFERENCE, Quantity
 from critflow.networks.network import Array
 from critflow.solvers.minimize import Function, Point
-
-# Step of central differences of gradients: their error is its square, and rounding allows as many digits.
-DIFFERENCE = 1e-5
 
 
 class StressObjective(Function):
@@ -23,7 +20,7 @@ class StressObjective(Function):
     The state of a point is the `Evaluation` of the objective at its stress.
     """
 
-    def __init__(self, manifold: CriticalManifold, goal: Objective):
+    def __init__(self, manifold: CriticalManifold, goal: Quantity):
         self.manifold, self.goal = manifold, goal
         self.sign = -1.0 if goal.maximise else 1.0
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Objective, Partials
+from critflow.critical.quantity import Balanced, Partials, Quantity
 from critflow.linalg.factor import Factor
 from critflow.networks.deformation import Deformable, Deformation, deformation_of, strain_basis
 from critflow.networks.network import Array, Network
@@ -111,15 +111,13 @@ def strained_response(
 
 
 @dataclass(frozen=True)
-class StrainedObjective(Objective):
-    """A quantity of `strained_response` at strain γ as an objective of the stresses at the transition.
+class StrainedQuantity(Quantity):
+    """A property at strain γ as a quantity of the stresses at the transition.
 
-    manifold  of the network
-    quantity  its name
+    quantity  its name in `strained_response`
     largest   whether the largest value is the best
     """
 
-    manifold: CriticalManifold = field(repr=False)
     quantity: str
     strain: float
     deformation: str = "dilation"
@@ -132,9 +130,13 @@ class StrainedObjective(Objective):
         """Whether the largest value is the best."""
         return self.largest
 
-    def evaluate(self, sigma: Array, L: Array) -> tuple[float, Partials]:
-        network = self.manifold.network
-        critical = self.manifold.solve(sigma).value
+    @property
+    def name(self) -> str:
+        return f"{self.quantity} at strain {self.strain:g}"
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        network, sigma, L = balance.network, balance.sigma, balance.bond_vectors
+        critical = balance.manifold.solve(sigma).value
         found = strained_response(
             network, critical, self.strain, (self.quantity,), deformation=self.deformation, throw=False
         )

@@ -14,73 +14,48 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 from scipy.optimize import linprog
 
 from critflow.arguments import checked
+from critflow.critical.extreme import ISOTROPIC, force_map, vanishes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import dilation, transition_modulus
+from critflow.critical.quantity import Quantity
+from critflow.critical.transition import TransitionModulus, transition_modulus
 from critflow.linalg.matrices import spread_columns
 from critflow.networks.deformation import Deformable
 from critflow.networks.network import Array, Network
 from critflow.quantities.optimum import Optimum
+from critflow.quantities.vocabulary import quantity
 from critflow.result import InputError, Solution, SolveError, Stats, Status
 
 BALANCED = 1e-8  # relative force balance, and relative distance from the bound, of a modulus that attains its bound
 NO_LENGTH = 1e-10  # length, in units of the mean, of an edge that vanishes in the configuration of the largest modulus
 # Determinant of the map F of forces, over |F|², below which all forces count as parallel: lengths grow as its inverse.
 PARALLEL_FORCES = 1e-9
-ISOTROPIC = 1e-14  # anisotropy of a strain that is a dilation up to rounding
 
 _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 @checked
-def modulus_bound(network: Network | CriticalManifold, strain: Deformable) -> float:
-    """The largest modulus μ_A for the affine strain A (d, d), or a deformation, over all stresses of any sign.
+def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs: str = "positive") -> float:
+    """The largest possible value of a quantity over all stresses of a network in closed form; infinite without one.
 
-    Error bound (proof, up to rounding) of every modulus at the transition.
+    Error bound (proof, up to rounding).  B_0 ≤ (1/d²V) Σ k|L*|² with L* the configuration at σ = k; every other modulus
+    at the transition likewise.  `quantity(network, name).extreme` has the smallest possible value too.
+
+    signs  "positive", or "any" for stresses of both signs
 
     >>> import critflow as cf
-    >>> round(cf.modulus_bound(cf.honeycomb_network(2, 2), 'dilation'), 6)
+    >>> round(cf.upper_bound(cf.honeycomb_network(2, 2), 'B_0'), 6)
     0.288675
     """
     manifold = CriticalManifold.of(network)
-    A = transition_modulus(manifold.network, strain).symmetric
-    F, moment = _force_map(manifold.network, manifold.balance(manifold.network.stiffness).bond_vectors, A)
-    return float(np.trace(F @ moment @ F.T)) / manifold.network.volume
-
-
-@checked
-def bulk_modulus_bound(network: Network | CriticalManifold) -> float:
-    """The largest B_0 over all stresses, (1/d²V) Σ k|L*|² with L* the configuration at σ = k.
-
-    Error bound (proof, up to rounding) of every B_0.
-
-    >>> import critflow as cf
-    >>> round(cf.bulk_modulus_bound(cf.honeycomb_network(2, 2)), 6)
-    0.288675
-    """
-    manifold = CriticalManifold.of(network)
-    return modulus_bound(manifold, dilation(manifold.network.dimension))
-
-
-@checked
-def stiffening_bound(network: Network | CriticalManifold) -> float:
-    """The least C_B over all positive stresses, (3/d − 2) max B_0: −½ max B_0 in the plane, −max B_0 in space.
-
-    Springs of Hooke's law satisfy  C_B = (3/d − 2) B_0 + (3c/V) Σ σ̂|L̇_⊥|²  with the amplitude c = σ̂·ḣ/D > 0 of the
-    stress and the rates L̇_⊥ at which edges turn under dilation.  No term of the sum is negative for σ > 0, and all
-    vanish only at the largest B_0.  Likewise C_G ≥ −(G_0/3B_0)(C_B − (3/d − 2) B_0), energy convention.
-    Error bound (proof, up to rounding) of every C_B of positive stresses; compressed edges can have any C_B.
-    """
-    manifold = CriticalManifold.of(network)
-    return (3 / manifold.network.dimension - 2) * bulk_modulus_bound(manifold)
+    return quantity(manifold.network, name).extreme(manifold, signs == "positive")[1]
 
 
 def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> Optimum:
-    """The configuration nearest to L* that attains `modulus_bound`, stresses of both signs allowed.
+    """The configuration nearest to L* that attains `upper_bound`, stresses of both signs allowed.
 
     Nearest in Σk|L − L*|², unless the forces are nearly parallel: all others differ by isogonal modes.
     `Status.edge_collapse` or `Status.singular` and NaN where an edge of it has no length or all forces are parallel, as
@@ -104,10 +79,10 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
             condition=found.stats.condition,
             error_bound=value.error_bound,
         ),
-        objective=transition_modulus(network, A).evaluate(value.sigma, value.bond_vectors)[0],
+        objective=TransitionModulus(A).evaluate(value)[0],
         bound=bound,
     )
-    attained = _vanishes(F, moment, A) or abs(optimum.gap) < BALANCED
+    attained = vanishes(F, moment, A) or abs(optimum.gap) < BALANCED
     if value.residual < BALANCED and attained and shortest > NO_LENGTH:
         return optimum
     # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
@@ -134,12 +109,12 @@ def _attaining(manifold: CriticalManifold, A: Array) -> _Attaining:
         # F = A is isotropic: the configuration is L* itself.
         found = manifold.solve(k)
         L_star = found.value.bond_vectors if found.ok else manifold.balance(k).bond_vectors
-        return _Attaining(found, 1.0, *_force_map(network, L_star, A))
+        return _Attaining(found, 1.0, *force_map(network, L_star, A))
     if network.dimension != 2:
         raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
     L_star = manifold.balance(k).bond_vectors
-    F, moment = _force_map(network, L_star, A)
-    if _vanishes(F, moment, A):
+    F, moment = force_map(network, L_star, A)
+    if vanishes(F, moment, A):
         return _Attaining(manifold.solve(k), 1.0, F, moment)
     bound = float(np.trace(F @ moment @ F.T)) / network.volume
     for closed in (_nearest_bonds, _stretched_bonds):
@@ -147,7 +122,7 @@ def _attaining(manifold: CriticalManifold, A: Array) -> _Attaining:
         square = np.einsum("ad,ad->a", L, L)
         sigma = k * np.einsum("ad,ad->a", L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny)
         found, shortest = manifold.solve(sigma), float(np.sqrt(square.min()) / np.sqrt(square).mean())
-        modulus = transition_modulus(network, A).evaluate(found.value.sigma, found.value.bond_vectors)[0]
+        modulus = TransitionModulus(A).evaluate(found.value)[0]
         parallel = abs(float(np.linalg.det(F))) <= PARALLEL_FORCES * float(np.sum(F**2))
         if abs(modulus / bound - 1) < BALANCED or parallel:
             break
@@ -165,7 +140,7 @@ def least_compressed_length(network: Network | CriticalManifold, strain: Deforma
     if network.dimension != 2:
         raise InputError("configurations of one force network are found in two dimensions only")
     L_star = manifold.balance(network.stiffness).bond_vectors
-    F, _ = _force_map(network, L_star, transition_modulus(network, strain).symmetric)
+    F, _ = force_map(network, L_star, transition_modulus(network, strain).symmetric)
     T = network.stiffness[:, None] * (L_star @ F.T)
     unit = T / np.linalg.norm(T, axis=1)[:, None]
     normal = unit @ _QUARTER_TURN.T
@@ -207,15 +182,3 @@ def _stretched_bonds(manifold: CriticalManifold, L_star: Array, F: Array) -> Arr
     factor = manifold.saddle.factorize(network.stiffness, L_star)
     u, _, _ = factor.solve(no_force, -np.einsum("ad,ad->a", L_star, start))
     return np.asarray(np.linalg.solve(B, (start + network.free_incidence @ u).T).T)
-
-
-def _force_map(network: Network, L_star: Array, A: Array) -> tuple[Array, Array]:
-    """F = A + W of the best force network T = kFL*, and the moments M = Σ k L*L*ᵀ: F M is symmetric."""
-    M = (network.stiffness[:, None] * L_star).T @ L_star
-    W = scipy.linalg.solve_sylvester(M, M, M @ A - A @ M)
-    return A + 0.5 * (W - W.T), M
-
-
-def _vanishes(F: Array, moment: Array, A: Array) -> bool:
-    """Whether the bound Σk|FL*|² is zero up to rounding: the strain A (d, d) changes no length to first order."""
-    return bool(np.trace(F @ moment @ F.T) <= ISOTROPIC**2 * np.sum(A**2) * np.trace(moment))

@@ -11,14 +11,18 @@ r_α = g_αᵀ P⁻¹ g_α,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked, shown
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import LengthVariance, Objective, TensionVariance, TransitionModulus, named_objective
+from critflow.critical.quantity import Quantity, dot
+from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, IntArray, Network
+from critflow.quantities.vocabulary import quantity
 from critflow.result import InputError, Record
 
 # Part of a stress that flows around an edge below which its cut opens the network; rounding leaves 1e-13.
@@ -32,15 +36,15 @@ _BLOCK = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class EdgeLeverage(Record):
-    """Objective after cutting each edge with the stress of the others unchanged; NaN where the cut opens the network.
+    """A quantity after cutting each edge with the stress of the others unchanged; NaN where the cut opens the network.
 
-    objective  name
-    before     value of the objective
-    after      (N_b,) values after the cut of each edge
-    bypass     (N_b,) 1 − σ_α r_α: part of the stress that flows around each edge, between 0 and 1 for σ > 0
+    quantity  name
+    before    value of the quantity
+    after     (N_b,) values after the cut of each edge
+    bypass    (N_b,) 1 − σ_α r_α: part of the stress that flows around each edge, between 0 and 1 for σ > 0
     """
 
-    objective: str
+    quantity: str
     before: float
     after: Array
     bypass: Array
@@ -52,28 +56,21 @@ class EdgeLeverage(Record):
 
 
 @checked
-def edge_leverage(
-    critical: CriticalConfiguration, objective: str | Objective = "bulk_modulus", threshold: float | None = None
-) -> EdgeLeverage:
-    """The exact change of an objective by cutting each edge, all at once, without a new factorisation.
+def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0") -> EdgeLeverage:
+    """The exact change of a quantity by cutting each edge, all at once, without a new factorisation.
 
-    objective  "bulk_modulus", "shear_modulus", "length_variance", "tension_variance", or an `Objective` of these kinds
-    threshold  r of the penalty of the shear modulus; None without it
+    name  of a quantity, or a `Quantity`
 
-    The cost is that of N_b solves with one factor and N_b evaluations.  Raises `InputError` for other objectives, whose
-    values at fewer edges are not defined, and for stresses that are zero somewhere.
+    The cost is that of N_b solves with one factor and N_b evaluations.  Raises `InputError` for unknown names, and for
+    stresses that are zero somewhere.
 
     >>> import critflow as cf
-    >>> found = cf.edge_leverage(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus'))
+    >>> found = cf.edge_leverage(cf.optimize(cf.honeycomb_network(2, 2), 'B_0'))
     >>> round(found.before, 6), round(float(found.change[0]), 6)
     (0.288675, -0.057735)
     """
     network, sigma = critical.network, critical.sigma
-    goal = named_objective(network, objective, threshold) if isinstance(objective, str) else objective
-    if not isinstance(goal, LengthVariance | TensionVariance | TransitionModulus):
-        raise InputError(
-            f"{type(goal).__name__} has no value for a network with an edge less: choose another objective"
-        )
+    goal = quantity(network, name)
     if not (sigma != 0).all():
         raise InputError(
             "edges without stress change nothing when they are cut: use the configuration of the taut part"
@@ -87,9 +84,8 @@ def edge_leverage(
         edges = np.arange(first, min(first + width, m))
         response = np.asarray(g @ balance.factor.solve(np.asarray(g[edges].todense().T)))
         bypass[edges] = 1 - sigma[edges] * response[edges, np.arange(len(edges))]
-        after[edges] = values_after(goal, sigma, L, response, edges, kept)
-    name = objective if isinstance(objective, str) else type(goal).__name__
-    return EdgeLeverage(name, goal.evaluate(sigma, L)[0], after, bypass)
+        after[edges] = values_after(goal, network, sigma, L, response, edges, kept)
+    return EdgeLeverage(goal.name, goal.evaluate(balance)[0], after, bypass)
 
 
 @checked
@@ -124,8 +120,37 @@ def add(network: Network, tail: int, head: int, offset: ArrayLike | None = None,
     )
 
 
-def values_after(goal: Objective, sigma: Array, L: Array, columns: Array, edges: IntArray, kept: Mask) -> Array:
-    """The objective of the kept edges (N_b,) without each of n edges, NaN where the cut opens the network, (n,).
+class Part:
+    """Some of the edges of a network with their stress and bond vectors, of which quantities are evaluated.
+
+    edges  (N_b,) mask
+    """
+
+    def __init__(self, network: Network, edges: Mask, sigma: Array, L: Array):
+        self._whole, self._edges = network, edges
+        self.sigma, self.bond_vectors = sigma[edges], L[edges]
+        self.stiffness, self.dimension = network.stiffness[edges], network.dimension
+        self.n_edges = len(self.sigma)
+
+    @property
+    def volume(self) -> float:
+        return self._whole.volume
+
+    @cached_property
+    def manifold(self) -> CriticalManifold:
+        """That of the part as a network of its own."""
+        return CriticalManifold(self._whole.part(self._edges)[0])
+
+    @property
+    def network(self) -> Any:
+        """The attributes of the network that formulas use, without the checks of a new one."""
+        return self
+
+
+def values_after(
+    goal: Quantity, network: Network, sigma: Array, L: Array, columns: Array, edges: IntArray, kept: Mask
+) -> Array:
+    """A quantity of the kept edges (N_b,) without each of n edges, NaN where the cut opens the network, (n,).
 
     columns  (N_b, n) of g P⁻¹ gᵀ
     """
@@ -133,40 +158,37 @@ def values_after(goal: Objective, sigma: Array, L: Array, columns: Array, edges:
     bypass = 1 - sigma[edges] * columns[edges, own]
     opened = np.abs(bypass) <= UNSUPPORTED
     bypass = np.where(opened, 1.0, bypass)
-    growth = sigma[edges] / bypass
-    if isinstance(goal, TransitionModulus):
-        value = _modulus_after(goal, sigma, L, columns, edges, bypass, kept)
-    else:
-        there = L[:, None, :] + (growth * columns)[:, :, None] * L[edges]
-        measured = np.linalg.norm(there, axis=2) * (sigma[:, None] if isinstance(goal, TensionVariance) else 1.0)
-        rest = np.repeat(kept[:, None], len(edges), axis=1)
-        rest[edges, own] = False
+    of_stress = goal.of_stress(network.dimension)
+    if of_stress is not None:
+        work, cost = _work_and_cost_after(of_stress.strain, network, sigma, L, columns, edges, bypass, kept)
+        value = work**2 / (network.volume * cost) if of_stress.squared else work / np.sqrt(cost)
+        return np.where(opened, np.nan, value)
+    value, growth, rest = np.full(len(edges), np.nan), sigma[edges] / bypass, kept.copy()
+    for n in np.flatnonzero(~opened):
+        rest[edges[n]] = False
+        there = L + growth[n] * columns[:, n, None] * L[edges[n]]
+        length = norms(there)
         # Without stress nothing has a length: the rest collapses to a point.
-        size = np.abs(measured).max(axis=0, initial=0.0, where=rest)
-        opened |= size <= UNSUPPORTED * np.abs(measured).max(axis=0)
-        mean = np.mean(measured, axis=0, where=rest)
-        value = np.mean((measured - mean) ** 2, axis=0, where=rest) / np.where(opened, 1.0, mean) ** 2
-    return np.where(opened, np.nan, value)
+        if length[rest].max(initial=0.0) > UNSUPPORTED * length.max():
+            value[n] = goal.evaluate(Part(network, rest, sigma, there))[0]
+        rest[edges[n]] = kept[edges[n]]
+    return value
 
 
-def _modulus_after(
-    goal: TransitionModulus, sigma: Array, L: Array, columns: Array, edges: IntArray, bypass: Array, kept: Mask
-) -> Array:
-    """μ = W²/(V D) without each edge: with C = g P⁻¹ gᵀ, CσC = C and C(σ ∘ L) = 0, W = Σσ L·A L loses σ L·A L/(1 − σr).
+def _work_and_cost_after(
+    A: Array, network: Network, sigma: Array, L: Array, columns: Array, edges: IntArray, bypass: Array, kept: Mask
+) -> tuple[Array, Array]:
+    """W = Σσ L·A L and D = Σσ²|L|²/k without each edge, (n,) each; NaN costs where the network collapses.
 
-    The parameters of `values_after`, with 1 − σr of each edge.
+    With C = g P⁻¹ gᵀ, CσC = C and C(σ ∘ L) = 0, W loses σ L·A L/(1 − σr).  The parameters of `values_after`, with
+    1 − σr of each edge; many parameters: each is a part of the rank-one update.
     """
-    removed, weight = L[edges], np.where(kept, sigma**2 / goal.stiffness, 0.0)
+    removed, weight = L[edges], np.where(kept, sigma**2 / network.stiffness, 0.0)
     growth = sigma[edges] / bypass
-    work = float(np.einsum("a,ad,ad->", np.where(kept, sigma, 0.0), L, L @ goal.symmetric))
-    work = work - sigma[edges] * np.einsum("ad,ad->a", removed, removed @ goal.symmetric) / bypass
-    square = np.einsum("ad,ad->a", removed, removed)
-    linear = np.einsum("ad,ad->a", columns.T @ (weight[:, None] * L), removed)
-    cost = float(weight @ np.einsum("ad,ad->a", L, L)) + 2 * growth * linear
-    cost = (
-        cost
-        + growth**2 * square * np.einsum("a,ab,ab->b", weight, columns, columns)
-        - weight[edges] * square / bypass**2
-    )
-    collapsed = cost <= UNSUPPORTED**2 * float(weight @ np.einsum("ad,ad->a", L, L))
-    return np.where(collapsed, np.nan, work**2 / (goal.volume * np.where(collapsed, 1.0, cost)))
+    work = float(np.einsum("a,ad,ad->", np.where(kept, sigma, 0.0), L, L @ A))
+    change = work - sigma[edges] * dot(removed, removed @ A) / bypass
+    square, linear = dot(removed, removed), dot(columns.T @ (weight[:, None] * L), removed)
+    cost = float(weight @ dot(L, L)) + 2 * growth * linear
+    cost += growth**2 * square * np.einsum("a,ab,ab->b", weight, columns, columns)
+    cost -= weight[edges] * square / bypass**2
+    return change, np.where(cost <= UNSUPPORTED**2 * float(weight @ dot(L, L)), np.nan, cost)

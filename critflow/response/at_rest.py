@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.quantity import TransitionModulus
+from critflow.critical.transition import TransitionModulus
 from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
@@ -115,7 +115,7 @@ def transition_elasticity(critical: CriticalConfiguration, volume: float, roundi
     factors = (work / np.sqrt(sigma**2 @ (critical.lengths**2 / k)))[None]
 
     def bound(strain: Array) -> float:
-        return transition_modulus_bound(TransitionModulus(strain, k, volume), critical, roundings)
+        return transition_modulus_bound(TransitionModulus(strain), critical, roundings)
 
     # Products of two components are half the differences of squares of their sums.
     single = np.array([bound(strain) for strain in basis])

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked
 from critflow.critical.backbone import Mask, taut_configurations, taut_edges, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.quantity import dilation, pure_shear, transition_modulus
+from critflow.critical.transition import dilation, pure_shear, transition_modulus
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.response.at_rest import joined_responses, response_at_rest, transition_elasticity
@@ -61,7 +61,7 @@ def transition_moduli(critical: CriticalConfiguration) -> Moduli:
         require_only_self_stress(part, f"use elastic_moduli(network, coordinates{mask}), which takes all of them")
     d = critical.network.dimension
     bulk, shear = (
-        sum(transition_modulus(part.network, A).evaluate(part.sigma, part.bond_vectors)[0] for part in parts)
+        sum(transition_modulus(part.network, A).evaluate(part)[0] for part in parts)
         for A in (dilation(d), pure_shear(d))
     )
     return Moduli(bulk, shear, shear)

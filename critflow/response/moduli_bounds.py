@@ -14,7 +14,7 @@ import numpy as np
 from critflow.arguments import checked
 from critflow.critical.backbone import taut_configurations
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.quantity import TransitionModulus, dilation, pure_shear, transition_modulus
+from critflow.critical.transition import TransitionModulus, dilation, pure_shear, transition_modulus
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, add, divide, extended, multiply, total, two_product
@@ -50,27 +50,32 @@ def transition_modulus_bound(goal: TransitionModulus, critical: CriticalConfigur
     size, AL = np.abs(sigma), L @ goal.symmetric
     length, stretch = critical.lengths, np.linalg.norm(AL, axis=1)
     hdot = np.abs(np.einsum("ad,ad->a", L, AL))
-    work, cost = sigma @ np.einsum("ad,ad->a", L, AL), sigma**2 @ (length**2 / goal.stiffness)
+    work, cost = sigma @ np.einsum("ad,ad->a", L, AL), sigma**2 @ (length**2 / critical.network.stiffness)
     ratio = float(work / cost)
 
-    value, (dO_dsigma, dO_dL) = goal.evaluate(sigma, L)
+    value, (dO_dsigma, dO_dL) = goal.evaluate(critical)
     # σ is rounded from the stress that was solved for.
     first = np.linalg.norm(dO_dL, axis=1) @ dL + 0.5 * roundings * EPS * (np.abs(dO_dsigma) @ size)
     # f = w²/c changes by its first order and, exactly, (δw − f_w δc/2)²/(c + δc) more; w and c are quadratic in L.
     second_work = float(np.linalg.norm(goal.symmetric, 2) * (size @ dL**2))
-    second_cost = float((sigma**2 / goal.stiffness) @ dL**2)
+    second_cost = float((sigma**2 / critical.network.stiffness) @ dL**2)
     dwork = 2 * (size * stretch) @ dL + 0.5 * EPS * (size @ hdot) + second_work
-    dcost = 2 * (sigma**2 * length / goal.stiffness) @ dL + EPS * cost + second_cost
+    dcost = 2 * (sigma**2 * length / critical.network.stiffness) @ dL + EPS * cost + second_cost
     if dcost >= cost:
         return np.inf
     curved = 2 * abs(ratio) * second_work + ratio**2 * second_cost + (dwork + abs(ratio) * dcost) ** 2 / (cost - dcost)
-    return float(first + curved / goal.volume + _sum_rounding(goal, value, sigma, L) + _input_rounding(critical, value))
+    return float(
+        first
+        + curved / critical.network.volume
+        + _sum_rounding(critical, goal.symmetric, value)
+        + _input_rounding(critical, value)
+    )
 
 
-def _sum_rounding(goal: TransitionModulus, value: float, sigma: Array, L: Array) -> float:
+def _sum_rounding(critical: CriticalConfiguration, A: Array, value: float) -> float:
     """|μ − w²/(Vc)| with w and c of the same σ and L in extended precision."""
+    sigma, L, network = critical.sigma, critical.bond_vectors, critical.network
     stress, components = extended(sigma), [np.ascontiguousarray(axis) for axis in L.T]
-    A = goal.symmetric
     hdot, square = (Extended(np.zeros_like(sigma), np.zeros_like(sigma)) for _ in range(2))
     for i, j in np.ndindex(A.shape):
         product = two_product(components[i], components[j])
@@ -80,8 +85,8 @@ def _sum_rounding(goal: TransitionModulus, value: float, sigma: Array, L: Array)
             square = add(square, product)
     tension = multiply(multiply(stress, stress), square)
     work = total(multiply(stress, hdot))
-    cost = total(divide(tension, extended(goal.stiffness)))
-    exact = divide(multiply(work, work), multiply(cost, extended(np.array([goal.volume]))))
+    cost = total(divide(tension, extended(network.stiffness)))
+    exact = divide(multiply(work, work), multiply(cost, extended(np.array([network.volume]))))
     return float(abs((value - exact.high[0]) - exact.low[0]))
 
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
-from critflow.critical.quantity import dilation, pure_shear
+from critflow.critical.transition import dilation, pure_shear
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import pair_laplacian, rigidity_matrix
 from critflow.linalg.tolerances import EPS

@@ -18,7 +18,7 @@ import numpy as np
 from critflow.arguments import checked
 from critflow.critical.backbone import taut_configurations
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import dilation, pure_shear
+from critflow.critical.transition import dilation, pure_shear
 from critflow.linalg.saddle import CondensedSaddle, Saddle
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network

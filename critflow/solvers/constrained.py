@@ -177,7 +177,7 @@ def minimise_constrained(
     first      at z, products of rows (n, N) with the first inverse Hessian, the unit matrix by default
     restoring  steps in which the constraints must be satisfied first, all by default
 
-    `Status.infeasible` where the violation cannot be reduced to first order, `Status.step_limit` and `Status.stalled`
+    `Status.not_reached` where the violation cannot be reduced to first order, `Status.step_limit` and `Status.stalled`
     for the objective: the constraints are then satisfied.
     """
     metric, search = _Metric(first, len(start)), _Search(problem, longest)
@@ -185,7 +185,7 @@ def minimise_constrained(
         problem.at(start), metric, max_steps if restoring is None else min(max_steps, restoring)
     )
     if violation(problem, point) > RESTORED:
-        status = Status.step_limit if search.steps >= max_steps else Status.infeasible
+        status = Status.step_limit if search.steps >= max_steps else Status.not_reached
         return search.end(point, status)
     while True:
         step = search.step(point, metric)

@@ -1,4 +1,4 @@
-"""How flat an objective is over the stresses: its exact Hessian, and the directions in which it does not change.
+"""How flat a quantity is over the stresses: its exact Hessian, and the directions in which it does not change.
 
 At the largest bulk modulus the Hessian ∂²B_0/∂σ∂σ is negative semidefinite.  Its null space is σ itself, because the
 configuration does not depend on the scale of σ, and σ̇ = −σ e/|L| for every isogonal mode e, which keeps the tensions:
@@ -16,8 +16,9 @@ from scipy.sparse.linalg import LinearOperator
 from critflow.arguments import checked
 from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Objective, named_objective
+from critflow.critical.quantity import Quantity
 from critflow.networks.network import Array
+from critflow.quantities.vocabulary import quantity
 from critflow.result import InputError, Record
 
 FLAT = 1e-9  # eigenvalues of a stress Hessian below this part of the largest are zero; rounding leaves about 1e-13
@@ -26,7 +27,7 @@ DENSE_EDGES = 2000  # most edges for all eigenvalues of a stress Hessian: 32 MB 
 
 @dataclass(frozen=True, eq=False)
 class FlatDirections(Record):
-    """The directions in stress along which an objective does not change to second order.
+    """The directions in stress along which a quantity does not change to second order.
 
     directions   orthonormal σ̇ of zero curvature, (n_flat, N_b); σ/|σ| lies in their span
     eigenvalues  of the Hessian at Σσ² = N_b, ascending, (N_b,)
@@ -44,14 +45,14 @@ class FlatDirections(Record):
 
 
 @checked
-def stress_hessian(critical: CriticalConfiguration, objective: str | Objective = "bulk_modulus") -> LinearOperator:
+def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0") -> LinearOperator:
     """∂²O/∂σ∂σ at Σσ² = N_b, configuration following σ, as an operator (N_b, N_b) (`BulkModulusHessian`).
 
     A product costs two solves on the factor of P; the matrix itself is never formed.
     """
     network = critical.network
     manifold = CriticalManifold(network)
-    goal = named_objective(network, objective) if isinstance(objective, str) else objective
+    goal = quantity(network, name)
     evaluation = evaluate(manifold, goal, manifold.configuration(critical.sigma).sigma)
 
     def apply(direction: Array) -> Array:
@@ -63,9 +64,9 @@ def stress_hessian(critical: CriticalConfiguration, objective: str | Objective =
 
 @checked
 def flat_directions(
-    critical: CriticalConfiguration, objective: str | Objective = "bulk_modulus", tolerance: float = FLAT
+    critical: CriticalConfiguration, name: str | Quantity = "B_0", tolerance: float = FLAT
 ) -> FlatDirections:
-    """Null space of the Hessian of an objective over stress, by all its eigenvalues.
+    """Null space of the Hessian of a quantity over stress, by all its eigenvalues.
 
     tolerance  eigenvalues of at most this part of the largest are zero
 
@@ -73,7 +74,7 @@ def flat_directions(
     `InputError` for networks of more than 2,000 edges.
 
     >>> import critflow as cf
-    >>> cf.flat_directions(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus')).n_flat
+    >>> cf.flat_directions(cf.optimize(cf.honeycomb_network(2, 2), 'B_0')).n_flat
     4
     """
     n = critical.network.n_edges
@@ -81,7 +82,7 @@ def flat_directions(
         raise InputError(
             f"all eigenvalues are found up to {DENSE_EDGES} edges, not for {n}: use the products of stress_hessian()"
         )
-    operator = stress_hessian(critical, objective)
+    operator = stress_hessian(critical, name)
     columns = operator @ np.eye(n)
     eigenvalues, vectors = np.linalg.eigh(0.5 * (columns + columns.T))
     size = np.abs(eigenvalues) / np.abs(eigenvalues).max()
