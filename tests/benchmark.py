@@ -18,8 +18,15 @@ import time
 
 import numpy as np
 
-from critflow import CriticalManifold, critical_from_lengths, optimize, stiffening, strain_path, voronoi_network
-from critflow.critical.quantity import named_objective
+from critflow import (
+    CriticalManifold,
+    critical_from_lengths,
+    optimize,
+    quantity,
+    stiffening,
+    strain_path,
+    voronoi_network,
+)
 from critflow.springs.equilibrium import equilibrium
 from critflow.springs.state import SpringState
 
@@ -90,7 +97,7 @@ def main():
 
     rng = np.random.default_rng(1)
     sigma = np.abs(rng.standard_normal(1500))
-    goal = named_objective(networks[0], "bulk_modulus")
+    goal = quantity(networks[0], "bulk_modulus")
     manifold = manifolds[0]
 
     def gradient(_seed):

@@ -14,11 +14,13 @@ from critflow import (
     CriticalConfiguration,
     CriticalManifold,
     Network,
+    Quantity,
     Status,
     critical_from_lengths,
     diluted,
     equilibrium,
     honeycomb_network,
+    quantity,
     spring_state,
     square_network,
     triangular_network,
@@ -26,6 +28,7 @@ from critflow import (
     voronoi_of,
 )
 from critflow.critical.manifold import critical_configuration
+from critflow.critical.transition import PenalisedModulus
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.faces import planar_faces
 from critflow.solvers.minimize import Function, Point
@@ -212,6 +215,20 @@ def dense_bond_vectors(network: Network, sigma: np.ndarray) -> np.ndarray:
     g, b = dense_free(network)
     P = g.T @ (sigma[:, None] * g)
     return b - g @ np.linalg.pinv(P, rcond=1e-12, hermitian=True) @ (g.T @ (sigma[:, None] * b))
+
+
+def at(network: Network, sigma: np.ndarray, L: np.ndarray) -> CriticalConfiguration:
+    """A stress and bond vectors on which quantities are evaluated; the coordinates are not used."""
+    return CriticalConfiguration(network, sigma, np.zeros((network.n_vertices, network.dimension)), L)
+
+
+def objective_of(network: Network, name: str, threshold: float = 0.1) -> Quantity:
+    """The quantity that `optimize` descends for a name: G_0 with its penalty."""
+    goal = quantity(network, name)
+    return PenalisedModulus(goal, threshold) if goal.name == "G_0" else goal
+
+
+OBJECTIVES = ("V_L", "V_tau", "B_0", "G_0")
 
 
 def dense_response(network: Network, sigma: np.ndarray) -> np.ndarray:

@@ -21,16 +21,8 @@ from random_problems import a_problem, numbers
 from scipy.sparse.linalg import LinearOperator
 
 import critflow
-from critflow import (
-    CritflowError,
-    CriticalManifold,
-    Hookean,
-    Network,
-    PowerLaw,
-    Solution,
-    StereographicChart,
-    WormLike,
-)
+from critflow import CritflowError, CriticalManifold, Hookean, Network, PowerLaw, Solution, StereographicChart, WormLike
+from critflow.critical.transition import transition_modulus
 from critflow.linalg.factor import FixedPattern
 from workflows.benchmarks import reference
 
@@ -113,9 +105,9 @@ CALLS = {
     "response": lambda p, r: CriticalManifold(p.network).response(critical_of(p)),
     "transition_moduli": lambda p, r: critflow.transition_moduli(critical_of(p)),
     "transition_bounds": lambda p, r: critflow.transition_bounds(critical_of(p)),
-    "bulk_modulus_bound": lambda p, r: critflow.bulk_modulus_bound(p.network),
-    "stiffening_bound": lambda p, r: critflow.stiffening_bound(p.network),
-    "modulus_bound": lambda p, r: critflow.modulus_bound(p.network, strain_of(p, r)),
+    "bulk_modulus_bound": lambda p, r: critflow.upper_bound(p.network, "B_0"),
+    "stiffening_bound": lambda p, r: critflow.quantity(p.network, "C_B").extreme(CriticalManifold(p.network))[0],
+    "modulus_bound": lambda p, r: critflow.upper_bound(p.network, transition_modulus(p.network, strain_of(p, r))),
     "certify": lambda p, r: critflow.certify(critical_of(p)),
     "rigidity": lambda p, r: critflow.rigidity(*geometry(p)[:2]),
     "zero_modes": lambda p, r: critflow.zero_modes(*geometry(p)[:2]),
@@ -369,7 +361,7 @@ def facts(network, sigma):
     if counts.ok:
         found["counts"] = (counts.value.n_self_stresses, counts.value.n_zero_modes)
     if network.cell is not None:
-        found["bulk bound"] = critflow.bulk_modulus_bound(network) / (k * unit**2 / network.volume)
+        found["bulk bound"] = critflow.upper_bound(network, "B_0") / (k * unit**2 / network.volume)
         try:
             found["B_0"] = critflow.transition_moduli(critical).bulk / (k * unit**2 / network.volume)
             found["C_B"] = critflow.stiffening(network, critical).value.C_B / (k * unit**2 / network.volume)

@@ -163,7 +163,8 @@ class _Search:
 
     def value(self) -> float:
         """The quantity of the edges that remain."""
-        return self._goal.evaluate(Part(self._network, self.kept, self.sigma, self.L))[0]
+        with np.errstate(all="ignore"):
+            return self._goal.evaluate(Part(self._network, self.kept, self.sigma, self.L))[0]
 
     def after(self, first: int, last: int) -> Array:
         """The quantity after the cut of each edge from `first` to `last`, NaN where it opens the network."""

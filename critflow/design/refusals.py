@@ -41,7 +41,8 @@ def _beyond_extreme(manifold: CriticalManifold, targets: Sequence[Target], posit
     for target in targets:
         least, most = target.quantity.extreme(manifold, positive)
         if target.high < 0 <= least:
-            return f"{target.name} is never negative, and at most {target.high:.8g} was requested: raise it"
+            signs = ", or choose signs='any'" if target.quantity.extreme(manifold, False)[0] < 0 else ""
+            return f"{target.name} is never negative here, and at most {target.high:.8g} was requested: raise it{signs}"
         if target.low > most + BOUND_ROUNDING * abs(most):
             return (
                 f"{target.name} is at most {most:.8g} for every stress of this network, and {target.low:.8g} was "

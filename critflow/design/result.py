@@ -56,11 +56,13 @@ class Design(Solution[Value]):
     @property
     def independent(self) -> bool:
         """Whether all targets can be changed independently here: the least eigenvalue of `gram` is not zero."""
-        return bool(np.linalg.eigvalsh(self.gram)[0] > INDEPENDENT_TARGETS)
+        return bool(np.isfinite(self.gram).all() and np.linalg.eigvalsh(self.gram)[0] > INDEPENDENT_TARGETS)
 
 
 def cosines(rows: Array) -> tuple[Array, Array]:
     """Cosines (n, n) between gradients (n, N), and the sine of each to the span of the others (n,)."""
+    if not np.isfinite(rows).all():
+        return np.full((len(rows), len(rows)), np.nan), np.full(len(rows), np.nan)
     norm = np.linalg.norm(rows, axis=1)
     unit = rows / np.where(norm > 0, norm, 1.0)[:, None]
     gram = unit @ unit.T

@@ -141,6 +141,12 @@ class Part:
         """That of the part as a network of its own."""
         return CriticalManifold(self._whole.part(self._edges)[0])
 
+    def __getattr__(self, name: str) -> Any:
+        """What else formulas use, of the part as a network of its own."""
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.manifold.network, name)
+
     @property
     def network(self) -> Any:
         """The attributes of the network that formulas use, without the checks of a new one."""
@@ -170,7 +176,9 @@ def values_after(
         length = norms(there)
         # Without stress nothing has a length: the rest collapses to a point.
         if length[rest].max(initial=0.0) > UNSUPPORTED * length.max():
-            value[n] = goal.evaluate(Part(network, rest, sigma, there))[0]
+            with np.errstate(all="ignore"):
+                # Edges that hang on one vertex have no length, and no gradient.
+                value[n] = goal.evaluate(Part(network, rest, sigma, there))[0]
         rest[edges[n]] = kept[edges[n]]
     return value
 

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from problems import slack_lattice, taut_rows
 
-from critflow import (
-    CriticalConfiguration,
-    InputError,
-    Network,
-    backbone,
-    voronoi_network,
-)
+from critflow import CriticalConfiguration, InputError, Network, backbone, voronoi_network
 from critflow.critical.backbone import chains
 from critflow.critical.manifold import critical_configuration
 

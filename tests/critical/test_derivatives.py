@@ -1,14 +1,13 @@
-"""Evaluations of objectives: each belongs to its stress, for any later evaluation."""
+"""Evaluations of quantities: each belongs to its stress, for any later evaluation."""
 
 import numpy as np
 from problems import dense_bond_vectors, random_stress
 
-from critflow import CriticalManifold, voronoi_network
+from critflow import CriticalManifold, quantity, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.critical.quantity import named_objective
 
 NETWORK = voronoi_network(40, seed=1)
-GOAL = named_objective(NETWORK, "bulk_modulus")
+GOAL = quantity(NETWORK, "B_0")
 SIGMAS = [random_stress(NETWORK.n_edges, seed) for seed in range(3)]
 DIRECTION = np.random.default_rng(4).standard_normal(NETWORK.n_edges)
 
@@ -17,7 +16,7 @@ def test_an_evaluation_is_that_of_its_stress():
     found = evaluate(CriticalManifold(NETWORK), GOAL, SIGMAS[0])
     L = dense_bond_vectors(NETWORK, SIGMAS[0])
     np.testing.assert_allclose(found.balance.bond_vectors, L, rtol=0, atol=1e-11)
-    assert abs(found.value - GOAL.evaluate(SIGMAS[0], L)[0]) < 1e-12
+    assert abs(found.value - GOAL.evaluate(found.balance)[0]) < 1e-12
     # The objective does not change with the scale of the stress.
     assert abs(found.gradient @ SIGMAS[0]) < 1e-12
 

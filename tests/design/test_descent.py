@@ -2,12 +2,22 @@
 
 import numpy as np
 import pytest
-from problems import dense_bond_vectors, modulus_by_formula, oblique, random_start, square_octagon
+from problems import dense_bond_vectors, modulus_by_formula, objective_of, oblique, random_start, square_octagon
 from scipy.optimize import minimize
 
-from critflow import CriticalManifold, InputError, Network, Objective, SolveError, Status, optimize, voronoi_network
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    Quantity,
+    SolveError,
+    Status,
+    optimize,
+    voronoi_network,
+)
 from critflow.critical.derivatives import evaluate
-from critflow.critical.quantity import LengthVariance, named_objective, pure_shear, transition_modulus
+from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.critical.variances import LengthVariance
 from critflow.design.stress_objective import StressObjective
 from critflow.solvers.minimize import LBFGS, minimise
 
@@ -178,7 +188,7 @@ def largest_curvature(manifold, goal, x):
 )
 def test_a_descent_leaves_saddles(n_vertices, seed, threshold, method):
     manifold = CriticalManifold(voronoi_network(n_vertices, seed))
-    goal = named_objective(manifold.network, "shear_modulus", 0.03)
+    goal = objective_of(manifold.network, "shear_modulus", 0.03)
     # The descent from σ = 1 ends where the modulus is stationary and has a direction of positive curvature.
     alone = minimise(StressObjective(manifold, goal), LBFGS(), np.zeros(manifold.network.n_edges), 1e-12, 3_000).point
     assert alone.residual < 1e-12
@@ -290,12 +300,13 @@ def test_an_observer_may_end_the_ascent():
     assert max(seen[:-1]) <= 0.05
 
 
-class Extent(Objective):
+class Extent(Quantity):
     """1 − (1 + Σ|L|²)^(−1/20): it grows, ever more slowly, with lengths that have no largest."""
 
     maximise = True
 
-    def evaluate(self, sigma, L):
+    def evaluate(self, balance):
+        sigma, L = balance.sigma, balance.bond_vectors
         size = 1 + np.sum(L**2)
         return 1 - size**-0.05, (np.zeros_like(sigma), 0.1 * L * size**-1.05)
 
@@ -324,7 +335,7 @@ def test_an_ascent_to_a_singular_matrix_has_a_limit(seed):
     assert "without end" in solution.note
     # The configuration is accurate and has a smaller value.
     assert solution.value.residual < 1e-6
-    assert 0 < Extent().evaluate(solution.value.sigma, solution.value.bond_vectors)[0] < late
+    assert 0 < Extent().evaluate(solution.value)[0] < late
 
 
 def test_a_singular_start_is_a_status():

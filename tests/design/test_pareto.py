@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from critflow import CriticalManifold, InputError, Status, design, pareto, voronoi_network
+from critflow import CriticalManifold, InputError, Status, design, pareto, properties, quantity, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.critical.quantity import LengthVariance, TensionVariance, dilation, transition_modulus
 from critflow.design.pareto import dominated
 
 MANIFOLD = CriticalManifold(voronoi_network(16, seed=1))
@@ -20,9 +19,9 @@ def test_every_point_satisfies_its_first_order_conditions(stiff_and_equal):
     front = stiff_and_equal
     assert front.ok and front.statuses == (Status.ok,) * 4 and (front.weights >= 0).all()
     size = np.abs(front.units)
-    modulus = transition_modulus(MANIFOLD.network, dilation(2))
+    goals = [quantity(MANIFOLD, name) for name in ("B_0", "V_L")]
     for critical, weights, values in zip(front.value, front.weights, front.achieved, strict=True):
-        stiff, equal = (evaluate(MANIFOLD, goal, critical.sigma) for goal in (modulus, LengthVariance()))
+        stiff, equal = (evaluate(MANIFOLD, goal, critical.sigma) for goal in goals)
         assert values == pytest.approx((stiff.value, equal.value), rel=1e-9)
         parts = np.array([-weights[0] / size[0] * stiff.gradient, weights[1] / size[1] * equal.gradient])
         assert np.abs(parts.sum(axis=0) * critical.sigma).max() < 1e-5 * np.abs(parts * critical.sigma).max()
@@ -38,9 +37,7 @@ def test_points_are_evenly_spread_and_none_dominates_another(stiff_and_equal):
 
 def test_the_same_points_follow_from_a_limit_on_one_objective(stiff_and_equal):
     stiffness, variance = stiff_and_equal.achieved[2]
-    other = design(
-        MANIFOLD, {"B_0": (stiffness, np.inf)}, prefer="length_variance", start=stiff_and_equal.value[2].sigma
-    )
+    other = design(stiff_and_equal.value[2], {"B_0": (stiffness, np.inf)}, prefer="V_L")
     assert other.preference == pytest.approx(variance, rel=1e-6)
 
 
@@ -65,9 +62,7 @@ def test_limits_of_edges_bound_a_front():
     for critical in front.value:
         assert critical.sigma.min() >= 0.7 * critical.sigma.mean() * (1 - 1e-9)
     assert front.n_limited[1] > 0
-    assert front.achieved[0, 0] == pytest.approx(
-        TensionVariance().evaluate(front.value[0].sigma, front.value[0].bond_vectors)[0], rel=1e-12
-    )
+    assert front.achieved[0, 0] == pytest.approx(properties(front.value[0], "V_tau").values["V_tau"], rel=1e-12)
 
 
 def test_bad_input_raises_one_sentence():

@@ -3,23 +3,20 @@
 import numpy as np
 import pytest
 from problems import (
+    OBJECTIVES,
     ORDER,
     PERIODIC_KINDS,
+    at,
     dense_bond_vectors,
+    objective_of,
     random_stress,
     taylor_orders,
 )
 
-from critflow import CriticalManifold, InputError, Objective, Status, optimize, voronoi_network
+from critflow import CriticalManifold, InputError, Quantity, Status, optimize, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.critical.quantity import (
-    OBJECTIVES,
-    LengthVariance,
-    TensionVariance,
-    named_objective,
-    pure_shear,
-    transition_modulus,
-)
+from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.critical.variances import LengthVariance, TensionVariance
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
 
 
@@ -27,7 +24,7 @@ from critflow.design.stress_objective import SignedStressObjective, StressObject
 @pytest.mark.parametrize("name", PERIODIC_KINDS)
 def test_derivatives_in_log_stress_by_taylor_remainders(name, goal_name):
     network = PERIODIC_KINDS[name]()
-    goal = named_objective(network, goal_name)
+    goal = objective_of(network, goal_name)
     objective = StressObjective(CriticalManifold(network), goal)
     x = np.log(random_stress(network.n_edges, 5))
     # So long that the smallest cubic remainder still stands a hundred times above the rounding of the value.
@@ -36,7 +33,7 @@ def test_derivatives_in_log_stress_by_taylor_remainders(name, goal_name):
 
     def function(theta):
         sigma = np.exp(theta)
-        value = goal.evaluate(sigma, dense_bond_vectors(network, sigma))[0]
+        value = goal.evaluate(at(network, sigma, dense_bond_vectors(network, sigma)))[0]
         return -value if goal.maximise else value
 
     point = objective.at(x)
@@ -48,7 +45,7 @@ def test_derivatives_in_log_stress_by_taylor_remainders(name, goal_name):
 def test_the_known_diagonal_is_the_steep_part_of_the_barrier():
     # One small stress: its second derivative in log σ is that of the barrier, 100 (s/r)^(−10)/N_b to a few percent.
     network = PERIODIC_KINDS["random stiffness"]()
-    goal = named_objective(network, "shear_modulus")
+    goal = objective_of(network, "shear_modulus")
     sigma = np.ones(network.n_edges)
     sigma[9] = 0.05
     objective = StressObjective(CriticalManifold(network), goal)
@@ -78,7 +75,7 @@ def test_derivatives_in_signed_stress_by_taylor_remainders():
     direction = 0.5 * rng.standard_normal(network.n_edges)
 
     def function(sigma):
-        return -goal.evaluate(sigma, dense_bond_vectors(network, sigma))[0]
+        return -goal.evaluate(at(network, sigma, dense_bond_vectors(network, sigma)))[0]
 
     point = objective.at(x)
     product = objective.hessian_product(point, direction)
@@ -94,7 +91,7 @@ def test_a_point_owns_the_state_of_its_derivatives(signed, goal_name):
     # Other points, with other factors of P, are evaluated between the gradient and the Hessian-vector product.
     network = voronoi_network(40, seed=1)
     kind = SignedStressObjective if signed else StressObjective
-    objective = kind(CriticalManifold(network), named_objective(network, goal_name))
+    objective = kind(CriticalManifold(network), objective_of(network, goal_name))
     rng = np.random.default_rng(3)
     x, direction = objective.unknowns(random_stress(60, 1)), rng.standard_normal(60)
     point = objective.at(x)
@@ -109,10 +106,11 @@ def test_a_point_owns_the_state_of_its_derivatives(signed, goal_name):
     assert np.abs(products[0] - expected).max() > 1e-3 * np.abs(expected).max()
 
 
-class FirstOrder(Objective):
+class FirstOrder(Quantity):
     """The tension variance, without its differential."""
 
-    def evaluate(self, sigma, L):
+    def evaluate(self, balance):
+        sigma, L = balance.sigma, balance.bond_vectors
         return TensionVariance().evaluate(sigma, L)
 
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from critflow import bulk_modulus_bound, certify, stiffening, transition_bounds, transition_moduli
+from critflow import certify, stiffening, transition_bounds, transition_moduli, upper_bound
 from critflow.explore import view
 from critflow.explore.server import Explorer, listening
 from critflow.explore.source import Random
@@ -100,7 +100,7 @@ def test_the_page_shows_what_the_library_returns(browser):
             "G_0": moduli.shear,
             "C_B": growth.C_B,
             "C_G": growth.C_G,
-            "bound": bulk_modulus_bound(manifold),
+            "bound": upper_bound(manifold, "B_0"),
         }.items():
             decimals = len(shown[key].partition(".")[2])
             assert decimals > 11 and shown[key] == f"{value:.{decimals}f}", key

@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 from problems import NETWORKS
 
-from critflow import (
-    CriticalManifold,
-    Network,
-    honeycomb_network,
-    transition_bounds,
-    transition_moduli,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Network, honeycomb_network, transition_bounds, transition_moduli, voronoi_network
 
 NETWORK = voronoi_network(12, seed=1)
 

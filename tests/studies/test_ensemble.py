@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from critflow import CriticalManifold, Network, Status, StudyError, bulk_modulus_bound, voronoi_network
+from critflow import CriticalManifold, Network, Status, StudyError, upper_bound, voronoi_network
 from critflow.cli import main
 from critflow.workflow.load import load_study
 
@@ -76,7 +76,7 @@ def test_stored_moduli_follow_from_stored_arrays(dataset):
         cost = sigma**2 @ squared
         np.testing.assert_allclose(one.bulk_modulus_0, (sigma @ squared) ** 2 / (4 * area * cost), rtol=1e-12)
         np.testing.assert_allclose(one.shear_modulus_0, (sigma @ (L[:, 0] * L[:, 1])) ** 2 / (area * cost), rtol=1e-9)
-        assert one.bulk_modulus_0 <= bulk_modulus_bound(network) * (1 + 1e-12), population
+        assert one.bulk_modulus_0 <= upper_bound(network, "B_0") * (1 + 1e-12), population
 
 
 def test_paths_start_at_the_transition(dataset):

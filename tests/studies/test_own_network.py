@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow import StudyError, bulk_modulus_bound, triangular_network, voronoi_network, write_network
+from critflow import StudyError, triangular_network, upper_bound, voronoi_network, write_network
 from critflow.cli import main
 from critflow.workflow.load import load_study
 from critflow.workflow.plan import select
@@ -31,7 +31,7 @@ def test_the_ensemble_of_a_file_is_resumed_while_its_network_is_the_same(capsys)
     assert run("ensemble", *settings) == 0
     with xr.open_dataset("out/ensemble.nc") as dataset:
         stiffest = dataset.bulk_modulus_0.sel(population="bulk_modulus").values
-        np.testing.assert_allclose(stiffest, bulk_modulus_bound(NETWORK), rtol=1e-10)
+        np.testing.assert_allclose(stiffest, upper_bound(NETWORK, "B_0"), rtol=1e-10)
         drawn = dataset.bulk_modulus_0.sel(population="random_stress").values
         assert drawn[0] != drawn[1] and (drawn < stiffest).all()
         assert (dataset.status == 0).all()
@@ -53,7 +53,7 @@ def test_the_gallery_of_a_file():
     assert run("gallery", "network=mine.csv", panels) == 0
     with xr.open_dataset("out/gallery.nc") as dataset:
         both = dataset.bulk_modulus_0.sel(panel=["bulk_modulus", "bulk_modulus_wave"]).values
-        np.testing.assert_allclose(both, bulk_modulus_bound(NETWORK), rtol=1e-10)
+        np.testing.assert_allclose(both, upper_bound(NETWORK, "B_0"), rtol=1e-10)
 
 
 def test_the_failure_map_of_a_file(monkeypatch, tmp_path):
