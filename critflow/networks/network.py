@@ -251,6 +251,7 @@ class Network:
         """A copy with other values of the same graph, whose checks and matrices stay valid."""
         copied = copy(self)
         copied.__dict__.update(changed)
+        copied.__dict__.pop("volume", None)
         return copied
 
     def part(self, kept_edges: NDArray[np.bool_]) -> tuple[Network, IntArray]:
