@@ -133,6 +133,6 @@ def test_a_differential_is_optional_but_for_newtons_method():
     assert found.saddles == 0
     with pytest.raises(InputError, match=r"FirstOrder\.differential"):
         optimize(network, FirstOrder(), "newton")
-    evaluation = evaluate(CriticalManifold(network), FirstOrder(), np.ones(60))
-    with pytest.raises(InputError, match="FirstOrder has no second derivatives"):
-        evaluation.hessian_product(np.ones(60))
+    goals, direction = (TensionVariance(), FirstOrder()), np.random.default_rng(1).standard_normal(60)
+    exact, found = (evaluate(CriticalManifold(network), goal, np.ones(60)).hessian_product(direction) for goal in goals)
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-8 * np.abs(exact).max())
