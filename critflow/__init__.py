@@ -13,7 +13,7 @@ from critflow.critical.stress_hessian import flat_directions, stress_hessian
 from critflow.design.designed import Design
 from critflow.design.isogonal import face_modes, isogonal_modes
 from critflow.design.isogonal_design import IsogonalDesign, isogonal_design
-from critflow.design.leverage import EdgeLeverage, add, cut, edge_leverage
+from critflow.design.leverage import EdgeLeverage, edge_leverage
 from critflow.design.modulus_bounds import bulk_modulus_bound, modulus_bound, stiffening_bound
 from critflow.design.nearest import Nearest, nearest_critical
 from critflow.design.onset_target import OnsetDesign, design_onset
@@ -45,22 +45,14 @@ from critflow.mechanics.strain_path import strain_path
 from critflow.networks.deformation import DEFORMATIONS, Deformation, deformation_of
 from critflow.networks.dilution import diluted
 from critflow.networks.faces import Faces, planar_faces
-from critflow.networks.fibre_networks import mikado_network, phantom_network
-from critflow.networks.lattices import (
-    cubic_network,
-    diamond_network,
-    honeycomb_network,
-    kagome_network,
-    square_network,
-    triangular_network,
-)
+from critflow.networks.fibre_networks import fibre_network
+from critflow.networks.lattices import lattice
 from critflow.networks.network import Network
 from critflow.networks.packings import packing_network
-from critflow.networks.pruning import Pruned, prune, pruned_network
+from critflow.networks.pruning import Pruned, pruned
 from critflow.networks.random_networks import delaunay_network, foam_network, three_bar_linkage, voronoi_network
 from critflow.networks.random_points import random_sequential_addition
 from critflow.networks.regular_networks import regular_network
-from critflow.networks.tessellations import delaunay_of, voronoi_of
 from critflow.onset.critical_strain import Onset, critical_strain
 from critflow.onset.from_lengths import critical_from_lengths
 from critflow.onset.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
@@ -130,7 +122,6 @@ __all__ = [
     "TransitionProperties",
     "WormLike",
     "__version__",
-    "add",
     "backbone",
     "bond_operator",
     "bulk_modulus_bound",
@@ -139,15 +130,11 @@ __all__ = [
     "critical_from_lengths",
     "critical_from_perimeters",
     "critical_strain",
-    "cubic_network",
-    "cut",
     "deformation_of",
     "delaunay_network",
-    "delaunay_of",
     "design",
     "design_onset",
     "design_stiffness",
-    "diamond_network",
     "diluted",
     "draw",
     "edge_leverage",
@@ -156,19 +143,18 @@ __all__ = [
     "equilibrium",
     "examine",
     "face_modes",
+    "fibre_network",
     "fit_stiffening",
     "flat_directions",
     "foam_network",
     "gaussian_curvature",
     "geometric_split",
-    "honeycomb_network",
     "hookean_split",
     "isogonal_design",
     "isogonal_modes",
     "isotropic_targets",
-    "kagome_network",
+    "lattice",
     "linear_response",
-    "mikado_network",
     "modulus_bound",
     "nearest_critical",
     "network_from",
@@ -177,12 +163,10 @@ __all__ = [
     "pareto",
     "perimeter_moduli",
     "perimeter_state",
-    "phantom_network",
     "planar_faces",
     "principal_curvatures",
-    "prune",
     "prune_towards",
-    "pruned_network",
+    "pruned",
     "random_sequential_addition",
     "regular_network",
     "rigidity",
@@ -190,7 +174,6 @@ __all__ = [
     "second_order_rigidity",
     "signed_stress",
     "spring_state",
-    "square_network",
     "stability",
     "stiffening",
     "stiffening_bound",
@@ -205,9 +188,7 @@ __all__ = [
     "transition_moduli",
     "transition_modulus",
     "transition_properties",
-    "triangular_network",
     "voronoi_network",
-    "voronoi_of",
     "write_network",
     "write_page",
     "zero_modes",

@@ -13,13 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from critflow.arguments import checked, shown
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.objectives import LengthVariance, Objective, TensionVariance, TransitionModulus, named_objective
 from critflow.design.tolerances import UNSUPPORTED
-from critflow.networks.network import Array, IntArray, Network
+from critflow.networks.network import Array, IntArray
 from critflow.result import InputError, Record
 
 Mask = NDArray[np.bool_]
@@ -62,7 +62,7 @@ def edge_leverage(
     values at fewer edges are not defined, and for stresses that are zero somewhere.
 
     >>> import critflow as cf
-    >>> found = cf.edge_leverage(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus'))
+    >>> found = cf.edge_leverage(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus'))
     >>> round(found.before, 6), round(float(found.change[0]), 6)
     (0.288675, -0.057735)
     """
@@ -88,38 +88,6 @@ def edge_leverage(
         after[edges] = values_after(goal, sigma, L, response, edges, kept)
     name = objective if isinstance(objective, str) else type(goal).__name__
     return EdgeLeverage(name, goal.evaluate(sigma, L)[0], after, bypass)
-
-
-@checked
-def cut(network: Network, edge: int) -> Network:
-    """The network without one edge; vertices that then hang on nothing leave with it."""
-    if not 0 <= edge < network.n_edges:
-        raise InputError(f"there is no edge {edge}: edges are counted from 0 to {network.n_edges - 1}")
-    kept = np.ones(network.n_edges, bool)
-    kept[edge] = False
-    return network.part(kept)[0]
-
-
-@checked
-def add(network: Network, tail: int, head: int, offset: ArrayLike | None = None, stiffness: float = 1.0) -> Network:
-    """The network with one edge more, its last one, from a vertex to the image of another in a cell at `offset` (d,).
-
-    The faces of the network, if it has any, are not kept: the edge may cross others.
-    """
-    n, d = network.n_vertices, network.dimension
-    if not (0 <= tail < n and 0 <= head < n):
-        raise InputError(f"an edge joins two vertices, counted from 0 to {n - 1}, not {tail} and {head}")
-    image = np.zeros(d) if offset is None else np.asarray(offset, dtype=float)
-    if image.shape != (d,) or not (image == np.round(image)).all():
-        raise InputError(f"the offset must be {d} whole numbers of cells, not {shown(offset)}")
-    return Network(
-        np.concatenate([network.edges, [[tail, head]]]),
-        np.concatenate([network.offsets, [image.astype(int)]]),
-        network.cell,
-        np.append(network.stiffness, stiffness),
-        network.pins,
-        positions=network.positions,
-    )
 
 
 def values_after(goal: Objective, sigma: Array, L: Array, columns: Array, edges: IntArray, kept: Mask) -> Array:

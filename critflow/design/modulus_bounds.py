@@ -38,7 +38,7 @@ def modulus_bound(network: Network | CriticalManifold, strain: Deformable) -> fl
     Error bound (proof, up to rounding) of every modulus at the transition.
 
     >>> import critflow as cf
-    >>> round(cf.modulus_bound(cf.honeycomb_network(2, 2), 'dilation'), 6)
+    >>> round(cf.modulus_bound(cf.lattice("honeycomb", 2, 2), 'dilation'), 6)
     0.288675
     """
     manifold = CriticalManifold.of(network)
@@ -54,7 +54,7 @@ def bulk_modulus_bound(network: Network | CriticalManifold) -> float:
     Error bound (proof, up to rounding) of every B_0.
 
     >>> import critflow as cf
-    >>> round(cf.bulk_modulus_bound(cf.honeycomb_network(2, 2)), 6)
+    >>> round(cf.bulk_modulus_bound(cf.lattice("honeycomb", 2, 2)), 6)
     0.288675
     """
     manifold = CriticalManifold.of(network)

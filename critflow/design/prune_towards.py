@@ -20,7 +20,7 @@ from critflow.critical.objectives import LengthVariance, Objective, TensionVaria
 from critflow.design.leverage import Mask, values_after
 from critflow.design.tolerances import NO_LENGTH, PRUNING_DRIFT, PRUNING_REACHED
 from critflow.networks.network import Array, IntArray
-from critflow.networks.pruning import prune
+from critflow.networks.pruning import pruned
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.tolerances import LARGEST_DENSE
 
@@ -220,7 +220,7 @@ class _Search:
 
     def result(self, critical: CriticalConfiguration) -> tuple[CriticalConfiguration, IntArray]:
         """The configuration of the edges that remain, solved from their stresses, and their indices."""
-        network, edges, _ = prune(critical.network, self.kept)
+        network, edges, _ = pruned(critical.network, self.kept)
         return CriticalManifold(network).configuration(critical.sigma[edges]), edges
 
 

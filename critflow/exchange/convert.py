@@ -104,7 +104,7 @@ def write_network(
     >>> import critflow as cf
     >>> import tempfile
     >>> path = tempfile.mkdtemp() + '/network.csv'
-    >>> cf.write_network(cf.honeycomb_network(2, 2), path)
+    >>> cf.write_network(cf.lattice("honeycomb", 2, 2), path)
     >>> print(cf.network_from(path).network)
     Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
     """

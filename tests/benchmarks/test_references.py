@@ -11,9 +11,9 @@ from critflow import (
     bulk_modulus_bound,
     critical_from_lengths,
     equilibrium,
+    lattice,
     linear_response,
     stiffening,
-    triangular_network,
     voronoi_network,
 )
 from critflow.mechanics.springs import SpringState
@@ -147,8 +147,8 @@ def test_slack_edges_are_refused(network):
 
 
 def test_springs_at_rest_of_the_triangular_lattice():
-    lattice = triangular_network(3, 3)
-    found = reference.moduli_at_rest(lattice, lattice.positions).astype(float)
+    network = lattice("triangular", 3, 3)
+    found = reference.moduli_at_rest(network, network.positions).astype(float)
     np.testing.assert_allclose(found, [TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS], rtol=1e-14)
 
 

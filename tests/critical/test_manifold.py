@@ -25,7 +25,7 @@ from critflow import (
     SolveError,
     Status,
     bulk_modulus_bound,
-    honeycomb_network,
+    lattice,
     three_bar_linkage,
     transition_moduli,
     voronoi_network,
@@ -105,7 +105,7 @@ def test_pinned_star_is_the_weighted_mean():
 
 
 def test_honeycomb_at_equal_stress_is_regular():
-    configuration = CriticalManifold(honeycomb_network(4, 3)).configuration(np.ones(36))
+    configuration = CriticalManifold(lattice("honeycomb", 4, 3)).configuration(np.ones(36))
     np.testing.assert_allclose(configuration.lengths, 1.0, rtol=1e-13)
 
 

@@ -14,7 +14,7 @@ from problems import (
     with_random_stiffness,
 )
 
-from critflow import CriticalManifold, InputError, honeycomb_network, transition_moduli, voronoi_network
+from critflow import CriticalManifold, InputError, lattice, transition_moduli, voronoi_network
 from critflow.critical.derivatives import evaluate
 from critflow.critical.objectives import (
     OBJECTIVES,
@@ -129,7 +129,7 @@ def test_bulk_and_shear_by_the_papers_formulas():
 
 def test_honeycomb_moduli():
     for k in (1.0, 2.5):
-        network = honeycomb_network(3, 4, edge_length=0.7).with_stiffness(k)
+        network = lattice("honeycomb", 3, 4, edge_length=0.7).with_stiffness(k)
         moduli = transition_moduli(CriticalManifold(network).configuration(np.ones(36)))
         # In two dimensions B has the unit of k, at any edge length.
         assert moduli.bulk == pytest.approx(k * HONEYCOMB_BULK_MODULUS, rel=1e-13)
@@ -166,7 +166,7 @@ def test_variances_need_no_cell(objective):
 
 
 def test_bad_objectives_raise():
-    network = honeycomb_network(2, 2)
+    network = lattice("honeycomb", 2, 2)
     with pytest.raises(InputError, match="length_variance"):
         named_objective(network, "bulk")
     with pytest.raises(InputError, match="threshold"):

@@ -8,8 +8,8 @@ from critflow import (
     CriticalManifold,
     InputError,
     flat_directions,
-    honeycomb_network,
     isogonal_modes,
+    lattice,
     stress_hessian,
     voronoi_network,
 )
@@ -78,7 +78,7 @@ def test_flat_directions_of_the_largest_bulk_modulus(n_vertices, seed):
 
 
 def test_flat_directions_of_a_honeycomb():
-    network = honeycomb_network(4, 3)
+    network = lattice("honeycomb", 4, 3)
     flat = flat_directions(CriticalManifold(network).configuration(network.stiffness))
     assert flat.n_flat == network.n_vertices // 2
 
@@ -91,7 +91,7 @@ def test_no_flat_directions_below_the_maximum():
 
 
 def test_large_networks_raise():
-    network = honeycomb_network(30, 24)
+    network = lattice("honeycomb", 30, 24)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     with pytest.raises(InputError, match="2000"):
         flat_directions(critical)

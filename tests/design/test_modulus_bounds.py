@@ -21,7 +21,7 @@ from critflow import (
     Status,
     bulk_modulus_bound,
     design,
-    honeycomb_network,
+    lattice,
     modulus_bound,
     optimize,
     stiffening,
@@ -37,7 +37,7 @@ NETWORKS = {
     "random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
     "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=3), 4)),
     "square-octagon": lambda: square_octagon(),
-    "honeycomb": lambda: honeycomb_network(4, 4),
+    "honeycomb": lambda: lattice("honeycomb", 4, 4),
 }
 STRAINS = {
     "dilation": dilation(2),
@@ -215,7 +215,7 @@ def test_rotating_the_strain_axes_rotates_the_configuration():
 
 def test_bounds_of_lattices_are_affine_moduli():
     # Where σ = k leaves the moments isotropic, W vanishes: the bound is the affine modulus (1/V)Σk|A L*|².
-    honeycomb = honeycomb_network(3, 3)
+    honeycomb = lattice("honeycomb", 3, 3)
     assert modulus_bound(honeycomb, pure_shear(2)) == pytest.approx(bulk_modulus_bound(honeycomb), rel=1e-13)
     triangular, _ = triangular_lattice()
     affine = 0.25 * triangular.n_edges / triangular.volume

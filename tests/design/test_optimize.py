@@ -19,7 +19,7 @@ from critflow import (
     InputError,
     Status,
     bulk_modulus_bound,
-    honeycomb_network,
+    lattice,
     optimize,
     transition_moduli,
     voronoi_network,
@@ -111,7 +111,7 @@ def test_the_bound_by_its_formula_and_by_its_force_network(name):
 
 
 def test_honeycomb_attains_its_bound():
-    assert bulk_modulus_bound(honeycomb_network(4, 3)) == pytest.approx(HONEYCOMB_BULK_MODULUS, rel=1e-13)
+    assert bulk_modulus_bound(lattice("honeycomb", 4, 3)) == pytest.approx(HONEYCOMB_BULK_MODULUS, rel=1e-13)
 
 
 @pytest.mark.parametrize("method, start", [("closed_form", None), ("lbfgs", 3)])

@@ -10,8 +10,7 @@ from critflow import (
     delaunay_network,
     design_stiffness,
     isotropic_targets,
-    square_network,
-    triangular_network,
+    lattice,
     voronoi_network,
 )
 from critflow.design.stiffness_design import TensorGoals
@@ -56,16 +55,16 @@ def test_gradients_agree_with_differences():
 
 
 def test_a_value_that_the_network_has_changes_nothing_and_an_interval_is_entered():
-    lattice = triangular_network(4, 4)
+    network = lattice("triangular", 4, 4)
     G = float(np.sqrt(3) / 4)
-    found = design_stiffness(lattice, lattice.positions, {"shear_modulus": G, "bulk_modulus": (0.5, 2.0)})
+    found = design_stiffness(network, network.positions, {"shear_modulus": G, "bulk_modulus": (0.5, 2.0)})
     assert found.distance < 1e-10
-    entered = design_stiffness(lattice, lattice.positions, {"bulk_modulus": (1.0, 2.0)})
+    entered = design_stiffness(network, network.positions, {"bulk_modulus": (1.0, 2.0)})
     assert entered.achieved["bulk_modulus"] == pytest.approx(1.0, rel=1e-5)
-    raised = design_stiffness(lattice, lattice.positions, {"bulk_modulus": 1.0})
+    raised = design_stiffness(network, network.positions, {"bulk_modulus": 1.0})
     # The least change that raises one modulus multiplies all edges of the lattice by the same factor.
     np.testing.assert_allclose(raised.value.stiffness, 2 / np.sqrt(3), rtol=1e-8)
-    assert raised.multipliers["bulk_modulus"] == pytest.approx(lattice.n_edges * np.log(2 / np.sqrt(3)), rel=1e-6)
+    assert raised.multipliers["bulk_modulus"] == pytest.approx(network.n_edges * np.log(2 / np.sqrt(3)), rel=1e-6)
 
 
 def test_tensors_that_no_springs_have_are_refused():
@@ -87,7 +86,7 @@ def test_bad_input_raises_one_sentence():
         (CELL, {}, "target"),
         (CELL, {"C_xxxx": (2.0, 1.0)}, "low"),
         (floppy, {"bulk_modulus": 1.0}, "zero modes"),
-        (square_network(3, 3), {"bulk_modulus": 1.0}, "zero modes"),
+        (lattice("square", 3, 3), {"bulk_modulus": 1.0}, "zero modes"),
     ):
         with pytest.raises(InputError, match=word):
             design_stiffness(network, network.positions, targets)

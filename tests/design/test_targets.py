@@ -10,9 +10,9 @@ from critflow import (
     Status,
     bulk_modulus_bound,
     design,
+    lattice,
     stiffening,
     transition_moduli,
-    triangular_network,
     voronoi_network,
 )
 from critflow.design.target_table import LIMITED, EdgeLimits, StressComponent
@@ -125,7 +125,7 @@ def test_a_signed_response_is_reached():
 
 def test_several_self_stresses_are_refused():
     with pytest.raises(InputError, match="self-stress"):
-        design(triangular_network(4, 4), {"B_0": 0.2})
+        design(lattice("triangular", 4, 4), {"B_0": 0.2})
 
 
 def test_limits_of_edges_signs_and_free_edges_hold():

@@ -10,9 +10,9 @@ from critflow import (
     Status,
     critical_from_lengths,
     critical_strain,
+    lattice,
     stiffening,
     transition_properties,
-    triangular_network,
     voronoi_network,
 )
 from critflow.design.target_problem import Preference, Unknowns
@@ -107,7 +107,7 @@ def test_the_gradient_of_the_onset_agrees_with_differences_in_sixty_digits():
         ((NETWORK, SIGMA, "B_0"), "list"),
         ((NETWORK, SIGMA[:3], ["B_0"]), "edge"),
         ((NETWORK, SIGMA, ["stiffening[uniaxial_free]"]), "uniaxial_free"),
-        ((triangular_network(4, 4), np.ones(48), ["B_0"]), "self-stress"),
+        ((lattice("triangular", 4, 4), np.ones(48), ["B_0"]), "self-stress"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments, word):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from critflow import CriticalManifold, NetworkError, mikado_network, network_from
+from critflow import CriticalManifold, NetworkError, fibre_network, network_from
 from critflow.exchange.crossings import crossings_of, split
 from critflow.exchange.data import NetworkData, bond_vectors_of
 
@@ -66,7 +66,7 @@ def test_crossings_are_reported_and_joined_on_request():
 
 
 def test_fibres_cross_at_vertices_until_they_are_moved():
-    fibres = mikado_network(40, seed=1)
+    fibres = fibre_network("mikado", 40, seed=1)
     L = fibres.bond_vectors(fibres.positions)
     again = network_from(fibres)
     assert "crossing" not in str(again)

@@ -17,8 +17,7 @@ from critflow import (
     InputError,
     Network,
     critical_from_lengths,
-    diamond_network,
-    honeycomb_network,
+    lattice,
     network_from,
     voronoi_network,
     write_network,
@@ -44,7 +43,7 @@ def sheared_network():
 NETWORKS = {
     "voronoi": voronoi_network(n_vertices=64, seed=1).with_stiffness(np.linspace(1, 3, 96)),
     "sheared": sheared_network(),
-    "diamond": diamond_network(3, 3, 3),
+    "diamond": lattice("diamond", 3, 3, 3),
     "pinned": pinned_network(),
 }
 EXACT = ("csv", "tsv", "graphml", "gml", "json", "data", "vtu", "compas")
@@ -207,7 +206,7 @@ def test_edges_that_are_no_nearest_images_are_refused_by_formats_of_particles(tm
 
 def test_ase_atoms_with_a_neighbour_list():
     ase = pytest.importorskip("ase")
-    network = honeycomb_network(4, 4)
+    network = lattice("honeycomb", 4, 4)
     cell = np.zeros((3, 3))
     cell[:2, :2], cell[2, 2] = network.cell, 20
     atoms = ase.Atoms(
@@ -227,7 +226,7 @@ def test_ase_atoms_with_a_neighbour_list():
 
 def test_gsd_of_hoomd(tmp_path):
     hoomd = pytest.importorskip("gsd.hoomd")
-    network = honeycomb_network(6, 6)
+    network = lattice("honeycomb", 6, 6)
     frame = hoomd.Frame()
     cell = network.cell
     frame.configuration.box = [cell[0, 0], cell[1, 1], 0, cell[1, 0] / cell[1, 1], 0, 0]

@@ -12,7 +12,7 @@ from critflow import (
     Network,
     NetworkError,
     critical_from_lengths,
-    honeycomb_network,
+    lattice,
     network_from,
     stiffening,
     strain_path,
@@ -23,7 +23,7 @@ from critflow import (
 from critflow.exchange.data import NetworkData
 from critflow.exchange.repair import in_its_plane
 
-HONEYCOMB = honeycomb_network(4, 4)
+HONEYCOMB = lattice("honeycomb", 4, 4)
 E, X, O, C = HONEYCOMB.edges, HONEYCOMB.positions, HONEYCOMB.offsets, HONEYCOMB.cell
 N = len(X)
 ARRAYS = {"edges": E, "positions": X, "offsets": O, "cell": C}
@@ -104,7 +104,7 @@ def test_offsets_that_contradict_positions_are_refused():
         network_from(edges=network.edges, positions=network.positions, offsets=wrong, cell=network.cell)
 
 
-@pytest.mark.parametrize("make", [lambda: voronoi_network(n_vertices=64, seed=3), lambda: honeycomb_network(2, 2)])
+@pytest.mark.parametrize("make", [lambda: voronoi_network(n_vertices=64, seed=3), lambda: lattice("honeycomb", 2, 2)])
 def test_a_few_edges_longer_than_the_cell_are_kept_with_a_sentence(tmp_path, make):
     network = make()
     offsets = network.offsets.copy()
@@ -121,7 +121,7 @@ def test_a_few_edges_longer_than_the_cell_are_kept_with_a_sentence(tmp_path, mak
 
 def test_reversed_offsets_of_a_narrow_cell_are_turned_on_every_edge():
     # Across its width no edge is longer than the diagonal, so that lengths show the mistake on two edges of 32 only.
-    network = honeycomb_network(30, 2)
+    network = lattice("honeycomb", 30, 2)
     source = {"edges": network.edges, "positions": network.positions, "cell": network.cell}
     read = network_from(**source, offsets=-network.offsets)
     assert "reversed" in str(read) and read.repaired

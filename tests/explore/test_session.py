@@ -169,7 +169,7 @@ def test_sources_refuse_what_they_cannot_show(tmp_path):
 
 
 def test_a_network_in_space_is_referred_to_its_picture(tmp_path):
-    network = critflow.cubic_network(2, 2, 2)
+    network = critflow.lattice("cubic", 2, 2, 2)
     critflow.write_network(network, tmp_path / "cube.json", network.positions)
     with pytest.raises(CritflowError, match="draw"):
         Session(File(tmp_path / "cube.json"))

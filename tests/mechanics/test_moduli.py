@@ -35,7 +35,7 @@ from critflow import (
     elastic_moduli,
     equilibrium,
     fit_stiffening,
-    honeycomb_network,
+    lattice,
     linear_response,
     optimize,
     spring_state,
@@ -223,7 +223,7 @@ def test_large_overconstrained_networks_have_moduli():
 
 
 def test_honeycomb_at_rest_is_critical():
-    network = honeycomb_network(4, 4)
+    network = lattice("honeycomb", 4, 4)
     solution = elastic_moduli(network, network.positions)
     assert solution.status is Status.ok
     critical = CriticalManifold(network).configuration(np.ones(48))

@@ -17,7 +17,7 @@ from critflow import (
     critical_from_perimeters,
     elastic_moduli,
     equilibrium,
-    honeycomb_network,
+    lattice,
     linear_response,
     perimeter_moduli,
     perimeter_state,
@@ -170,7 +170,7 @@ def test_cells_of_one_edge_each_are_springs(name):
 
 @pytest.mark.parametrize("columns, rows, k", [(3, 4, 1.0), (4, 4, 2.5)])
 def test_transition_of_regular_hexagons(columns, rows, k):
-    network = honeycomb_network(columns, rows)
+    network = lattice("honeycomb", columns, rows)
     n_cells = network.faces.n_faces
     solution = critical_from_perimeters(cells_of(network, k), np.full(n_cells, 2.0))
     assert solution.status is Status.ok

@@ -32,7 +32,7 @@ from critflow import (
     critical_from_lengths,
     equilibrium,
     foam_network,
-    honeycomb_network,
+    lattice,
     spring_state,
     stiffening,
     strain_path,
@@ -250,7 +250,7 @@ def test_free_cell_in_space_has_no_stress():
 @pytest.mark.parametrize("gamma", [0.01, 0.1, 0.3])
 def test_honeycomb_from_its_transition(gamma):
     # Uniform: two vertices a cell; the energy of three edges, minimal over the one relative position.
-    network = honeycomb_network(2, 2)
+    network = lattice("honeycomb", 2, 2)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     for deformation in ("dilation", "simple_shear", "pure_shear", "uniaxial"):
         path = strain_path(network, critical, [gamma], deformation=deformation).value

@@ -16,7 +16,7 @@ from critflow import (
     SolveError,
     Status,
     critical_from_lengths,
-    honeycomb_network,
+    lattice,
     optimize,
     three_bar_linkage,
     transition_bounds,
@@ -28,7 +28,7 @@ from critflow.precision.refinement import Refinement
 from workflows.benchmarks import reference
 
 NETWORK = voronoi_network(12, seed=1)
-PLAIN = honeycomb_network(2, 2)
+PLAIN = lattice("honeycomb", 2, 2)
 
 
 def wide(p: float, seed: int, network: Network = NETWORK, signed: bool = False) -> np.ndarray:

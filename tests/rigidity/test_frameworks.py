@@ -19,12 +19,12 @@ from frameworks import (
     twisted_kagome,
 )
 
-from critflow import Network, Status, kagome_network, second_order_rigidity, signed_stress, stability
+from critflow import Network, Status, lattice, second_order_rigidity, signed_stress, stability
 from critflow.critical.manifold import critical_configuration
 
 
 def kagome(columns):
-    network = kagome_network(columns, columns)
+    network = lattice("kagome", columns, columns)
     return network, network.positions
 
 

@@ -9,7 +9,7 @@ from critflow import (
     InputError,
     Network,
     Status,
-    honeycomb_network,
+    lattice,
     second_order_rigidity,
     three_bar_linkage,
     voronoi_network,
@@ -150,10 +150,10 @@ def test_triangle_of_legs_is_first_order_rigid():
 
 def test_lattices():
     assert decide(*triangular_lattice(4, 4), "first order").value.counts.n_self_stresses == 18
-    honeycomb = honeycomb_network(4, 3)
+    honeycomb = lattice("honeycomb", 4, 3)
     decide(honeycomb, honeycomb.positions, "prestress")
     # More than 400 edges are counted and tested by sparse matrices alone.
-    honeycomb = honeycomb_network(12, 12)
+    honeycomb = lattice("honeycomb", 12, 12)
     decide(honeycomb, honeycomb.positions, "prestress")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow import StudyError, bulk_modulus_bound, triangular_network, voronoi_network, write_network
+from critflow import StudyError, bulk_modulus_bound, lattice, voronoi_network, write_network
 from critflow.cli import main
 from critflow.workflow.load import load_study
 from critflow.workflow.plan import select
@@ -82,7 +82,7 @@ def test_the_failure_map_of_a_file(monkeypatch, tmp_path):
     ],
 )
 def test_a_network_that_does_not_fit_is_one_sentence(network, word, capsys):
-    write_network(triangular_network(3, 3), "stiff.csv")
+    write_network(lattice("triangular", 3, 3), "stiff.csv")
     for name, edges in (("patch", "0,1\n1,2\n"), ("loop", "0,1\n1,2\n1,1\n")):
         with open(f"{name}_edges.csv", "w") as table:
             table.write("tail,head\n" + edges)

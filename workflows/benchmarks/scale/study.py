@@ -18,7 +18,7 @@ from critflow import (
     random_sequential_addition,
     stiffening,
     transition_moduli,
-    voronoi_of,
+    voronoi_network,
 )
 from critflow.critical.manifold import CriticalManifold, critical_configuration
 from critflow.critical.objectives import LengthVariance
@@ -80,7 +80,7 @@ def case(parameters, *, n_vertices, seed):
     clock = _Clock(parameters["least_time"])
     n_cells = n_vertices // 2
     points = clock("points", _points, n_cells, seed)
-    network = clock("tessellation", voronoi_of, points, np.sqrt(n_vertices))
+    network = clock("tessellation", voronoi_network, None, 0, 0.0, None, points)
     del points
 
     manifold = clock("analysis", CriticalManifold, network)
