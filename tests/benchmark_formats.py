@@ -19,8 +19,7 @@ from critflow import EnvironmentFailure, network_from, voronoi_network, write_ne
 from critflow.exchange.formats import FORMATS
 
 N_VERTICES = 66_668
-# Periodic networks have no COMPAS form.
-ENDINGS = [ending for known in FORMATS if known.write for ending in known.endings if ending != ".compas"]
+ENDINGS = [ending for known in FORMATS if known.write for ending in known.endings]
 
 
 def seconds(function, *arguments, **named):

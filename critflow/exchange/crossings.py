@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
 
 # Parts of an edge next to its ends in which it meets others without crossing them.
 _ENDS = 1e-9
-# Squares of the grid along the longest edge.
-_MOST_SQUARES = 64
-# Pairs of edges compared at once, which limits memory.
-_BLOCK = 2_000_000
+# Pieces of the longest edge, at most, when neighbours are looked for.
+_MOST_PIECES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +48,8 @@ def crossings_of(data: NetworkData) -> Crossings:
     return Crossings(both[kept].astype(np.int64), parts[kept])
 
 
-def split(data: NetworkData, found: Crossings) -> tuple[NetworkData, IntArray]:
-    """The data with a vertex at each crossing, and the old edge of each part of an edge.
+def split(data: NetworkData, found: Crossings) -> NetworkData:
+    """The record with a vertex at each crossing.
 
     A part f of a spring has the stiffness k/f, the rest length f ℓ and the force density σ/f.
     """
@@ -72,18 +71,19 @@ def split(data: NetworkData, found: Crossings) -> tuple[NetworkData, IntArray]:
     if data.cell is not None:
         apart = f[:, None] * L[owner] - (positions[edges[:, 1]] - positions[edges[:, 0]])
         offsets = np.round(apart @ np.linalg.inv(data.cell)).astype(np.int64)
-    divided = replace(
-        data,
+    whole = data.with_edges(owner)
+    return replace(
+        whole,
         edges=edges,
         positions=positions,
         offsets=offsets,
         bond_vectors=None,
-        stiffness=(np.ones(m) if data.stiffness is None else data.stiffness)[owner] / f,
-        rest_lengths=None if data.rest_lengths is None else data.rest_lengths[owner] * f,
-        force_densities=None if data.force_densities is None else data.force_densities[owner] / f,
+        stiffness=(np.ones(len(f)) if whole.stiffness is None else whole.stiffness) / f,
+        rest_lengths=None if whole.rest_lengths is None else whole.rest_lengths * f,
+        force_densities=None if whole.force_densities is None else whole.force_densities / f,
         ids=(*data.ids, *(f"crossing {k}" for k in range(len(places)))) if data.ids else (),
+        vertex_numbers=np.append(np.asarray(data.vertex_numbers), np.full(len(places), -1)),
     )
-    return divided, owner
 
 
 def _images(start: Array, L: Array, cell: Array) -> tuple[IntArray, Array]:
@@ -102,32 +102,18 @@ def _images(start: Array, L: Array, cell: Array) -> tuple[IntArray, Array]:
 
 
 def _near(start: Array, L: Array, n: int) -> IntArray:
-    """Pairs of one of the first n segments and one of the others that share a square of a grid."""
-    extent = np.abs(L).max(axis=1)
-    size = max(2.0 * float(np.median(extent)), float(extent.max()) / _MOST_SQUARES) or 1.0
-    low = np.floor((np.minimum(start, start + L) - start.min(axis=0)) / size).astype(np.int64)
-    high = np.floor((np.maximum(start, start + L) - start.min(axis=0)) / size).astype(np.int64)
-    wide, tall = (high - low + 1).T
-    count = wide * tall
+    """Pairs, sorted, of one of the first n segments and one of the others that have pieces near each other."""
+    length = np.linalg.norm(L, axis=1)
+    size = max(float(np.median(length)), float(length.max()) / _MOST_PIECES) or 1.0
+    # Pieces that meet are shorter than this size, and so are the distances of their middles.
+    count = np.maximum(1, np.ceil(length / size)).astype(int)
     segment = np.repeat(np.arange(len(L)), count)
     within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    column, row = low[segment, 0] + within % wide[segment], low[segment, 1] + within // wide[segment]
-    height = int(high[:, 1].max()) + 1
-    square = column * height + row
-    ours, theirs = segment < n, segment >= n
-    order = np.argsort(square[theirs], kind="stable")
-    sorted_squares, others = square[theirs][order], segment[theirs][order]
-    first, last = (np.searchsorted(sorted_squares, square[ours], side) for side in ("left", "right"))
-    pairs, members = [], segment[ours]
-    total = np.cumsum(last - first)
-    for block in np.split(np.arange(len(members)), np.searchsorted(total, np.arange(_BLOCK, total[-1], _BLOCK))):
-        number = (last - first)[block]
-        inner = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
-        both = np.stack([np.repeat(members[block], number), others[np.repeat(first[block], number) + inner]], axis=1)
-        # Of several squares that two share, the one where both boxes have begun.
-        corner = np.maximum(low[both[:, 0]], low[both[:, 1]])
-        pairs.append(both[corner[:, 0] * height + corner[:, 1] == np.repeat(square[ours][block], number)])
-    return np.concatenate(pairs)
+    middle = start[segment] + ((within + 0.5) / count[segment])[:, None] * L[segment]
+    first = int(count[:n].sum())
+    near = KDTree(middle[:first]).sparse_distance_matrix(KDTree(middle[first:]), 1.001 * size, output_type="ndarray")
+    pairs = np.unique(segment[near["i"]] * len(L) + segment[first + near["j"]])
+    return np.stack(np.divmod(pairs, len(L)), axis=1)
 
 
 def _parts(a: Array, u: Array, b: Array, v: Array) -> Array:

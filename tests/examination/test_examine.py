@@ -181,15 +181,12 @@ def test_commands(tmp_path, capsys):
         (["convert", "missing.csv", "h.svg"], "no file"),
         (["make", "h.csv", "--out", "m.svg", "--objective", "colour"], "objective"),
         (["convert", "h.csv", "h.svg", "--cell", "wide"], "numbers"),
-        (["convert", "h.csv", "h.compas"], "cell"),
         (["convert", "h.csv", "nowhere/h.json"], "folder"),
         (["convert", ".", "h.json"], "folder"),
         (["convert", "h.csv", "h.svg", "--copies", "100000"], "fewer copies"),
     ],
 )
 def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, word):
-    if words[-1].endswith(".compas"):
-        pytest.importorskip("compas")
     write_network(lattice("honeycomb", 4, 4), tmp_path / "h.csv")
     monkeypatch.chdir(tmp_path)
     assert main(words) == 2
@@ -221,7 +218,8 @@ def test_the_command_makes_a_network_with_targets(tmp_path, capsys):
         (["make", "h.csv", "--out", "m.gml"], 6, "networkx"),
         (["make", "h.csv", "--out", "m.doc"], 2, "ending"),
         (["make", "h.csv", "--out", "nowhere/m.csv"], 2, "folder"),
-        (["make", "h.csv", "--out", "m.compas"], 6, "compas"),
+        (["make", "h.csv", "--out", "m.stl"], 6, "critflow[solids]"),
+        (["make", "h.csv", "--out", "m.json"], 6, "networkx"),
         (["make", "d.csv", "--out", "m.svg"], 2, "two-dimensional"),
         (["make", "h.csv", "--out", "m.csv", "--picture", "m.doc"], 2, "picture"),
         (["make", "h.csv", "--out", "m.graphml", "--target", "B_0=0.2"], 6, "networkx"),

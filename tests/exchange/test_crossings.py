@@ -15,7 +15,8 @@ def random_data(seed, cell):
     edges = rng.integers(0, 8, (12, 2))
     edges = edges[edges[:, 0] != edges[:, 1]]
     offsets = None if cell is None else rng.integers(-1, 2, edges.shape)
-    return NetworkData(edges, rng.random((8, 2)) * 3 - 1, cell=cell, offsets=offsets, stiffness=np.ones(len(edges)))
+    numbers = {"edge_numbers": np.arange(len(edges)), "vertex_numbers": np.arange(8)}
+    return NetworkData(edges, rng.random((8, 2)) * 3 - 1, cell, offsets, stiffness=np.ones(len(edges)), **numbers)
 
 
 def by_pairs(data):
@@ -39,7 +40,8 @@ def test_crossings_are_those_of_all_pairs(cell):
     data = random_data(7, cell)
     found = crossings_of(data)
     assert sorted(map(tuple, found.pairs.tolist())) == by_pairs(data)
-    divided, owner = split(data, found)
+    divided = split(data, found)
+    owner = divided.edge_numbers
     assert not len(crossings_of(divided).pairs)
     # Parts add up to their edge, and their springs in series to its spring.
     total = np.zeros((data.n_edges, 2))
