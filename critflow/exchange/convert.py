@@ -135,19 +135,20 @@ def _state(
     thing: Any, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None, force_densities: ArrayLike | None
 ) -> NetworkData:
     """The record of a network, or of a configuration or state with the values that are not given."""
-    if isinstance(thing, ImportedNetwork):
-        rest_lengths = thing.rest_lengths if rest_lengths is None else rest_lengths
-        force_densities = thing.force_densities if force_densities is None else force_densities
-    thing = thing.value if isinstance(thing, Solution) else thing
-    if isinstance(thing, Network):
-        return data_of(thing, coordinates, rest_lengths, force_densities)
-    if not isinstance(getattr(thing, "network", None), Network) or not hasattr(thing, "coordinates"):
+    thing = thing.value if isinstance(thing, Solution) and not isinstance(thing, ImportedNetwork) else thing
+    network = thing if isinstance(thing, Network) else getattr(thing, "network", None)
+    if not isinstance(network, Network):
         raise InputError(f"{shown(thing)} cannot be written: give a network, a configuration or a state")
-    if rest_lengths is None:
-        rest_lengths = getattr(thing, "rest_lengths", getattr(thing, "lengths", None))
-    force_densities = getattr(thing, "sigma", None) if force_densities is None else force_densities
+
+    def known(value: ArrayLike | None, *names: str) -> ArrayLike | None:
+        """A value, or the first of these attributes that the thing has."""
+        return next((v for v in (value, *(getattr(thing, name, None) for name in names)) if v is not None), None)
+
     return data_of(
-        thing.network, thing.coordinates if coordinates is None else coordinates, rest_lengths, force_densities
+        network,
+        known(coordinates, "coordinates"),
+        known(rest_lengths, "rest_lengths", "lengths"),
+        known(force_densities, "force_densities", "sigma"),
     )
 
 
@@ -163,37 +164,35 @@ def _record(source: Any, given: dict[str, Any]) -> NetworkData:
         return _overridden(_state(source, given.pop("positions", None), None, None), given)
     known = format_of_object(source)
     assert known.convert is not None
-    with _sentences(shown(source), "a network"):
+    with _one_sentence(shown(source), "a network"):
         data = known.convert(source, **{key: given.pop(key) for key in known.keywords if key in given})
         return _overridden(data, given)
-
-
-@contextmanager
-def _sentences(source: object, kind: str) -> Iterator[None]:
-    """Errors of readers and of their libraries as `InputError`, with the name of the source."""
-    try:
-        yield
-    except UnicodeDecodeError:
-        raise InputError(f"{source} is not a text file: check its name") from None
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
-        if isinstance(error, CritflowError):
-            raise
-        raise InputError(f"{source} cannot be read as {kind}: {error}") from error
 
 
 def _read(path: Path) -> NetworkData:
     known = readable_format(path)
     assert known.read is not None
-    if known.name != "tables" and not path.is_file():
-        raise InputError(f"there is no file {path}: check its name")
+    with _one_sentence(path, known.name):
+        return known.read(path)
+
+
+@contextmanager
+def _one_sentence(source: object, kind: str) -> Iterator[None]:
+    """Errors of readers and their libraries, of any class, as `InputError` with the name of the source."""
     try:
-        with _sentences(path, known.name):
-            return known.read(path)
+        yield
+    except CritflowError:
+        raise
     except FileNotFoundError as missing:
         raise InputError(
-            f"there is no file {missing.filename}: the tables of a network are NAME_edges{path.suffix} and "
-            f"NAME_vertices{path.suffix}"
+            f"there is no file {missing.filename or source}: check its name; the tables of NAME.csv are NAME_edges.csv "
+            "and NAME_vertices.csv"
         ) from None
+    except UnicodeDecodeError:
+        raise InputError(f"{source} is not a text file: check its name") from None
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{source} cannot be read as {kind}: {reason:.300}") from error
 
 
 def _from_keywords(given: dict[str, Any]) -> NetworkData:
@@ -203,10 +202,8 @@ def _from_keywords(given: dict[str, Any]) -> NetworkData:
     value, pixel = given.pop(kind), given.pop("pixel", 1.0)
     if not isinstance(pixel, int | float) or not 0 < pixel < np.inf:
         raise InputError(f"pixel must be a positive size, not {shown(pixel)}")
-    if kind == "picture":
-        return _overridden(from_skeleton(value, pixel), given)
-    if kind == "labels":
-        return _overridden(from_labels(value, pixel), given)
+    if kind in ("picture", "labels"):
+        return _overridden((from_skeleton if kind == "picture" else from_labels)(value, pixel), given)
     if "positions" not in given:
         raise InputError(f"{kind}= needs positions=, one row for each vertex")
     positions = floats(given.pop("positions"), "positions")
@@ -221,16 +218,13 @@ def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
     unknown = set(given) - set(known)
     if unknown:
         raise InputError(f"this source takes no keyword {sorted(unknown)[0]!r}: choose from {', '.join(known)}")
-    values: dict[str, Any] = {}
-    for name, value in given.items():
-        if value is None:
-            continue
-        array: Any = integers(value, name) if name == "offsets" else floats(value, name)
-        if name == "stiffness" and array.ndim == 0:
-            array = np.full(data.n_edges, float(array))
-        if array.shape[:1] != (data.n_edges,):
-            raise InputError(f"{name} must have one row for each of the {data.n_edges} edges, not shape {array.shape}")
-        values[name] = array
+    values: dict[str, Any] = {
+        name: (integers if name == "offsets" else floats)(value, name)
+        for name, value in given.items()
+        if value is not None
+    }
+    if "stiffness" in values and values["stiffness"].ndim == 0:
+        values["stiffness"] = np.full(data.n_edges, float(values["stiffness"]))
     return replace(data, **values)
 
 

@@ -47,15 +47,14 @@ def from_graph(graph: Any, positions: Any = None) -> NetworkData:
         [[index[b], index[a]] if flip else [index[a], index[b]] for (a, b, _), flip in zip(rows, turned, strict=True)]
     )
     attributes = [data for _, _, data in rows]
-    values: dict[str, Any] = {name: _edge_values(attributes, names) for name, names in EDGE_VALUES.items()}
-    cell = graph.graph.get("cell")
-    offsets, bonds = (_edge_vectors(attributes, name) for name in ("offset", "bond_vector"))
+    values: dict[str, Any] = {name: _column(attributes, names) for name, names in EDGE_VALUES.items()}
+    cell, offsets = graph.graph.get("cell"), _column(attributes, ("offset",))
     return NetworkData(
         edges=edges,
         positions=x,
         cell=None if cell is None else np.array(_parsed(cell), dtype=float),
         offsets=None if offsets is None else np.round(offsets).astype(np.int64),
-        bond_vectors=bonds,
+        bond_vectors=_column(attributes, ("bond_vector",)),
         pins=tuple(n for n, node in enumerate(nodes) if _true(graph.nodes[node].get("fixed", False))),
         ids=tuple(map(str, nodes)),
         source="graph",
@@ -84,16 +83,11 @@ def to_graph(data: NetworkData) -> Any:
 
 def read_graph(path: Path) -> NetworkData:
     """GraphML, GML, or JSON in node-link or adjacency form."""
-    networkx = optional("networkx")
-    try:
-        if path.suffix.lower() == ".gml":
-            graph = networkx.read_gml(path, label="id")
-        elif path.suffix.lower() == ".graphml":
-            graph = networkx.read_graphml(path)
-        else:
-            graph = _from_json(json.loads(path.read_text(encoding="utf-8")))
-    except (networkx.NetworkXException, ValueError, KeyError, TypeError, SyntaxError) as error:
-        raise InputError(f"{path} cannot be read as a graph: {error}") from None
+    networkx, ending = optional("networkx"), path.suffix.lower()
+    if ending == ".json":
+        graph = _from_json(json.loads(path.read_text(encoding="utf-8")))
+    else:
+        graph = networkx.read_gml(path, label="id") if ending == ".gml" else networkx.read_graphml(path)
     return replace(from_graph(graph), source=f"graph {path.name}")
 
 
@@ -159,15 +153,10 @@ def _position(graph: Any, node: Any, positions: Mapping[Any, Any] | None) -> Any
     raise InputError(f"node {node!r} has no position: give an attribute pos, or x and y, or positions={{node: ...}}")
 
 
-def _edge_values(rows: list[Mapping[str, Any]], names: tuple[str, ...]) -> Array | None:
+def _column(rows: list[Mapping[str, Any]], names: tuple[str, ...]) -> Array | None:
+    """The first of these attributes that all edges have."""
     name = next((name for name in names if all(name in row for row in rows)), None)
-    return None if name is None else floats([row[name] for row in rows], f"the edge attribute {name}")
-
-
-def _edge_vectors(rows: list[Mapping[str, Any]], name: str) -> Array | None:
-    if not all(name in row for row in rows):
-        return None
-    return np.array([_parsed(row[name]) for row in rows], dtype=float)
+    return None if name is None else floats([_parsed(row[name]) for row in rows], f"the edge attribute {name}")
 
 
 def _parsed(value: Any) -> Any:

@@ -63,8 +63,6 @@ def read_mesh(path: Path) -> NetworkData:
     except SystemExit:
         reason = " ".join(reasons.getvalue().split()).removeprefix("Error: ")
         raise InputError(f"{path} cannot be read as a mesh: {reason or 'its content is broken'}") from None
-    except (meshio.ReadError, OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path} cannot be read as a mesh: {error}") from None
     except ModuleNotFoundError as missing:
         raise EnvironmentFailure(
             f"{path.suffix} files need the package {missing.name}, which is not installed: pip install {missing.name}"

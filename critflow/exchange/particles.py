@@ -24,10 +24,7 @@ def read_lammps(path: Path, periodic: bool = True) -> NetworkData:
     Harmonic `Bond Coeffs` are not in the record of lammpsio; they are read from the text: K (r − r0)², so k = 2 K.
     """
     lammpsio = optional("lammpsio")
-    try:
-        snapshot = lammpsio.DataFile(str(path)).read()
-    except (OSError, ValueError, IndexError, KeyError) as error:
-        raise InputError(f"{path} cannot be read as a LAMMPS data file: {error}") from None
+    snapshot = lammpsio.DataFile(str(path)).read()
     if not snapshot.has_bonds():
         raise InputError(f"{path} has no Bonds section: write the data file with bonds")
     ids = np.arange(1, snapshot.N + 1) if not snapshot.has_id() else snapshot.id
@@ -150,11 +147,8 @@ def _require_nearest(data: NetworkData) -> None:
 def read_gsd(path: Path) -> NetworkData:
     """The last frame of a GSD file with bonds, which join nearest images; box (lx, ly, lz, xy, xz, yz)."""
     hoomd = optional("gsd.hoomd")
-    try:
-        with hoomd.open(str(path), "r") as trajectory:
-            frame = trajectory[-1]
-    except (OSError, RuntimeError, IndexError) as error:
-        raise InputError(f"{path} cannot be read as a GSD file: {error}") from None
+    with hoomd.open(str(path), "r") as trajectory:
+        frame = trajectory[-1]
     if not frame.bonds.N:
         raise InputError(f"{path} has no bonds: write them with the particles")
     lx, ly, lz, xy, xz, yz = (float(value) for value in frame.configuration.box)

@@ -102,11 +102,12 @@ def _paths(path: Path) -> tuple[Path, Path]:
 def _table(path: Path) -> Any:
     """The data frame of a table of text, with its header in lower case; without a header the columns are numbered."""
     pandas = import_module("pandas")
-    lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.split("#")[0].strip()]
-    if not lines:
+    lines = [line.strip(" ") for line in path.read_text(encoding="utf-8-sig").splitlines()]
+    first_line = next((line for line in lines if line and not line.startswith("#")), None)
+    if first_line is None:
         raise InputError(f"{path} is an empty table: give one row per vertex or edge")
     # The detection of pandas fails for aligned columns; a comma beside another mark is that of decimals.
-    mark = next((mark for mark in (";", "\t", ",") if mark in lines[0]), r"\s+")
+    mark = next((mark for mark in (";", "\t", ",") if mark in first_line), r"\s+")
     text = StringIO("\n".join(lines))
     try:
         table = pandas.read_csv(text, sep=mark, header=None, comment="#", dtype=str, keep_default_na=False)

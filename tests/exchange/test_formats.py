@@ -319,7 +319,7 @@ def test_a_broken_graph_is_one_sentence(graph, given, word):
         ("x,y\n", "tail,head\n0,1\n", "no rows"),
         ("", "tail,head\n0,1\n", "empty"),
         ("x,y\n0,0\n1\n", "tail,head\n0,1\n", "row 2"),
-        ("x,y\n0,0\n1,2,3\n", "tail,head\n0,1\n", "columns"),
+        ("x,y\n0,0\n1,2,3\n", "tail,head\n0,1\n", "t_vertices.* 2 fields in line 3"),
         ("x,y\n0,0\n1,one\n", "tail,head\n0,1\n", "row 2 .*'one'"),
         ("x,y\n0,0\n1_0,0\n", "tail,head\n0,1\n", "1_0"),
         ("x,y\n0,0\n٢,0\n", "tail,head\n0,1\n", "٢"),
