@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -29,23 +28,20 @@ class Crossings:
 
 
 def crossings_of(data: NetworkData) -> Crossings:
-    """All crossings of the edges of a planar network, with those of periodic images."""
+    """All crossings of the edges of a planar network, with those of periodic images, sorted by the edges.
+
+    An edge is parallel to its own images, and crosses none of them.
+    """
     start, L = data.positions[data.edges[:, 0]], bond_vectors_of(data)
-    n = len(L)
-    owner, at = np.arange(n), start
-    if data.cell is not None:
-        inverse = np.linalg.inv(data.cell)
-        fraction = start @ inverse
-        start = (fraction - np.floor(fraction)) @ data.cell
-        owner, at = _images(start, L, data.cell)
-    pairs = _near(np.concatenate([start, at]), np.concatenate([L, L[owner]]), n)
-    first, second = pairs[:, 0], owner[pairs[:, 1] - n]
-    parts = _parts(start[first], L[first], at[pairs[:, 1] - n], L[second])
-    inside = ((parts > _ENDS) & (parts < 1 - _ENDS)).all(axis=1) & (first <= second)
-    both, parts = np.stack([first, second], axis=1)[inside], parts[inside]
-    # An edge that crosses an image of itself does so in two images, of which one is kept.
-    kept = (both[:, 0] < both[:, 1]) | (parts[:, 0] < parts[:, 1])
-    return Crossings(both[kept].astype(np.int64), parts[kept])
+    # A free network is periodic in a cell that is much larger.
+    cell = (
+        data.cell if data.cell is not None else 4 * float(np.abs(np.stack([start, start + L])).max() or 1) * np.eye(2)
+    )
+    pairs, shifts = _near(start, L, cell)
+    first, second = pairs.T
+    parts = _parts(start[first], L[first], start[second] + shifts @ cell, L[second])
+    inside = ((parts > _ENDS) & (parts < 1 - _ENDS)).all(axis=1)
+    return Crossings(pairs[inside], parts[inside])
 
 
 def split(data: NetworkData, found: Crossings) -> NetworkData:
@@ -86,34 +82,21 @@ def split(data: NetworkData, found: Crossings) -> NetworkData:
     )
 
 
-def _images(start: Array, L: Array, cell: Array) -> tuple[IntArray, Array]:
-    """Owner and start of all images of the edges that may meet edges which start in the cell."""
-    low, high = np.minimum(start, start + L), np.maximum(start, start + L)
-    bottom, top = low.min(axis=0), high.max(axis=0)
-    # Both edges of a pair may leave the cell, in opposite directions.
-    reach = 1 + int(np.ceil(2 * np.abs(L @ np.linalg.inv(cell)).max()))
-    owners, starts = [], []
-    for image in product(range(-reach, reach + 1), repeat=2):
-        shift = np.array(image) @ cell
-        meeting = np.flatnonzero(((high + shift >= bottom) & (low + shift <= top)).all(axis=1))
-        owners.append(meeting)
-        starts.append(start[meeting] + shift)
-    return np.concatenate(owners), np.concatenate(starts)
-
-
-def _near(start: Array, L: Array, n: int) -> IntArray:
-    """Pairs, sorted, of one of the first n segments and one of the others that have pieces near each other."""
-    length = np.linalg.norm(L, axis=1)
-    size = max(float(np.median(length)), float(length.max()) / _MOST_PIECES) or 1.0
-    # Pieces that meet are shorter than this size, and so are the distances of their middles.
+def _near(start: Array, L: Array, cell: Array) -> tuple[IntArray, IntArray]:
+    """Pairs (n, 2) of different edges with pieces near each other, and the cell (n, 2) of the second edge."""
+    inverse, length = np.linalg.inv(cell), np.linalg.norm(L, axis=1)
+    # Pieces of this size that meet are nearest images: their middles differ by less than half a cell vector.
+    size = min(max(np.median(length), length.max() / _MOST_PIECES) or 1.0, 0.25 / np.linalg.norm(inverse, 2))
     count = np.maximum(1, np.ceil(length / size)).astype(int)
-    segment = np.repeat(np.arange(len(L)), count)
+    edge = np.repeat(np.arange(len(L)), count)
     within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    middle = start[segment] + ((within + 0.5) / count[segment])[:, None] * L[segment]
-    first = int(count[:n].sum())
-    near = KDTree(middle[:first]).sparse_distance_matrix(KDTree(middle[first:]), 1.001 * size, output_type="ndarray")
-    pairs = np.unique(segment[near["i"]] * len(L) + segment[first + near["j"]])
-    return np.stack(np.divmod(pairs, len(L)), axis=1)
+    middle = (start[edge] + ((within + 0.5) / count[edge])[:, None] * L[edge]) @ inverse
+    tree = KDTree(middle - np.floor(middle), boxsize=1 + 1e-15)
+    a, b = tree.query_pairs(1.001 * size * np.linalg.norm(inverse, 2), output_type="ndarray").T
+    a, b = np.where(edge[a] < edge[b], (a, b), (b, a))
+    rows = np.column_stack([edge[a], edge[b], np.round(middle[a] - middle[b]).astype(np.int64)])
+    rows = np.unique(rows[edge[a] != edge[b]], axis=0)
+    return rows[:, :2], rows[:, 2:]
 
 
 def _parts(a: Array, u: Array, b: Array, v: Array) -> Array:

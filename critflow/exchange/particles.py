@@ -211,7 +211,7 @@ def from_atoms(
         first, second, shift = optional("ase.neighborlist").neighbor_list("ijS", atoms, cutoff)
         edges, offsets = np.stack([first, second], axis=1), shift
     if edges is None:
-        edges = _bonds_of_atoms(atoms)
+        raise InputError("the atoms have no bonds: give edges= (and offsets=, the cell shifts S), or cutoff=")
     periodic = np.asarray(atoms.get_pbc())
     pairs = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
     x = np.asarray(atoms.get_positions(), dtype=float)
@@ -226,17 +226,3 @@ def from_atoms(
         offsets=None if offsets is None or not periodic.any() else np.asarray(offsets, dtype=np.int64),
         source="ASE atoms",
     )
-
-
-def _bonds_of_atoms(atoms: Any) -> Array:
-    """Bonds as ASE's reader of LAMMPS data stores them: "3(1),4(2)" is a list of partners with their types."""
-    texts = atoms.arrays.get("bonds")
-    if texts is None:
-        raise InputError("the atoms have no bonds: give edges= (and offsets=, the cell shifts S), or cutoff=")
-    pairs = [
-        (n, int(word.split("(")[0]))
-        for n, text in enumerate(texts)
-        for word in str(text).split(",")
-        if word not in ("_", "")
-    ]
-    return np.array(pairs)

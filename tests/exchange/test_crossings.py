@@ -12,7 +12,7 @@ CELL = np.array([[1.5, 0.2], [0.4, 1.3]])
 
 def random_data(seed, cell):
     rng = np.random.default_rng(seed)
-    edges = rng.integers(0, 8, (12, 2))
+    edges = rng.integers(0, 8, (6 + 6 * seed, 2))
     edges = edges[edges[:, 0] != edges[:, 1]]
     offsets = None if cell is None else rng.integers(-1, 2, edges.shape)
     numbers = {"edge_numbers": np.arange(len(edges)), "vertex_numbers": np.arange(8)}
@@ -35,9 +35,10 @@ def by_pairs(data):
     return sorted(found)
 
 
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("cell", [None, CELL], ids=["free", "periodic"])
-def test_crossings_are_those_of_all_pairs(cell):
-    data = random_data(7, cell)
+def test_crossings_are_those_of_all_pairs(seed, cell):
+    data = random_data(seed, cell)
     found = crossings_of(data)
     assert sorted(map(tuple, found.pairs.tolist())) == by_pairs(data)
     divided = split(data, found)
