@@ -391,16 +391,6 @@ def test_drawings_have_the_requested_size(tmp_path):
     assert sum((line.dxf.end - line.dxf.start).magnitude for line in lines) == pytest.approx(total, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["voronoi", "diamond"])
-def test_solids_are_watertight_and_have_the_requested_size(tmp_path, name):
-    trimesh = pytest.importorskip("trimesh")
-    write_network(NETWORKS[name], tmp_path / "n.stl", size=80.0, radius=0.7)
-    solid = trimesh.load(tmp_path / "n.stl")
-    assert solid.is_watertight and solid.is_winding_consistent
-    assert max(solid.extents) == pytest.approx(80 + 2 * 0.7, rel=1e-3)
-    assert all(body.volume > 0 for body in solid.split()[:5])
-
-
 @pytest.mark.parametrize("name", ["sheared", "diamond"])
 def test_copies_of_a_cell_are_one_larger_network(tmp_path, name):
     network = NETWORKS[name].with_stiffness(np.linspace(1, 2, NETWORKS[name].n_edges))
@@ -425,21 +415,26 @@ def test_copies_are_whole_numbers_of_a_periodic_cell(tmp_path, copies):
         write_network(NETWORKS["voronoi"], tmp_path / "n.csv", copies=copies)
 
 
-def test_tiled_solids_are_watertight_and_state_their_units(tmp_path):
+@pytest.mark.parametrize(("name", "copies"), [("sheared", (2, 2)), ("diamond", 1)])
+def test_solids_are_watertight_and_state_their_units(tmp_path, name, copies):
     trimesh = pytest.importorskip("trimesh")
-    network = NETWORKS["sheared"]
-    with pytest.raises(InputError, match="copies"):
-        write_network(NETWORKS["pinned"], tmp_path / "n.stl", copies=2)
-    for name in ("n.stl", "n.3mf"):
-        write_network(network, tmp_path / name, copies=(2, 2), size=120.0, radius=0.5)
-        solid = trimesh.load_mesh(tmp_path / name)
-        assert solid.is_watertight and max(solid.extents) == pytest.approx(121, rel=1e-3)
+    for file in ("n.stl", "n.3mf"):
+        write_network(NETWORKS[name], tmp_path / file, copies=copies, size=120.0, radius=0.5)
+        solid = trimesh.load_mesh(tmp_path / file)
+        assert solid.is_watertight and solid.is_winding_consistent
+        assert max(solid.extents) == pytest.approx(121, rel=1e-3)
+        assert all(body.volume > 0 for body in solid.split()[:5])
     assert b"millimetres" in (tmp_path / "n.stl").read_bytes()[:80]
     assert trimesh.load(tmp_path / "n.3mf").units == "millimeter"
-    stl, packed = (trimesh.load_mesh(tmp_path / name) for name in ("n.stl", "n.3mf"))
+    stl, packed = (trimesh.load_mesh(tmp_path / file) for file in ("n.stl", "n.3mf"))
     assert stl.volume == pytest.approx(packed.volume, rel=1e-5) and len(stl.faces) == len(packed.faces)
-    np.testing.assert_allclose(stl.bounds, packed.bounds, atol=1e-4)
-    # The struts of four cells, of which none is cut at a border between two of them.
+
+
+def test_tiled_drawings_are_cut_at_the_border_of_all_copies(tmp_path):
+    network = NETWORKS["sheared"]
+    with pytest.raises(InputError, match="copies"):
+        write_network(NETWORKS["pinned"], tmp_path / "n.svg", copies=2)
+    # None is cut at a border between two of them.
     write_network(network, tmp_path / "n.svg", copies=(2, 2), size=100.0)
     words = ET.parse(tmp_path / "n.svg").getroot()[1].get("d").replace("M", " ").replace("L", " ").split()
     ends = np.array(words, float).reshape(-1, 2, 2)
@@ -450,10 +445,11 @@ def test_tiled_solids_are_watertight_and_state_their_units(tmp_path):
     assert len(ends) < 4 * len(clipped_segments(data_of(network)))
 
 
-def test_a_missing_package_is_named_with_its_install_command(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("ending", "extra"), [("graphml", "graphs"), ("json", "graphs"), ("3mf", "solids")])
+def test_a_missing_package_is_named_with_its_install_command(tmp_path, monkeypatch, ending, extra):
     monkeypatch.setattr(packages, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
-    with pytest.raises(EnvironmentFailure, match=r"critflow\[graphs\]"):
-        write_network(NETWORKS["voronoi"], tmp_path / "n.graphml")
+    with pytest.raises(EnvironmentFailure, match=rf"critflow\[{extra}\]"):
+        write_network(NETWORKS["voronoi"], tmp_path / f"n.{ending}")
 
 
 @settings(max_examples=5, deadline=None)
