@@ -79,19 +79,6 @@ def test_gsd_keeps_seven_digits_and_reports_it(tmp_path, name):
     assert "single precision" in str(read)
 
 
-@pytest.mark.parametrize("ending", ["csv", "graphml", "data", "vtu"])
-def test_a_critical_configuration_is_critical_after_reading(tmp_path, ending):
-    network = voronoi_network(n_vertices=64, seed=1)
-    critical = critical_from_lengths(network, np.ones(96)).value
-    write_network(network, tmp_path / f"c.{ending}", critical.coordinates, force_densities=critical.sigma)
-    read = network_from(tmp_path / f"c.{ending}")
-    L = read.network.bond_vectors(read.positions)
-    force = read.network.divergence @ (critical.sigma[:, None] * L)
-    assert np.abs(force).max() < 1e-14
-    if read.force_densities is not None:
-        np.testing.assert_array_equal(read.force_densities, critical.sigma)
-
-
 # Files and objects that other libraries made
 
 
