@@ -4,210 +4,63 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import Any
 
-from critflow.critical.backbone import Backbone, TautComponent, backbone
-from critflow.critical.curvature import StereographicChart, principal_curvatures, surface_geometry
-from critflow.critical.gaussian import gaussian_curvature
-from critflow.critical.isogonal import face_modes, isogonal_modes
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.nearest import Nearest, nearest_critical
-from critflow.critical.quantity import Quantity
-from critflow.design.optimize import optimize
-from critflow.design.pareto import Front, pareto
-from critflow.design.prune_towards import PrunedDesign, prune_towards
-from critflow.design.result import Design
-from critflow.design.targets import design
-from critflow.examination.examine import examine
-from critflow.examination.report import Examination
-from critflow.exchange.convert import network_from, write_network
-from critflow.exchange.repair import ImportedNetwork
-from critflow.generators.dilution import diluted
-from critflow.generators.fibre_networks import mikado_network, phantom_network
-from critflow.generators.lattices import (
-    cubic_network,
-    diamond_network,
-    honeycomb_network,
-    kagome_network,
-    square_network,
-    triangular_network,
-)
-from critflow.generators.packings import packing_network
-from critflow.generators.random_networks import delaunay_network, foam_network, three_bar_linkage, voronoi_network
-from critflow.generators.random_points import random_sequential_addition
-from critflow.generators.regular_networks import regular_network
-from critflow.generators.tessellations import delaunay_of, voronoi_of
-from critflow.mechanics.fits import fit_stiffening
-from critflow.networks.deformation import DEFORMATIONS, Deformation, deformation_of
-from critflow.networks.faces import Faces, planar_faces
-from critflow.networks.network import Network
-from critflow.networks.pruning import Pruned, prune, pruned_network
-from critflow.onset.critical_strain import Onset, critical_strain
-from critflow.onset.from_lengths import critical_from_lengths
-from critflow.onset.rigidity_surface import RigiditySurface, rigidity_surface, strain_plane
-from critflow.paths.strain_path import strain_path
-from critflow.paths.strained_response import StrainedQuantity, StrainedResponse, strained_response
-from critflow.quantities.largest_modulus import upper_bound
-from critflow.quantities.leverage import EdgeLeverage, add, cut, edge_leverage
-from critflow.quantities.optimum import Optimum
-from critflow.quantities.properties import Properties, properties
-from critflow.quantities.stress_hessian import flat_directions, stress_hessian
-from critflow.quantities.vocabulary import quantity
-from critflow.response.elasticity import Elasticity
-from critflow.response.moduli import elastic_moduli, elasticity, transition_moduli
-from critflow.response.moduli_bounds import transition_bounds
-from critflow.response.perimeters import cells_of, critical_from_perimeters, perimeter_moduli, perimeter_state
-from critflow.response.response import linear_response
-from critflow.response.stiffening import stiffening
-from critflow.result import (
-    CritflowError,
-    EnvironmentFailure,
-    InputError,
-    IntegrityError,
-    NetworkError,
-    Solution,
-    SolveError,
-    Stats,
-    Status,
-    StudyError,
-)
-from critflow.rigidity.counts import certify, rigidity, zero_modes
-from critflow.rigidity.second_order import second_order_rigidity
-from critflow.rigidity.signed_stress import SignedStress, Stability, signed_stress, stability
-from critflow.rigidity.stress_space import StressSpace, stresses_of
-from critflow.springs.equilibrium import equilibrium
-from critflow.springs.hessian import bond_operator, geometric_split, hookean_split
-from critflow.springs.laws import Cable, Hookean, PowerLaw, SpringLaw, WormLike
-from critflow.springs.state import spring_state
+from critflow.critical.isogonal import isogonal_modes as isogonal_modes
+from critflow.critical.manifold import CriticalConfiguration as CriticalConfiguration
+from critflow.critical.manifold import CriticalManifold as CriticalManifold
+from critflow.critical.nearest import nearest_critical as nearest_critical
+from critflow.critical.quantity import Quantity as Quantity
+from critflow.design.optimize import optimize as optimize
+from critflow.design.pareto import pareto as pareto
+from critflow.design.prune_towards import prune_towards as prune_towards
+from critflow.design.targets import design as design
+from critflow.examination.examine import examine as examine
+from critflow.exchange.convert import network_from as network_from
+from critflow.exchange.convert import write_network as write_network
+from critflow.generators.dilution import diluted as diluted
+from critflow.generators.fibre_networks import fibre_network as fibre_network
+from critflow.generators.lattices import lattice as lattice
+from critflow.generators.packings import packing_network as packing_network
+from critflow.generators.random_networks import delaunay_network as delaunay_network
+from critflow.generators.random_networks import foam_network as foam_network
+from critflow.generators.random_networks import three_bar_linkage as three_bar_linkage
+from critflow.generators.random_networks import voronoi_network as voronoi_network
+from critflow.generators.regular_networks import regular_network as regular_network
+from critflow.networks.deformation import Deformation as Deformation
+from critflow.networks.network import Network as Network
+from critflow.networks.pruning import pruned as pruned
+from critflow.onset.critical_strain import critical_strain as critical_strain
+from critflow.onset.from_lengths import critical_from_lengths as critical_from_lengths
+from critflow.onset.rigidity_surface import rigidity_surface as rigidity_surface
+from critflow.paths.strain_path import strain_path as strain_path
+from critflow.quantities.largest_modulus import upper_bound as upper_bound
+from critflow.quantities.leverage import edge_leverage as edge_leverage
+from critflow.quantities.properties import properties as properties
+from critflow.quantities.vocabulary import quantity as quantity
+from critflow.response.moduli import elasticity as elasticity
+from critflow.response.perimeters import critical_from_perimeters as critical_from_perimeters
+from critflow.response.stiffening import stiffening as stiffening
+from critflow.result import CritflowError as CritflowError
+from critflow.result import InputError as InputError
+from critflow.result import Solution as Solution
+from critflow.result import SolveError as SolveError
+from critflow.result import Status as Status
+from critflow.rigidity.counts import certify as certify
+from critflow.rigidity.counts import rigidity as rigidity
+from critflow.rigidity.signed_stress import stability as stability
+from critflow.rigidity.stress_space import stresses_of as stresses_of
+from critflow.springs.equilibrium import equilibrium as equilibrium
+from critflow.springs.laws import Cable as Cable
+from critflow.springs.laws import Hookean as Hookean
+from critflow.springs.laws import PowerLaw as PowerLaw
+from critflow.springs.laws import SpringLaw as SpringLaw
+from critflow.springs.laws import WormLike as WormLike
+from critflow.springs.state import spring_state as spring_state
 
 __version__ = version("critflow")
 
-__all__ = [
-    "DEFORMATIONS",
-    "Backbone",
-    "Cable",
-    "CritflowError",
-    "CriticalConfiguration",
-    "CriticalManifold",
-    "Deformation",
-    "Design",
-    "EdgeLeverage",
-    "Elasticity",
-    "EnvironmentFailure",
-    "Examination",
-    "Faces",
-    "Front",
-    "Hookean",
-    "ImportedNetwork",
-    "InputError",
-    "IntegrityError",
-    "Nearest",
-    "Network",
-    "NetworkError",
-    "Onset",
-    "Optimum",
-    "Properties",
-    "Quantity",
-    "PowerLaw",
-    "Pruned",
-    "PrunedDesign",
-    "RigiditySurface",
-    "SignedStress",
-    "Solution",
-    "SolveError",
-    "SpringLaw",
-    "Stability",
-    "Stats",
-    "Status",
-    "StereographicChart",
-    "StrainedQuantity",
-    "StrainedResponse",
-    "StressSpace",
-    "StudyError",
-    "TautComponent",
-    "WormLike",
-    "__version__",
-    "add",
-    "backbone",
-    "bond_operator",
-    "cells_of",
-    "certify",
-    "critical_from_lengths",
-    "critical_from_perimeters",
-    "critical_strain",
-    "cubic_network",
-    "cut",
-    "deformation_of",
-    "delaunay_network",
-    "delaunay_of",
-    "design",
-    "diamond_network",
-    "diluted",
-    "draw",
-    "edge_leverage",
-    "elastic_moduli",
-    "elasticity",
-    "equilibrium",
-    "examine",
-    "face_modes",
-    "fit_stiffening",
-    "flat_directions",
-    "foam_network",
-    "gaussian_curvature",
-    "geometric_split",
-    "honeycomb_network",
-    "hookean_split",
-    "isogonal_modes",
-    "kagome_network",
-    "linear_response",
-    "mikado_network",
-    "nearest_critical",
-    "network_from",
-    "optimize",
-    "packing_network",
-    "pareto",
-    "perimeter_moduli",
-    "perimeter_state",
-    "phantom_network",
-    "planar_faces",
-    "principal_curvatures",
-    "properties",
-    "prune",
-    "quantity",
-    "prune_towards",
-    "pruned_network",
-    "random_sequential_addition",
-    "regular_network",
-    "rigidity",
-    "rigidity_surface",
-    "second_order_rigidity",
-    "signed_stress",
-    "spring_state",
-    "square_network",
-    "stability",
-    "stiffening",
-    "strain_path",
-    "strain_plane",
-    "strained_response",
-    "stress_hessian",
-    "stresses_of",
-    "surface_geometry",
-    "three_bar_linkage",
-    "transition_bounds",
-    "transition_moduli",
-    "triangular_network",
-    "upper_bound",
-    "voronoi_network",
-    "voronoi_of",
-    "write_network",
-    "write_page",
-    "zero_modes",
-]
-
-# Functions that draw: matplotlib takes most of the time of an import.
-_DRAWING = {"draw": "critflow.drawing", "write_page": "critflow.examination.page"}
-
 
 def __getattr__(name: str) -> Any:
-    """Import a function that draws at its first use."""
-    if name in _DRAWING:
-        return getattr(import_module(_DRAWING[name]), name)
+    """Import the function that draws at its first use: matplotlib takes most of the time of an import."""
+    if name == "draw":
+        return import_module("critflow.drawing").draw
     raise AttributeError(f"module 'critflow' has no attribute {name!r}")

@@ -106,7 +106,7 @@ class _Kinds:
             return value
         if ("str" in words and isinstance(value, str)) or ("bool" in words and isinstance(value, bool | np.bool_)):
             return value
-        if words & _NUMBERS.keys() and _is_number(value) and ("float" in words or float(value).is_integer()):
+        if words & _NUMBERS.keys() and is_number(value) and ("float" in words or float(value).is_integer()):
             return value if "float" in words else int(value)
         if words & _ARRAYS and _is_array(value):
             return value
@@ -129,7 +129,7 @@ class _Kinds:
 
     def _advice(self, value: Any) -> str:
         """Where the value contains a suitable one."""
-        if np.random.Generator in self.classes and _is_number(value):
+        if np.random.Generator in self.classes and is_number(value):
             return f": use numpy.random.default_rng({value})"
         inner = [("value", value.value)] if isinstance(value, Solution) else []
         inner += [(f.name, getattr(value, f.name, None)) for f in fields(value)] if is_dataclass(value) else []
@@ -138,7 +138,8 @@ class _Kinds:
         return ": use its .value" if isinstance(value, Solution) else ""
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Whether a value is a real number, which True and False are not."""
     real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     return real or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf")
 

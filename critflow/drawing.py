@@ -50,7 +50,7 @@ def draw(
     Raises `InputError` for a network without positions.
 
     >>> import critflow as cf
-    >>> axes = cf.draw(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus'))
+    >>> axes = cf.draw(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus'))
     >>> axes.figure.clear()
     """
     network, x, tensions = _parts(thing)

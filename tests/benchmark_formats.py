@@ -15,12 +15,12 @@ import tempfile
 import time
 from pathlib import Path
 
-from critflow import EnvironmentFailure, network_from, voronoi_network, write_network
+from critflow import network_from, voronoi_network, write_network
 from critflow.exchange.formats import FORMATS
+from critflow.result import EnvironmentFailure
 
 N_VERTICES = 66_668
-# Periodic networks have no COMPAS form.
-ENDINGS = [ending for known in FORMATS if known.write for ending in known.endings if ending != ".compas"]
+ENDINGS = [ending for known in FORMATS if known.write for ending in known.endings]
 
 
 def seconds(function, *arguments, **named):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from critflow import Network, kagome_network
+from critflow import Network, lattice
 
 
 def grounded(edges, x):
@@ -134,7 +134,7 @@ def cauchy_polygon(n):
 
 def twisted_kagome(columns, twist):
     """The kagome lattice with its triangles rotated by ± an angle, in a cell that shrinks with the cosine."""
-    plain = kagome_network(columns, columns)
+    plain = lattice("kagome", columns, columns)
     L = plain.bond_vectors(plain.positions)
     turn = np.array([[np.cos(twist), -np.sin(twist)], [np.sin(twist), np.cos(twist)]])
     # Triangles of one orientation lie within a unit cell of three vertices, the others between cells.

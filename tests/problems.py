@@ -19,13 +19,10 @@ from critflow import (
     critical_from_lengths,
     diluted,
     equilibrium,
-    honeycomb_network,
+    lattice,
     quantity,
     spring_state,
-    square_network,
-    triangular_network,
     voronoi_network,
-    voronoi_of,
 )
 from critflow.critical.manifold import critical_configuration
 from critflow.critical.transition import PenalisedModulus
@@ -61,21 +58,21 @@ def with_random_stiffness(network: Network, seed: int) -> Network:
 
 def slack_lattice(seed: int = 1) -> tuple[Network, np.ndarray, CriticalConfiguration]:
     """A diluted triangular lattice of which many edges are slack at the transition, with ℓ and its configuration."""
-    network = diluted(triangular_network(7, 7), 3.6, seed=seed)
+    network = diluted(lattice("triangular", 7, 7), 3.6, seed=seed)
     lengths = 1 + 0.05 * np.random.default_rng(seed).standard_normal(network.n_edges)
     return network, lengths, critical_from_lengths(network, lengths, throw=False).value
 
 
 def taut_rows(n: int = 3) -> CriticalConfiguration:
     """The square lattice n × n with its horizontal edges taut: n cables, of which each closes on its image."""
-    network = square_network(n, n)
+    network = lattice("square", n, n)
     horizontal = np.abs(network.bond_vectors(network.positions)[:, 0]) > 0.5
     return critical_configuration(network, horizontal.astype(float), network.positions)
 
 
 def voronoi_3d(n_cells: int = 8, seed: int = 5) -> Network:
     """A periodic Voronoi network in three dimensions: four edges at every vertex."""
-    return voronoi_of(np.random.default_rng(seed).random((n_cells, 3)))
+    return voronoi_network(points=np.random.default_rng(seed).random((n_cells, 3)))
 
 
 def oblique(network: Network) -> Network:
@@ -315,7 +312,7 @@ NETWORKS = {
     "voronoi": lambda: voronoi_network(40, seed=1),
     "voronoi, random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 7),
     "voronoi 3D": lambda: with_random_stiffness(voronoi_3d(), 8),
-    "honeycomb": lambda: honeycomb_network(3, 4),
+    "honeycomb": lambda: lattice("honeycomb", 3, 4),
     "square-octagon": square_octagon,
     "own images": with_own_images,
     "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=3), 9)),
@@ -339,7 +336,7 @@ SMALL_NETWORKS = {
     "voronoi": lambda: voronoi_network(12, seed=6),
     "stiffness": lambda: with_random_stiffness(voronoi_network(12, seed=2), 1),
     "oblique": lambda: oblique(voronoi_network(12, seed=3)),
-    "honeycomb": lambda: honeycomb_network(2, 2),
+    "honeycomb": lambda: lattice("honeycomb", 2, 2),
 }
 STRAINS = 10.0 ** -np.arange(1, 13)
 
@@ -361,7 +358,7 @@ def relaxed_directly(critical, gamma):
 
 def stiff_lattice(seed=1):
     """A triangular lattice under random stress of both signs, in equilibrium."""
-    network, rng = with_random_stiffness(triangular_network(4, 4), seed), np.random.default_rng(seed)
+    network, rng = with_random_stiffness(lattice("triangular", 4, 4), seed), np.random.default_rng(seed)
     at_rest = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
     rest = at_rest * (1 + 0.02 * rng.standard_normal(network.n_edges))
     return equilibrium(spring_state(network, rest, network.positions)).value

@@ -11,17 +11,7 @@ from random import Random
 import numpy as np
 from problems import triangular_lattice
 
-from critflow import (
-    CritflowError,
-    CriticalManifold,
-    Network,
-    cubic_network,
-    honeycomb_network,
-    kagome_network,
-    square_network,
-    three_bar_linkage,
-    voronoi_network,
-)
+from critflow import CritflowError, CriticalManifold, Network, lattice, three_bar_linkage, voronoi_network
 
 MOST_VERTICES = 8
 
@@ -116,11 +106,11 @@ def a_lattice(random: Random, scale: float) -> Network:
     network = random.choice(
         [
             lambda: voronoi_network(2 * random.randint(2, 8), seed=random.randint(0, 99)),
-            lambda: honeycomb_network(random.randint(1, 3), random.randint(1, 3)),
-            lambda: kagome_network(random.randint(1, 2), random.randint(1, 2)),
-            lambda: square_network(random.randint(1, 3), random.randint(2, 3)),
+            lambda: lattice("honeycomb", random.randint(1, 3), random.randint(1, 3)),
+            lambda: lattice("kagome", random.randint(1, 2), random.randint(1, 2)),
+            lambda: lattice("square", random.randint(1, 3), random.randint(2, 3)),
             lambda: triangular_lattice(random.randint(1, 3), random.randint(2, 3))[0],
-            lambda: cubic_network(1, random.randint(1, 2), 2),
+            lambda: lattice("cubic", 1, random.randint(1, 2), 2),
             lambda: three_bar_linkage(),
         ]
     )()

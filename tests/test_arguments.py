@@ -12,26 +12,16 @@ import pytest
 from problems import square_octagon
 
 import critflow
-from critflow import (
-    CritflowError,
-    CriticalManifold,
-    InputError,
-    Network,
-    StereographicChart,
-    cells_of,
-    examine,
-    honeycomb_network,
-    perimeter_state,
-    spring_state,
-    triangular_network,
-)
+from critflow import CritflowError, CriticalManifold, InputError, Network, examine, lattice, spring_state
 from critflow.arguments import checked, generator
+from critflow.critical.curvature import StereographicChart
+from critflow.response.perimeters import cells_of, perimeter_state
 
 NETWORK = square_octagon()
 MANIFOLD = CriticalManifold(NETWORK)
 CRITICAL = MANIFOLD.configuration(np.ones(6))
-HEXAGONS = honeycomb_network(2, 2)
-LATTICE = triangular_network(2, 2)
+HEXAGONS = lattice("honeycomb", 2, 2)
+LATTICE = lattice("triangular", 2, 2)
 CELLS = cells_of(HEXAGONS)
 
 # Right arguments by the name of the parameter, and where a function gives a name another meaning.
@@ -97,9 +87,12 @@ OF_FUNCTION = {
     "pareto": {"objectives": {"B_0": "largest", "V_L": "smallest"}, "start": np.ones(6), "n": 2},
     "optimize": {"start": np.ones(6), "signs": "positive"},
     "planar_faces": {"edges": HEXAGONS.edges, "bond_vectors": HEXAGONS.bond_vectors(HEXAGONS.positions)},
-    "voronoi_network": {"n_vertices": 8},
+    "voronoi_network": {"n_vertices": 8, "points": None},
+    "delaunay_network": {"n_vertices": 8, "points": None},
+    "lattice": {"name": "square"},
+    "fibre_network": {"kind": "mikado", "z": 3.6},
     "deformation_of": {"value": "dilation"},
-    "diluted": {"network": honeycomb_network(4, 4)},
+    "diluted": {"network": lattice("honeycomb", 4, 4)},
     "packing_network": {"n_vertices": 24, "z": 4.2},
     "cells_of": {"network": HEXAGONS},
 }
@@ -126,7 +119,8 @@ SLOW = {("foam_network", "seed", "zero")}
 def arguments_of(name):
     """Arguments of a public function by name."""
     right = RIGHT | OF_FUNCTION.get(name, {})
-    parameters = inspect.signature(FUNCTIONS[name]).parameters.values()
+    variable = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
+    parameters = [p for p in inspect.signature(FUNCTIONS[name]).parameters.values() if p.kind not in variable]
     unknown = [p.name for p in parameters if p.default is p.empty and p.name not in right]
     assert not unknown, f"add right arguments {unknown} of {name} to RIGHT"
     return {p.name: right[p.name] if p.default is p.empty or p.name in right else p.default for p in parameters}

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from problems import oblique, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
-from critflow import CriticalManifold, diamond_network, foam_network, honeycomb_network, voronoi_network
+from critflow import CriticalManifold, foam_network, lattice, voronoi_network
 from critflow.plot import (
     draw_in_depth,
     draw_network,
@@ -26,7 +26,7 @@ CASES = {
     "oblique": lambda: oblique(voronoi_network(40, seed=2)),
     "sheared": lambda: sheared(voronoi_network(40, seed=3), 0.7),
     "edges longer than the cell": lambda: voronoi_network(8, seed=3),
-    "honeycomb": lambda: honeycomb_network(3, 2),
+    "honeycomb": lambda: lattice("honeycomb", 3, 2),
 }
 
 
@@ -179,7 +179,7 @@ def test_three_dimensional_networks_are_drawn_by_depth():
 
 
 def test_figure_of_a_three_dimensional_network():
-    network = diamond_network(2, 2, 2)
+    network = lattice("diamond", 2, 2, 2)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     figure = network_figure(
         network.edges, network.offsets, network.cell, critical.coordinates, critical.sigma, critical.lengths, "diamond"

@@ -6,8 +6,8 @@ from dataclasses import FrozenInstanceError, dataclass, fields
 import numpy as np
 import pytest
 
-from critflow import CriticalManifold, Solution, SolveError, Stats, Status, honeycomb_network
-from critflow.result import CritflowError
+from critflow import CriticalManifold, Solution, SolveError, Status, lattice
+from critflow.result import CritflowError, Stats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,7 @@ def test_a_solution_is_true_where_its_status_is_ok():
 def test_results_print_in_one_line():
     root = Root(2.0, Status.stalled, Stats("bisection"), "no change of sign", bracket=(1.0, 3.0))
     assert repr(root) == "Root(stalled, 2, bracket=(1, 3), note='no change of sign')"
-    manifold = CriticalManifold(honeycomb_network(4, 4))
+    manifold = CriticalManifold(lattice("honeycomb", 4, 4))
     network = "Network(32 vertices, 48 edges, 2 dimensions, periodic, z = 3)"
     assert repr(manifold) == f"CriticalManifold({network})"
     text = repr(manifold.solve(np.ones(48)))

@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import connected_components
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
+from critflow.networks.chains import chains
 from critflow.networks.network import IntArray, Network
 from critflow.result import InputError, Record
 
@@ -123,7 +124,7 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
     taut = sigma != 0
     if taut.all():
         everything = np.arange(network.n_edges)
-        whole = TautComponent(critical, everything, np.arange(network.n_vertices), chains(network))
+        whole = TautComponent(critical, everything, np.arange(network.n_vertices), cables(network))
         return Backbone(critical, taut, (whole,))
     return Backbone(critical, taut, tuple(_component(critical, *part) for part in taut_networks(network, taut)))
 
@@ -156,15 +157,11 @@ def connected_parts(network: Network, kept: Mask) -> list[Mask]:
     return [kept & (part == number) for number in np.unique(part[kept])]
 
 
-def chains(network: Network) -> IntArray:
+def cables(network: Network) -> IntArray:
     """Cable (N_b,) of each edge: edges are one cable if a free vertex joins these two and no other."""
-    ends = network.edges.ravel()
-    inner = np.bincount(ends, minlength=network.n_vertices) == 2
-    inner[list(network.pins)] = False
-    order = np.argsort(ends, kind="stable")
-    first, second = (order[inner[ends[order]]] // 2).reshape(-1, 2).T
-    graph = sp.coo_array((np.ones(len(first)), (first, second)), shape=(network.n_edges,) * 2)
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    middle = np.bincount(network.edges.ravel(), minlength=network.n_vertices) == 2
+    middle[list(network.pins)] = False
+    return chains(network.edges, middle)[0]
 
 
 def taut_networks(network: Network, taut: Mask) -> list[tuple[Network, IntArray, IntArray]]:
@@ -201,4 +198,4 @@ def _component(critical: CriticalConfiguration, part: Network, edges: IntArray, 
         error_bound=critical.error_bound,
         bond_errors=critical.bond_errors[edges],
     )
-    return TautComponent(configuration, edges, vertices, chains(part))
+    return TautComponent(configuration, edges, vertices, cables(part))

@@ -137,7 +137,7 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     three tensions at a vertex parallel; `isogonal_modes` has none of these requirements.
 
     >>> import critflow as cf
-    >>> cf.face_modes(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus')).n_independent
+    >>> cf.face_modes(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus')).n_independent
     3
     """
     network = critical.network

@@ -22,7 +22,7 @@ from critflow.critical.quantity import Quantity
 from critflow.design.limits import Target, parse_targets
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.network import Array, IntArray, Network
-from critflow.networks.pruning import prune
+from critflow.networks.pruning import pruned
 from critflow.quantities.largest_modulus import NO_LENGTH
 from critflow.quantities.leverage import Part, values_after
 from critflow.result import InputError, Solution, Stats, Status
@@ -220,7 +220,7 @@ class _Search:
 
     def result(self, critical: CriticalConfiguration) -> tuple[CriticalConfiguration, IntArray]:
         """The configuration of the edges that remain, solved from their stresses, and their indices."""
-        network, edges, _ = prune(critical.network, self.kept)
+        network, edges, _ = pruned(critical.network, self.kept)
         return CriticalManifold(network).configuration(critical.sigma[edges]), edges
 
 

@@ -59,7 +59,7 @@ def examine(
     Raises `InputError` where no positions are known; parts that fail are reported by a sentence, the others stand.
 
     >>> import critflow as cf
-    >>> found = cf.examine(cf.honeycomb_network(2, 2), deformations=())
+    >>> found = cf.examine(cf.lattice("honeycomb", 2, 2), deformations=())
     >>> found.order, found.n_self_stresses
     ('critical', 1)
     """

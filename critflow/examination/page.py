@@ -38,7 +38,7 @@ def write_page(found: Examination, path: str | PathLike[str]) -> None:
     >>> import critflow as cf
     >>> import tempfile
     >>> page = tempfile.mkdtemp() + '/page.md'
-    >>> cf.write_page(cf.examine(cf.honeycomb_network(2, 2), deformations=()), page)
+    >>> cf.write_page(cf.examine(cf.lattice("honeycomb", 2, 2), deformations=()), page)
     """
     target = Path(path)
     require_page(target)

@@ -45,10 +45,10 @@ def hull_volume(positions: Array) -> float:
         raise InputError("the vertices span no convex hull: name the volume as a number, such as volume=1.0") from None
 
 
-def require_boundary(data: NetworkData) -> None:
-    """Raise `NetworkError` with a proposal where a network has neither a cell nor fixed vertices."""
+def require_boundary(data: NetworkData) -> NetworkData:
+    """The record itself; `NetworkError` with a proposal where it has neither a cell nor fixed vertices."""
     if data.cell is not None or data.pins:
-        return
+        return data
     proposals = []
     for rule, meaning in _RULES.items():
         count = len(_by_rule(data, rule))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -14,16 +15,14 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked, shown
 from critflow.exchange.boundaries import Pins, hull_volume, with_pins
 from critflow.exchange.checks import check
-from critflow.exchange.data import NetworkData, data_of, from_zero, numbers
-from critflow.exchange.datasets import from_dataset
-from critflow.exchange.formats import readable_format, writable_format
-from critflow.exchange.graphs import from_graph
-from critflow.exchange.meshes import from_compas, from_mesh, from_polygons
+from critflow.exchange.data import NetworkData, data_of, from_zero
+from critflow.exchange.formats import format_of_object, readable_format, writable_format
+from critflow.exchange.meshes import from_polygons
 from critflow.exchange.offsets import with_offsets
-from critflow.exchange.particles import from_atoms
 from critflow.exchange.pictures import from_labels, from_skeleton
 from critflow.exchange.repair import ImportedNetwork, imported, in_its_plane
 from critflow.exchange.tiling import Copies, tiled
+from critflow.networks.checks import floats, integers
 from critflow.networks.network import Network
 from critflow.result import CritflowError, InputError, Solution
 
@@ -45,9 +44,9 @@ def network_from(
 ) -> ImportedNetwork:
     """A network from a file or an object of another program, checked and repaired, with one sentence for each repair.
 
-    source   a path; a networkx graph; ASE atoms; a meshio mesh; a COMPAS graph; a case of a critflow
-             dataset; a `Network`; or None, with the arrays
-             edges= and positions= (and offsets= or bond_vectors=), polygons= and positions=, picture= or labels=
+    source   a path; a networkx graph; ASE atoms; a meshio mesh; a case of a critflow dataset; a `Network`; or None,
+             with the arrays edges= and positions= (and offsets= or bond_vectors=), polygons= and positions=, picture=
+             or labels=
     cell     (d, d) rows are the cell vectors; without one the cell of the source is used
     pins     fixed vertices: "hull", "degree", "box", a list of vertices, or a mask
     nearest  accept nearest images of edges longer than 0.4 of the height of the cell
@@ -66,7 +65,7 @@ def network_from(
     """
     data = _record(source, given)
     if cell is not None:
-        data = replace(data, cell=numbers(cell, "the cell"))
+        data = replace(data, cell=floats(cell, "the cell"))
     if data.cell is not None and data.cell.shape != (data.dimension,) * 2:
         data = replace(data, cell=_cell_in(data.cell, data.dimension))
     check(data)
@@ -104,7 +103,7 @@ def write_network(
     >>> import critflow as cf
     >>> import tempfile
     >>> path = tempfile.mkdtemp() + '/network.csv'
-    >>> cf.write_network(cf.honeycomb_network(2, 2), path)
+    >>> cf.write_network(cf.lattice("honeycomb", 2, 2), path)
     >>> print(cf.network_from(path).network)
     Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
     """
@@ -136,24 +135,25 @@ def _state(
     thing: Any, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None, force_densities: ArrayLike | None
 ) -> NetworkData:
     """The record of a network, or of a configuration or state with the values that are not given."""
-    if isinstance(thing, ImportedNetwork):
-        rest_lengths = thing.rest_lengths if rest_lengths is None else rest_lengths
-        force_densities = thing.force_densities if force_densities is None else force_densities
-    thing = thing.value if isinstance(thing, Solution) else thing
-    if isinstance(thing, Network):
-        return data_of(thing, coordinates, rest_lengths, force_densities)
-    if not isinstance(getattr(thing, "network", None), Network) or not hasattr(thing, "coordinates"):
+    thing = thing.value if isinstance(thing, Solution) and not isinstance(thing, ImportedNetwork) else thing
+    network = thing if isinstance(thing, Network) else getattr(thing, "network", None)
+    if not isinstance(network, Network):
         raise InputError(f"{shown(thing)} cannot be written: give a network, a configuration or a state")
-    if rest_lengths is None:
-        rest_lengths = getattr(thing, "rest_lengths", getattr(thing, "lengths", None))
-    force_densities = getattr(thing, "sigma", None) if force_densities is None else force_densities
+
+    def known(value: ArrayLike | None, *names: str) -> ArrayLike | None:
+        """A value, or the first of these attributes that the thing has."""
+        return next((v for v in (value, *(getattr(thing, name, None) for name in names)) if v is not None), None)
+
     return data_of(
-        thing.network, thing.coordinates if coordinates is None else coordinates, rest_lengths, force_densities
+        network,
+        known(coordinates, "coordinates"),
+        known(rest_lengths, "rest_lengths", "lengths"),
+        known(force_densities, "force_densities", "sigma"),
     )
 
 
 def _record(source: Any, given: dict[str, Any]) -> NetworkData:
-    """The record of a source, recognised by its type or its attributes."""
+    """The record of a source: a file, arrays, an object with a network, or one of another library."""
     if isinstance(source, str | PathLike):
         return _overridden(_read(Path(source)), given)
     if source is None:
@@ -162,55 +162,37 @@ def _record(source: Any, given: dict[str, Any]) -> NetworkData:
         return _from_keywords({"edges": source, **given})
     if isinstance(source, Network | Solution) or isinstance(getattr(source, "network", None), Network):
         return _overridden(_state(source, given.pop("positions", None), None, None), given)
-    try:
-        return _overridden(_foreign(source, given), given)
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
-        if isinstance(error, CritflowError):
-            raise
-        raise InputError(f"{shown(source)} cannot be read as a network: {error}") from error
-
-
-def _foreign(source: Any, given: dict[str, Any]) -> NetworkData:
-    """The record of an object of another library, without the keywords that it takes from those given."""
-    if hasattr(source, "data_vars"):
-        return from_dataset(source)
-    if hasattr(source, "get_positions") and hasattr(source, "get_pbc"):
-        return from_atoms(source, **{key: given.pop(key) for key in ("edges", "offsets", "cutoff") if key in given})
-    if hasattr(source, "node_attributes") and hasattr(source, "edge_attribute"):
-        return from_compas(source)
-    if hasattr(source, "nodes") and hasattr(source, "number_of_edges"):
-        positions = given.pop("positions", None)
-        if positions is not None and not isinstance(positions, Mapping):
-            if len(positions) != len(source.nodes):
-                raise InputError(f"positions must have one row for each of the {len(source.nodes)} nodes")
-            positions = dict(zip(source.nodes, positions, strict=True))
-        return from_graph(source, positions)
-    if hasattr(source, "points") and hasattr(source, "cells"):
-        return from_mesh(source)
-    raise InputError(
-        f"{shown(source)} is not a known source of a network: give a file, a graph, atoms, a mesh, or edges= and "
-        "positions="
-    )
+    known = format_of_object(source)
+    assert known.convert is not None
+    with _one_sentence(shown(source), "a network"):
+        data = known.convert(source, **{key: given.pop(key) for key in known.keywords if key in given})
+        return _overridden(data, given)
 
 
 def _read(path: Path) -> NetworkData:
     known = readable_format(path)
     assert known.read is not None
-    if known.name != "tables" and not path.is_file():
-        raise InputError(f"there is no file {path}: check its name")
-    try:
+    with _one_sentence(path, known.name):
         return known.read(path)
+
+
+@contextmanager
+def _one_sentence(source: object, kind: str) -> Iterator[None]:
+    """Errors of readers and their libraries, of any class, as `InputError` with the name of the source."""
+    try:
+        yield
+    except CritflowError:
+        raise
     except FileNotFoundError as missing:
         raise InputError(
-            f"there is no file {missing.filename}: the tables of a network are NAME_edges{path.suffix} and "
-            f"NAME_vertices{path.suffix}"
+            f"there is no file {missing.filename or source}: check its name; the tables of NAME.csv are NAME_edges.csv "
+            "and NAME_vertices.csv"
         ) from None
     except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file: check its name") from None
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
-        if isinstance(error, CritflowError):
-            raise
-        raise InputError(f"{path} cannot be read as {known.name}: {error}") from error
+        raise InputError(f"{source} is not a text file: check its name") from None
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{source} cannot be read as {kind}: {reason:.300}") from error
 
 
 def _from_keywords(given: dict[str, Any]) -> NetworkData:
@@ -220,17 +202,14 @@ def _from_keywords(given: dict[str, Any]) -> NetworkData:
     value, pixel = given.pop(kind), given.pop("pixel", 1.0)
     if not isinstance(pixel, int | float) or not 0 < pixel < np.inf:
         raise InputError(f"pixel must be a positive size, not {shown(pixel)}")
-    if kind == "picture":
-        return _overridden(from_skeleton(value, pixel), given)
-    if kind == "labels":
-        return _overridden(from_labels(value, pixel), given)
+    if kind in ("picture", "labels"):
+        return _overridden((from_skeleton if kind == "picture" else from_labels)(value, pixel), given)
     if "positions" not in given:
         raise InputError(f"{kind}= needs positions=, one row for each vertex")
-    positions = _table(given.pop("positions"), "positions")
+    positions = floats(given.pop("positions"), "positions")
     if kind == "polygons":
         return _overridden(from_polygons(positions, value), given)
-    edges = _table(value, "edges", whole=True)
-    return _overridden(from_zero(NetworkData(edges, positions)), given)
+    return _overridden(from_zero(NetworkData(integers(value, "edges"), positions)), given)
 
 
 def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
@@ -239,24 +218,14 @@ def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
     unknown = set(given) - set(known)
     if unknown:
         raise InputError(f"this source takes no keyword {sorted(unknown)[0]!r}: choose from {', '.join(known)}")
-    values: dict[str, Any] = {}
-    for name, value in given.items():
-        if value is None:
-            continue
-        array = numbers(value, name, whole=name == "offsets")
-        if name == "stiffness" and array.ndim == 0:
-            array = np.full(data.n_edges, float(array))
-        if array.shape[:1] != (data.n_edges,):
-            raise InputError(f"{name} must have one row for each of the {data.n_edges} edges, not shape {array.shape}")
-        values[name] = array
+    values: dict[str, Any] = {
+        name: (integers if name == "offsets" else floats)(value, name)
+        for name, value in given.items()
+        if value is not None
+    }
+    if "stiffness" in values and values["stiffness"].ndim == 0:
+        values["stiffness"] = np.full(data.n_edges, float(values["stiffness"]))
     return replace(data, **values)
-
-
-def _table(values: Any, name: str, whole: bool = False) -> Any:
-    array = numbers(values, name, whole)
-    if array.ndim != 2:
-        raise InputError(f"{name} must be a table of numbers, one row each, not of shape {array.shape}")
-    return array
 
 
 def _cell_in(cell: Any, dimension: int) -> Any:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
 
 # Parts of an edge next to its ends in which it meets others without crossing them.
 _ENDS = 1e-9
-# Squares of the grid along the longest edge.
-_MOST_SQUARES = 64
-# Pairs of edges compared at once, which limits memory.
-_BLOCK = 2_000_000
+# Pieces of the longest edge, at most, when neighbours are looked for.
+_MOST_PIECES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,27 +28,24 @@ class Crossings:
 
 
 def crossings_of(data: NetworkData) -> Crossings:
-    """All crossings of the edges of a planar network, with those of periodic images."""
+    """All crossings of the edges of a planar network, with those of periodic images, sorted by the edges.
+
+    An edge is parallel to its own images, and crosses none of them.
+    """
     start, L = data.positions[data.edges[:, 0]], bond_vectors_of(data)
-    n = len(L)
-    owner, at = np.arange(n), start
-    if data.cell is not None:
-        inverse = np.linalg.inv(data.cell)
-        fraction = start @ inverse
-        start = (fraction - np.floor(fraction)) @ data.cell
-        owner, at = _images(start, L, data.cell)
-    pairs = _near(np.concatenate([start, at]), np.concatenate([L, L[owner]]), n)
-    first, second = pairs[:, 0], owner[pairs[:, 1] - n]
-    parts = _parts(start[first], L[first], at[pairs[:, 1] - n], L[second])
-    inside = ((parts > _ENDS) & (parts < 1 - _ENDS)).all(axis=1) & (first <= second)
-    both, parts = np.stack([first, second], axis=1)[inside], parts[inside]
-    # An edge that crosses an image of itself does so in two images, of which one is kept.
-    kept = (both[:, 0] < both[:, 1]) | (parts[:, 0] < parts[:, 1])
-    return Crossings(both[kept].astype(np.int64), parts[kept])
+    # A free network is periodic in a cell that is much larger.
+    cell = (
+        data.cell if data.cell is not None else 4 * float(np.abs(np.stack([start, start + L])).max() or 1) * np.eye(2)
+    )
+    pairs, shifts = _near(start, L, cell)
+    first, second = pairs.T
+    parts = _parts(start[first], L[first], start[second] + shifts @ cell, L[second])
+    inside = ((parts > _ENDS) & (parts < 1 - _ENDS)).all(axis=1)
+    return Crossings(pairs[inside], parts[inside])
 
 
-def split(data: NetworkData, found: Crossings) -> tuple[NetworkData, IntArray]:
-    """The data with a vertex at each crossing, and the old edge of each part of an edge.
+def split(data: NetworkData, found: Crossings) -> NetworkData:
+    """The record with a vertex at each crossing.
 
     A part f of a spring has the stiffness k/f, the rest length f ℓ and the force density σ/f.
     """
@@ -72,62 +67,36 @@ def split(data: NetworkData, found: Crossings) -> tuple[NetworkData, IntArray]:
     if data.cell is not None:
         apart = f[:, None] * L[owner] - (positions[edges[:, 1]] - positions[edges[:, 0]])
         offsets = np.round(apart @ np.linalg.inv(data.cell)).astype(np.int64)
-    divided = replace(
-        data,
+    whole = data.with_edges(owner)
+    return replace(
+        whole,
         edges=edges,
         positions=positions,
         offsets=offsets,
         bond_vectors=None,
-        stiffness=(np.ones(m) if data.stiffness is None else data.stiffness)[owner] / f,
-        rest_lengths=None if data.rest_lengths is None else data.rest_lengths[owner] * f,
-        force_densities=None if data.force_densities is None else data.force_densities[owner] / f,
+        stiffness=(np.ones(len(f)) if whole.stiffness is None else whole.stiffness) / f,
+        rest_lengths=None if whole.rest_lengths is None else whole.rest_lengths * f,
+        force_densities=None if whole.force_densities is None else whole.force_densities / f,
         ids=(*data.ids, *(f"crossing {k}" for k in range(len(places)))) if data.ids else (),
+        vertex_numbers=np.append(np.asarray(data.vertex_numbers), np.full(len(places), -1)),
     )
-    return divided, owner
 
 
-def _images(start: Array, L: Array, cell: Array) -> tuple[IntArray, Array]:
-    """Owner and start of all images of the edges that may meet edges which start in the cell."""
-    low, high = np.minimum(start, start + L), np.maximum(start, start + L)
-    bottom, top = low.min(axis=0), high.max(axis=0)
-    # Both edges of a pair may leave the cell, in opposite directions.
-    reach = 1 + int(np.ceil(2 * np.abs(L @ np.linalg.inv(cell)).max()))
-    owners, starts = [], []
-    for image in product(range(-reach, reach + 1), repeat=2):
-        shift = np.array(image) @ cell
-        meeting = np.flatnonzero(((high + shift >= bottom) & (low + shift <= top)).all(axis=1))
-        owners.append(meeting)
-        starts.append(start[meeting] + shift)
-    return np.concatenate(owners), np.concatenate(starts)
-
-
-def _near(start: Array, L: Array, n: int) -> IntArray:
-    """Pairs of one of the first n segments and one of the others that share a square of a grid."""
-    extent = np.abs(L).max(axis=1)
-    size = max(2.0 * float(np.median(extent)), float(extent.max()) / _MOST_SQUARES) or 1.0
-    low = np.floor((np.minimum(start, start + L) - start.min(axis=0)) / size).astype(np.int64)
-    high = np.floor((np.maximum(start, start + L) - start.min(axis=0)) / size).astype(np.int64)
-    wide, tall = (high - low + 1).T
-    count = wide * tall
-    segment = np.repeat(np.arange(len(L)), count)
+def _near(start: Array, L: Array, cell: Array) -> tuple[IntArray, IntArray]:
+    """Pairs (n, 2) of different edges with pieces near each other, and the cell (n, 2) of the second edge."""
+    inverse, length = np.linalg.inv(cell), np.linalg.norm(L, axis=1)
+    # Pieces of this size that meet are nearest images: their middles differ by less than half a cell vector.
+    size = min(max(np.median(length), length.max() / _MOST_PIECES) or 1.0, 0.25 / np.linalg.norm(inverse, 2))
+    count = np.maximum(1, np.ceil(length / size)).astype(int)
+    edge = np.repeat(np.arange(len(L)), count)
     within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    column, row = low[segment, 0] + within % wide[segment], low[segment, 1] + within // wide[segment]
-    height = int(high[:, 1].max()) + 1
-    square = column * height + row
-    ours, theirs = segment < n, segment >= n
-    order = np.argsort(square[theirs], kind="stable")
-    sorted_squares, others = square[theirs][order], segment[theirs][order]
-    first, last = (np.searchsorted(sorted_squares, square[ours], side) for side in ("left", "right"))
-    pairs, members = [], segment[ours]
-    total = np.cumsum(last - first)
-    for block in np.split(np.arange(len(members)), np.searchsorted(total, np.arange(_BLOCK, total[-1], _BLOCK))):
-        number = (last - first)[block]
-        inner = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
-        both = np.stack([np.repeat(members[block], number), others[np.repeat(first[block], number) + inner]], axis=1)
-        # Of several squares that two share, the one where both boxes have begun.
-        corner = np.maximum(low[both[:, 0]], low[both[:, 1]])
-        pairs.append(both[corner[:, 0] * height + corner[:, 1] == np.repeat(square[ours][block], number)])
-    return np.concatenate(pairs)
+    middle = (start[edge] + ((within + 0.5) / count[edge])[:, None] * L[edge]) @ inverse
+    tree = KDTree(middle - np.floor(middle), boxsize=1 + 1e-15)
+    a, b = tree.query_pairs(1.001 * size * np.linalg.norm(inverse, 2), output_type="ndarray").T
+    a, b = np.where(edge[a] < edge[b], (a, b), (b, a))
+    rows = np.column_stack([edge[a], edge[b], np.round(middle[a] - middle[b]).astype(np.int64)])
+    rows = np.unique(rows[edge[a] != edge[b]], axis=0)
+    return rows[:, :2], rows[:, 2:]
 
 
 def _parts(a: Array, u: Array, b: Array, v: Array) -> Array:

@@ -9,13 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import shown
 from critflow.networks.digits import Digits, digits_of
 from critflow.networks.network import Network
 from critflow.result import InputError, Record
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+# Values of edges, and the names that files and objects have for them; the first is written.
+EDGE_VALUES = {
+    "stiffness": ("stiffness", "k"),
+    "rest_lengths": ("rest_length", "rest_lengths", "length0", "l0"),
+    "force_densities": ("force_density", "sigma", "q"),
+}
+# Fields of a record with one row for each edge.
+EDGE_FIELDS = ("edges", "offsets", "bond_vectors", *EDGE_VALUES, "edge_numbers")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +40,14 @@ class NetworkData(Record):
     rest_lengths     (N_b,) ℓ
     force_densities  (N_b,) σ
     ids              name of each vertex in the source
-    polygons         vertices of each cell of a polygon mesh, in order
     known_digits     digits of the coordinates where a format fixes them; None: to be found
     nearest_images   whether the format defines edges by nearest images
     source           format, for messages
     notes            sentences on how the source was read
-    repairs          sentences on corrections made on reading, which a strict reading refuses
+    findings         sentences on its repairs and on what else is unusual
+    repaired         whether anything was corrected, which a strict reading refuses
+    edge_numbers     (N_b,) edge of the source of each edge
+    vertex_numbers   (N_v,) vertex of the source of each vertex; -1 for one at a crossing of edges
     """
 
     edges: IntArray
@@ -50,12 +60,14 @@ class NetworkData(Record):
     rest_lengths: Array | None = None
     force_densities: Array | None = None
     ids: tuple[str, ...] = ()
-    polygons: tuple[tuple[int, ...], ...] = ()
     known_digits: Digits | None = None
     nearest_images: bool = False
     source: str = "arrays"
     notes: tuple[str, ...] = ()
-    repairs: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
+    repaired: bool = False
+    edge_numbers: IntArray | None = None
+    vertex_numbers: IntArray | None = None
 
     @property
     def n_vertices(self) -> int:
@@ -74,25 +86,19 @@ class NetworkData(Record):
         """Digits of the coordinates in the units of the source."""
         return digits_of(self.positions) if self.known_digits is None else self.known_digits
 
+    @property
+    def is_pin(self) -> NDArray[np.bool_]:
+        """Which vertices are fixed, (N_v,)."""
+        return np.isin(np.arange(self.n_vertices), self.pins)
+
     def name(self, vertex: int) -> str:
         """Name of a vertex in the source."""
         return self.ids[vertex] if self.ids else str(vertex)
 
     def with_edges(self, kept: NDArray[np.bool_] | IntArray) -> NetworkData:
-        """The same vertices with some of the edges."""
-
-        def part(values: Any) -> Any:
-            return None if values is None else values[kept]
-
-        return replace(
-            self,
-            edges=part(self.edges),
-            offsets=part(self.offsets),
-            bond_vectors=part(self.bond_vectors),
-            stiffness=part(self.stiffness),
-            rest_lengths=part(self.rest_lengths),
-            force_densities=part(self.force_densities),
-        )
+        """The same vertices with some of the edges, by a mask or by indices, which may repeat."""
+        values = ((name, getattr(self, name)) for name in EDGE_FIELDS)
+        return replace(self, **{name: array[kept] for name, array in values if array is not None})
 
     def with_vertices(self, kept: NDArray[np.bool_]) -> NetworkData:
         """Some of the vertices and the edges between them."""
@@ -104,16 +110,20 @@ class NetworkData(Record):
             positions=self.positions[kept],
             pins=tuple(int(index[i]) for i in self.pins if kept[i]),
             ids=tuple(name for name, keep in zip(self.ids, kept, strict=True) if keep) if self.ids else (),
-            polygons=tuple(tuple(int(index[i]) for i in p) for p in self.polygons if kept[list(p)].all()),
+            vertex_numbers=None if self.vertex_numbers is None else self.vertex_numbers[kept],
         )
 
     def noting(self, *sentences: str) -> NetworkData:
         """The same data with further sentences on how it was read."""
         return replace(self, notes=(*self.notes, *sentences))
 
-    def repairing(self, *sentences: str) -> NetworkData:
-        """The same data with further sentences on corrections."""
-        return replace(self, repairs=(*self.repairs, *sentences))
+    def finding(self, sentence: str) -> NetworkData:
+        """The same data with a sentence on something unusual that is left as it is."""
+        return replace(self, findings=(*self.findings, sentence))
+
+    def repairing(self, sentence: str) -> NetworkData:
+        """The same data with a sentence on a correction."""
+        return replace(self, findings=(*self.findings, sentence), repaired=True)
 
 
 def data_of(
@@ -160,26 +170,18 @@ def bond_vectors_of(data: NetworkData) -> Array:
     return L if data.cell is None or data.offsets is None else L + data.offsets @ data.cell
 
 
+def edge_values(data: NetworkData) -> dict[str, Any]:
+    """The values of edges that a record has, by the names under which they are written."""
+    known = ((names[0], getattr(data, field)) for field, names in EDGE_VALUES.items())
+    return {name: values for name, values in known if values is not None}
+
+
 def polygon_edges(polygons: Sequence[Sequence[int]]) -> IntArray:
     """Sides of polygons, each once, (N_b, 2)."""
     sides = [(int(a), int(b)) for polygon in polygons for a, b in zip(polygon, [*polygon[1:], polygon[0]], strict=True)]
     if not sides:
         raise InputError("the mesh has no polygons: give one with cells of at least three vertices")
     return np.unique(np.sort(np.array(sides), axis=1), axis=0)
-
-
-def numbers(values: Any, name: str, whole: bool = False) -> Any:
-    """An array of real numbers, or `InputError`; whole ones as integers."""
-    try:
-        array = np.asarray(values)
-        real = array if array.dtype.kind in "biuf" else array.astype(object).astype(float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} must be numbers, one row each, not {shown(values)}") from None
-    if not whole:
-        return real.astype(float)
-    if not (np.isfinite(real).all() and (np.abs(real) < 2.0**53).all() and (real == np.round(real)).all()):
-        raise InputError(f"{name} must be whole numbers: correct them")
-    return real.astype(np.int64)
 
 
 def unread(names: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:

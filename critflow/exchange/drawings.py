@@ -64,23 +64,17 @@ def clipped_segments(data: NetworkData) -> Array:
         return np.stack([start, start + L], axis=1)
     inverse = np.linalg.inv(data.cell)
     tail = start @ inverse
-    tail = tail - np.floor(tail)
-    head = tail + L @ inverse
-    lowest, highest = np.minimum(tail, head), np.maximum(tail, head)
+    tail, step = tail - np.floor(tail), L @ inverse
+    low, high = np.minimum(tail, tail + step).min(axis=0), np.maximum(tail, tail + step).max(axis=0)
     pieces = []
-    ranges = [
-        range(-int(np.floor(h)), 1 - int(np.floor(w))) for w, h in zip(lowest.min(0), highest.max(0), strict=True)
-    ]
-    for image in product(*ranges):
-        a, b = tail + image, head + image
-        # Liang and Barsky: the part of the line inside the unit cell.
-        step = b - a
+    for image in product(*(range(-int(np.floor(h)), 1 - int(np.floor(w))) for w, h in zip(low, high, strict=True))):
+        a = tail + image
+        # Liang and Barsky: the part of the line inside the unit cell; a direction without extent is inside or not.
         with np.errstate(divide="ignore", invalid="ignore"):
-            first, last = (0 - a) / step, (1 - a) / step
-        still = step == 0
-        enter = np.where(still, np.where((a >= 0) & (a <= 1), -np.inf, np.inf), np.minimum(first, last)).max(axis=1)
-        leave = np.where(still, np.inf, np.maximum(first, last)).min(axis=1)
-        enter, leave = np.maximum(enter, 0), np.minimum(leave, 1)
+            first, last = np.sort([-a / step, (1 - a) / step], axis=0)
+        outside = (step == 0) & ((a < 0) | (a > 1))
+        enter = np.maximum(np.where(step == 0, np.where(outside, np.inf, 0), first).max(axis=1), 0)
+        leave = np.minimum(np.where(step == 0, 1, last).min(axis=1), 1)
         inside = leave > enter + 1e-12
         ends = np.stack([a + enter[:, None] * step, a + leave[:, None] * step], axis=1)[inside]
         pieces.append(ends @ data.cell)

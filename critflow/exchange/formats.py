@@ -1,4 +1,4 @@
-"""The table of formats: the reader and the writer of each file ending."""
+"""The table of formats: the reader and the writer of each file ending, and the reader of each foreign object."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from critflow.arguments import shown
 from critflow.exchange.data import NetworkData
+from critflow.exchange.datasets import from_dataset
 from critflow.exchange.drawings import require_plane, write_dxf, write_svg
-from critflow.exchange.graphs import read_graph, write_graph
-from critflow.exchange.meshes import read_compas, read_mesh, require_no_cell, write_compas, write_mesh
-from critflow.exchange.node_link import read_node_link, write_node_link
+from critflow.exchange.graphs import from_graph, read_graph, write_graph
+from critflow.exchange.meshes import from_mesh, read_mesh, write_mesh
 from critflow.exchange.packages import optional
-from critflow.exchange.particles import read_gsd, read_lammps, write_gsd, write_lammps
+from critflow.exchange.particles import from_atoms, read_gsd, read_lammps, write_gsd, write_lammps
 from critflow.exchange.solids import write_solid
 from critflow.exchange.tables import read_tables, write_tables
 from critflow.result import InputError
@@ -20,42 +21,61 @@ from critflow.result import InputError
 
 @dataclass(frozen=True)
 class Format:
-    """One format: file endings, reader and writer, of which either may be missing.
+    """One format: what it is called, and how a network is read from its files or objects and written.
 
-    package   optional module that the writer needs
-    accepts   refuses, with `InputError`, a network that the format cannot hold
+    endings    of its files
+    read       record of a file
+    write      from a record to a path, with options
+    packages   optional modules that the writer needs
+    accepts    refuses, with `InputError`, a network that the format cannot hold
+    kind       package and class of an object of another library, such as "networkx.Graph"
+    convert    record of such an object, with those of `keywords` that are given
     """
 
     name: str
-    endings: tuple[str, ...]
-    read: Callable[[Path], NetworkData] | None
-    write: Callable[..., None] | None
-    package: str = ""
+    endings: tuple[str, ...] = ()
+    read: Callable[[Path], NetworkData] | None = None
+    write: Callable[..., None] | None = None
+    packages: tuple[str, ...] = ()
     accepts: Callable[[NetworkData], None] | None = None
+    kind: str = ""
+    convert: Callable[..., NetworkData] | None = None
+    keywords: tuple[str, ...] = ()
 
 
-def _read_tables(path: Path) -> NetworkData:
-    return read_tables(*table_paths(path))
-
-
-def _write_tables(data: NetworkData, path: Path) -> None:
-    write_tables(data, *table_paths(path))
-
-
-FORMATS = (
-    Format("tables", (".csv", ".txt", ".tsv"), _read_tables, _write_tables),
-    Format("graph", (".graphml", ".gml"), read_graph, write_graph, "networkx"),
-    Format("graph", (".json",), read_node_link, write_node_link),
+# All formats; whoever adds one enters it here (docs/extending/format.md).
+FORMATS = [
+    Format("tables", (".csv", ".txt", ".tsv"), read_tables, write_tables),
+    Format(
+        *("graph", (".graphml", ".gml", ".json"), read_graph, write_graph, ("networkx",)),
+        kind="networkx.Graph",
+        convert=from_graph,
+        keywords=("positions",),
+    ),
     Format("LAMMPS data", (".data", ".lmp", ".lammps"), read_lammps, write_lammps),
-    Format("GSD", (".gsd",), read_gsd, write_gsd, "gsd.hoomd"),
-    Format("mesh", (".vtu", ".vtk"), read_mesh, write_mesh, "meshio"),
+    Format("GSD", (".gsd",), read_gsd, write_gsd, ("gsd.hoomd",)),
+    Format("ASE atoms", kind="ase.Atoms", convert=from_atoms, keywords=("edges", "offsets", "cutoff")),
+    Format("mesh", (".vtu", ".vtk"), read_mesh, write_mesh, ("meshio",), kind="meshio.Mesh", convert=from_mesh),
     # Those without lines, or without data of lines.
-    Format("mesh", (".msh", ".ply", ".obj", ".xdmf"), read_mesh, None),
-    Format("COMPAS graph", (".compas",), read_compas, write_compas, "compas.datastructures", require_no_cell),
-    Format("SVG drawing", (".svg",), None, write_svg, accepts=require_plane),
-    Format("DXF drawing", (".dxf",), None, write_dxf, "ezdxf", require_plane),
-    Format("solid", (".stl", ".3mf"), None, write_solid),
-)
+    Format("mesh", (".msh", ".ply", ".obj", ".xdmf"), read_mesh),
+    Format("critflow dataset", kind="xarray.Dataset", convert=from_dataset),
+    Format("SVG drawing", (".svg",), write=write_svg, accepts=require_plane),
+    Format("DXF drawing", (".dxf",), write=write_dxf, packages=("ezdxf",), accepts=require_plane),
+    Format("STL solid", (".stl",), write=write_solid, packages=("trimesh",)),
+    Format("3MF solid", (".3mf",), write=write_solid, packages=("trimesh", "lxml.etree", "networkx")),
+]
+
+
+def format_of_object(source: object) -> Format:
+    """The format of an object of another library, by the names of its classes, else an `InputError`."""
+    kinds = {f"{each.__module__.split('.')[0]}.{each.__name__}" for each in type(source).__mro__}
+    for known in FORMATS:
+        if known.kind in kinds:
+            return known
+    raise InputError(
+        f"{shown(source)} is not a known source of a network: give a file, a graph, atoms, a mesh, or edges= and "
+        "positions="
+    )
 
 
 def readable_format(path: Path) -> Format:
@@ -83,8 +103,8 @@ def writable_format(path: Path) -> Format:
     if known.write is None:
         raise InputError(f"files with the ending {path.suffix} are read only: choose another one")
     require_folder(path)
-    if known.package:
-        optional(known.package)
+    for package in known.packages:
+        optional(package)
     return known
 
 
@@ -106,14 +126,3 @@ def format_of(path: Path, writing: bool = False) -> Format:
     possible = [known for known in FORMATS if (known.write if writing else known.read) is not None]
     endings = ", ".join(ending for known in possible for ending in known.endings)
     raise InputError(f"no format has the ending {path.suffix!r} of {str(path)!r}: choose one of {endings}")
-
-
-def table_paths(path: Path) -> tuple[Path, Path]:
-    """Paths of the edge table and the vertex table: NAME_edges.csv and NAME_vertices.csv of NAME.csv."""
-    stem = path.stem
-    for mark in ("_edges", "_vertices", "_nodes"):
-        stem = stem.removesuffix(mark)
-    edges = path.with_name(f"{stem}_edges{path.suffix}")
-    vertices = path.with_name(f"{stem}_vertices{path.suffix}")
-    nodes = path.with_name(f"{stem}_nodes{path.suffix}")
-    return edges, nodes if nodes.exists() and not vertices.exists() else vertices

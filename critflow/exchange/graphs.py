@@ -1,34 +1,29 @@
-"""networkx graphs and their attributes, GraphML and GML."""
+"""networkx graphs and their attributes, and their files: GraphML, GML and JSON in node-link form."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from critflow.exchange.data import Array, NetworkData, numbers, unread
+from critflow.exchange.data import EDGE_VALUES, Array, NetworkData, edge_values, unread
 from critflow.exchange.packages import optional
+from critflow.networks.checks import floats
 from critflow.result import InputError
 
 _POSITIONS = ("pos", "position", "positions", "coordinates", "xyz", "coords")
 _AXES = ("x", "y", "z")
-_EDGE_VALUES = {
-    "stiffness": ("stiffness", "k"),
-    "rest_lengths": ("rest_length", "l0"),
-    "force_densities": ("force_density", "sigma", "q"),
-}
-
-
 # Attributes of edges that are read, and the number that GraphML and GML give each edge.
-_READ = {*(name for names in _EDGE_VALUES.values() for name in names), "offset", "bond_vector", "tail", "index", "id"}
+_READ = {*(name for names in EDGE_VALUES.values() for name in names), "offset", "bond_vector", "tail", "index", "id"}
 
 
-def from_graph(graph: Any, positions: Mapping[Any, Any] | None = None) -> NetworkData:
-    """A networkx graph or multigraph with positions as a node attribute (`pos`, or x, y, z) or in a mapping.
+def from_graph(graph: Any, positions: Any = None) -> NetworkData:
+    """A networkx graph or multigraph with positions as a node attribute (`pos`, or x, y, z), in a mapping, or in rows.
 
     An edge attribute `offset` or `bond_vector` points from `tail` to the other end, where the edge has an attribute
     `tail`, and from its first end otherwise; edges with an attribute `index` are sorted by it.  Graph attribute `cell`,
@@ -38,84 +33,95 @@ def from_graph(graph: Any, positions: Mapping[Any, Any] | None = None) -> Networ
     index = {node: n for n, node in enumerate(nodes)}
     if not nodes or not graph.number_of_edges():
         raise InputError("the graph has no edges: give one with nodes and edges")
+    if positions is not None and not isinstance(positions, Mapping):
+        if len(positions) != len(nodes):
+            raise InputError(f"positions must have one row for each of the {len(nodes)} nodes")
+        positions = dict(zip(nodes, positions, strict=True))
     places = [_position(graph, node, positions) for node in nodes]
     if len({np.shape(place) for place in places}) > 1:
         raise InputError("the positions of the nodes have different numbers of coordinates: give each the same")
-    x = numbers(places, "positions of nodes")
+    x = floats(places, "positions of nodes")
     rows = sorted(graph.edges(data=True), key=lambda row: int(row[2].get("index", 0)))
     turned = [str(data.get("tail", a)) != str(a) for a, _, data in rows]
     edges = np.array(
         [[index[b], index[a]] if flip else [index[a], index[b]] for (a, b, _), flip in zip(rows, turned, strict=True)]
     )
-    found = [data for _, _, data in rows]
-    values = {name: _edge_values(found, names) for name, names in _EDGE_VALUES.items()}
-    cell = graph.graph.get("cell")
-    offsets, bonds = (_edge_vectors(found, name) for name in ("offset", "bond_vector"))
+    attributes = [data for _, _, data in rows]
+    values: dict[str, Any] = {name: _column(attributes, names) for name, names in EDGE_VALUES.items()}
+    cell, offsets = graph.graph.get("cell"), _column(attributes, ("offset",))
     return NetworkData(
         edges=edges,
         positions=x,
         cell=None if cell is None else np.array(_parsed(cell), dtype=float),
         offsets=None if offsets is None else np.round(offsets).astype(np.int64),
-        bond_vectors=bonds,
+        bond_vectors=_column(attributes, ("bond_vector",)),
         pins=tuple(n for n, node in enumerate(nodes) if _true(graph.nodes[node].get("fixed", False))),
         ids=tuple(map(str, nodes)),
         source="graph",
-        notes=unread((name for row in found for name in row), _READ),
-        stiffness=values["stiffness"],
-        rest_lengths=values["rest_lengths"],
-        force_densities=values["force_densities"],
+        notes=unread((name for row in attributes for name in row), _READ),
+        **values,
     )
 
 
-def node_attributes(data: NetworkData) -> Iterator[dict[str, Any]]:
-    """Attributes of each vertex: pos, fixed."""
+def to_graph(data: NetworkData) -> Any:
+    """A networkx multigraph: nodes with pos and fixed; edges with stiffness and so on; the cell.
+
+    Undirected graphs keep neither the order nor the direction of edges: these have an attribute index and one tail.
+    """
+    networkx = optional("networkx")
+    graph = networkx.MultiGraph(**({} if data.cell is None else {"cell": data.cell.tolist()}))
     fixed = set(data.pins)
     for n, x in enumerate(data.positions.tolist()):
-        yield {"pos": tuple(x), "fixed": n in fixed}
-
-
-def edge_attributes(data: NetworkData) -> Iterator[dict[str, Any]]:
-    """Attributes of each edge: index and tail, since undirected graphs keep neither; offset, stiffness and so on."""
-    values = {names[0]: getattr(data, name) for name, names in _EDGE_VALUES.items()}
-    columns = {name: column.tolist() for name, column in values.items() if column is not None}
-    offsets = None if data.offsets is None else data.offsets.tolist()
-    for n, tail in enumerate(data.edges[:, 0].tolist()):
-        attributes: dict[str, Any] = {"index": n, "tail": tail}
-        if offsets is not None:
-            attributes["offset"] = tuple(offsets[n])
-        yield attributes | {name: column[n] for name, column in columns.items()}
-
-
-def to_graph(data: NetworkData) -> Any:
-    """A networkx multigraph with attributes pos, fixed; tail, offset, stiffness and so on; cell."""
-    networkx = optional("networkx")
-    graph = networkx.MultiGraph()
-    if data.cell is not None:
-        graph.graph["cell"] = data.cell.tolist()
-    for n, attributes in enumerate(node_attributes(data)):
-        graph.add_node(n, **attributes)
-    for (tail, head), attributes in zip(data.edges.tolist(), edge_attributes(data), strict=True):
-        graph.add_edge(tail, head, **attributes)
+        graph.add_node(n, pos=tuple(x), fixed=n in fixed)
+    columns = {name: values.tolist() for name, values in edge_values(data).items()}
+    if data.offsets is not None:
+        columns["offset"] = list(map(tuple, data.offsets.tolist()))
+    for n, (tail, head) in enumerate(data.edges.tolist()):
+        graph.add_edge(tail, head, index=n, tail=tail, **{name: column[n] for name, column in columns.items()})
     return graph
 
 
 def read_graph(path: Path) -> NetworkData:
-    """GraphML or GML."""
-    networkx = optional("networkx")
-    try:
-        if path.suffix.lower() == ".gml":
-            graph = networkx.read_gml(path, label="id")
-        else:
-            graph = networkx.read_graphml(path)
-    except (networkx.NetworkXException, ValueError, KeyError, SyntaxError) as error:
-        raise InputError(f"{path} cannot be read as a graph: {error}") from None
+    """GraphML, GML, or JSON in node-link or adjacency form."""
+    networkx, ending = optional("networkx"), path.suffix.lower()
+    if ending == ".json":
+        graph = _from_json(json.loads(path.read_text(encoding="utf-8")))
+    else:
+        graph = networkx.read_gml(path, label="id") if ending == ".gml" else networkx.read_graphml(path)
     return replace(from_graph(graph), source=f"graph {path.name}")
 
 
+def _from_json(content: Any) -> Any:
+    """The graph of networkx.node_link_data, with its edges under `edges` or `links`, or of networkx.adjacency_data."""
+    networkx = optional("networkx")
+    if isinstance(content, dict) and "adjacency" in content:
+        return networkx.adjacency_graph(content)
+    if not (isinstance(content, dict) and "nodes" in content and ("edges" in content or "links" in content)):
+        raise ValueError("it needs nodes and edges (or links), as networkx.node_link_data writes them")
+    nodes, edges = content["nodes"], content["edges" if "edges" in content else "links"]
+    objects = all(isinstance(row, dict) for row in (*nodes, *edges))
+    if not objects or not all({"source", "target"} <= {*edge} for edge in edges):
+        raise ValueError('nodes are objects such as {"id": 0, "pos": [0, 0]}, edges such as {"source": 0, "target": 1}')
+    names = Counter(str(row.get("id", n)) for n, row in enumerate(nodes))
+    if names.total() > len(names):
+        raise ValueError(f"two nodes have the same id {names.most_common(1)[0][0]}: give each its own")
+    for number, edge in enumerate(edges):
+        missing = [end for end in (edge["source"], edge["target"]) if str(end) not in names]
+        if missing:
+            raise ValueError(f"an edge ends at the node {missing[0]!r}, which the file lacks: add it to the nodes")
+        edge.setdefault("index", number)
+        edge.pop("key", None)
+    # As a directed graph it keeps the direction of edges without a tail.
+    return networkx.node_link_graph({**content, "edges": edges, "directed": True, "multigraph": True}, edges="edges")
+
+
 def write_graph(data: NetworkData, path: Path) -> None:
-    """GraphML or GML, with vectors as JSON text: they know numbers and text only."""
+    """GraphML, GML or JSON; the first two know numbers and text only and have vectors as JSON text."""
     networkx = optional("networkx")
     graph = to_graph(data)
+    if path.suffix.lower() == ".json":
+        path.write_text(json.dumps(networkx.node_link_data(graph, edges="edges")), encoding="utf-8")
+        return
     for attributes in (
         graph.graph,
         *(a for _, a in graph.nodes(data=True)),
@@ -147,15 +153,10 @@ def _position(graph: Any, node: Any, positions: Mapping[Any, Any] | None) -> Any
     raise InputError(f"node {node!r} has no position: give an attribute pos, or x and y, or positions={{node: ...}}")
 
 
-def _edge_values(rows: list[Mapping[str, Any]], names: tuple[str, ...]) -> Array | None:
+def _column(rows: list[Mapping[str, Any]], names: tuple[str, ...]) -> Array | None:
+    """The first of these attributes that all edges have."""
     name = next((name for name in names if all(name in row for row in rows)), None)
-    return None if name is None else numbers([row[name] for row in rows], f"the edge attribute {name}")
-
-
-def _edge_vectors(rows: list[Mapping[str, Any]], name: str) -> Array | None:
-    if not all(name in row for row in rows):
-        return None
-    return np.array([_parsed(row[name]) for row in rows], dtype=float)
+    return None if name is None else floats([_parsed(row[name]) for row in rows], f"the edge attribute {name}")
 
 
 def _parsed(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Meshes: lines and polygons through meshio, VTU files, and COMPAS graphs with force densities and supports."""
+"""Meshes: lines and polygons through meshio, and VTU files."""
 
 from __future__ import annotations
 
@@ -9,16 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from critflow.exchange.data import NetworkData, bond_vectors_of, polygon_edges
+from critflow.exchange.data import EDGE_VALUES, NetworkData, bond_vectors_of, edge_values, polygon_edges
 from critflow.exchange.packages import optional
 from critflow.result import EnvironmentFailure, InputError
 
-_EDGE_VALUES = (
-    ("stiffness", "stiffness"),
-    ("rest_lengths", "rest_length"),
-    ("force_densities", "force_density"),
-)
-_SUPPORTS = ("is_support", "is_anchor", "is_fixed")
 _POLYGONS = ("triangle", "quad", "polygon")
 
 
@@ -30,19 +24,14 @@ def from_mesh(mesh: Any, source: str = "mesh") -> NetworkData:
         # Lines of three or more points are chains through all of them; the ends come first, then the inner points.
         lines = [np.column_stack([a[:, :1], a[:, 2:], a[:, 1:2]]) for a in lines]
         edges = np.concatenate([np.stack([a[:, :-1].ravel(), a[:, 1:].ravel()], axis=1) for a in lines])
-        chosen: tuple[tuple[int, ...], ...] = ()
     elif polygons:
-        edges, chosen = polygon_edges(polygons), tuple(tuple(map(int, p)) for p in polygons)
+        edges = polygon_edges(polygons)
     else:
         raise InputError(f"the {source} has neither lines nor polygons: export its edges as line cells")
-    values = {
-        name: np.concatenate([np.ravel(a) for a in mesh.cell_data[key]])
-        for name, key in (
-            ("stiffness", "stiffness"),
-            ("rest_lengths", "rest_length"),
-            ("force_densities", "force_density"),
-        )
-        if lines and len(lines) == len(mesh.cells) and key in mesh.cell_data
+    values: dict[str, Any] = {
+        name: np.concatenate([np.ravel(a) for a in mesh.cell_data[written]])
+        for name, (written, *_) in EDGE_VALUES.items()
+        if lines and len(lines) == len(mesh.cells) and written in mesh.cell_data
     }
     fixed = mesh.point_data.get("fixed")
     d = mesh.points.shape[1]
@@ -59,11 +48,8 @@ def from_mesh(mesh: Any, source: str = "mesh") -> NetworkData:
         cell=None if cell is None else np.asarray(cell, dtype=float).reshape(d, d),
         offsets=offsets,
         pins=() if fixed is None else tuple(np.flatnonzero(fixed).tolist()),
-        polygons=chosen,
         source=source,
-        stiffness=values.get("stiffness"),
-        rest_lengths=values.get("rest_lengths"),
-        force_densities=values.get("force_densities"),
+        **values,
     )
 
 
@@ -77,8 +63,6 @@ def read_mesh(path: Path) -> NetworkData:
     except SystemExit:
         reason = " ".join(reasons.getvalue().split()).removeprefix("Error: ")
         raise InputError(f"{path} cannot be read as a mesh: {reason or 'its content is broken'}") from None
-    except (meshio.ReadError, OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path} cannot be read as a mesh: {error}") from None
     except ModuleNotFoundError as missing:
         raise EnvironmentFailure(
             f"{path.suffix} files need the package {missing.name}, which is not installed: pip install {missing.name}"
@@ -95,17 +79,15 @@ def write_mesh(data: NetworkData, path: Path) -> None:
     d = data.dimension
     points = np.zeros((data.n_vertices, 3))
     points[:, :d] = data.positions
-    fixed = np.zeros(data.n_vertices, np.int64)
-    fixed[list(data.pins)] = 1
+    fixed = data.is_pin.astype(np.int64)
     cell_data = {"length": [np.linalg.norm(bond_vectors_of(data), axis=1)]}
-    named = (("stiffness", data.stiffness), ("rest_length", data.rest_lengths), ("force_density", data.force_densities))
-    cell_data |= {name: [np.asarray(values)] for name, values in named if values is not None}
+    cell_data |= {name: [np.asarray(values)] for name, values in edge_values(data).items()}
     point_data = {"fixed": fixed}
     if data.cell is not None and data.offsets is not None:
         offsets = np.zeros((data.n_edges, 3), np.int64)
         offsets[:, :d] = data.offsets
         cell_data |= {f"offset_{axis}": [offsets[:, k].copy()] for k, axis in enumerate("xyz")}
-        cell = np.diag([0.0, 0.0, 0.0])
+        cell = np.zeros((3, 3))
         cell[:d, :d] = data.cell
         if d == 2:
             cell[2, 2] = float(np.linalg.norm(data.cell, axis=1).max())
@@ -123,62 +105,4 @@ def from_polygons(points: Any, polygons: Any) -> NetworkData:
     few = [n for n, cell in enumerate(cells) if len(cell) < 3]
     if few:
         raise InputError(f"polygon {few[0]} has fewer than three vertices: correct it")
-    return NetworkData(
-        edges=polygon_edges(cells), positions=np.asarray(points, dtype=float), polygons=cells, source="polygons"
-    )
-
-
-def from_compas(graph: Any) -> NetworkData:
-    """A COMPAS graph or network: attributes x, y, z; q (force density) of edges; is_support (or is_anchor) of nodes."""
-    nodes = list(graph.nodes())
-    index = {node: n for n, node in enumerate(nodes)}
-    pairs = sorted(graph.edges(), key=lambda pair: graph.edge_attribute(pair, "index") or 0)
-    turned = [graph.edge_attribute(pair, "tail") == pair[1] for pair in pairs]
-    edges = [(index[b], index[a]) if flip else (index[a], index[b]) for (a, b), flip in zip(pairs, turned, strict=True)]
-    positions = np.array([graph.node_attributes(node, "xyz") for node in nodes], dtype=float)
-    supports = [
-        n
-        for n, node in enumerate(nodes)
-        for name in ("is_support", "is_anchor", "is_fixed")
-        if graph.node_attribute(node, name)
-    ]
-    q = [graph.edge_attribute(edge, "q") for edge in pairs]
-    known = all(isinstance(value, int | float) for value in q)
-    return NetworkData(
-        edges=np.array(edges, dtype=np.int64).reshape(-1, 2),
-        positions=positions,
-        pins=tuple(sorted(set(supports))),
-        force_densities=np.array(q, dtype=float) if known and q else None,
-        ids=tuple(map(str, nodes)),
-        source="COMPAS graph",
-    )
-
-
-def read_compas(path: Path) -> NetworkData:
-    """A COMPAS JSON file of a graph."""
-    datastructures = optional("compas.datastructures")
-    try:
-        graph = datastructures.Graph.from_json(str(path))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} cannot be read as a COMPAS graph: {error}") from None
-    return from_compas(graph)
-
-
-def require_no_cell(data: NetworkData) -> None:
-    """Raise `InputError` for a periodic network."""
-    if data.cell is not None:
-        raise InputError("COMPAS has no periodic cell: fix vertices, or write another format")
-
-
-def write_compas(data: NetworkData, path: Path) -> None:
-    """A COMPAS graph as JSON with q and is_support; periodic networks have no such form."""
-    require_no_cell(data)
-    graph = optional("compas.datastructures").Graph()
-    fixed = set(data.pins)
-    for n, x in enumerate(data.positions):
-        x3 = [*map(float, x), 0.0][:3]
-        graph.add_node(n, x=x3[0], y=x3[1], z=x3[2], is_support=n in fixed)
-    for n, (i, j) in enumerate(data.edges.tolist()):
-        attributes = {} if data.force_densities is None else {"q": float(data.force_densities[n])}
-        graph.add_edge(i, j, index=n, tail=i, **attributes)
-    graph.to_json(str(path))
+    return NetworkData(edges=polygon_edges(cells), positions=np.asarray(points, dtype=float), source="polygons")

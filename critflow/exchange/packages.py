@@ -14,8 +14,9 @@ EXTRAS = {
     "gsd.hoomd": "particles",
     "ase.neighborlist": "particles",
     "meshio": "meshes",
-    "compas.datastructures": "meshes",
     "ezdxf": "drawings",
+    "trimesh": "solids",
+    "lxml.etree": "solids",
     "skimage.morphology": "pictures",
     "skan": "pictures",
 }

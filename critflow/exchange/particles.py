@@ -24,10 +24,7 @@ def read_lammps(path: Path, periodic: bool = True) -> NetworkData:
     Harmonic `Bond Coeffs` are not in the record of lammpsio; they are read from the text: K (r − r0)², so k = 2 K.
     """
     lammpsio = optional("lammpsio")
-    try:
-        snapshot = lammpsio.DataFile(str(path)).read()
-    except (OSError, ValueError, IndexError, KeyError) as error:
-        raise InputError(f"{path} cannot be read as a LAMMPS data file: {error}") from None
+    snapshot = lammpsio.DataFile(str(path)).read()
     if not snapshot.has_bonds():
         raise InputError(f"{path} has no Bonds section: write the data file with bonds")
     ids = np.arange(1, snapshot.N + 1) if not snapshot.has_id() else snapshot.id
@@ -150,11 +147,8 @@ def _require_nearest(data: NetworkData) -> None:
 def read_gsd(path: Path) -> NetworkData:
     """The last frame of a GSD file with bonds, which join nearest images; box (lx, ly, lz, xy, xz, yz)."""
     hoomd = optional("gsd.hoomd")
-    try:
-        with hoomd.open(str(path), "r") as trajectory:
-            frame = trajectory[-1]
-    except (OSError, RuntimeError, IndexError) as error:
-        raise InputError(f"{path} cannot be read as a GSD file: {error}") from None
+    with hoomd.open(str(path), "r") as trajectory:
+        frame = trajectory[-1]
     if not frame.bonds.N:
         raise InputError(f"{path} has no bonds: write them with the particles")
     lx, ly, lz, xy, xz, yz = (float(value) for value in frame.configuration.box)
@@ -217,7 +211,7 @@ def from_atoms(
         first, second, shift = optional("ase.neighborlist").neighbor_list("ijS", atoms, cutoff)
         edges, offsets = np.stack([first, second], axis=1), shift
     if edges is None:
-        edges = _bonds_of_atoms(atoms)
+        raise InputError("the atoms have no bonds: give edges= (and offsets=, the cell shifts S), or cutoff=")
     periodic = np.asarray(atoms.get_pbc())
     pairs = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
     x = np.asarray(atoms.get_positions(), dtype=float)
@@ -232,17 +226,3 @@ def from_atoms(
         offsets=None if offsets is None or not periodic.any() else np.asarray(offsets, dtype=np.int64),
         source="ASE atoms",
     )
-
-
-def _bonds_of_atoms(atoms: Any) -> Array:
-    """Bonds as ASE's reader of LAMMPS data stores them: "3(1),4(2)" is a list of partners with their types."""
-    texts = atoms.arrays.get("bonds")
-    if texts is None:
-        raise InputError("the atoms have no bonds: give edges= (and offsets=, the cell shifts S), or cutoff=")
-    pairs = [
-        (n, int(word.split("(")[0]))
-        for n, text in enumerate(texts)
-        for word in str(text).split(",")
-        if word not in ("_", "")
-    ]
-    return np.array(pairs)

@@ -28,18 +28,12 @@ _FLAT = 1e-9
 class ImportedNetwork(Solution[Network]):
     """A network from another program; `print` shows how it was read and repaired.
 
-    notes            one sentence on each property of the source and each repair
-    data             the record that the network was made of, after the repairs
-    edges_kept       (N_b,) edge of the source of each edge
-    vertices_kept    (N_v,) vertex of the source of each vertex; -1 for one at a crossing of edges
-    repaired         whether anything was changed
+    notes  one sentence on each property of the source and each repair
+    data   the record that the network was made of, after the repairs
     """
 
     notes: tuple[str, ...] = ()
     data: NetworkData = field(repr=False)
-    edges_kept: IntArray = field(repr=False)
-    vertices_kept: IntArray = field(repr=False)
-    repaired: bool = False
 
     @property
     def network(self) -> Network:
@@ -62,6 +56,21 @@ class ImportedNetwork(Solution[Network]):
         return self.data.force_densities
 
     @property
+    def edges_kept(self) -> IntArray:
+        """Edge of the source of each edge, (N_b,)."""
+        return np.asarray(self.data.edge_numbers)
+
+    @property
+    def vertices_kept(self) -> IntArray:
+        """Vertex of the source of each vertex, (N_v,); -1 for one at a crossing of edges."""
+        return np.asarray(self.data.vertex_numbers)
+
+    @property
+    def repaired(self) -> bool:
+        """Whether anything was changed."""
+        return self.data.repaired
+
+    @property
     def vertex_names(self) -> tuple[str, ...]:
         """Names or numbers of the vertices in the source; "crossing" for those at a crossing of edges."""
         if self.data.ids:
@@ -80,33 +89,8 @@ def described(network: Network) -> str:
     return f"{network.n_vertices:,} vertices, {network.n_edges:,} edges, {network.dimension}D, {kind}, z = {z:.3g}"
 
 
-class _Ledger:
-    """The current record, the source's index of its edges and vertices, and the sentences of the repairs."""
-
-    def __init__(self, data: NetworkData, strict: bool):
-        self.data, self.strict = data, strict
-        self.edges = np.arange(data.n_edges)
-        self.vertices = np.arange(data.n_vertices)
-        self.sentences: list[str] = []
-        self.changed = False
-
-    def note(self, sentence: str) -> None:
-        if self.strict:
-            raise NetworkError(f"strict=True refuses this repair: {sentence}; correct the source, or leave strict out")
-        self.changed = True
-        self.sentences.append(sentence)
-
-    def keep_edges(self, kept: NDArray[np.bool_]) -> None:
-        self.data, self.edges = self.data.with_edges(kept), self.edges[kept]
-
-    def keep_vertices(self, kept: NDArray[np.bool_]) -> None:
-        self.edges = self.edges[kept[self.data.edges].all(axis=1)]
-        self.vertices = self.vertices[kept]
-        self.data = self.data.with_vertices(kept)
-
-
 def imported(
-    data: NetworkData, strict: bool = False, contract: bool = False, join_crossings: bool = False
+    read: NetworkData, strict: bool = False, contract: bool = False, join_crossings: bool = False
 ) -> ImportedNetwork:
     """The network of a checked record with all offsets and fixed vertices known.
 
@@ -114,43 +98,36 @@ def imported(
     contract  replace each chain of edges through vertices of two edges by one edge: springs in series
     join_crossings  put a vertex where two edges of a planar network cross
     """
-    ledger = _Ledger(data, strict)
-    for sentence in data.repairs:
-        ledger.note(sentence)
-    _without_loops(ledger)
-    _without_repeats(ledger)
-    require_boundary(ledger.data)
-    _crossings(ledger, join_crossings)
-    bare = int((np.bincount(ledger.data.edges.ravel(), minlength=ledger.data.n_vertices) == 0).sum())
-    if bare:
-        ledger.note(f"{counted(bare, 'vertex')} without edges, removed")
-    _without_fixed_edges(ledger)
-    _carrying(ledger)
-    _without_bare(ledger)
-    _chains(ledger, contract)
-    found = ledger.data
-    ledger.sentences.extend(_without_length(found))
-    network = Network(
-        found.edges,
-        found.offsets,  # type: ignore[arg-type]
-        found.cell,
-        1.0 if found.stiffness is None else found.stiffness,  # type: ignore[arg-type]
-        {i: found.positions[i] for i in found.pins},
-        n_vertices=found.n_vertices,
-        positions=found.positions,
+    steps = (
+        *(_without_loops, _without_repeats, require_boundary),
+        _with_crossings_joined if join_crossings else _with_crossings_reported,
+        *(_without_bare, _without_fixed_edges, _carrying),
+        *((_with_chains_joined, _without_loops, _without_bare_silently) if contract else (_with_chains_reported,)),
+        _with_short_edges_reported,
     )
-    notes = (*data.notes, *_digits(data), *ledger.sentences)
-    stats = Stats(f"read {data.source}", len(ledger.sentences))
+    data = replace(read, edge_numbers=np.arange(read.n_edges), vertex_numbers=np.arange(read.n_vertices))
+    for step in steps:
+        data = step(data)
+        if strict and data.repaired:
+            raise NetworkError(
+                f"strict=True refuses this repair: {data.findings[-1]}; correct the source, or leave strict out"
+            )
+    network = Network(
+        data.edges,
+        data.offsets,  # type: ignore[arg-type]
+        data.cell,
+        1.0 if data.stiffness is None else data.stiffness,  # type: ignore[arg-type]
+        {i: data.positions[i] for i in data.pins},
+        n_vertices=data.n_vertices,
+        positions=data.positions,
+    )
     return ImportedNetwork(
         value=network,
         status=Status.ok,
-        stats=stats,
-        note="; ".join(ledger.sentences),
-        notes=notes,
-        data=found,
-        edges_kept=ledger.edges,
-        vertices_kept=ledger.vertices,
-        repaired=ledger.changed,
+        stats=Stats(f"read {data.source}", len(data.findings)),
+        note="; ".join(data.findings),
+        notes=(*data.notes, *_digits(read), *data.findings),
+        data=data,
     )
 
 
@@ -163,152 +140,138 @@ def in_its_plane(data: NetworkData) -> NetworkData:
     if len(flat) != 1:
         return data
     k = int(flat[0])
-    others = [axis for axis in range(3) if axis != k]
+    kept = [axis for axis in range(3) if axis != k]
     cell, offsets, bonds = data.cell, data.offsets, data.bond_vectors
     if bonds is not None:
         if np.abs(bonds[:, k]).max() > _FLAT * float(extent.max()):
             return data
-        bonds = bonds[:, others]
+        bonds = bonds[:, kept]
     if cell is not None:
         crossing = offsets is not None and offsets[:, k].any()
-        if crossing or np.abs(cell[k, others]).max() > 0 or np.abs(cell[others, k]).max() > 0:
+        if crossing or np.abs(cell[k, kept]).max() > 0 or np.abs(cell[kept, k]).max() > 0:
             return data
-        cell = cell[np.ix_(others, others)]
-        offsets = None if offsets is None else offsets[:, others]
-    plane = replace(data, positions=data.positions[:, others], cell=cell, offsets=offsets, bond_vectors=bonds)
+        cell = cell[np.ix_(kept, kept)]
+        offsets = None if offsets is None else offsets[:, kept]
+    plane = replace(data, positions=data.positions[:, kept], cell=cell, offsets=offsets, bond_vectors=bonds)
     # Many formats know three dimensions only, so this is no fault of the source.
     return plane.noting(f"all vertices have one {'xyz'[k]}, so the network was read as two-dimensional")
 
 
-def _without_loops(ledger: _Ledger) -> None:
-    data = ledger.data
+def _without_loops(data: NetworkData) -> NetworkData:
     loops = data.edges[:, 0] == data.edges[:, 1]
     if data.offsets is not None:
         loops &= ~data.offsets.any(axis=1)
-    if loops.any():
-        ledger.keep_edges(~loops)
-        ledger.note(f"{counted(int(loops.sum()), 'edge')} from a vertex to itself, removed")
-
-
-def _without_repeats(ledger: _Ledger) -> None:
-    """One edge of each set with the same ends and offset, in either direction."""
-    data = ledger.data
-    if not data.n_edges:
+    if not loops.any():
+        return data
+    if loops.all():
         raise NetworkError("every edge joins a vertex to itself: give edges between different vertices")
+    return data.with_edges(~loops).repairing(f"{counted(int(loops.sum()), 'edge')} from a vertex to itself, removed")
+
+
+def _without_repeats(data: NetworkData) -> NetworkData:
+    """One edge of each set with the same ends and offset, in either direction."""
     edges = data.edges
-    offsets = np.zeros((len(edges), 0), np.int64) if data.offsets is None else np.asarray(data.offsets)
-    first = np.argmax(offsets != 0, axis=1) if offsets.shape[1] else np.zeros(len(edges), int)
-    leading = offsets[np.arange(len(edges)), first] if offsets.shape[1] else np.zeros(len(edges), int)
+    offsets = np.zeros((len(edges), 1), np.int64) if data.offsets is None else data.offsets
+    leading = offsets[np.arange(len(edges)), np.argmax(offsets != 0, axis=1)]
     turned = (edges[:, 0] > edges[:, 1]) | ((edges[:, 0] == edges[:, 1]) & (leading < 0))
     key = np.concatenate([np.sort(edges, axis=1), np.where(turned[:, None], -offsets, offsets)], axis=1)
-    _, where, inverse, count = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
-    repeated = len(edges) - len(where)
+    _, first, inverse, count = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    repeated = len(edges) - len(first)
     if not repeated:
-        return
+        return data
     both = bool((count == 2).all()) and bool(np.bincount(inverse.ravel(), turned.astype(float)).all())
-    kept = np.zeros(len(edges), bool)
-    kept[where] = True
-    ledger.keep_edges(kept)
-    ledger.note(
-        f"every edge was given in both directions (a full neighbour list); one of each, {len(where)}, was kept"
+    return data.with_edges(np.sort(first)).repairing(
+        f"every edge was given in both directions (a full neighbour list); one of each, {len(first)}, was kept"
         if both
         else f"{counted(repeated, 'repeated edge', 'was')} removed"
     )
 
 
-def _crossings(ledger: _Ledger, join: bool) -> None:
-    """Edges of a planar network that cross: reported, or joined by a vertex."""
-    data = ledger.data
-    if data.dimension != 2:
-        return
-    found = crossings_of(data)
-    if not len(found.pairs):
-        return
-    i, j = found.pairs[0]
-    if not join:
-        ledger.sentences.append(
-            f"{counted(len(found.pairs), 'crossing')} of two edges without a vertex, edges {ledger.edges[i]} and "
-            f"{ledger.edges[j]} first; join_crossings=True puts one there"
-        )
-        return
-    ledger.data, owner = split(data, found)
-    ledger.edges = ledger.edges[owner]
-    ledger.vertices = np.concatenate([ledger.vertices, np.full(ledger.data.n_vertices - data.n_vertices, -1)])
-    ledger.note(f"{counted(len(found.pairs), 'crossing')} of two edges, joined by a vertex there")
+def _with_crossings_reported(data: NetworkData) -> NetworkData:
+    if data.dimension != 2 or not len(pairs := crossings_of(data).pairs):
+        return data
+    i, j = np.asarray(data.edge_numbers)[pairs[0]]
+    return data.finding(
+        f"{counted(len(pairs), 'crossing')} of two edges without a vertex, edges {i} and {j} first; "
+        "join_crossings=True puts one there"
+    )
 
 
-def _without_fixed_edges(ledger: _Ledger) -> None:
-    data = ledger.data
-    fixed = np.zeros(data.n_vertices, bool)
-    fixed[list(data.pins)] = True
-    between = np.asarray(fixed[data.edges].all(axis=1))
+def _with_crossings_joined(data: NetworkData) -> NetworkData:
+    if data.dimension != 2 or not len((crossings := crossings_of(data)).pairs):
+        return data
+    sentence = f"{counted(len(crossings.pairs), 'crossing')} of two edges, joined by a vertex there"
+    return split(data, crossings).repairing(sentence)
+
+
+def _without_bare(data: NetworkData) -> NetworkData:
+    part = _without_bare_silently(data)
+    bare = data.n_vertices - part.n_vertices
+    return part.repairing(f"{counted(bare, 'vertex')} without edges, removed") if bare else data
+
+
+def _without_bare_silently(data: NetworkData) -> NetworkData:
+    """The record without vertices that have no edges, which are those of edges removed before."""
+    return data.with_vertices(np.bincount(data.edges.ravel(), minlength=data.n_vertices) > 0)
+
+
+def _without_fixed_edges(data: NetworkData) -> NetworkData:
+    between = np.asarray(data.is_pin[data.edges].all(axis=1))
     if between.all():
         raise NetworkError("every edge joins two fixed vertices, so none can carry tension: fix fewer of them")
-    if between.any():
-        ledger.keep_edges(~between)
-        ledger.note(
-            f"{counted(int(between.sum()), 'edge')} between fixed vertices, removed: no motion changes the length"
-        )
+    if not between.any():
+        return data
+    sentence = f"{counted(int(between.sum()), 'edge')} between fixed vertices, removed: no motion changes the length"
+    return _without_bare_silently(data.with_edges(~between).repairing(sentence))
 
 
-def _carrying(ledger: _Ledger) -> None:
+def _carrying(data: NetworkData) -> NetworkData:
     """The largest part of which every edge can carry tension."""
-    data = ledger.data
-    offsets = np.zeros((data.n_edges, data.dimension), np.int64) if data.offsets is None else np.asarray(data.offsets)
+    offsets = np.zeros((data.n_edges, data.dimension), np.int64) if data.offsets is None else data.offsets
     part = carrying_part(data.edges, offsets, {i: data.positions[i] for i in data.pins}, data.n_vertices, data.cell)
     if len(part.edges) == data.n_edges:
-        return
+        return data
     if not len(part.edges):
         raise NetworkError(
             "no edge can carry tension: no closed path winds around the cell or joins two fixed vertices: fix more "
             "vertices, or give the cell"
         )
-    kept = np.zeros(data.n_edges, bool)
-    kept[part.edges] = True
-    ledger.keep_edges(kept)
-    ledger.note(part.sentence)
+    return _without_bare_silently(data.with_edges(part.edges).repairing(part.sentence))
 
 
-def _without_bare(ledger: _Ledger) -> None:
-    """Remove vertices without edges, which edges removed before may have left."""
-    used = np.zeros(ledger.data.n_vertices, bool)
-    used[ledger.data.edges] = True
-    if not used.all():
-        ledger.keep_vertices(used)
-
-
-def _chains(ledger: _Ledger, contract: bool) -> None:
-    """Vertices of two edges: reported, or replaced by springs in series."""
-    data = ledger.data
+def _inside_chains(data: NetworkData) -> NDArray[np.bool_]:
+    """Which vertices have two edges and no other reason to be there, (N_v,)."""
     degree = np.bincount(data.edges.ravel(), minlength=data.n_vertices)
-    loops = data.edges[data.edges[:, 0] == data.edges[:, 1], 0]
-    middle = degree == 2
-    middle[list(data.pins)] = False
-    middle[loops] = False
+    degree[data.edges[data.edges[:, 0] == data.edges[:, 1], 0]] = 0
+    return (degree == 2) & ~data.is_pin
+
+
+def _with_chains_reported(data: NetworkData) -> NetworkData:
+    middle = int(_inside_chains(data).sum())
+    if not middle:
+        return data
+    return data.finding(
+        f"{counted(middle, 'vertex', 'has')} two edges, which are in line under tension; contract=True joins them"
+    )
+
+
+def _with_chains_joined(data: NetworkData) -> NetworkData:
+    middle = _inside_chains(data)
     if not middle.any():
-        return
-    if not contract:
-        ledger.sentences.append(
-            f"{counted(int(middle.sum()), 'vertex', 'has')} two edges, which are in line under tension; "
-            "contract=True joins them"
-        )
-        return
-    merged, edge = contracted(data, middle)
-    ledger.data, ledger.edges = merged, ledger.edges[edge]
-    ledger.vertices = ledger.vertices[~middle]
-    ledger.note(f"{counted(int(middle.sum()), 'vertex')} of two edges, removed; the springs were joined in series")
-    _without_loops(ledger)
+        return data
+    sentence = f"{counted(int(middle.sum()), 'vertex')} of two edges, removed; the springs were joined in series"
+    return contracted(data, middle).repairing(sentence)
 
 
-def _without_length(data: NetworkData) -> tuple[str, ...]:
-    """A sentence on edges whose ends have one position."""
+def _with_short_edges_reported(data: NetworkData) -> NetworkData:
+    """Edges whose ends have one position."""
     short = np.flatnonzero(np.linalg.norm(bond_vectors_of(data), axis=1) == 0)
     if not len(short):
-        return ()
+        return data
     i, j = (data.name(int(vertex)) for vertex in data.edges[short[0]])
-    return (
+    return data.finding(
         f"{counted(len(short), 'edge', 'has')} no length, between vertices {i} and {j} first: its direction is "
-        "unknown, so move them apart or join them",
+        "unknown, so move them apart or join them"
     )
 
 

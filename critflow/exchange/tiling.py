@@ -39,22 +39,15 @@ def tiled(data: NetworkData, copies: Copies) -> NetworkData:
     tails = data.edges[None, :, 0] + n * np.arange(m)[:, None]
     heads = data.edges[None, :, 1] + n * copy
 
-    def repeated(values: Any) -> Any:
-        return None if values is None else np.tile(values, (m,) + (1,) * (np.ndim(values) - 1))
-
+    whole = data.with_edges(np.tile(np.arange(data.n_edges), m))
     return replace(
-        data,
+        whole,
         edges=np.stack([tails.ravel(), heads.ravel()], axis=1),
         positions=(data.positions[None] + (images @ data.cell)[:, None]).reshape(m * n, -1),
         cell=counts[:, None] * data.cell,
         offsets=(target // counts).reshape(-1, data.dimension),
-        bond_vectors=repeated(data.bond_vectors),
         pins=tuple(pin + n * k for k in range(m) for pin in data.pins),
-        stiffness=repeated(data.stiffness),
-        rest_lengths=repeated(data.rest_lengths),
-        force_densities=repeated(data.force_densities),
         ids=(),
-        polygons=(),
     )
 
 

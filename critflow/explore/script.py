@@ -33,7 +33,7 @@ def script(session: Session) -> str:
 
 
 _IMPORTED = (
-    *("CriticalManifold", "critical_from_lengths", "face_modes", "network_from", "optimize", "prune", "stiffening"),
+    *("CriticalManifold", "critical_from_lengths", "face_modes", "network_from", "optimize", "pruned", "stiffening"),
     *("strain_path", "transition_moduli", "voronoi_network"),
 )
 
@@ -81,9 +81,9 @@ def _faces(changes: list[Change], session: Session) -> list[str]:
 def _cuts(changes: list[Change], session: Session) -> list[str]:
     return [
         f"for edge in {[edge for _, edge in changes]}:",
-        "    pruned = prune(network, np.arange(network.n_edges) != edge)",
-        "    network, manifold = pruned.network, CriticalManifold(pruned.network)",
-        "    critical = manifold.configuration(critical.sigma[pruned.edges])",
+        "    part = pruned(network, np.arange(network.n_edges) != edge)",
+        "    network, manifold = part.network, CriticalManifold(part.network)",
+        "    critical = manifold.configuration(critical.sigma[part.edges])",
     ]
 
 

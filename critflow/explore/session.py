@@ -17,7 +17,7 @@ from critflow.critical.isogonal import IsogonalModes, face_modes
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.explore.model import POPULATIONS, Model, Observer
 from critflow.explore.source import Source
-from critflow.networks.pruning import prune
+from critflow.networks.pruning import pruned
 from critflow.paths.strain_path import StrainPath, strain_path
 from critflow.result import InputError, Solution
 from critflow.springs.state import SpringState
@@ -177,9 +177,9 @@ class Session:
     def _cut(self, base: State, edge: int) -> State:
         network = base.critical.network
         _check_index("edge", edge, network.n_edges)
-        pruned = prune(network, np.arange(network.n_edges) != edge)
-        model = Model(pruned.network, base.model.seed)
-        return self._solved(State(model, base.critical), base.critical.sigma[pruned.edges])
+        part = pruned(network, np.arange(network.n_edges) != edge)
+        model = Model(part.network, base.model.seed)
+        return self._solved(State(model, base.critical), base.critical.sigma[part.edges])
 
     def _strain(self, base: State, deformation: str, gamma: float) -> State:
         if gamma == 0:

@@ -22,7 +22,7 @@ def diluted(network: Network, z: float, seed: int | np.random.Generator = 0) -> 
     network, or so low that no part spans the cell in every direction.
 
     >>> import critflow as cf
-    >>> cf.diluted(cf.triangular_network(6, 6), z=4.0, seed=0).n_edges
+    >>> cf.diluted(cf.lattice("triangular", 6, 6), z=4.0, seed=0).n_edges
     72
     """
     order = generator(seed).permutation(network.n_edges)

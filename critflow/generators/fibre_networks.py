@@ -6,6 +6,7 @@ spring of stiffness 1/ℓ.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -13,35 +14,51 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from critflow.arguments import checked, generator
+from critflow.arguments import checked, generator, shown
 from critflow.generators.dilution import diluted, with_coordination
-from critflow.generators.lattices import periodic_network, triangular_network
+from critflow.generators.lattices import lattice, periodic_network
 from critflow.networks.network import Array, IntArray, Network
-from critflow.networks.pruning import CarryingPart, carrying_part, pruned_network
+from critflow.networks.pruning import CarryingPart, carrying_part, pruned
 from critflow.networks.support import check_size
 from critflow.result import InputError
 
 
 @checked
-def phantom_network(
-    columns: int = 20, rows: int = 20, z: float = 4.0, seed: int | np.random.Generator = 0, edge_length: float = 1.0
-) -> Network:
-    """The triangular lattice in which one of the three fibres at each vertex, chosen at random, passes without a link.
+def fibre_network(kind: str, *size: int, z: float | None = None, seed: int | np.random.Generator = 0) -> Network:
+    """Straight fibres that are linked where they cross, to the mean coordination z = 2 N_b/N_v.
 
-    Every vertex then has four edges, of 1, 2, ... lattice spacings; edges are removed at random to reach z <= 4
-    (Broedersz, Sheinman, MacKintosh, Phys. Rev. Lett. 108, 078102, 2012; Licup et al., PNAS 112, 9573, 2015).
-    Raises `InputError` for a z out of reach and for sizes that are no whole numbers.
+    kind  "phantom": the triangular lattice of unit edges in which one of the three fibres at each vertex, chosen at
+          random, passes without a link, so that four edges of 1, 2, ... spacings meet there; edges are removed at
+          random to reach z (Broedersz, Sheinman, MacKintosh, Phys. Rev. Lett. 108, 078102, 2012; Licup et al., PNAS
+          112, 9573, 2015)
+          "mikado": rods of one length at random places and angles in a periodic square, V = N_v; they grow until z
+          edges meet at a vertex, to 1/N_v, and parts that carry no tension are removed (Wilhelm, Frey, Phys. Rev. Lett.
+          91, 108103, 2003; Head, Levine, MacKintosh, ibid. 108102)
+    size  columns and rows of the lattice, 20 × 20 by default; vertices among the rods, 1000 by default and reached to
+          a few per cent
+    z     at most 4, by default, for "phantom"; between 2 and 4, and 3.6 by default, for "mikado"
+
+    Raises `InputError` for another kind, and for a size and a z that are out of reach.
 
     >>> import critflow as cf
-    >>> cf.phantom_network(6, 6, z=3.4, seed=1).dimension
-    2
+    >>> cf.fibre_network("phantom", 6, 6, z=3.4, seed=1).dimension, cf.fibre_network("mikado", 60, seed=1).dimension
+    (2, 2)
     """
-    rng = generator(seed)
-    lattice = triangular_network(columns, rows, edge_length)
-    n_vertices = lattice.n_vertices
+    if kind not in _KINDS:
+        raise InputError(f"no fibre network is called {shown(kind)}: choose one of {', '.join(_KINDS)}")
+    make, usual_size, usual_z = _KINDS[kind]
+    if len(size) not in (0, len(usual_size)):
+        raise InputError(f"the size of a {kind} network is {len(usual_size)} whole numbers, not {len(size)}")
+    return make(*(size or usual_size), usual_z if z is None else z, generator(seed))
+
+
+def _phantom(columns: int, rows: int, z: float, rng: np.random.Generator) -> Network:
+    """The diluted triangular lattice of which a fibre at each vertex passes without a link."""
+    triangles = lattice("triangular", columns, rows)
+    n_vertices = triangles.n_vertices
     unlinked = rng.integers(3, size=n_vertices)
     # The lattice lists its edges by direction, each time in the order of the vertices that they leave.
-    following, step = lattice.edges[:, 1].reshape(3, -1), lattice.offsets.reshape(3, n_vertices, 2)
+    following, step = triangles.edges[:, 1].reshape(3, -1), triangles.offsets.reshape(3, n_vertices, 2)
     edges, offsets = [], []
     for direction in range(3):
         tail = np.flatnonzero(unlinked != direction)
@@ -51,25 +68,13 @@ def phantom_network(
             head = np.where(passed, following[direction, head], head)
         edges.append(np.column_stack([tail, head]))
         offsets.append(offset)
-    assert lattice.cell is not None and lattice.positions is not None
-    network = Network(np.concatenate(edges), np.concatenate(offsets), lattice.cell, positions=lattice.positions)
-    network = _with_fibre_stiffness(network)
-    return diluted(network, z, rng)
+    assert triangles.cell is not None and triangles.positions is not None
+    network = Network(np.concatenate(edges), np.concatenate(offsets), triangles.cell, positions=triangles.positions)
+    return diluted(_with_fibre_stiffness(network), z, rng)
 
 
-@checked
-def mikado_network(n_vertices: int = 1000, z: float = 3.6, seed: int | np.random.Generator = 0) -> Network:
-    """Rods of one length at random places and angles in a periodic square, linked where they cross; V = N_v.
-
-    The rods, of which there are n_vertices (4 − z)/2, grow until z edges meet at a vertex, to 1/N_v; free ends and
-    other parts that carry no tension are removed, and n_vertices is reached to a few per cent (Wilhelm, Frey, Phys.
-    Rev. Lett. 91, 108103, 2003; Head, Levine, MacKintosh, ibid. 108102).
-    Raises `InputError` for z outside 2 < z < 4, and for so few vertices that z is out of reach.
-
-    >>> import critflow as cf
-    >>> cf.mikado_network(n_vertices=60, seed=1).dimension
-    2
-    """
+def _mikado(n_vertices: int, z: float, rng: np.random.Generator) -> Network:
+    """The network of n_vertices (4 − z)/2 rods that have grown until z edges meet at a vertex."""
     if not (np.isfinite(n_vertices) and int(n_vertices) == n_vertices and n_vertices >= 1):
         raise InputError(f"n_vertices must be a positive whole number, not {n_vertices}")
     if not 2 < z < 4:
@@ -80,7 +85,6 @@ def mikado_network(n_vertices: int = 1000, z: float = 3.6, seed: int | np.random
         raise InputError(f"a Mikado network of z = {z:g} needs at least {int(np.ceil(4 / (4 - z)))} vertices")
     # A rod of length ℓ has 2 n_rods ℓ²/π crossings, and 4/(4 − z) of them give the coordination without its free ends.
     longest = 1.5 * np.sqrt(np.pi / 2 * 4 / (4 - z) / n_rods)
-    rng = generator(seed)
     centres, angles = rng.random((n_rods, 2)), np.pi * rng.random(n_rods)
     crossings = _crossings(centres, angles, longest)
     n_crossings = len(crossings.length)
@@ -93,12 +97,19 @@ def mikado_network(n_vertices: int = 1000, z: float = 3.6, seed: int | np.random
     part, n_removed = with_coordination(after, n_crossings, z, 2)
     edges, offsets = _segments(crossings, n_crossings - n_removed)
     side = np.sqrt(part.n_vertices)
-    pruned = pruned_network(edges, offsets, side * np.eye(2), positions=side * crossings.places).network
+    network = pruned(edges, offsets=offsets, cell=side * np.eye(2), positions=side * crossings.places).network
     length = side * crossings.length[n_crossings - n_removed - 1]
-    note = f"z = {part.coordination:.6g} with {n_rods} rods of length {length:.6g}; {pruned.note}"
-    assert pruned.cell is not None and pruned.positions is not None
-    planar = periodic_network(pruned.edges, pruned.offsets, pruned.cell, pruned.positions)
+    note = f"z = {part.coordination:.6g} with {n_rods} rods of length {length:.6g}; {network.note}"
+    assert network.cell is not None and network.positions is not None
+    planar = periodic_network(network.edges, network.offsets, network.cell, network.positions)
     return _with_fibre_stiffness(replace(planar, note=note))
+
+
+# Maker, size and z where none are given, of each kind.
+_KINDS: dict[str, tuple[Callable[..., Network], tuple[int, ...], float]] = {
+    "phantom": (_phantom, (20, 20), 4.0),
+    "mikado": (_mikado, (1000,), 3.6),
+}
 
 
 class _Crossings(NamedTuple):

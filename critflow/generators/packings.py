@@ -12,7 +12,7 @@ from critflow.arguments import checked, generator
 from critflow.generators.dilution import diluted
 from critflow.generators.random_points import points_in_cell
 from critflow.networks.network import Array, IntArray, Network
-from critflow.networks.pruning import pruned_network
+from critflow.networks.pruning import pruned
 from critflow.networks.support import check_size
 from critflow.result import InputError
 
@@ -71,7 +71,7 @@ def packing_network(
     packing = _Packing(radii, side)
     positions = packing.relaxed(start)
     edges, offsets = packing.contacts(positions)
-    network = pruned_network(edges, offsets, side * np.eye(dimension), positions=positions).network
+    network = pruned(edges, offsets=offsets, cell=side * np.eye(dimension), positions=positions).network
     found = diluted(network, z, rng)
     return replace(found, note=f"{network.n_vertices} of {n_vertices} particles in contact; {found.note}")
 

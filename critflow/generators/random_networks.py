@@ -12,7 +12,11 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked, generator
 from critflow.generators.random_points import check_addition, points_in_cell, random_sequential_addition
-from critflow.generators.tessellations import count_simplices, delaunay_of, voronoi_of
+from critflow.generators.tessellations import (
+    count_simplices,
+    delaunay_tessellation,
+    voronoi_tessellation,
+)
 from critflow.networks.network import Network
 from critflow.networks.periodic_cell import checked_cell
 from critflow.networks.support import check_size
@@ -22,29 +26,50 @@ from critflow.result import InputError
 STANDARD_HARD_CORE = 0.82
 # Of spheres it stops at 0.384 of the volume, which is ρ = 0.902.
 FOAM_HARD_CORE = 0.87
+# Vertices of a network of random points where no number is given.
+_VERTICES = 1000
 
 
 @checked
 def voronoi_network(
-    n_vertices: int = 1000,
+    n_vertices: int | None = None,
     seed: int | np.random.Generator = 0,
     hard_core: float = STANDARD_HARD_CORE,
     cell: ArrayLike | None = None,
+    points: ArrayLike | None = None,
 ) -> Network:
     """The standard disordered network: exactly n_vertices, three edges a vertex, area V = n_vertices.
 
-    The cell is a square, or has the shape of `cell` (2, 2) with its vectors as rows.  The same seed gives the same
-    network, always.  Raises `InputError` for an odd or too small n_vertices and for a hard core (ρ, in units of the
-    mean spacing 1/√n_cells) that leaves too little space for all points; ρ = 0 places them independently.
+    n_vertices  an even number; 1000 by default
+    hard_core   least distance ρ of two points in units of the mean spacing 1/√n_cells; 0 places them independently
+    cell        (2, 2) vectors as rows, the shape of the cell; a square by default
+    points      (n_cells, d) in units of the cell vectors, in place of random ones: then `cell` (d, d) is the cell
+                itself, and d + 1 edges meet at a vertex
+
+    The same seed gives the same network, always.  Raises `InputError` for an odd or too small n_vertices, for a hard
+    core that leaves too little space for all points, and for points that are too few or too regular.
 
     >>> import critflow as cf
+    >>> import numpy as np
     >>> cf.voronoi_network(n_vertices=20, seed=1)
     Network(20 vertices, 30 edges, 2 dimensions, periodic, z = 3)
+    >>> cf.voronoi_network(points=np.random.default_rng(0).random((12, 2)))
+    Network(24 vertices, 36 edges, 2 dimensions, periodic, z = 3)
     """
+    if points is not None:
+        _check_alone(n_vertices)
+        return voronoi_tessellation(points, cell)
+    n_vertices = _VERTICES if n_vertices is None else n_vertices
     check_voronoi(n_vertices, hard_core)
     shape = None if cell is None else checked_cell(cell, 2)
     points = points_in_cell(n_vertices // 2, hard_core, generator(seed), shape)
-    return voronoi_of(points, cell=None if shape is None else shape * np.sqrt(n_vertices / abs(np.linalg.det(shape))))
+    scale = 1.0 if shape is None else np.sqrt(n_vertices / abs(np.linalg.det(shape)))
+    return voronoi_tessellation(points, None if shape is None else shape * scale)
+
+
+def _check_alone(n_vertices: int | None) -> None:
+    if n_vertices is not None:
+        raise InputError("the number of vertices follows from the points: give n_vertices or points")
 
 
 def check_voronoi(n_vertices: int, hard_core: float = STANDARD_HARD_CORE) -> None:
@@ -60,28 +85,33 @@ def check_voronoi(n_vertices: int, hard_core: float = STANDARD_HARD_CORE) -> Non
 
 @checked
 def delaunay_network(
-    n_vertices: int = 1000,
+    n_vertices: int | None = None,
     seed: int | np.random.Generator = 0,
     hard_core: float = STANDARD_HARD_CORE,
     cell: ArrayLike | None = None,
+    points: ArrayLike | None = None,
 ) -> Network:
     """The Delaunay triangulation of random points: exactly n_vertices, N_b = 3 N_v, area V = n_vertices.
 
     The arguments are those of `voronoi_network`, except that the points are the vertices; in three dimensions, where
     `cell` is (3, 3), about 15 edges meet at a vertex.
-    Raises `InputError` for too few vertices, and for a hard core (ρ, in units of 1/n_vertices^(1/d)) that leaves too
-    little space for all points.
+    Raises `InputError` for too few vertices, for a hard core (ρ, in units of 1/n_vertices^(1/d)) that leaves too
+    little space for all points, and for points that are too few or too regular.
 
     >>> import critflow as cf
     >>> cf.delaunay_network(n_vertices=20, seed=1)
     Network(20 vertices, 60 edges, 2 dimensions, periodic, z = 6)
     """
+    if points is not None:
+        _check_alone(n_vertices)
+        return delaunay_tessellation(points, cell)
+    n_vertices = _VERTICES if n_vertices is None else n_vertices
     if n_vertices < 4:
         raise InputError(f"n_vertices must be a whole number of at least 4, not {n_vertices}")
     shape = np.eye(2) if cell is None else checked_cell(cell)
     scale = (n_vertices / abs(np.linalg.det(shape))) ** (1 / len(shape))
     points = points_in_cell(n_vertices, hard_core, generator(seed), shape)
-    return delaunay_of(points, cell=scale * shape)
+    return delaunay_tessellation(points, scale * shape)
 
 
 @checked
@@ -105,10 +135,10 @@ def foam_network(
     for _ in range(_MAX_DRAWS):
         points = random_sequential_addition(n_cells, hard_core / n_cells ** (1 / 3), rng, dimension=3)
         if count_simplices(points) == n_vertices:
-            return voronoi_of(points)
+            return voronoi_tessellation(points)
     raise InputError(
         f"{n_cells} cells never had {n_vertices} vertices in {_MAX_DRAWS} draws: hard_core={hard_core:g} is far from "
-        f"its standard {FOAM_HARD_CORE}, so make the network by voronoi_of(points)"
+        f"its standard {FOAM_HARD_CORE}, so make the network by voronoi_network(points=...)"
     )
 
 

@@ -9,29 +9,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import Delaunay
 
-from critflow.arguments import checked
 from critflow.generators.lattices import periodic_network
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.periodic_cell import checked_cell, near_images, short_cell
 from critflow.result import InputError
 
 
-@checked
-def voronoi_of(points: ArrayLike, side: float | None = None, cell: ArrayLike | None = None) -> Network:
+def voronoi_tessellation(points: ArrayLike, cell: ArrayLike | None = None) -> Network:
     """The periodic Voronoi network of points (n_cells, d) in units of the cell vectors; d + 1 edges a vertex.
 
-    side   of a cube as the cell, by default so that V = N_v
-    cell   (d, d) vectors as rows, in place of a cube
+    cell   (d, d) vectors as rows; by default a cube of volume V = N_v
 
     Vertices are the circumcentres of the Delaunay simplices of the points, edges join simplices that share a facet.
     Raises `InputError` when the points are too few or too regular to have one Delaunay tessellation.
-
-    >>> import critflow as cf
-    >>> import numpy as np
-    >>> cf.voronoi_of(np.random.default_rng(0).random((12, 2)))
-    Network(24 vertices, 36 edges, 2 dimensions, periodic, z = 3)
     """
-    tiling = _Tiling(points, side, cell)
+    tiling = _Tiling(points, cell)
     n_points, dimension = tiling.points.shape
     corners, centres = _periodic_delaunay(tiling.points, tiling.shape)
     n_vertices = len(corners)
@@ -64,19 +56,13 @@ def voronoi_of(points: ArrayLike, side: float | None = None, cell: ArrayLike | N
     return tiling.network(np.stack([tail, head], axis=1), offsets, centres - wrap)
 
 
-@checked
-def delaunay_of(points: ArrayLike, side: float | None = None, cell: ArrayLike | None = None) -> Network:
+def delaunay_tessellation(points: ArrayLike, cell: ArrayLike | None = None) -> Network:
     """The periodic Delaunay network of points (n, d) in units of the cell vectors: N_b = 3 N_v in the plane.
 
-    The vertices are the points, in their order, and the cell is that of `voronoi_of`.
+    The vertices are the points, in their order, and the cell is that of `voronoi_tessellation`.
     Raises `InputError` when the points are too few or too regular to have one Delaunay tessellation.
-
-    >>> import critflow as cf
-    >>> import numpy as np
-    >>> cf.delaunay_of(np.random.default_rng(0).random((12, 2)))
-    Network(12 vertices, 36 edges, 2 dimensions, periodic, z = 6)
     """
-    tiling = _Tiling(points, side, cell)
+    tiling = _Tiling(points, cell)
     n_points, dimension = tiling.points.shape
     corners, _ = _periodic_delaunay(tiling.points, tiling.shape)
     first, second = np.array(list(combinations(range(dimension + 1), 2))).T
@@ -99,22 +85,19 @@ class _Tiling:
     shape   (d, d) short vectors as rows, of volume 1
     """
 
-    def __init__(self, points: ArrayLike, side: float | None, cell: ArrayLike | None):
+    def __init__(self, points: ArrayLike, cell: ArrayLike | None):
         given = np.asarray(points, dtype=float)
         if given.ndim != 2 or given.size == 0 or given.shape[1] < 2 or not np.isfinite(given).all():
             raise InputError(
                 f"points must be finite and of shape (n, d) with d >= 2, not {given.shape}: "
                 "give points in units of the cell vectors"
             )
-        if side is not None and (cell is not None or not (np.isfinite(side) and side > 0)):
-            raise InputError(f"the side of a cube must be positive, and given without a cell, not {side}")
         if (span := np.ptp(given, axis=0).max()) > 1 + 1e-9:
             raise InputError(
                 f"the points span {span:.3g} cells, but are in units of the cell vectors: "
                 "divide coordinates by the side of the cell, or take them modulo 1"
             )
         dimension = given.shape[1]
-        self._side = side
         self._cell = None if cell is None else checked_cell(cell, dimension)
         short, self._rows = short_cell(np.eye(dimension) if self._cell is None else self._cell)
         self.shape = short / abs(np.linalg.det(short)) ** (1 / dimension)
@@ -126,8 +109,7 @@ class _Tiling:
     def network(self, edges: IntArray, offsets: IntArray, positions: Array) -> Network:
         """The network with offsets and positions in units of the short vectors, in the cell given."""
         n_vertices, dimension = positions.shape
-        side = n_vertices ** (1 / dimension) if self._side is None else self._side
-        cell = side * np.eye(dimension) if self._cell is None else self._cell
+        cell = n_vertices ** (1 / dimension) * np.eye(dimension) if self._cell is None else self._cell
         return periodic_network(edges, offsets @ self._rows, cell, positions @ (self._rows @ cell))
 
 

@@ -67,7 +67,7 @@ def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> 
     walks are no polygons because edges cross or have no length, or because a face winds around the cell.
 
     >>> import critflow as cf
-    >>> network = cf.honeycomb_network(2, 2)
+    >>> network = cf.lattice("honeycomb", 2, 2)
     >>> cf.planar_faces(network.edges, network.bond_vectors(network.positions), 8).sizes
     array([6, 6, 6, 6])
     """

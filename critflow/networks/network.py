@@ -33,7 +33,7 @@ from critflow.networks.checks import (
     integers,
     shown,
 )
-from critflow.networks.faces import Faces
+from critflow.networks.faces import Faces, PlanarFaces
 from critflow.networks.support import check_support
 from critflow.result import NetworkError
 
@@ -247,6 +247,42 @@ class Network:
         copied.__dict__.pop("fixed_positions", None)
         return copied
 
+    def without_edges(self, edges: ArrayLike) -> Network:
+        """The network without edges of these indices, one or several; vertices that they leave bare are removed too.
+
+        Raises `NetworkError` where what remains cannot be supported: `pruned` removes more.
+        """
+        removed = np.atleast_1d(integers(edges, "edges"))
+        missing = (removed < 0) | (removed >= self.n_edges)
+        if missing.any():
+            raise NetworkError(
+                f"there is no edge {removed[missing][0]}: edges are counted from 0 to {self.n_edges - 1}"
+            )
+        kept = np.ones(self.n_edges, bool)
+        kept[removed] = False
+        return self.part(kept)[0]
+
+    def with_edge(self, tail: int, head: int, offset: ArrayLike | None = None, stiffness: float = 1.0) -> Network:
+        """The network with one edge more, its last, from a vertex to another one in the cell at `offset` (d,).
+
+        The faces of the network, if it has any, are not kept: the edge may cross others.
+        """
+        for vertex in (tail, head):
+            if not 0 <= vertex < self.n_vertices:
+                raise NetworkError(f"there is no vertex {vertex}: vertices run from 0 to {self.n_vertices - 1}")
+        image = np.zeros(self.dimension, int) if offset is None else integers(offset, "the offset")
+        if image.shape != (self.dimension,):
+            raise NetworkError(f"the offset must be {self.dimension} whole numbers of cells, not {shown(offset)}")
+        return Network(
+            np.concatenate([self.edges, [[tail, head]]]),
+            np.concatenate([self.offsets, [image]]),
+            self.cell,
+            np.append(self.stiffness, stiffness),
+            self.pins,
+            positions=self.positions,
+            reference_volume=self.reference_volume,
+        )
+
     def _copied(self, **changed: Any) -> Network:
         """A copy with other values of the same graph, whose checks and matrices stay valid."""
         copied = copy(self)
@@ -254,8 +290,8 @@ class Network:
         copied.__dict__.pop("volume", None)
         return copied
 
-    def part(self, kept_edges: NDArray[np.bool_]) -> tuple[Network, IntArray]:
-        """The network of some of the edges, and the old index of each of its vertices."""
+    def part(self, kept_edges: NDArray[np.bool_], note: str = "") -> tuple[Network, IntArray]:
+        """The network of some of the edges, with the faces of its embedding, and the old index of each vertex."""
         edges = self.edges[kept_edges]
         vertices = np.unique(edges)
         index = np.full(self.n_vertices, -1)
@@ -267,9 +303,14 @@ class Network:
             self.stiffness[kept_edges],
             {int(index[i]): p for i, p in self.pins.items() if index[i] >= 0},
         )
-        # The positions were checked in the whole, of which fewer edges may be no sample.
-        positions = None if self.positions is None else self.positions[vertices]
-        return part._copied(positions=positions, reference_volume=self.reference_volume), vertices
+        # Positions are not checked again: a few edges alone may look inconsistent.
+        x = None if self.positions is None else self.positions[vertices]
+        faces = None
+        if self.faces is not None and x is not None and self.cell is not None:
+            L = x[part.edges[:, 1]] - x[part.edges[:, 0]] + part.offsets @ self.cell
+            faces = PlanarFaces(part.edges, L, len(vertices))
+        changed = {"positions": x, "faces": faces, "note": note, "reference_volume": self.reference_volume}
+        return part._copied(**changed), vertices
 
 
 def validated_coordinates(network: Network, coordinates: ArrayLike) -> Array:

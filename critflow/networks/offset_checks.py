@@ -18,7 +18,7 @@ _NEARER = 0.5
 
 
 class DoubtfulOffsets(NamedTuple):
-    """Edges that are longer than every diagonal of the cell and twice as long as with the nearest image of their head.
+    """Edges longer than every diagonal of the cell and more than twice their minimum-image length.
 
     edges         their indices
     lengths       with the given offsets, and `nearest` with those of the nearest images

@@ -11,7 +11,7 @@ signs; it does not change the moduli, and is removed too.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,7 +20,6 @@ from scipy.sparse.csgraph import connected_components
 
 from critflow.arguments import checked
 from critflow.networks.blocks import blocks, opened_edges
-from critflow.networks.faces import PlanarFaces
 from critflow.networks.network import Array, IntArray, Network
 from critflow.result import NetworkError
 
@@ -40,54 +39,36 @@ class Pruned(NamedTuple):
 
 
 @checked
-def prune(network: Network, kept: ArrayLike | None = None) -> Pruned:
-    """Remove the edges that cannot carry tension, of the whole network or of the edges in the mask `kept` (N_b,).
+def pruned(network: Network | ArrayLike, kept: ArrayLike | None = None, **arguments: Any) -> Pruned:
+    """The largest part of a network that can carry tension on every edge, with the place of its edges in the whole.
 
-    Raises `NetworkError` if nothing remains.
+    network    a `Network`; or edges (n, 2), with further arguments of `Network` by keyword, which need not all carry
+               tension
+    kept       mask (n,) of the edges that remain before this; all by default
+
+    Vertices without edges are dropped too.  Raises `NetworkError` if nothing remains.
 
     >>> import critflow as cf
     >>> import numpy as np
-    >>> network = cf.honeycomb_network(3, 3)
-    >>> cf.prune(network, np.arange(27) != 0).network.n_edges
+    >>> cf.pruned(cf.lattice("honeycomb", 3, 3), np.arange(27) != 0).network.n_edges
     26
-    """
-    mask = np.ones(network.n_edges, bool) if kept is None else np.asarray(kept)
-    if mask.dtype != bool or mask.shape != (network.n_edges,):
-        raise NetworkError(f"kept must be a mask with one boolean per edge, shape ({network.n_edges},)")
-    number = np.flatnonzero(mask)
-    part = carrying_part(network.edges[number], network.offsets[number], network.pins, network.n_vertices, network.cell)
-    return part_of(network, number[part.edges], part.sentence)
-
-
-@checked
-def pruned_network(
-    edges: ArrayLike,
-    offsets: ArrayLike | None = None,
-    cell: ArrayLike | None = None,
-    stiffness: ArrayLike = 1.0,
-    pins: Mapping[int, ArrayLike] | None = None,
-    positions: ArrayLike | None = None,
-) -> Pruned:
-    """The part that can carry tension of edges that need not all do so; the arguments are those of `Network`.
-
-    Vertices without edges are dropped too.
-    Raises `NetworkError` if nothing remains.
-
-    >>> import critflow as cf
-    >>> found = cf.pruned_network([[0, 1], [1, 2], [1, 3]], pins={0: [0.0, 0.0], 2: [1.0, 0.0]})
+    >>> found = cf.pruned([[0, 1], [1, 2], [1, 3]], pins={0: [0.0, 0.0], 2: [1.0, 0.0]})
     >>> found.network.n_edges, found.network.note
     (2, 'removed 1 of 3 edges, which cannot carry tension: 1 on bridges and dangling ends')
     """
-    raw = _Loose(
-        edges,  # type: ignore[arg-type]
-        offsets,  # type: ignore[arg-type]
-        cell,  # type: ignore[arg-type]
-        stiffness,  # type: ignore[arg-type]
-        pins or {},  # type: ignore[arg-type]
-        n_vertices=0 if positions is None else len(np.atleast_1d(np.asarray(positions))),
-        positions=positions,  # type: ignore[arg-type]
-    )
-    return prune(raw)
+    if isinstance(network, Network):
+        if arguments:
+            raise NetworkError(f"a network takes no further {next(iter(arguments))!r}: give edges as an array, or less")
+        whole = network
+    else:
+        n_vertices = 0 if arguments.get("positions") is None else len(np.atleast_1d(np.asarray(arguments["positions"])))
+        whole = _Loose(network, **{"n_vertices": n_vertices, **arguments})  # type: ignore[arg-type]
+    mask = np.ones(whole.n_edges, bool) if kept is None else np.asarray(kept)
+    if mask.dtype != bool or mask.shape != (whole.n_edges,):
+        raise NetworkError(f"kept must be a mask with one boolean per edge, shape ({whole.n_edges},)")
+    number = np.flatnonzero(mask)
+    part = carrying_part(whole.edges[number], whole.offsets[number], whole.pins, whole.n_vertices, whole.cell)
+    return part_of(whole, number[part.edges], part.sentence)
 
 
 class _Loose(Network):
@@ -172,27 +153,10 @@ def carrying_part(
 
 
 def part_of(network: Network, kept: IntArray, note: str) -> Pruned:
-    """The network of the edges with these indices, with the faces of its embedding if the whole has faces."""
+    """The network of the edges with these indices, in rising order, with their places in the whole."""
     if len(kept) == 0:
         raise NetworkError("no edge can carry tension: no closed path winds around the cell or joins two pins")
-    edges, index = network.edges[kept], np.full(network.n_vertices, -1)
-    index[edges] = 0
-    vertices = np.flatnonzero(index == 0)
-    index[vertices] = np.arange(len(vertices))
-    positions = None if network.positions is None else network.positions[vertices]
-    faces = None
-    if network.faces is not None and positions is not None and network.cell is not None:
-        L = positions[index[edges[:, 1]]] - positions[index[edges[:, 0]]] + network.offsets[kept] @ network.cell
-        faces = PlanarFaces(index[edges], L, len(vertices))
-    part = Network(
-        index[edges],
-        network.offsets[kept],
-        network.cell,
-        network.stiffness[kept],
-        {int(index[i]): p for i, p in network.pins.items() if index[i] >= 0},
-        positions=positions,
-        faces=faces,
-        note=note,
-        reference_volume=network.reference_volume,
-    )
+    mask = np.zeros(network.n_edges, bool)
+    mask[kept] = True
+    part, vertices = network.part(mask, note)
     return Pruned(part, kept, vertices)

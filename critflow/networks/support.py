@@ -49,13 +49,13 @@ def check_support(
         stray = int(np.flatnonzero(part != part[0])[0])
         raise NetworkError(
             f"the network falls into {n_parts} parts that no edge joins (vertices 0 and {stray} are in two of them): "
-            "keep one part (pruned_network keeps the largest), or make a network of each"
+            "keep one part (pruned(...) keeps the largest), or make a network of each"
         )
     block, cycle_gain = blocks(edges, offsets, cell, pins, n_vertices)
     collapsing = ~opened_edges(block, cycle_gain)
     if cell is None:
         collapsing &= np.bincount(block)[block] == 1
-    _refuse(edges, collapsing, "use pruned_network, or correct its offsets")
+    _refuse(edges, collapsing, "use pruned(...), or correct its offsets")
 
 
 def check_opened(
@@ -95,4 +95,4 @@ def _check_degrees(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) 
     loose = np.flatnonzero(degree <= 1)
     if len(loose):
         support = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
-        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned_network")
+        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned(...)")

@@ -56,7 +56,7 @@ def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: Arra
 
     >>> import critflow as cf
     >>> import numpy as np
-    >>> network = cf.honeycomb_network(2, 2)
+    >>> network = cf.lattice("honeycomb", 2, 2)
     >>> surface = cf.rigidity_surface(network, np.full(12, 1.1), np.eye(2)[None])
     >>> surface.strains.round(6)
     array([0.1])

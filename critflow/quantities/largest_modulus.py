@@ -47,7 +47,7 @@ def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs
     signs  "positive", or "any" for stresses of both signs
 
     >>> import critflow as cf
-    >>> round(cf.upper_bound(cf.honeycomb_network(2, 2), 'B_0'), 6)
+    >>> round(cf.upper_bound(cf.lattice("honeycomb", 2, 2), 'B_0'), 6)
     0.288675
     """
     manifold = CriticalManifold.of(network)

@@ -15,9 +15,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from critflow.arguments import checked, shown
+from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity, dot
 from critflow.linalg.vectors import norms
@@ -65,7 +65,7 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
     stresses that are zero somewhere.
 
     >>> import critflow as cf
-    >>> found = cf.edge_leverage(cf.optimize(cf.honeycomb_network(2, 2), 'B_0'))
+    >>> found = cf.edge_leverage(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0'))
     >>> round(found.before, 6), round(float(found.change[0]), 6)
     (0.288675, -0.057735)
     """
@@ -86,38 +86,6 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
         bypass[edges] = 1 - sigma[edges] * response[edges, np.arange(len(edges))]
         after[edges] = values_after(goal, network, sigma, L, response, edges, kept)
     return EdgeLeverage(goal.name, goal.evaluate(balance)[0], after, bypass)
-
-
-@checked
-def cut(network: Network, edge: int) -> Network:
-    """The network without one edge; vertices that then hang on nothing leave with it."""
-    if not 0 <= edge < network.n_edges:
-        raise InputError(f"there is no edge {edge}: edges are counted from 0 to {network.n_edges - 1}")
-    kept = np.ones(network.n_edges, bool)
-    kept[edge] = False
-    return network.part(kept)[0]
-
-
-@checked
-def add(network: Network, tail: int, head: int, offset: ArrayLike | None = None, stiffness: float = 1.0) -> Network:
-    """The network with one edge more, its last one, from a vertex to the image of another in a cell at `offset` (d,).
-
-    The faces of the network, if it has any, are not kept: the edge may cross others.
-    """
-    n, d = network.n_vertices, network.dimension
-    if not (0 <= tail < n and 0 <= head < n):
-        raise InputError(f"an edge joins two vertices, counted from 0 to {n - 1}, not {tail} and {head}")
-    image = np.zeros(d) if offset is None else np.asarray(offset, dtype=float)
-    if image.shape != (d,) or not (image == np.round(image)).all():
-        raise InputError(f"the offset must be {d} whole numbers of cells, not {shown(offset)}")
-    return Network(
-        np.concatenate([network.edges, [[tail, head]]]),
-        np.concatenate([network.offsets, [image.astype(int)]]),
-        network.cell,
-        np.append(network.stiffness, stiffness),
-        network.pins,
-        positions=network.positions,
-    )
 
 
 class Part:

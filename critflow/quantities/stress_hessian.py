@@ -74,7 +74,7 @@ def flat_directions(
     `InputError` for networks of more than 2,000 edges.
 
     >>> import critflow as cf
-    >>> cf.flat_directions(cf.optimize(cf.honeycomb_network(2, 2), 'B_0')).n_flat
+    >>> cf.flat_directions(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).n_flat
     4
     """
     n = critical.network.n_edges

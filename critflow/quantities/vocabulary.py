@@ -71,7 +71,7 @@ def quantity(network: Any, name: str | Quantity) -> Quantity:
     Raises `InputError` for unknown names, with the nearest right one and the list.
 
     >>> import critflow as cf
-    >>> cf.quantity(cf.honeycomb_network(2, 2), 'bulk_modulus').name
+    >>> cf.quantity(cf.lattice("honeycomb", 2, 2), 'bulk_modulus').name
     'B_0'
     """
     if isinstance(name, Quantity):

@@ -51,7 +51,7 @@ def transition_moduli(critical: CriticalConfiguration) -> Moduli:
     rounding hides their number.
 
     >>> import critflow as cf
-    >>> moduli = cf.transition_moduli(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus'))
+    >>> moduli = cf.transition_moduli(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus'))
     >>> round(moduli.bulk, 6)
     0.288675
     """
@@ -90,7 +90,7 @@ def elastic_moduli(
     `Status.floppy`.  Raises `InputError` when the forces do not balance.
 
     >>> import critflow as cf
-    >>> network = cf.triangular_network(3, 3)
+    >>> network = cf.lattice("triangular", 3, 3)
     >>> moduli = cf.elastic_moduli(network, network.positions).value
     >>> round(moduli.bulk, 6), round(moduli.shear, 6)
     (0.866025, 0.433013)
@@ -135,7 +135,7 @@ def elasticity(
     Raises `InputError` for a pinned network without a volume and where the forces do not balance.
 
     >>> import critflow as cf
-    >>> network = cf.triangular_network(3, 3)
+    >>> network = cf.lattice("triangular", 3, 3)
     >>> tensor = cf.elasticity(network, network.positions).value
     >>> round(tensor.poissons_ratio([1, 0], [0, 1]), 6)
     0.333333

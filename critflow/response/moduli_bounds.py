@@ -28,7 +28,7 @@ def transition_bounds(critical: CriticalConfiguration) -> Moduli:
     NaN where the configuration has no bounds, and infinite where the bounds exceed the lengths.
 
     >>> import critflow as cf
-    >>> cf.transition_bounds(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus')).bulk < 1e-14
+    >>> cf.transition_bounds(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus')).bulk < 1e-14
     True
     """
     d, parts = critical.network.dimension, taut_configurations(critical)

@@ -64,7 +64,7 @@ def cells_of(network: Network, stiffness: ArrayLike = 1.0, sides: sp.sparray | A
     Raises `InputError` where faces are unknown, a side is negative, or an edge belongs to no cell.
 
     >>> import critflow as cf
-    >>> cf.cells_of(cf.honeycomb_network(2, 2)).sides.shape  # cells, edges
+    >>> cf.cells_of(cf.lattice("honeycomb", 2, 2)).sides.shape  # cells, edges
     (4, 12)
     """
     if sides is None:

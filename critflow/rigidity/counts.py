@@ -99,7 +99,7 @@ def rigidity(
     Raises `InputError` for self-stresses that would not fit in memory, and taut edges that cannot balance.
 
     >>> import critflow as cf
-    >>> network = cf.triangular_network(3, 3)
+    >>> network = cf.lattice("triangular", 3, 3)
     >>> counts = cf.rigidity(network, network.positions).value
     >>> counts.n_self_stresses, counts.first_order_rigid
     (11, True)
@@ -173,7 +173,7 @@ def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None
     `Status.singular` as for `rigidity`.  Raises `InputError` for modes that would not fit in memory.
 
     >>> import critflow as cf
-    >>> network = cf.honeycomb_network(2, 2)
+    >>> network = cf.lattice("honeycomb", 2, 2)
     >>> cf.zero_modes(network, network.positions).value.modes.shape
     (3, 8, 2)
     """

@@ -90,7 +90,7 @@ def second_order_rigidity(
     decided where one factorisation suffices.
 
     >>> import critflow as cf
-    >>> network = cf.kagome_network(2, 2)
+    >>> network = cf.lattice("kagome", 2, 2)
     >>> cf.second_order_rigidity(network, network.positions).value.second_order_rigid
     True
     """

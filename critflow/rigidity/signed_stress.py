@@ -72,7 +72,7 @@ def signed_stress(
 
     >>> import critflow as cf
     >>> import numpy as np
-    >>> network = cf.square_network(3, 3)
+    >>> network = cf.lattice("square", 3, 3)
     >>> cf.signed_stress(network, network.positions, np.ones(18, int)).value.least
     1.0
     """
@@ -158,7 +158,7 @@ def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stabilit
     a sign; what is open is None.  `Status.ill_conditioned` where σ does not balance at the coordinates.
 
     >>> import critflow as cf
-    >>> cf.stability(cf.optimize(cf.honeycomb_network(2, 2), 'bulk_modulus')).ok
+    >>> cf.stability(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus')).ok
     True
     """
     network, sigma = critical.network, critical.sigma

@@ -242,7 +242,7 @@ def spring_state(
 
     >>> import critflow as cf
     >>> import numpy as np
-    >>> network = cf.honeycomb_network(2, 2)
+    >>> network = cf.lattice("honeycomb", 2, 2)
     >>> state = cf.spring_state(network, np.full(12, 0.9), network.positions)
     >>> round(state.energy, 6)
     0.06

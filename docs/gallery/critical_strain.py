@@ -8,7 +8,7 @@ import numpy as np
 
 import critflow as cf
 
-lattice = cf.triangular_network(8, 8)
+lattice = cf.lattice("triangular", 8, 8)
 coordinations = np.linspace(2.9, 3.8, 6)
 onsets = []
 for z in coordinations:

@@ -8,7 +8,7 @@ import numpy as np
 
 import critflow as cf
 
-lattice = cf.triangular_network(4, 4)
+lattice = cf.lattice("triangular", 4, 4)
 horizontal = np.abs(lattice.bond_vectors(lattice.positions)[:, 1]) < 1e-9
 angles = np.linspace(0, 2 * np.pi, 181)
 figure, axes = plt.subplots(figsize=(4.4, 4.2), layout="constrained", subplot_kw={"projection": "polar"})

@@ -5,7 +5,7 @@ Segments of a rod of length ℓ have the stiffness 1/ℓ. Lengths of the picture
 
 import critflow as cf
 
-network = cf.mikado_network(150, z=3.6, seed=1)
+network = cf.fibre_network("mikado", 150, z=3.6, seed=1)
 lengths = [sum(bond**2) ** 0.5 for bond in network.bond_vectors(network.positions)]
 onset = cf.critical_strain(network, lengths, "simple_shear", throw=False)
 axes = cf.draw(onset.configuration, title=f"taut in shear at γ = {onset.strain:.3f}")

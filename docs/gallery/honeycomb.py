@@ -8,7 +8,7 @@ import numpy as np
 
 import critflow as cf
 
-network = cf.honeycomb_network(columns=4, rows=4)
+network = cf.lattice("honeycomb", 4, 4)
 critical = cf.CriticalManifold(network).configuration(np.ones(network.n_edges))
 strains = np.linspace(0.05, 1.0, 12)
 path = cf.strain_path(network, critical, strains).value

@@ -8,8 +8,8 @@ import matplotlib.pyplot as plt
 import critflow as cf
 
 networks = {
-    "diluted kagome": cf.diluted(cf.kagome_network(6, 6), z=3.4, seed=1),
-    "phantom": cf.phantom_network(10, 10, z=3.4, seed=1),
+    "diluted kagome": cf.diluted(cf.lattice("kagome", 6, 6), z=3.4, seed=1),
+    "phantom": cf.fibre_network("phantom", 10, 10, z=3.4, seed=1),
     "Delaunay": cf.diluted(cf.delaunay_network(80, seed=1), z=4.2, seed=1),
     "packing": cf.packing_network(80, z=4.5, seed=1),
     "random regular": cf.regular_network(80, z=3, seed=1),

@@ -7,7 +7,7 @@ import numpy as np
 
 import critflow as cf
 
-network = cf.diluted(cf.triangular_network(10, 10), z=3.4, seed=1)
+network = cf.diluted(cf.lattice("triangular", 10, 10), z=3.4, seed=1)
 onset = cf.critical_strain(network, np.ones(network.n_edges), "simple_shear")
 n_taut = len(onset.taut_edges)
 axes = cf.draw(onset.configuration, title=f"{n_taut} of {network.n_edges} edges are taut")

@@ -12,8 +12,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow import CriticalManifold, Network, fit_stiffening, stiffening, strain_path, voronoi_network
+from critflow import CriticalManifold, Network, stiffening, strain_path, voronoi_network
 from critflow.example_data import ensemble_path
+from critflow.mechanics.fits import fit_stiffening
 
 ensemble = xr.open_dataset(ensemble_path())
 one = ensemble.isel(seed=0).sel(population="random_stress")

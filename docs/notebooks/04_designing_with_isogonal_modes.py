@@ -13,19 +13,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow import (
-    CriticalManifold,
-    Network,
-    bulk_modulus_bound,
-    face_modes,
-    stiffening,
-    strain_path,
-    transition_moduli,
-)
-from critflow.critical.isogonal import affine_bulk_modulus
+from critflow import CriticalManifold, Network, bulk_modulus_bound, stiffening, strain_path
+from critflow.critical.isogonal import affine_bulk_modulus, face_modes
 from critflow.example_data import ensemble_path
 from critflow.networks.faces import planar_faces
 from critflow.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions
+from critflow.response.moduli import transition_moduli
 from critflow.rigidity.structure import length_variance, tension_variance
 
 ensemble = xr.open_dataset(ensemble_path())

@@ -8,22 +8,20 @@ from matplotlib.figure import Figure
 from critflow import (
     delaunay_network,
     diluted,
-    kagome_network,
-    mikado_network,
+    fibre_network,
+    lattice,
     packing_network,
-    phantom_network,
     regular_network,
-    triangular_network,
     voronoi_network,
 )
 from critflow.plot import draw_network
 
 SHEARED = [[1.5, 0.0], [0.6, 1.0]]
 NETWORKS = {
-    "triangular, z = 3.6": diluted(triangular_network(14, 14), z=3.6, seed=1),
-    "kagome, z = 3.4": diluted(kagome_network(8, 8), z=3.4, seed=1),
-    "phantom, z = 3.4": phantom_network(14, 14, z=3.4, seed=1),
-    "Mikado, z = 3.6": mikado_network(200, z=3.6, seed=1),
+    "triangular, z = 3.6": diluted(lattice("triangular", 14, 14), z=3.6, seed=1),
+    "kagome, z = 3.4": diluted(lattice("kagome", 8, 8), z=3.4, seed=1),
+    "phantom, z = 3.4": fibre_network("phantom", 14, 14, z=3.4, seed=1),
+    "Mikado, z = 3.6": fibre_network("mikado", 200, z=3.6, seed=1),
     "Voronoi, oblique cell": voronoi_network(200, seed=1, cell=SHEARED),
     "Delaunay, z = 4.2": diluted(delaunay_network(150, seed=1), z=4.2, seed=1),
     "packing, z = 4.5": packing_network(150, z=4.5, seed=1),

@@ -8,11 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow import (
-    InputError,
-    Status,
-    voronoi_network,
-)
+from critflow import InputError, Status, voronoi_network
 from critflow.cli import main
 from critflow.workflow.load import load_study
 from workflows.benchmarks.failure_map import percolation_report as percolation

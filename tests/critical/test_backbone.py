@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from problems import slack_lattice, taut_rows
 
-from critflow import CriticalConfiguration, InputError, Network, backbone, voronoi_network
-from critflow.critical.backbone import chains
+from critflow import CriticalConfiguration, InputError, Network, voronoi_network
+from critflow.critical.backbone import backbone, cables
 from critflow.critical.manifold import critical_configuration
 
 # A cable of two edges between the pins 0 and 1, and two slack edges from its middle to a third pin.
@@ -73,11 +73,11 @@ def test_cables_end_at_junctions_and_pins():
     # Two chains between the junctions 0 and 3, and an edge that closes over the boundary.
     edges = [[0, 1], [1, 3], [0, 2], [2, 3], [3, 0]]
     network = Network(edges, [[0, 0]] * 4 + [[1, 0]], np.eye(2))
-    cables = chains(network)
-    assert cables[0] == cables[1]
-    assert cables[2] == cables[3]
-    assert len(set(cables)) == 3
-    assert len(set(chains(Network(edges[:4], pins={1: [0, 1], 2: [0, 0]})))) == 4 - 2
+    cable = cables(network)
+    assert cable[0] == cable[1]
+    assert cable[2] == cable[3]
+    assert len(set(cable)) == 3
+    assert len(set(cables(Network(edges[:4], pins={1: [0, 1], 2: [0, 0]})))) == 4 - 2
 
 
 @pytest.mark.parametrize(

@@ -7,20 +7,16 @@ import pytest
 import scipy.linalg
 from problems import dense_response, random_stress
 
-from critflow import (
-    CriticalManifold,
-    InputError,
-    Network,
-    SolveError,
-    Status,
+from critflow import CriticalManifold, InputError, Network, SolveError, Status, three_bar_linkage, voronoi_network
+from critflow.critical.curvature import (
     StereographicChart,
-    gaussian_curvature,
+    dense,
+    inverse_response,
     principal_curvatures,
     surface_geometry,
-    three_bar_linkage,
-    voronoi_network,
+    unit_response,
 )
-from critflow.critical.curvature import dense, inverse_response, unit_response
+from critflow.critical.gaussian import gaussian_curvature
 
 
 def half_squares(manifold, sigma):

@@ -5,18 +5,9 @@ import numpy as np
 import pytest
 from problems import random_stress
 
-from critflow import (
-    CriticalManifold,
-    Network,
-    Status,
-    cubic_network,
-    gaussian_curvature,
-    kagome_network,
-    principal_curvatures,
-    square_network,
-    triangular_network,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Network, Status, lattice, voronoi_network
+from critflow.critical.curvature import principal_curvatures
+from critflow.critical.gaussian import gaussian_curvature
 
 
 def radii(network, sigma):
@@ -55,7 +46,7 @@ def test_log_size_signs_and_bound_in_any_cell(cell, compressed):
 
 @pytest.mark.parametrize(
     "network",
-    [square_network(3, 3), kagome_network(2, 2), triangular_network(3, 3), cubic_network(2, 2, 2)],
+    [lattice("square", 3, 3), lattice("kagome", 2, 2), lattice("triangular", 3, 3), lattice("cubic", 2, 2, 2)],
     ids=["square", "kagome", "triangular", "cubic"],
 )
 def test_several_self_stresses_make_it_infinite(network):
@@ -71,7 +62,7 @@ def test_several_self_stresses_make_it_infinite(network):
 
 def test_large_networks_with_a_radius_below_the_softness_have_a_status():
     # Lines of edges: one self-stress each.
-    network = square_network(24, 24)
+    network = lattice("square", 24, 24)
     cut = np.ones(network.n_edges, bool)
     cut[:: network.n_edges // 3] = False
     part = Network(network.edges[cut], network.offsets[cut], network.cell)

@@ -11,17 +11,16 @@ from critflow import (
     CriticalManifold,
     InputError,
     Network,
-    face_modes,
-    honeycomb_network,
     isogonal_modes,
+    lattice,
     optimize,
     stiffening,
     strain_path,
-    transition_moduli,
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.isogonal import affine_bulk_modulus
+from critflow.critical.isogonal import affine_bulk_modulus, face_modes
+from critflow.response.moduli import transition_moduli
 from critflow.rigidity.structure import length_variance, tension_variance
 
 
@@ -47,7 +46,7 @@ PERIODIC = {
     "oblique": lambda: oblique(voronoi_network(60, seed=2)),
     "sheared": lambda: sheared(voronoi_network(60, seed=3), 1.7),
     "few faces, edges longer than half the cell": lambda: voronoi_network(8, seed=3),
-    "honeycomb": lambda: honeycomb_network(3, 4),
+    "honeycomb": lambda: lattice("honeycomb", 3, 4),
 }
 CRITICAL = {
     **{name: lambda make=make: at_random_stress(make()) for name, make in PERIODIC.items()},
@@ -117,7 +116,7 @@ def test_each_mode_moves_the_sides_of_its_face_outwards(name):
 
 def test_the_mode_of_a_hexagon():
     # w = 1 on all sides, two at 120° at every corner: corners and the edges that radiate move by 1/sin 60°.
-    critical = CriticalManifold(honeycomb_network(3, 3)).configuration(np.ones(27))
+    critical = CriticalManifold(lattice("honeycomb", 3, 3)).configuration(np.ones(27))
     mode = face_modes(critical).elongations[[4]].toarray()[0]
     assert np.count_nonzero(mode) == 12
     np.testing.assert_allclose(np.sort(mode[mode != 0]), np.repeat([-2, 2], 6) / np.sqrt(3), rtol=1e-13)

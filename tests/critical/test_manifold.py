@@ -19,17 +19,9 @@ from problems import (
     square_octagon_bond_vectors,
 )
 
-from critflow import (
-    CriticalManifold,
-    NetworkError,
-    SolveError,
-    Status,
-    honeycomb_network,
-    three_bar_linkage,
-    transition_moduli,
-    upper_bound,
-    voronoi_network,
-)
+from critflow import CriticalManifold, SolveError, Status, lattice, three_bar_linkage, upper_bound, voronoi_network
+from critflow.response.moduli import transition_moduli
+from critflow.result import NetworkError
 
 # Lengths are of order one and P is well conditioned (below 1e3), so both evaluations agree to about 1e-13.
 ATOL = 2e-13
@@ -105,7 +97,7 @@ def test_pinned_star_is_the_weighted_mean():
 
 
 def test_honeycomb_at_equal_stress_is_regular():
-    configuration = CriticalManifold(honeycomb_network(4, 3)).configuration(np.ones(36))
+    configuration = CriticalManifold(lattice("honeycomb", 4, 3)).configuration(np.ones(36))
     np.testing.assert_allclose(configuration.lengths, 1.0, rtol=1e-13)
 
 

@@ -9,7 +9,7 @@ from critflow import (
     InputError,
     SolveError,
     Status,
-    honeycomb_network,
+    lattice,
     nearest_critical,
     network_from,
     voronoi_network,
@@ -107,7 +107,7 @@ def test_standard_errors_follow_from_differences_of_the_map(pinned):
 
 
 def test_the_limits_of_a_descent_have_a_status():
-    network = honeycomb_network(2, 2)
+    network = lattice("honeycomb", 2, 2)
     collapsed = np.array(network.positions)
     i, j = network.edges[int(np.flatnonzero(~network.offsets.any(axis=1))[0])]
     collapsed[j] = collapsed[i]
@@ -116,7 +116,7 @@ def test_the_limits_of_a_descent_have_a_status():
 
 
 def test_a_honeycomb_has_equal_stresses():
-    found = nearest_critical(network := honeycomb_network(4, 4), network.positions)
+    found = nearest_critical(network := lattice("honeycomb", 4, 4), network.positions)
     np.testing.assert_allclose(found.value.sigma, 1, rtol=1e-12)
 
 

@@ -16,12 +16,12 @@ from critflow import (
     spring_state,
     stiffening,
     strain_path,
-    transition_moduli,
     upper_bound,
     voronoi_network,
 )
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.quantities.largest_modulus import largest_modulus
+from critflow.response.moduli import transition_moduli
 from critflow.response.response import linear_response
 from critflow.response.unit_strains import strains_of
 

@@ -6,21 +6,12 @@ import numpy as np
 import pytest
 from problems import pinned_grid, random_stress, voronoi_3d
 
-from critflow import (
-    CriticalManifold,
-    InputError,
-    SolveError,
-    Status,
-    design,
-    face_modes,
-    stiffening,
-    transition_moduli,
-    upper_bound,
-    voronoi_network,
-)
+from critflow import CriticalManifold, InputError, SolveError, Status, design, stiffening, upper_bound, voronoi_network
+from critflow.critical.isogonal import face_modes
 from critflow.design.faces import FaceAmplitudes
 from critflow.design.limits import parse_targets
 from critflow.design.problem import Preference, TargetProblem
+from critflow.response.moduli import transition_moduli
 
 
 @cache

@@ -16,19 +16,11 @@ from problems import (
     with_random_stiffness,
 )
 
-from critflow import (
-    CriticalManifold,
-    InputError,
-    Status,
-    honeycomb_network,
-    optimize,
-    transition_moduli,
-    upper_bound,
-    voronoi_network,
-)
+from critflow import CriticalManifold, InputError, Status, lattice, optimize, upper_bound, voronoi_network
 from critflow.critical.derivatives import evaluate
 from critflow.critical.transition import dilation, pure_shear, transition_modulus
 from critflow.critical.variances import LengthVariance
+from critflow.response.moduli import transition_moduli
 
 NETWORK = voronoi_network(100, seed=1)
 
@@ -114,7 +106,7 @@ def test_the_bound_by_its_formula_and_by_its_force_network(name):
 
 
 def test_honeycomb_attains_its_bound():
-    assert upper_bound(honeycomb_network(4, 3), "B_0") == pytest.approx(HONEYCOMB_BULK_MODULUS, rel=1e-13)
+    assert upper_bound(lattice("honeycomb", 4, 3), "B_0") == pytest.approx(HONEYCOMB_BULK_MODULUS, rel=1e-13)
 
 
 @pytest.mark.parametrize("method, start", [("closed_form", None), ("lbfgs", 3)])

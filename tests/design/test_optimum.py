@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from problems import objective_of
 
-from critflow import Optimum, Solution, Status, optimize, upper_bound, voronoi_network
+from critflow import Solution, Status, optimize, upper_bound, voronoi_network
+from critflow.quantities.optimum import Optimum
 
 NETWORK = voronoi_network(60, seed=1)
 # Each method with an objective, and the fields that it sets beyond value, status, stats, note and objective.

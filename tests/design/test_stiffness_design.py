@@ -9,9 +9,8 @@ from critflow import (
     Status,
     delaunay_network,
     design,
+    lattice,
     spring_state,
-    square_network,
-    triangular_network,
     voronoi_network,
 )
 from critflow.design.limits import parse_targets
@@ -68,17 +67,17 @@ def test_gradients_agree_with_differences():
 
 
 def test_a_value_that_the_network_has_changes_nothing_and_an_interval_is_entered():
-    lattice = triangular_network(4, 4)
+    network = lattice("triangular", 4, 4)
     G = float(np.sqrt(3) / 4)
-    found = changed(lattice, {"shear_modulus": G, "bulk_modulus": (0.5, 2.0)})
+    found = changed(network, {"shear_modulus": G, "bulk_modulus": (0.5, 2.0)})
     assert found.distance < 1e-10
-    entered = changed(lattice, {"bulk_modulus": (1.0, 2.0)})
+    entered = changed(network, {"bulk_modulus": (1.0, 2.0)})
     assert entered.targets["bulk_modulus"].value == pytest.approx(1.0, rel=1e-5)
-    raised = changed(lattice, {"bulk_modulus": 1.0})
+    raised = changed(network, {"bulk_modulus": 1.0})
     # The least change that raises one modulus multiplies all edges of the lattice by the same factor.
     np.testing.assert_allclose(raised.value.network.stiffness, 2 / np.sqrt(3), rtol=1e-8)
     assert raised.targets["bulk_modulus"].multiplier == pytest.approx(
-        lattice.n_edges * np.log(2 / np.sqrt(3)), rel=1e-6
+        network.n_edges * np.log(2 / np.sqrt(3)), rel=1e-6
     )
 
 
@@ -104,7 +103,7 @@ def test_bad_input_raises_one_sentence():
         (CELL, {}, "target"),
         (CELL, {"C_xxxx": (2.0, 1.0)}, "low"),
         (floppy, {"bulk_modulus": 1.0}, "zero modes"),
-        (square_network(3, 3), {"bulk_modulus": 1.0}, "zero modes"),
+        (lattice("square", 3, 3), {"bulk_modulus": 1.0}, "zero modes"),
     ):
         with pytest.raises(InputError, match=word):
             changed(network, targets)

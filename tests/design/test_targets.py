@@ -9,13 +9,13 @@ from critflow import (
     SolveError,
     Status,
     design,
+    lattice,
     stiffening,
-    transition_moduli,
-    triangular_network,
     upper_bound,
     voronoi_network,
 )
 from critflow.design.limits import LIMITED, EdgeLimits
+from critflow.response.moduli import transition_moduli
 
 MANIFOLD = CriticalManifold(voronoi_network(n_vertices=60, seed=1))
 NETWORK = MANIFOLD.network
@@ -128,7 +128,7 @@ def test_a_signed_response_is_reached():
 
 def test_several_self_stresses_are_refused():
     with pytest.raises(InputError, match="self-stress"):
-        design(triangular_network(4, 4), {"B_0": 0.2})
+        design(lattice("triangular", 4, 4), {"B_0": 0.2})
 
 
 def test_limits_of_edges_signs_and_free_edges_hold():

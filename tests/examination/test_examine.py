@@ -12,17 +12,15 @@ from critflow import (
     draw,
     equilibrium,
     examine,
-    honeycomb_network,
+    lattice,
     network_cli,
     network_from,
     spring_state,
-    triangular_network,
     voronoi_network,
     write_network,
-    write_page,
 )
 from critflow.cli import main
-from critflow.examination.page import html_page
+from critflow.examination.page import html_page, write_page
 from critflow.exchange import packages
 
 VORONOI = voronoi_network(n_vertices=40, seed=1)
@@ -61,7 +59,7 @@ def test_a_floppy_network_has_onsets_and_advice(floppy):
 
 
 def test_a_lattice_is_rigid_to_first_order():
-    found = examine(triangular_network(4, 4))
+    found = examine(lattice("triangular", 4, 4))
     assert (found.order, found.title) == ("first", "rigid to first order")
     assert found.moduli.value.bulk == pytest.approx(np.sqrt(3) / 2)
     assert found.tension == pytest.approx(1)
@@ -84,9 +82,9 @@ def test_a_patch_with_fixed_vertices_has_moduli_per_named_volume():
 @pytest.mark.parametrize(
     ("network", "order"),
     [
-        (honeycomb_network(1, 2), "critical"),
-        (critflow.kagome_network(1, 1), "prestress"),
-        (critflow.diamond_network(1, 1, 1), "first"),
+        (lattice("honeycomb", 1, 2), "critical"),
+        (critflow.lattice("kagome", 1, 1), "prestress"),
+        (critflow.lattice("diamond", 1, 1, 1), "first"),
         (Network([[0, 1], [1, 0]], [[0], [1]], [[2.0]], positions=[[0.0], [1.1]]), "first"),
         (
             critflow.Network([[0, 1], [1, 2]], pins={0: [0, 0], 2: [1, 0]}, positions=[[0, 0], [0.5, 0.1], [1, 0]]),
@@ -124,7 +122,7 @@ def test_vertices_have_the_names_of_the_source(tmp_path):
 
 
 def test_whole_coordinates_of_a_grid_count_as_exact():
-    read = network_from(critflow.square_network(4, 4))
+    read = network_from(critflow.lattice("square", 4, 4))
     found = examine(read, deformations=())
     assert found.tolerance == 1e-6 and (found.order, found.n_self_stresses) == ("prestress", 8)
     assert any("0 decimals and count as exact" in note for note in found.notes)
@@ -153,7 +151,7 @@ def test_pages_have_the_report_and_the_picture(floppy, tmp_path):
 def test_anything_can_be_drawn():
     critical = critical_from_lengths(VORONOI, np.ones(60))
     state = equilibrium(spring_state(VORONOI, 0.9 * critical.value.lengths, critical.value.coordinates))
-    for thing in (VORONOI, critical, critical.value, state, critflow.diamond_network(2, 2, 2)):
+    for thing in (VORONOI, critical, critical.value, state, critflow.lattice("diamond", 2, 2, 2)):
         axes = draw(thing)
         assert axes.collections
         axes.figure.clear()
@@ -164,7 +162,7 @@ def test_anything_can_be_drawn():
 
 
 def test_commands(tmp_path, capsys):
-    write_network(honeycomb_network(4, 4), tmp_path / "h.csv")
+    write_network(lattice("honeycomb", 4, 4), tmp_path / "h.csv")
     assert main(["convert", str(tmp_path / "h.csv"), str(tmp_path / "h.svg"), "--size", "40"]) == 0
     assert "32 vertices, 48 edges" in capsys.readouterr().out
     assert main(["examine", str(tmp_path / "h.csv"), "--out", str(tmp_path / "h.html")]) == 0
@@ -182,16 +180,13 @@ def test_commands(tmp_path, capsys):
         (["convert", "missing.csv", "h.svg"], "no file"),
         (["make", "h.csv", "--out", "m.svg", "--objective", "colour"], "objective"),
         (["convert", "h.csv", "h.svg", "--cell", "wide"], "numbers"),
-        (["convert", "h.csv", "h.compas"], "cell"),
         (["convert", "h.csv", "nowhere/h.json"], "folder"),
         (["convert", ".", "h.json"], "folder"),
         (["convert", "h.csv", "h.svg", "--copies", "100000"], "fewer copies"),
     ],
 )
 def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, word):
-    if words[-1].endswith(".compas"):
-        pytest.importorskip("compas")
-    write_network(honeycomb_network(4, 4), tmp_path / "h.csv")
+    write_network(lattice("honeycomb", 4, 4), tmp_path / "h.csv")
     monkeypatch.chdir(tmp_path)
     assert main(words) == 2
     error = capsys.readouterr().err
@@ -222,7 +217,8 @@ def test_the_command_makes_a_network_with_targets(tmp_path, capsys):
         (["make", "h.csv", "--out", "m.gml"], 6, "networkx"),
         (["make", "h.csv", "--out", "m.doc"], 2, "ending"),
         (["make", "h.csv", "--out", "nowhere/m.csv"], 2, "folder"),
-        (["make", "h.csv", "--out", "m.compas"], 6, "compas"),
+        (["make", "h.csv", "--out", "m.stl"], 6, "critflow[solids]"),
+        (["make", "h.csv", "--out", "m.json"], 6, "networkx"),
         (["make", "d.csv", "--out", "m.svg"], 2, "two-dimensional"),
         (["make", "h.csv", "--out", "m.csv", "--picture", "m.doc"], 2, "picture"),
         (["make", "h.csv", "--out", "m.graphml", "--target", "B_0=0.2"], 6, "networkx"),
@@ -232,8 +228,8 @@ def test_the_command_makes_a_network_with_targets(tmp_path, capsys):
     ],
 )
 def test_what_cannot_be_written_is_refused_before_the_computation(tmp_path, monkeypatch, capsys, words, code, word):
-    write_network(honeycomb_network(2, 2), tmp_path / "h.csv")
-    write_network(critflow.diamond_network(2, 2, 2), tmp_path / "d.csv")
+    write_network(lattice("honeycomb", 2, 2), tmp_path / "h.csv")
+    write_network(critflow.lattice("diamond", 2, 2, 2), tmp_path / "d.csv")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(packages, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
     for name in ("optimize", "design", "examine"):

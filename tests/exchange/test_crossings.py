@@ -3,19 +3,21 @@
 import numpy as np
 import pytest
 
-from critflow import CriticalManifold, NetworkError, mikado_network, network_from
+from critflow import CriticalManifold, fibre_network, network_from
 from critflow.exchange.crossings import crossings_of, split
 from critflow.exchange.data import NetworkData, bond_vectors_of
+from critflow.result import NetworkError
 
 CELL = np.array([[1.5, 0.2], [0.4, 1.3]])
 
 
 def random_data(seed, cell):
     rng = np.random.default_rng(seed)
-    edges = rng.integers(0, 8, (12, 2))
+    edges = rng.integers(0, 8, (6 + 6 * seed, 2))
     edges = edges[edges[:, 0] != edges[:, 1]]
     offsets = None if cell is None else rng.integers(-1, 2, edges.shape)
-    return NetworkData(edges, rng.random((8, 2)) * 3 - 1, cell=cell, offsets=offsets, stiffness=np.ones(len(edges)))
+    numbers = {"edge_numbers": np.arange(len(edges)), "vertex_numbers": np.arange(8)}
+    return NetworkData(edges, rng.random((8, 2)) * 3 - 1, cell, offsets, stiffness=np.ones(len(edges)), **numbers)
 
 
 def by_pairs(data):
@@ -34,12 +36,14 @@ def by_pairs(data):
     return sorted(found)
 
 
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("cell", [None, CELL], ids=["free", "periodic"])
-def test_crossings_are_those_of_all_pairs(cell):
-    data = random_data(7, cell)
+def test_crossings_are_those_of_all_pairs(seed, cell):
+    data = random_data(seed, cell)
     found = crossings_of(data)
     assert sorted(map(tuple, found.pairs.tolist())) == by_pairs(data)
-    divided, owner = split(data, found)
+    divided = split(data, found)
+    owner = divided.edge_numbers
     assert not len(crossings_of(divided).pairs)
     # Parts add up to their edge, and their springs in series to its spring.
     total = np.zeros((data.n_edges, 2))
@@ -66,7 +70,7 @@ def test_crossings_are_reported_and_joined_on_request():
 
 
 def test_fibres_cross_at_vertices_until_they_are_moved():
-    fibres = mikado_network(40, seed=1)
+    fibres = fibre_network("mikado", 40, seed=1)
     L = fibres.bond_vectors(fibres.positions)
     again = network_from(fibres)
     assert "crossing" not in str(again)

@@ -4,10 +4,12 @@ import asyncio
 
 import pytest
 
-from critflow import certify, stiffening, transition_bounds, transition_moduli, upper_bound
+from critflow import certify, stiffening, upper_bound
 from critflow.explore import view
 from critflow.explore.server import Explorer, listening
 from critflow.explore.source import Random
+from critflow.response.moduli import transition_moduli
+from critflow.response.moduli_bounds import transition_bounds
 from workflows.benchmarks.explore.chromium import Chromium, executable
 
 pytestmark = pytest.mark.skipif(executable() is None, reason="no Chromium: install the package chromium")

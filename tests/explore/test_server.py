@@ -9,9 +9,10 @@ import pytest
 from tornado.httpclient import AsyncHTTPClient, HTTPClientError
 from tornado.websocket import websocket_connect
 
-from critflow import EnvironmentFailure, network_from
+from critflow import network_from
 from critflow.explore.server import Explorer, listening
 from critflow.explore.source import Random
+from critflow.result import EnvironmentFailure
 
 
 class Served:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import critflow
-from critflow import CritflowError, certify, stiffening, transition_bounds, transition_moduli, upper_bound
+from critflow import CritflowError, certify, stiffening, upper_bound
 from critflow.explore import numbers
 from critflow.explore.model import POPULATIONS
 from critflow.explore.picture import face_outline, images, network_drawing, shades_of
@@ -12,6 +12,8 @@ from critflow.explore.script import from_link, link_text, script
 from critflow.explore.session import Session
 from critflow.explore.source import File, Random
 from critflow.plot import periodic_segments
+from critflow.response.moduli import transition_moduli
+from critflow.response.moduli_bounds import transition_bounds
 
 SOURCE = Random(64, 3)
 
@@ -169,7 +171,7 @@ def test_sources_refuse_what_they_cannot_show(tmp_path):
 
 
 def test_a_network_in_space_is_referred_to_its_picture(tmp_path):
-    network = critflow.cubic_network(2, 2, 2)
+    network = critflow.lattice("cubic", 2, 2, 2)
     critflow.write_network(network, tmp_path / "cube.json", network.positions)
     with pytest.raises(CritflowError, match="draw"):
         Session(File(tmp_path / "cube.json"))

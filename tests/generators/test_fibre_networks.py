@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from critflow import CriticalManifold, mikado_network, phantom_network, prune
+from critflow import CriticalManifold, fibre_network, pruned
 
 MAKE = {
-    "phantom": lambda z=3.4, seed=1: phantom_network(12, 10, z=z, seed=seed),
-    "mikado": lambda z=3.4, seed=1: mikado_network(120, z=z, seed=seed),
+    "phantom": lambda z=3.4, seed=1: fibre_network("phantom", 12, 10, z=z, seed=seed),
+    "mikado": lambda z=3.4, seed=1: fibre_network("mikado", 120, z=z, seed=seed),
 }
 
 
@@ -17,7 +17,7 @@ def test_coordination(make, z):
     network = make(z)
     assert abs(2 * network.n_edges / network.n_vertices - z) <= 1 / network.n_vertices + 1e-12
     assert np.bincount(network.edges.ravel()).max() <= 4
-    assert "every edge" in prune(network).network.note
+    assert "every edge" in pruned(network).network.note
     assert f"z = {2 * network.n_edges / network.n_vertices:.6g}" in network.note
     again, other = make(z), make(z, seed=2)
     np.testing.assert_array_equal(network.edges, again.edges)
@@ -45,7 +45,7 @@ def test_fibres_are_straight():
 
 
 def test_phantom_lattice():
-    network = phantom_network(9, 8, z=4.0, seed=3)
+    network = fibre_network("phantom", 9, 8, z=4.0, seed=3)
     np.testing.assert_array_equal(np.bincount(network.edges.ravel()), np.full(72, 4))
     assert straight_pairs(network) == 2 * 72
     # Straight fibres balance at equal tension, which is a stress of 1/length.
@@ -60,7 +60,7 @@ def test_phantom_lattice():
 
 
 def test_mikado_crossings_by_brute_force():
-    network = mikado_network(60, z=3.2, seed=5)
+    network = fibre_network("mikado", 60, z=3.2, seed=5)
     assert network.volume == pytest.approx(network.n_vertices)
     # Planar, and so every crossing of two edges is a vertex: no two edges cross inside.
     L, x = network.bond_vectors(network.positions), network.positions

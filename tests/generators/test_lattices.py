@@ -5,36 +5,24 @@ from math import gcd
 import numpy as np
 import pytest
 
-from critflow import (
-    CriticalManifold,
-    InputError,
-    cubic_network,
-    diamond_network,
-    elastic_moduli,
-    honeycomb_network,
-    kagome_network,
-    optimize,
-    rigidity,
-    square_network,
-    triangular_network,
-    upper_bound,
-)
+from critflow import CriticalManifold, InputError, lattice, optimize, rigidity, upper_bound
+from critflow.response.moduli import elastic_moduli
 
 SQRT3 = np.sqrt(3.0)
 
-# make, sizes, edges a vertex, vertices and volume a unit cell, B and G of springs of length and stiffness 1 at rest.
+# Sizes, edges a vertex, vertices and volume a unit cell, B and G of springs of length and stiffness 1 at rest.
 # B and G: isotropic lattices by Cauchy's Lamé constants (triangular: λ = μ = √3/4; kagome: half of it), the others by
 # their self-stresses: straight lines resist B with k/2 (square) and k/3 (cubic) and no shear.
 PLANE, SOLID = [(1, 2), (2, 1), (2, 2), (3, 2), (4, 6)], [(1, 1, 2), (2, 2, 2), (2, 3, 4)]
 LATTICES = {
-    "honeycomb": (honeycomb_network, [(1, 1), *PLANE], 3, 2, 1.5 * SQRT3, SQRT3 / 6, 0.0),
-    "square": (square_network, PLANE, 4, 1, 1.0, 1 / 2, 0.0),
-    "triangular": (triangular_network, PLANE, 6, 1, SQRT3 / 2, SQRT3 / 2, SQRT3 / 4),
-    "kagome": (kagome_network, [(1, 1), *PLANE], 4, 3, 2 * SQRT3, SQRT3 / 4, SQRT3 / 8),
-    "diamond": (diamond_network, [(1, 1, 1), *SOLID], 4, 2, 16 / (3 * SQRT3), SQRT3 / 12, 0.0),
-    "cubic": (cubic_network, SOLID, 6, 1, 1.0, 1 / 3, 0.0),
+    "honeycomb": ([(1, 1), *PLANE], 3, 2, 1.5 * SQRT3, SQRT3 / 6, 0.0),
+    "square": (PLANE, 4, 1, 1.0, 1 / 2, 0.0),
+    "triangular": (PLANE, 6, 1, SQRT3 / 2, SQRT3 / 2, SQRT3 / 4),
+    "kagome": ([(1, 1), *PLANE], 4, 3, 2 * SQRT3, SQRT3 / 4, SQRT3 / 8),
+    "diamond": ([(1, 1, 1), *SOLID], 4, 2, 16 / (3 * SQRT3), SQRT3 / 12, 0.0),
+    "cubic": (SOLID, 6, 1, 1.0, 1 / 3, 0.0),
 }
-CASES = [(name, size) for name, row in LATTICES.items() for size in row[1]]
+CASES = [(name, size) for name, row in LATTICES.items() for size in row[0]]
 SELF_STRESSES = {
     "honeycomb": lambda *n: 1,
     "square": lambda m, n: m + n,
@@ -48,8 +36,8 @@ SELF_STRESSES = {
 
 @pytest.mark.parametrize("name, size", CASES)
 def test_geometry(name, size):
-    make, _, degree, vertices, volume, *_ = LATTICES[name]
-    network = make(*size, edge_length=0.4)
+    _, degree, vertices, volume, *_ = LATTICES[name]
+    network = lattice(name, *size, edge_length=0.4)
     n_cells = int(np.prod(size))
     assert network.n_vertices == vertices * n_cells
     assert network.n_edges == degree * vertices * n_cells // 2
@@ -62,7 +50,7 @@ def test_geometry(name, size):
 @pytest.mark.parametrize("name, size", CASES)
 def test_neighbours_of_every_vertex(name, size):
     # No two edges at a vertex have the same direction, which edges through wrong images would have.
-    network = LATTICES[name][0](*size)
+    network = lattice(name, *size)
     L = network.bond_vectors(network.positions)
     for vertex in range(network.n_vertices):
         out = np.concatenate([L[network.edges[:, 0] == vertex], -L[network.edges[:, 1] == vertex]])
@@ -73,22 +61,22 @@ def test_neighbours_of_every_vertex(name, size):
 
 
 @pytest.mark.parametrize(
-    "make, sizes",
+    "name, sizes",
     [
-        (honeycomb_network, {6: 6}),
-        (square_network, {4: 6}),
-        (triangular_network, {3: 12}),
-        (kagome_network, {3: 12, 6: 6}),
+        ("honeycomb", {6: 6}),
+        ("square", {4: 6}),
+        ("triangular", {3: 12}),
+        ("kagome", {3: 12, 6: 6}),
     ],
 )
-def test_faces(make, sizes):
-    faces = make(2, 3).faces
+def test_faces(name, sizes):
+    faces = lattice(name, 2, 3).faces
     assert dict(zip(*np.unique(faces.sizes, return_counts=True), strict=True)) == sizes
 
 
 @pytest.mark.parametrize("name, size", CASES)
 def test_counts(name, size):
-    network = LATTICES[name][0](*size)
+    network = lattice(name, *size)
     found = rigidity(network, network.positions).value
     expected = SELF_STRESSES[name](*size)
     assert found.n_self_stresses == expected
@@ -100,8 +88,8 @@ def test_counts(name, size):
 @pytest.mark.parametrize("name, size", CASES)
 @pytest.mark.parametrize("edge_length", [1.0, 0.4])
 def test_moduli(name, size, edge_length):
-    make, *_, bulk, shear = LATTICES[name]
-    network = make(*size, edge_length)
+    *_, bulk, shear = LATTICES[name]
+    network = lattice(name, *size, edge_length=edge_length)
     unit = edge_length ** (2 - network.dimension)
     found = elastic_moduli(network, network.positions).value
     assert found.bulk == pytest.approx(bulk * unit, rel=1e-12)
@@ -113,14 +101,14 @@ def test_moduli(name, size, edge_length):
 
 @pytest.mark.parametrize("name, size", CASES)
 def test_configuration_of_equal_stresses_is_the_lattice(name, size):
-    network = LATTICES[name][0](*size)
+    network = lattice(name, *size)
     found = CriticalManifold(network).configuration(np.ones(network.n_edges))
     np.testing.assert_allclose(found.bond_vectors, network.bond_vectors(network.positions), rtol=0, atol=1e-12)
 
 
 def test_multiple_edges_between_two_vertices():
     # In a kagome lattice of one unit cell each pair of vertices has an edge inside the cell and one across its border.
-    network = kagome_network(1, 1)
+    network = lattice("kagome", 1, 1)
     pairs = np.sort(network.edges, axis=1)
     np.testing.assert_array_equal(np.unique(pairs, axis=0, return_counts=True)[1], [2, 2, 2])
     configuration = CriticalManifold(network).configuration([1, 1, 1, 2, 2, 2])
@@ -130,7 +118,7 @@ def test_multiple_edges_between_two_vertices():
 
 def test_small_lattices_repeated_are_larger_ones():
     # Two copies of a small lattice are the lattice of twice the size, edge by edge up to order.
-    small, large = triangular_network(2, 3), triangular_network(4, 3)
+    small, large = lattice("triangular", 2, 3), lattice("triangular", 4, 3)
     for copy in (0, 1):
         middle = small.positions + copy * small.cell[0]
         ends = np.stack([middle[small.edges[:, 0]], small.bond_vectors(small.positions)], axis=1)
@@ -140,24 +128,35 @@ def test_small_lattices_repeated_are_larger_ones():
             assert (np.abs(large.bond_vectors(large.positions)[hits] - L) < 1e-9).all(axis=1).sum() == 1
 
 
-@pytest.mark.parametrize("make", [row[0] for row in LATTICES.values()], ids=LATTICES)
-def test_bad_sizes_raise(make):
-    for size in (0, -1, 1.5, True):
-        with pytest.raises(InputError, match=r"unit cells|whole"):
-            make(size, 3)
+@pytest.mark.parametrize("name", LATTICES)
+def test_bad_sizes_raise(name):
+    for size in (0, -1, 1.5, True, "4", np.nan):
+        with pytest.raises(InputError, match="whole numbers"):
+            lattice(name, size, 3, *[3] * (name in ("diamond", "cubic")))
+    for sizes in ((3,), (3, 3, 3, 3)):
+        with pytest.raises(InputError, match="directions"):
+            lattice(name, *sizes)
     for length in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="positive"):
-            make(edge_length=length)
+            lattice(name, edge_length=length)
+    assert (
+        lattice(name, *[2.0] * lattice(name).dimension).n_vertices == 2 ** lattice(name).dimension * LATTICES[name][2]
+    )
 
 
-@pytest.mark.parametrize("make", [square_network, triangular_network, lambda *n: cubic_network(*n, 1)])
-def test_single_vertex_raises(make):
+@pytest.mark.parametrize("name, size", [("square", (1, 1)), ("triangular", (1, 1)), ("cubic", (1, 1, 1))])
+def test_single_vertex_raises(name, size):
     with pytest.raises(InputError, match="single"):
-        make(1, 1)
+        lattice(name, *size)
+
+
+def test_an_unknown_lattice_is_named():
+    with pytest.raises(InputError, match="honeycomb, square"):
+        lattice("hexagonal", 3, 3)
 
 
 def test_edge_to_its_image_exerts_no_force():
-    network = square_network(1, 3)
+    network = lattice("square", 1, 3)
     sigma = np.linspace(0.5, 2, network.n_edges)
     own = network.edges[:, 0] == network.edges[:, 1]
     assert own.sum() == 3

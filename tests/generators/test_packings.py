@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from critflow import InputError, packing_network, prune
+from critflow import InputError, packing_network, pruned
 from critflow.generators.packings import _Packing
 
 
@@ -41,7 +41,7 @@ def test_coordination_of_packings():
     # z = z_c + c √(φ − φ_c) with z_c = 4 and c = 3.6 (O'Hern et al. 2003): 5.0 at φ = 0.92.
     network = packing_network(120, z=4.3, seed=1, density=0.92)
     assert abs(2 * network.n_edges / network.n_vertices - 4.3) <= 1 / network.n_vertices + 1e-12
-    assert "every edge" in prune(network).network.note
+    assert "every edge" in pruned(network).network.note
     particles, contacts = network.note.split()[0], int(network.note.split("without ")[1].split()[2])
     assert 2 * contacts / int(particles) == pytest.approx(5.0, abs=0.25)
     assert network.volume == pytest.approx(120)

@@ -6,16 +6,9 @@ import numpy as np
 import pytest
 from problems import voronoi_3d
 
-from critflow import (
-    InputError,
-    foam_network,
-    honeycomb_network,
-    mikado_network,
-    random_sequential_addition,
-    voronoi_network,
-    voronoi_of,
-)
+from critflow import InputError, fibre_network, foam_network, lattice, voronoi_network
 from critflow.generators.random_networks import check_foam, check_voronoi
+from critflow.generators.random_points import random_sequential_addition
 
 
 def digest(*arrays: np.ndarray) -> str:
@@ -40,7 +33,7 @@ def test_standard_network(n_vertices, seed):
 def test_vertices_are_equidistant_from_three_centres():
     # The definition of a Voronoi vertex: its three nearest centres are equidistant.
     points = random_sequential_addition(30, 0.12, np.random.default_rng(1))
-    network = voronoi_of(points, side=1.0)
+    network = voronoi_network(points=points, cell=np.eye(points.shape[1]))
     step = network.positions[:, None] - points[None]
     images = np.array([[i, j] for i in (-1, 0, 1) for j in (-1, 0, 1)])
     distance = np.linalg.norm(step[:, :, None] - images, axis=3).reshape(len(network.positions), -1)
@@ -51,7 +44,7 @@ def test_vertices_are_equidistant_from_three_centres():
 
 def test_edges_lie_on_the_bisector_of_two_centres():
     points = random_sequential_addition(30, 0.12, np.random.default_rng(2))
-    network = voronoi_of(points, side=1.0)
+    network = voronoi_network(points=points, cell=np.eye(points.shape[1]))
     middle = network.positions[network.edges[:, 0]] + 0.5 * network.bond_vectors(network.positions)
     images = np.array([[i, j] for i in (-2, -1, 0, 1, 2) for j in (-2, -1, 0, 1, 2)])
     distance = np.sort(
@@ -129,7 +122,7 @@ def test_foam(n_vertices, seed):
 def test_foam_vertices_are_equidistant_from_four_centres():
     # Every vertex is a circumcentre: its four nearest centres are equidistant.
     points = random_sequential_addition(20, 0.87 / 20 ** (1 / 3), np.random.default_rng(4), dimension=3)
-    network = voronoi_of(points, side=1.0)
+    network = voronoi_network(points=points, cell=np.eye(points.shape[1]))
     images = np.array([[i, j, k] for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)])
     step = network.positions[:, None, None] - points[None, :, None] - images
     nearest = np.sort(np.linalg.norm(step, axis=3).reshape(network.n_vertices, -1), axis=1)
@@ -161,7 +154,7 @@ def test_impossible_foams_raise(words, message):
 @pytest.mark.parametrize("points", [[[0.1, 0.2]], np.argwhere(np.ones((4, 4))) / 4 + 0.1], ids=["one", "lattice"])
 def test_degenerate_points_raise(points):
     with pytest.raises(InputError, match="lattice"):
-        voronoi_of(np.asarray(points))
+        voronoi_network(points=np.asarray(points))
 
 
 @pytest.mark.parametrize(
@@ -169,8 +162,8 @@ def test_degenerate_points_raise(points):
     [
         lambda: voronoi_network(10**9),
         lambda: foam_network(10**9),
-        lambda: honeycomb_network(10**5, 10**5),
-        lambda: mikado_network(10**9),
+        lambda: lattice("honeycomb", 10**5, 10**5),
+        lambda: fibre_network("mikado", 10**9),
         lambda: random_sequential_addition(10**9, 1e-5, np.random.default_rng(0)),
     ],
     ids=["voronoi", "foam", "lattice", "mikado", "points"],

@@ -5,8 +5,8 @@ import hashlib
 import numpy as np
 import pytest
 
-from critflow import random_sequential_addition
 from critflow.generators.random_networks import STANDARD_HARD_CORE
+from critflow.generators.random_points import random_sequential_addition
 
 
 def digest(*arrays: np.ndarray) -> str:

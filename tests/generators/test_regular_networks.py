@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from critflow import prune, regular_network
+from critflow import pruned, regular_network
 from critflow.generators.regular_networks import _Graph
 
 
@@ -14,7 +14,7 @@ def test_degrees(z, dimension, degrees):
     network = regular_network(120, z, seed=3, dimension=dimension)
     found = np.unique(np.bincount(network.edges.ravel()), return_counts=True)
     assert dict(zip(*found, strict=True)) == degrees
-    assert "every edge" in prune(network).network.note
+    assert "every edge" in pruned(network).network.note
     assert network.volume == pytest.approx(120)
     # No longer than the distance at which a point has 3 ⌈z⌉ neighbours.
     lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
@@ -47,4 +47,4 @@ def test_bridges_are_exchanged(monkeypatch):
     network = regular_network(100, 3, seed=206)
     assert len(exchanged) == 2
     np.testing.assert_array_equal(np.bincount(network.edges.ravel()), np.full(100, 3))
-    assert "every edge" in prune(network).network.note
+    assert "every edge" in pruned(network).network.note

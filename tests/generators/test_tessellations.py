@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from critflow import InputError, delaunay_network, delaunay_of, random_sequential_addition, voronoi_network, voronoi_of
-from critflow.generators.random_points import points_in_cell
+from critflow import InputError, delaunay_network, voronoi_network
+from critflow.generators.random_points import points_in_cell, random_sequential_addition
 from critflow.networks.periodic_cell import near_images, short_cell
 
 CELLS = {
@@ -31,12 +31,12 @@ def lengths(network):
     return np.sort(np.linalg.norm(network.bond_vectors(network.positions), axis=1))
 
 
-@pytest.mark.parametrize("make", [voronoi_of, delaunay_of])
+@pytest.mark.parametrize("make", [voronoi_network, delaunay_network])
 def test_equivalent_cells_have_the_same_tessellation(make):
     points, cell = np.random.default_rng(1).random((30, 2)), np.array([[1.3, 0.2], [0.1, 0.9]])
     change = np.array([[3, 2], [4, 3]])
-    other = make(points @ np.linalg.inv(change) % 1, cell=change @ cell)
-    np.testing.assert_allclose(lengths(other), lengths(make(points, cell=cell)), rtol=1e-11)
+    other = make(points=points @ np.linalg.inv(change) % 1, cell=change @ cell)
+    np.testing.assert_allclose(lengths(other), lengths(make(points=points, cell=cell)), rtol=1e-11)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -45,7 +45,7 @@ def test_delaunay_spheres_are_empty(dimension):
     # whose own diametral sphere is empty (the Gabriel graph) it must be there.
     cell = np.array([[1.2, 0.1, 0.0], [0.3, 0.9, 0.2], [0.0, 0.2, 1.0]])[:dimension, :dimension]
     points = np.random.default_rng(3).random((40, dimension))
-    network = delaunay_of(points, cell=cell)
+    network = delaunay_network(points=points, cell=cell)
     edges = set(map(tuple, np.column_stack([network.edges, network.offsets])))
     x = network.positions
     ids, images = near_images(x @ np.linalg.inv(cell), cell, 0.6)
@@ -64,7 +64,7 @@ def test_delaunay_spheres_are_empty(dimension):
 
 def test_vertices_of_the_delaunay_network_are_the_points():
     points, cell = np.random.default_rng(1).random((30, 2)), np.array([[3.0, 0.2], [0.1, 4.0]])
-    network = delaunay_of(points, cell=cell)
+    network = delaunay_network(points=points, cell=cell)
     np.testing.assert_allclose(network.positions, points @ cell, atol=1e-12)
     solid = delaunay_network(40, seed=1, cell=np.eye(3))
     assert (solid.n_vertices, solid.dimension) == (40, 3)
@@ -107,6 +107,6 @@ def test_points_of_a_square_are_those_of_no_cell():
 
 def test_coordinates_in_other_units_are_refused():
     points = np.random.default_rng(1).random((30, 2))
-    assert voronoi_of(points + 3).n_vertices == 60
+    assert voronoi_network(points=points + 3).n_vertices == 60
     with pytest.raises(InputError, match="divide"):
-        voronoi_of(20 * points)
+        voronoi_network(points=20 * points)

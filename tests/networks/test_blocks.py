@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from critflow import CriticalManifold, Network, NetworkError
+from critflow import CriticalManifold, Network
 from critflow.networks.blocks import blocks, opened_edges
+from critflow.result import NetworkError
 
 CELL = np.array([[2.0, 0.0], [0.5, 1.0]])
 # Two of them coincide up to a vector of the cell, two are the same.

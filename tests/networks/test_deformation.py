@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from critflow import DEFORMATIONS, Deformation, InputError, deformation_of
-from critflow.networks.deformation import strain_basis
+from critflow import Deformation, InputError
+from critflow.examination.examine import DEFORMATIONS
+from critflow.networks.deformation import deformation_of, strain_basis
 
 A = np.array([[0.3, -0.8], [0.1, 0.5]])
 

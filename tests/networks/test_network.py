@@ -15,9 +15,10 @@ from problems import (
     square_octagon,
 )
 
-from critflow import CriticalManifold, Network, NetworkError, honeycomb_network, three_bar_linkage, voronoi_network
+from critflow import CriticalManifold, Network, lattice, three_bar_linkage, voronoi_network
 from critflow.networks.checks import edge_values
 from critflow.networks.faces import planar_faces
+from critflow.result import NetworkError
 
 
 @pytest.mark.parametrize("name", NETWORKS)
@@ -111,8 +112,8 @@ def test_part_keeps_its_bond_vectors():
 @pytest.mark.parametrize(
     "network, sizes",
     [
-        (honeycomb_network(3, 4), np.full(12, 6)),
-        (honeycomb_network(1, 1), np.array([6])),
+        (lattice("honeycomb", 3, 4), np.full(12, 6)),
+        (lattice("honeycomb", 1, 1), np.array([6])),
         (voronoi_network(100, seed=1), None),
         (oblique(voronoi_network(40, seed=2)), None),
     ],
@@ -272,4 +273,29 @@ def test_a_network_without_a_cell_has_the_volume_that_is_named():
         with pytest.raises(NetworkError, match="volume"):
             free.with_volume(wrong)
     with pytest.raises(NetworkError, match="cell"):
-        honeycomb_network(2, 2).with_volume(1.0)
+        lattice("honeycomb", 2, 2).with_volume(1.0)
+
+
+def test_edges_are_removed_and_added():
+    network = voronoi_network(n_vertices=20, seed=1).with_stiffness(np.arange(1.0, 31.0))
+    (tail, head), offset = network.edges[7], network.offsets[7]
+    fewer = network.without_edges([7, 20])
+    np.testing.assert_array_equal(fewer.edges, np.delete(network.edges, [7, 20], axis=0))
+    np.testing.assert_array_equal(fewer.stiffness, np.delete(network.stiffness, [7, 20]))
+    assert fewer.faces.n_faces == network.faces.n_faces - 2
+    again = network.without_edges(7).with_edge(tail, head, offset, stiffness=8.0)
+    np.testing.assert_array_equal(again.bond_vectors(again.positions)[-1], network.bond_vectors(network.positions)[7])
+    assert again.stiffness[-1] == 8 and again.faces is None
+    linkage = three_bar_linkage().with_volume(2.0).with_edge(0, 2)
+    assert linkage.volume == 2 and not linkage.offsets.any()
+    for change, word in (
+        (lambda: network.without_edges(30), "no edge 30"),
+        (lambda: network.without_edges([0, -1]), "no edge -1"),
+        (lambda: network.without_edges(0.5), "whole"),
+        (lambda: network.with_edge(0, 20), "no vertex 20"),
+        (lambda: network.with_edge(0, 1, [1]), "2 whole numbers"),
+        (lambda: network.with_edge(0, 1, [0.5, 0]), "whole"),
+        (lambda: network.with_edge(3, 3), "itself"),
+    ):
+        with pytest.raises(NetworkError, match=word):
+            change()

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from problems import dense_bond_vectors, pinned_grid, random_stress, square_octagon
 
-from critflow import CriticalManifold, NetworkError, honeycomb_network, prune, pruned_network
+from critflow import CriticalManifold, lattice, pruned
 from critflow.networks.pruning import _Loose, carrying_part
+from critflow.result import NetworkError
 
 
 def random_graph(seed, pins=False):
@@ -43,7 +44,7 @@ def test_hanging_parts_are_removed():
     more = [[0, 4], [4, 5], [1, 6], [6, 7], [7, 8], [8, 6]]
     edges = np.concatenate([more, whole.edges])
     offsets = np.concatenate([np.zeros((6, 2), int), whole.offsets])
-    network, kept, vertices = pruned_network(edges, offsets, whole.cell, stiffness=np.arange(1.0, 13.0))
+    network, kept, vertices = pruned(edges, offsets=offsets, cell=whole.cell, stiffness=np.arange(1.0, 13.0))
     np.testing.assert_array_equal(kept, np.arange(6, 12))
     np.testing.assert_array_equal(vertices, np.arange(4))
     np.testing.assert_array_equal(network.stiffness, np.arange(7.0, 13.0))
@@ -54,17 +55,17 @@ def test_hanging_parts_are_removed():
 
 
 def test_the_largest_part_is_kept():
-    small, large = square_octagon(), honeycomb_network(2, 2)
+    small, large = square_octagon(), lattice("honeycomb", 2, 2)
     edges = np.concatenate([small.edges, large.edges + 4, [[0, 4]]])
     offsets = np.concatenate([small.offsets, large.offsets, [[0, 0]]])
-    network, kept, _ = pruned_network(edges, offsets, large.cell)
+    network, kept, _ = pruned(edges, offsets=offsets, cell=large.cell)
     np.testing.assert_array_equal(kept, 6 + np.arange(large.n_edges))
     assert "6 in separate pieces" in network.note
 
 
 def test_a_network_without_loose_edges_stays():
-    for whole in (honeycomb_network(3, 2), pinned_grid()):
-        network, kept, _ = prune(whole)
+    for whole in (lattice("honeycomb", 3, 2), pinned_grid()):
+        network, kept, _ = pruned(whole)
         np.testing.assert_array_equal(network.edges, whole.edges)
         np.testing.assert_array_equal(network.offsets, whole.offsets)
         assert len(kept) == whole.n_edges
@@ -73,10 +74,10 @@ def test_a_network_without_loose_edges_stays():
 
 
 def test_edges_of_a_mask_and_the_faces_of_the_part():
-    whole = honeycomb_network(3, 3)
+    whole = lattice("honeycomb", 3, 3)
     kept = np.ones(whole.n_edges, bool)
     kept[4] = False
-    network, edges, _ = prune(whole, kept)
+    network, edges, _ = pruned(whole, kept)
     assert network.n_edges == whole.n_edges - 1
     assert 4 not in edges
     # Two hexagons become one face of ten sides.
@@ -86,4 +87,9 @@ def test_edges_of_a_mask_and_the_faces_of_the_part():
 
 def test_nothing_that_winds_around_the_cell_raises():
     with pytest.raises(NetworkError, match="tension"):
-        pruned_network([[0, 1], [1, 2], [2, 0], [2, 3]], cell=np.eye(2))
+        pruned([[0, 1], [1, 2], [2, 0], [2, 3]], cell=np.eye(2))
+
+
+def test_a_network_takes_no_arguments_of_another():
+    with pytest.raises(NetworkError, match="cell"):
+        pruned(lattice("honeycomb", 2, 2), cell=np.eye(2))

@@ -13,13 +13,13 @@ from critflow import (
     Status,
     critical_from_lengths,
     critical_strain,
-    deformation_of,
     diluted,
-    mikado_network,
+    fibre_network,
+    lattice,
     optimize,
-    triangular_network,
     voronoi_network,
 )
+from critflow.networks.deformation import deformation_of
 from critflow.solvers.cone import fit_lengths
 
 NETWORK = voronoi_network(60, seed=3)
@@ -151,7 +151,7 @@ def test_free_sides_leave_the_shortest_chain_taut():
 
 
 def test_a_lattice_with_slack_edges_and_parallel_chains():
-    network = diluted(triangular_network(12, 12), 3.6, seed=3)
+    network = diluted(lattice("triangular", 12, 12), 3.6, seed=3)
     lengths = np.full(network.n_edges, 1.01)
     for direction in (1, -1):
         onset = critical_strain(network, lengths, "simple_shear", direction=direction)
@@ -223,7 +223,7 @@ def test_bad_arguments():
 
 
 def as_built(n_vertices, z, seed):
-    network = mikado_network(n_vertices, z, seed)
+    network = fibre_network("mikado", n_vertices, z=z, seed=seed)
     return network, np.linalg.norm(network.bond_vectors(network.positions), axis=1)
 
 

@@ -13,7 +13,7 @@ from critflow import (
     SolveError,
     Status,
     critical_from_lengths,
-    honeycomb_network,
+    lattice,
     optimize,
     three_bar_linkage,
     voronoi_network,
@@ -77,7 +77,7 @@ def test_unit_lengths_give_the_least_length_variance():
 
 
 def test_honeycomb_lengths():
-    solution = critical_from_lengths(honeycomb_network(3, 3), np.full(27, 2.0))
+    solution = critical_from_lengths(lattice("honeycomb", 3, 3), np.full(27, 2.0))
     assert solution.status is Status.ok
     np.testing.assert_allclose(solution.value.lengths, 1.0, rtol=1e-12)
     assert solution.ratio == pytest.approx(0.5, rel=1e-9)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from critflow import InputError, Status, critical_from_lengths, rigidity_surface, strain_plane, voronoi_network
+from critflow import InputError, Status, critical_from_lengths, rigidity_surface, voronoi_network
+from critflow.onset.rigidity_surface import strain_plane
 
 NETWORK = voronoi_network(24, seed=2)
 LENGTHS = np.full(36, 1.05 * critical_from_lengths(NETWORK, np.ones(36), throw=False).ratio)

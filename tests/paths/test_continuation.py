@@ -11,16 +11,9 @@ from problems import (
     stiff_lattice,
 )
 
-from critflow import (
-    CriticalManifold,
-    SolveError,
-    Status,
-    WormLike,
-    critical_from_lengths,
-    deformation_of,
-    strain_path,
-)
+from critflow import CriticalManifold, SolveError, Status, WormLike, critical_from_lengths, strain_path
 from critflow import voronoi_network as voronoi
+from critflow.networks.deformation import deformation_of
 from critflow.paths import continuation
 from critflow.paths.continuation import Continuation
 from critflow.paths.predictor import Predictor

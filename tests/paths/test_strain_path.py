@@ -19,7 +19,6 @@ from problems import (
 from scipy.optimize import minimize, minimize_scalar
 
 from critflow import (
-    DEFORMATIONS,
     Cable,
     CriticalManifold,
     Deformation,
@@ -28,17 +27,18 @@ from critflow import (
     Network,
     PowerLaw,
     Status,
-    backbone,
     critical_from_lengths,
     equilibrium,
     foam_network,
-    honeycomb_network,
+    lattice,
     spring_state,
     stiffening,
     strain_path,
 )
 from critflow import voronoi_network as voronoi
+from critflow.critical.backbone import backbone
 from critflow.critical.manifold import critical_configuration
+from critflow.examination.examine import DEFORMATIONS
 from critflow.springs.free_cell import stretched
 from workflows.benchmarks import reference
 
@@ -250,7 +250,7 @@ def test_free_cell_in_space_has_no_stress():
 @pytest.mark.parametrize("gamma", [0.01, 0.1, 0.3])
 def test_honeycomb_from_its_transition(gamma):
     # Uniform: two vertices a cell; the energy of three edges, minimal over the one relative position.
-    network = honeycomb_network(2, 2)
+    network = lattice("honeycomb", 2, 2)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     for deformation in ("dilation", "simple_shear", "pure_shear", "uniaxial"):
         path = strain_path(network, critical, [gamma], deformation=deformation).value

@@ -17,11 +17,10 @@ from critflow import (
     optimize,
     spring_state,
     strain_path,
-    strained_response,
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.paths.strained_response import StrainedObjective
+from critflow.paths.strained_response import StrainedObjective, strained_response
 from critflow.springs.laws import Hookean as _Base
 from workflows.benchmarks import reference
 from workflows.benchmarks.high_precision import MP, numbers

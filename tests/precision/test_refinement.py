@@ -16,19 +16,19 @@ from critflow import (
     SolveError,
     Status,
     critical_from_lengths,
-    honeycomb_network,
+    lattice,
     optimize,
     three_bar_linkage,
-    transition_bounds,
-    transition_moduli,
     voronoi_network,
 )
 from critflow.precision.double_double import extended
 from critflow.precision.refinement import Refinement
+from critflow.response.moduli import transition_moduli
+from critflow.response.moduli_bounds import transition_bounds
 from workflows.benchmarks import reference
 
 NETWORK = voronoi_network(12, seed=1)
-PLAIN = honeycomb_network(2, 2)
+PLAIN = lattice("honeycomb", 2, 2)
 
 
 def wide(p: float, seed: int, network: Network = NETWORK, signed: bool = False) -> np.ndarray:

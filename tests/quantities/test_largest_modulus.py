@@ -20,7 +20,7 @@ from critflow import (
     SolveError,
     Status,
     design,
-    honeycomb_network,
+    lattice,
     optimize,
     quantity,
     stiffening,
@@ -43,7 +43,7 @@ NETWORKS = {
     "random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
     "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=3), 4)),
     "square-octagon": lambda: square_octagon(),
-    "honeycomb": lambda: honeycomb_network(4, 4),
+    "honeycomb": lambda: lattice("honeycomb", 4, 4),
 }
 STRAINS = {
     "dilation": dilation(2),
@@ -221,7 +221,7 @@ def test_rotating_the_strain_axes_rotates_the_configuration():
 
 def test_bounds_of_lattices_are_affine_moduli():
     # Where σ = k leaves the moments isotropic, W vanishes: the bound is the affine modulus (1/V)Σk|A L*|².
-    honeycomb = honeycomb_network(3, 3)
+    honeycomb = lattice("honeycomb", 3, 3)
     assert bound_of(honeycomb, pure_shear(2)) == pytest.approx(upper_bound(honeycomb, "B_0"), rel=1e-13)
     triangular, _ = triangular_lattice()
     affine = 0.25 * triangular.n_edges / triangular.volume

@@ -16,7 +16,7 @@ from critflow import (
     CriticalManifold,
     InputError,
     Quantity,
-    honeycomb_network,
+    lattice,
     optimize,
     properties,
     quantity,
@@ -177,7 +177,7 @@ def test_no_stress_exceeds_the_extreme_values(kind):
 
 
 def test_extreme_values_are_attained():
-    network = honeycomb_network(3, 4, edge_length=0.7).with_stiffness(2.5)
+    network = lattice("honeycomb", 3, 4, edge_length=0.7).with_stiffness(2.5)
     assert upper_bound(network, "B_0") == pytest.approx(2.5 * HONEYCOMB_BULK_MODULUS, rel=1e-13)
     network = KINDS["oblique"]
     best = optimize(network, "B_0").value
@@ -192,7 +192,7 @@ def test_penalty_rises_as_the_tenth_power():
     # Stresses of mean square one, so that s = σ.
     sigma = np.array([0.05, 0.1, 1.0, 1.0])
     sigma[2:] = np.sqrt((4 - np.sum(sigma[:2] ** 2)) / 2)
-    network = honeycomb_network(2, 2)
+    network = lattice("honeycomb", 2, 2)
 
     class Four:
         stiffness, volume = np.ones(4), 1.0
@@ -248,7 +248,7 @@ def test_unknown_names_are_one_sentence(name, word):
 
 
 def test_bad_quantities_are_refused():
-    network = honeycomb_network(2, 2)
+    network = lattice("honeycomb", 2, 2)
     with pytest.raises(InputError, match="threshold"):
         optimize(network, "G_0", threshold=-1.0)
     with pytest.raises(InputError, match="dimensions"):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from problems import random_stress, with_random_stiffness
 
-from critflow import CriticalManifold, deformation_of, optimize, voronoi_network
+from critflow import CriticalManifold, optimize, voronoi_network
 from critflow.critical.derivatives import evaluate
 from critflow.critical.transition import pure_shear
+from critflow.networks.deformation import deformation_of
 from critflow.quantities.stiffening import Stiffening, StrainResponses
 from workflows.benchmarks.high_precision import MP, dot, numbers, roots, solve
 

@@ -4,18 +4,10 @@ import numpy as np
 import pytest
 from problems import NETWORKS, modulus_by_formula, random_stress, with_random_stiffness
 
-from critflow import (
-    CriticalManifold,
-    InputError,
-    flat_directions,
-    honeycomb_network,
-    isogonal_modes,
-    quantity,
-    stress_hessian,
-    voronoi_network,
-)
+from critflow import CriticalManifold, InputError, isogonal_modes, lattice, quantity, voronoi_network
 from critflow.critical.derivatives import evaluate
 from critflow.critical.transition import PenalisedModulus
+from critflow.quantities.stress_hessian import flat_directions, stress_hessian
 
 
 @pytest.mark.parametrize("objective", ["B_0", "G_0", "V_L", "V_tau"])
@@ -80,7 +72,7 @@ def test_flat_directions_of_the_largest_bulk_modulus(n_vertices, seed):
 
 
 def test_flat_directions_of_a_honeycomb():
-    network = honeycomb_network(4, 3)
+    network = lattice("honeycomb", 4, 3)
     flat = flat_directions(CriticalManifold(network).configuration(network.stiffness))
     assert flat.n_flat == network.n_vertices // 2
 
@@ -93,7 +85,7 @@ def test_no_flat_directions_below_the_maximum():
 
 
 def test_large_networks_raise():
-    network = honeycomb_network(30, 24)
+    network = lattice("honeycomb", 30, 24)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     with pytest.raises(InputError, match="2000"):
         flat_directions(critical)

@@ -7,16 +7,16 @@ from problems import random_stress, triangular_lattice, voronoi_3d, with_random_
 from critflow import (
     CriticalManifold,
     Deformation,
-    Elasticity,
     InputError,
     Status,
     equilibrium,
-    linear_response,
     spring_state,
     strain_path,
     voronoi_network,
 )
 from critflow.networks.deformation import strain_basis
+from critflow.response.elasticity import Elasticity
+from critflow.response.response import linear_response
 
 
 def stretched(network, gamma=0.05, F=None):

@@ -30,20 +30,19 @@ from critflow import (
     PowerLaw,
     Status,
     WormLike,
-    backbone,
     critical_from_lengths,
-    elastic_moduli,
     equilibrium,
-    fit_stiffening,
-    honeycomb_network,
-    linear_response,
+    lattice,
     optimize,
     spring_state,
     strain_path,
-    transition_bounds,
-    transition_moduli,
     voronoi_network,
 )
+from critflow.critical.backbone import backbone
+from critflow.mechanics.fits import fit_stiffening
+from critflow.response.moduli import elastic_moduli, transition_moduli
+from critflow.response.moduli_bounds import transition_bounds
+from critflow.response.response import linear_response
 
 CASES = {
     "2D": lambda: voronoi_network(40, seed=1),
@@ -223,7 +222,7 @@ def test_large_overconstrained_networks_have_moduli():
 
 
 def test_honeycomb_at_rest_is_critical():
-    network = honeycomb_network(4, 4)
+    network = lattice("honeycomb", 4, 4)
     solution = elastic_moduli(network, network.positions)
     assert solution.status is Status.ok
     critical = CriticalManifold(network).configuration(np.ones(48))

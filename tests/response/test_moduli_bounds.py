@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from problems import NETWORKS
 
-from critflow import CriticalManifold, Network, honeycomb_network, transition_bounds, transition_moduli, voronoi_network
+from critflow import CriticalManifold, Network, lattice, voronoi_network
+from critflow.response.moduli import transition_moduli
+from critflow.response.moduli_bounds import transition_bounds
 
 NETWORK = voronoi_network(12, seed=1)
 
@@ -20,7 +22,7 @@ def test_no_bound_with_errors_as_large_as_lengths():
 
 
 def test_vanishing_modulus_has_a_second_order_bound():
-    critical = CriticalManifold(honeycomb_network(3, 3)).configuration(np.ones(27))
+    critical = CriticalManifold(lattice("honeycomb", 3, 3)).configuration(np.ones(27))
     assert 0 <= transition_moduli(critical).shear <= transition_bounds(critical).shear < 1e-30
 
 

@@ -13,18 +13,15 @@ from critflow import (
     Network,
     SolveError,
     Status,
-    cells_of,
     critical_from_perimeters,
-    elastic_moduli,
     equilibrium,
-    honeycomb_network,
-    linear_response,
-    perimeter_moduli,
-    perimeter_state,
+    lattice,
     spring_state,
     voronoi_network,
 )
-from critflow.response.perimeters import Cells
+from critflow.response.moduli import elastic_moduli
+from critflow.response.perimeters import Cells, cells_of, perimeter_moduli, perimeter_state
+from critflow.response.response import linear_response
 
 # A regular hexagon of area 1 has the perimeter √(8√3), the least of all tilings by Hales' theorem.
 HEXAGON = np.sqrt(8 * np.sqrt(3))
@@ -170,7 +167,7 @@ def test_cells_of_one_edge_each_are_springs(name):
 
 @pytest.mark.parametrize("columns, rows, k", [(3, 4, 1.0), (4, 4, 2.5)])
 def test_transition_of_regular_hexagons(columns, rows, k):
-    network = honeycomb_network(columns, rows)
+    network = lattice("honeycomb", columns, rows)
     n_cells = network.faces.n_faces
     solution = critical_from_perimeters(cells_of(network, k), np.full(n_cells, 2.0))
     assert solution.status is Status.ok

@@ -26,17 +26,17 @@ from critflow import (
     PowerLaw,
     Status,
     WormLike,
-    backbone,
-    fit_stiffening,
-    honeycomb_network,
-    linear_response,
+    lattice,
     optimize,
     stiffening,
     strain_path,
-    transition_moduli,
     voronoi_network,
 )
+from critflow.critical.backbone import backbone
 from critflow.linalg.saddle import CondensedSaddle, Saddle
+from critflow.mechanics.fits import fit_stiffening
+from critflow.response.moduli import transition_moduli
+from critflow.response.response import linear_response
 from workflows.benchmarks import reference
 
 CASES = {
@@ -136,7 +136,7 @@ def test_exact_stiffening_along_a_path_by_richardson(name):
 
 def test_dilation_by_another_measure_of_strain_in_closed_form():
     # F = 1 + γ/2: the volumetric strain is γ + γ²/4, so that C = C_B − ½ B_0; for (1 + γ)^{1/2} it is C_B − 2 B_0.
-    network = honeycomb_network(3, 3)
+    network = lattice("honeycomb", 3, 3)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     for law, steepness in ((Hookean(), 0), (PowerLaw(3), 1)):
         C_B = 0.5 * HONEYCOMB_BULK_MODULUS * (steepness - 1)
@@ -177,7 +177,7 @@ def _rotation(angle):
 )
 def test_paths_along_which_the_network_stays_floppy_have_a_status(deformation, word):
     # The stress of the honeycomb is isotropic, so that no shear works on it; a free side relaxes it.
-    network = honeycomb_network(3, 3)
+    network = lattice("honeycomb", 3, 3)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     solution = stiffening(network, critical, throw=False, deformation=deformation)
     assert solution.status is Status.floppy
@@ -186,7 +186,7 @@ def test_paths_along_which_the_network_stays_floppy_have_a_status(deformation, w
 
 
 def test_free_components_that_keep_the_stress_are_refused():
-    network = honeycomb_network(3, 3)
+    network = lattice("honeycomb", 3, 3)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     with pytest.raises(InputError, match="fix the cell"):
         stiffening(network, critical, deformation=Deformation.dilation(2).freeing("xy"))
@@ -260,7 +260,7 @@ def test_exact_stiffening_of_every_law(law, name):
 @pytest.mark.parametrize("k", [1.0, 2.5])
 def test_stiffening_of_the_honeycomb_in_closed_form(k):
     # All edges stretch alike, E(γ) = N_b E(ℓ√(1 + γ)), so that C_B = ½ B_0 (ℓE'''/k − 1); no shear stretches any.
-    network = honeycomb_network(3, 3, edge_length=0.8).with_stiffness(k)
+    network = lattice("honeycomb", 3, 3, edge_length=0.8).with_stiffness(k)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     shears = []
     for law, steepness in ((Hookean(), 0), (PowerLaw(3), 1), (PowerLaw(5.5), 3.5), (WormLike(0.2), 5)):
@@ -357,7 +357,7 @@ def test_stiffening_corrects_inaccurate_coordinates():
 def test_bounds_with_equal_rounding_on_all_edges():
     # Lattices repeat one rounding on every edge, so that errors accumulate instead of averaging out.
     for columns, rows in ((2, 2), (3, 2)):
-        network = honeycomb_network(columns, rows)
+        network = lattice("honeycomb", columns, rows)
         critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
         for gamma in (1e-3, 1e-8):
             state = strain_path(network, critical, [gamma]).value.states[0]

@@ -11,16 +11,15 @@ from critflow import (
     Status,
     certify,
     critical_from_lengths,
-    honeycomb_network,
+    lattice,
     nearest_critical,
     rigidity,
-    square_network,
     three_bar_linkage,
     voronoi_network,
-    zero_modes,
 )
 from critflow.critical.manifold import critical_configuration
 from critflow.linalg.matrices import rigidity_matrix
+from critflow.rigidity.counts import zero_modes
 
 
 def dense_matrix(network, x):
@@ -130,7 +129,7 @@ def test_triangular_lattice_is_overconstrained():
 
 
 def test_honeycomb_at_rest_is_critical():
-    network = honeycomb_network(4, 3)
+    network = lattice("honeycomb", 4, 3)
     counts = rigidity(network, network.positions).value
     assert (counts.n_self_stresses, counts.n_zero_modes) == dense_counts(network, network.positions)
     assert counts.n_self_stresses >= 1
@@ -232,7 +231,7 @@ CONFIGURATIONS = {
         generic(voronoi_network(300, seed=1)),
     ),
     "voronoi in space, 432 edges": lambda: (voronoi_3d(32), voronoi_3d(32).positions),
-    "honeycomb, 432 edges": lambda: (honeycomb_network(12, 12), honeycomb_network(12, 12).positions),
+    "honeycomb, 432 edges": lambda: (lattice("honeycomb", 12, 12), lattice("honeycomb", 12, 12).positions),
     "square, 450 edges": lambda: square_lattice(15),
     "triangular, 432 edges": lambda: triangular_lattice(12, 12),
     "triangular, 48 edges": lambda: triangular_lattice(4, 4),
@@ -335,7 +334,7 @@ def test_compressive_stress_may_stabilise():
 
 
 def test_vectors_beyond_memory_raise():
-    wide = honeycomb_network(60, 60)
+    wide = lattice("honeycomb", 60, 60)
     with pytest.raises(InputError, match="3599"):
         zero_modes(wide, wide.positions)
     assert rigidity(wide, wide.positions).value.n_zero_modes == 3601
@@ -440,7 +439,7 @@ def test_taut_edges_are_a_mask(taut):
 
 
 def test_components_of_the_taut_part_are_counted_together():
-    network = square_network(3, 3)
+    network = lattice("square", 3, 3)
     horizontal = np.abs(network.bond_vectors(network.positions)[:, 0]) > 0.5
     counts = rigidity(network, network.positions, taut=horizontal).value
     # Each row has one self-stress and, of 3 vertices, 2 transverse motions and 2 translations.

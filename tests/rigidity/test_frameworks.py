@@ -19,12 +19,14 @@ from frameworks import (
     twisted_kagome,
 )
 
-from critflow import Network, Status, kagome_network, second_order_rigidity, signed_stress, stability
+from critflow import Network, Status, lattice, stability
 from critflow.critical.manifold import critical_configuration
+from critflow.rigidity.second_order import second_order_rigidity
+from critflow.rigidity.signed_stress import signed_stress
 
 
 def kagome(columns):
-    network = kagome_network(columns, columns)
+    network = lattice("kagome", columns, columns)
     return network, network.positions
 
 

@@ -4,18 +4,10 @@ import numpy as np
 import pytest
 from problems import dense_free, random_stress, relabelled, rewrapped, triangular_lattice, voronoi_3d
 
-from critflow import (
-    CriticalManifold,
-    InputError,
-    Network,
-    Status,
-    honeycomb_network,
-    second_order_rigidity,
-    three_bar_linkage,
-    voronoi_network,
-)
+from critflow import CriticalManifold, InputError, Network, Status, lattice, three_bar_linkage, voronoi_network
 from critflow.linalg.saddle import Saddle
 from critflow.rigidity import second_order
+from critflow.rigidity.second_order import second_order_rigidity
 
 ANSWERS = {
     "first order": (True, True, True),
@@ -150,10 +142,10 @@ def test_triangle_of_legs_is_first_order_rigid():
 
 def test_lattices():
     assert decide(*triangular_lattice(4, 4), "first order").value.counts.n_self_stresses == 18
-    honeycomb = honeycomb_network(4, 3)
+    honeycomb = lattice("honeycomb", 4, 3)
     decide(honeycomb, honeycomb.positions, "prestress")
     # More than 400 edges are counted and tested by sparse matrices alone.
-    honeycomb = honeycomb_network(12, 12)
+    honeycomb = lattice("honeycomb", 12, 12)
     decide(honeycomb, honeycomb.positions, "prestress")
 
 

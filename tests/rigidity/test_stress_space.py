@@ -9,20 +9,16 @@ from critflow import (
     InputError,
     Network,
     Status,
-    cubic_network,
-    elastic_moduli,
-    kagome_network,
+    lattice,
     optimize,
-    square_network,
     stiffening,
     stresses_of,
     three_bar_linkage,
-    transition_moduli,
-    triangular_network,
     voronoi_network,
 )
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.response.moduli import elastic_moduli, transition_moduli
 
 
 def braced_grid() -> Network:
@@ -45,10 +41,10 @@ def dense_dimension(network, coordinates):
 
 
 OVERCONSTRAINED = {
-    "triangular": lambda: triangular_network(4, 3),
-    "triangular, small": lambda: triangular_network(1, 2),
+    "triangular": lambda: lattice("triangular", 4, 3),
+    "triangular, small": lambda: lattice("triangular", 1, 2),
     "braced grid": braced_grid,
-    "cubic": lambda: cubic_network(2, 3, 2),
+    "cubic": lambda: lattice("cubic", 2, 3, 2),
 }
 
 
@@ -96,7 +92,7 @@ def test_many_stresses_of_one_configuration(name):
 
 
 def test_steps_in_the_space_preserve_configuration_and_balance():
-    critical = CriticalManifold(triangular_network(3, 3)).configuration(random_stress(27, 2))
+    critical = CriticalManifold(lattice("triangular", 3, 3)).configuration(random_stress(27, 2))
     space = stresses_of(critical).value
     amplitudes = np.random.default_rng(3).standard_normal(space.dimension)
     there = space.walk(amplitudes)
@@ -107,7 +103,12 @@ def test_steps_in_the_space_preserve_configuration_and_balance():
 
 @pytest.mark.parametrize(
     "network, dimension",
-    [(square_network(3, 5), 8), (kagome_network(4, 2), 8), (kagome_network(12, 9), 24), (square_network(20, 20), 40)],
+    [
+        (lattice("square", 3, 5), 8),
+        (lattice("kagome", 4, 2), 8),
+        (lattice("kagome", 12, 9), 24),
+        (lattice("square", 20, 20), 40),
+    ],
     ids=["square", "kagome", "kagome, 648 edges", "square, 800 edges"],
 )
 def test_stresses_of_straight_lines(network, dimension):
@@ -195,7 +196,7 @@ def test_bad_input():
 
 
 def test_moduli_of_several_self_stresses_raise():
-    network = triangular_network(4, 4)
+    network = lattice("triangular", 4, 4)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     for ask in (
         lambda: transition_moduli(critical),
@@ -208,7 +209,7 @@ def test_moduli_of_several_self_stresses_raise():
 
 def test_stiffest_overconstrained_configuration():
     # The true modulus is the largest single-stress value over the stresses of a configuration; σ = k has it.
-    network = triangular_network(4, 4)
+    network = lattice("triangular", 4, 4)
     solution = optimize(network, "bulk_modulus")
     true = elastic_moduli(network, solution.value.coordinates).value
     assert solution.objective == pytest.approx(true.bulk, rel=1e-12)

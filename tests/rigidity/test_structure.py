@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import pinned_grid, random_stress, square_octagon, voronoi_3d, with_faces
 
-from critflow import CriticalManifold, InputError, honeycomb_network, voronoi_network
+from critflow import CriticalManifold, InputError, lattice, voronoi_network
 from critflow.rigidity.structure import (
     face_anisotropy,
     force_anisotropy,
@@ -83,7 +83,7 @@ def test_faces_of_a_network():
 
 
 def test_honeycomb_faces_and_force_triangles():
-    critical = CriticalManifold(honeycomb_network(3, 3)).configuration(np.ones(27))
+    critical = CriticalManifold(lattice("honeycomb", 3, 3)).configuration(np.ones(27))
     np.testing.assert_allclose(face_anisotropy(critical), 0, atol=1e-24)
     np.testing.assert_allclose(force_anisotropy(critical), 0, atol=1e-24)
 

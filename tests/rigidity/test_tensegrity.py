@@ -10,13 +10,13 @@ from critflow import (
     Network,
     SolveError,
     Status,
+    lattice,
     rigidity,
-    signed_stress,
-    square_network,
     stability,
     voronoi_network,
 )
 from critflow.critical.manifold import critical_configuration
+from critflow.rigidity.signed_stress import signed_stress
 
 GOLDEN = (1 + np.sqrt(5)) / 2
 
@@ -56,7 +56,7 @@ def pentagon() -> tuple[Network, np.ndarray]:
 
 def braced_squares(n: int) -> tuple[Network, np.ndarray]:
     """The square lattice of cables with a strut along one diagonal of every square."""
-    plain = square_network(n, n)
+    plain = lattice("square", n, n)
     cells = np.array(list(np.ndindex(n, n)))
     image, there = np.divmod(cells + 1, n)
     struts = np.stack([np.arange(n * n), there @ [n, 1]], axis=1)

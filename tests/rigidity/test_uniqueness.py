@@ -4,18 +4,9 @@ import numpy as np
 import pytest
 from problems import NETWORKS, random_stress, voronoi_3d
 
-from critflow import (
-    CriticalManifold,
-    InputError,
-    Network,
-    critical_from_lengths,
-    elastic_moduli,
-    rigidity,
-    stiffening,
-    transition_moduli,
-    voronoi_network,
-)
+from critflow import CriticalManifold, InputError, Network, critical_from_lengths, rigidity, stiffening, voronoi_network
 from critflow.critical.manifold import CriticalConfiguration
+from critflow.response.moduli import elastic_moduli, transition_moduli
 from critflow.rigidity.uniqueness import only_self_stress
 
 

@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from critflow import (
-    CriticalManifold,
-    Network,
-    cells_of,
-    critical_from_lengths,
-    critical_from_perimeters,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Network, critical_from_lengths, critical_from_perimeters, voronoi_network
+from critflow.response.perimeters import cells_of
 from critflow.solvers.cone import fit_lengths, fit_perimeters
 
 NETWORK = voronoi_network(100, seed=1)

@@ -22,13 +22,12 @@ from critflow import (
     SolveError,
     Status,
     WormLike,
-    cells_of,
     equilibrium,
-    perimeter_state,
     spring_state,
     voronoi_network,
 )
 from critflow.precision.geometry import exact_bond_vectors, exact_forces
+from critflow.response.perimeters import cells_of, perimeter_state
 from workflows.benchmarks import reference
 
 

@@ -6,21 +6,11 @@ import numpy as np
 import pytest
 from problems import NETWORKS, random_stress, triangular_lattice, with_random_stiffness
 
-from critflow import (
-    CriticalManifold,
-    SolveError,
-    Status,
-    bond_operator,
-    geometric_split,
-    hookean_split,
-    rigidity,
-    spring_state,
-    three_bar_linkage,
-    voronoi_network,
-    zero_modes,
-)
+from critflow import CriticalManifold, SolveError, Status, rigidity, spring_state, three_bar_linkage, voronoi_network
 from critflow.linalg.matrices import block_laplacian
 from critflow.networks.network import Array
+from critflow.rigidity.counts import zero_modes
+from critflow.springs.hessian import bond_operator, geometric_split, hookean_split
 from critflow.springs.state import SpringState
 
 NAMES = ["voronoi, random stiffness", "voronoi 3D", "own images", "oblique", "pinned star", "pinned grid"]

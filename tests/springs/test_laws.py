@@ -16,12 +16,12 @@ from critflow import (
     PowerLaw,
     SpringLaw,
     WormLike,
-    elastic_moduli,
     spring_state,
     stiffening,
     strain_path,
     voronoi_network,
 )
+from critflow.response.moduli import elastic_moduli
 from critflow.springs.laws import checked_law
 
 LAWS = [Hookean(), *map(PowerLaw, (2, 2.5, 3, 4, 7.5)), *map(WormLike, (2.0, 0.3, 0.01))]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import triangular_lattice
 
-from critflow import CriticalManifold, Network, Status, equilibrium, honeycomb_network, spring_state
+from critflow import CriticalManifold, Network, Status, equilibrium, lattice, spring_state
 
 METHODS = ["newton", "fire"]
 
@@ -41,7 +41,7 @@ def test_a_stretched_chain_is_a_minimum(stretch, method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_compressed_lattices(method):
-    network = honeycomb_network(3, 3)
+    network = lattice("honeycomb", 3, 3)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     straight = spring_state(network, 1.05 * critical.lengths, critical.coordinates)
     assert equilibrium(straight, method, throw=False).status is Status.unstable

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 from problems import NETWORKS, dense_free, strained
 
-from critflow import (
-    CriticalManifold,
-    Status,
-    equilibrium,
-    spring_state,
-    three_bar_linkage,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Status, equilibrium, spring_state, three_bar_linkage, voronoi_network
 from critflow.linalg.matrices import block_laplacian
 
 

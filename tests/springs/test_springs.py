@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 from problems import NETWORKS, dense_free, random_stress, strained, with_random_stiffness
 
-from critflow import (
-    CriticalManifold,
-    Hookean,
-    PowerLaw,
-    WormLike,
-    spring_state,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Hookean, PowerLaw, WormLike, spring_state, voronoi_network
 from critflow.linalg.matrices import block_laplacian
 
 

@@ -6,8 +6,9 @@ import shutil
 import numpy as np
 import pytest
 
-from critflow import CriticalManifold, Network, Status, StudyError, upper_bound, voronoi_network
+from critflow import CriticalManifold, Network, Status, upper_bound, voronoi_network
 from critflow.cli import main
+from critflow.result import StudyError
 from critflow.workflow.load import load_study
 
 SETTINGS = ["--set", "n_vertices=60", "--set", "seeds=0:3"]

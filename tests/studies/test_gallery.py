@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, PolyCollection
 
-from critflow import CriticalManifold, Network, Status, isogonal_modes, transition_moduli, voronoi_network
+from critflow import CriticalManifold, Network, Status, isogonal_modes, voronoi_network
 from critflow.cli import main
+from critflow.response.moduli import transition_moduli
 from critflow.workflow.load import load_study
 
 matplotlib.use("Agg")

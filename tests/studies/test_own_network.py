@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow import StudyError, triangular_network, upper_bound, voronoi_network, write_network
+from critflow import lattice, upper_bound, voronoi_network, write_network
 from critflow.cli import main
+from critflow.result import StudyError
 from critflow.workflow.load import load_study
 from critflow.workflow.plan import select
 from workflows.benchmarks.failure_map.outcomes import Outcome
@@ -82,7 +83,7 @@ def test_the_failure_map_of_a_file(monkeypatch, tmp_path):
     ],
 )
 def test_a_network_that_does_not_fit_is_one_sentence(network, word, capsys):
-    write_network(triangular_network(3, 3), "stiff.csv")
+    write_network(lattice("triangular", 3, 3), "stiff.csv")
     for name, edges in (("patch", "0,1\n1,2\n"), ("loop", "0,1\n1,2\n1,1\n")):
         with open(f"{name}_edges.csv", "w") as table:
             table.write("tail,head\n" + edges)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import SQRT3
 
-from critflow import Status, triangular_network, voronoi_network
+from critflow import Status, lattice, voronoi_network
 from critflow.workflow.load import load_study
 from workflows.reference_numbers import measures
 
@@ -58,4 +58,4 @@ def test_reflex_corners():
 
 
 def test_poissons_ratio_of_the_triangular_lattice():
-    assert measures.poisson(triangular_network(4, 4)) == pytest.approx(1 / 3, rel=1e-12)
+    assert measures.poisson(lattice("triangular", 4, 4)) == pytest.approx(1 / 3, rel=1e-12)

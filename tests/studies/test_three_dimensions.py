@@ -11,7 +11,6 @@ from critflow import (
     Network,
     Status,
     critical_from_lengths,
-    elastic_moduli,
     equilibrium,
     foam_network,
     optimize,
@@ -19,12 +18,12 @@ from critflow import (
     spring_state,
     stiffening,
     strain_path,
-    transition_moduli,
     upper_bound,
     voronoi_network,
 )
 from critflow.cli import main
 from critflow.mechanics.fits import fit_stiffening
+from critflow.response.moduli import elastic_moduli, transition_moduli
 
 STUDY = "three_dimensions"
 POPULATIONS = ("max B_0", "max G_0", "min V_τ", "random stress")

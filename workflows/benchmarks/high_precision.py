@@ -13,7 +13,7 @@ from functools import wraps
 
 import numpy as np
 
-from critflow import StudyError
+from critflow.result import StudyError
 
 try:
     import mpmath

@@ -15,14 +15,8 @@ import time
 
 import numpy as np
 
-from critflow import (
-    critical_strain,
-    deformation_of,
-    equilibrium,
-    optimize,
-    spring_state,
-    voronoi_network,
-)
+from critflow import critical_strain, equilibrium, optimize, spring_state, voronoi_network
+from critflow.networks.deformation import deformation_of
 
 from .lammps import Lammps
 

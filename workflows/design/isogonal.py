@@ -8,15 +8,8 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from critflow import (
-    CriticalManifold,
-    Status,
-    isogonal_design,
-    stiffening,
-    strain_path,
-    transition_moduli,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Status, isogonal_design, stiffening, strain_path, voronoi_network
+from critflow.response.moduli import transition_moduli
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network, check_positive

@@ -11,14 +11,7 @@ import time
 
 import numpy as np
 
-from critflow import (
-    CriticalManifold,
-    critical_from_lengths,
-    critical_strain,
-    design,
-    design_onset,
-    voronoi_network,
-)
+from critflow import CriticalManifold, critical_from_lengths, critical_strain, design, design_onset, voronoi_network
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network

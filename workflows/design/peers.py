@@ -15,7 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from critflow import CriticalManifold, StudyError, design, strain_path, voronoi_network
+from critflow import CriticalManifold, design, strain_path, voronoi_network
+from critflow.result import StudyError
 
 from ..shared.populations import LABELS
 from . import curves, stiffening_targets

@@ -2,7 +2,7 @@
 
 Isotropic tensors of the same Young's modulus are designed by the stiffnesses of springs, and checked by a relaxation
 that shares no code with the design.  At the transition C = S⊗S/(V D), so a stretch along y with free sides has
-ν = S_xx/S_yy: positive for σ > 0.  With compressed edges (S/√D)ᵀ M⁻¹ (S/√D) ≤ 1, with the form M of `modulus_bound`
+ν = S_xx/S_yy: positive for σ > 0.  With compressed edges (S/√D)ᵀ M⁻¹ (S/√D) ≤ 1, with the form M of `upper_bound`
 times V, is all that limits S, so that the largest B_0 for each ν is known in closed form.
 """
 
@@ -12,20 +12,11 @@ import time
 
 import numpy as np
 
-from critflow import (
-    InputError,
-    Status,
-    StudyError,
-    delaunay_network,
-    design_stiffness,
-    isotropic_targets,
-    modulus_bound,
-    optimize,
-    transition_modulus,
-    voronoi_network,
-)
-from critflow.critical.quantity import ConstrainedModulus
+from critflow import InputError, Status, delaunay_network, design_stiffness, optimize, upper_bound, voronoi_network
+from critflow.critical.transition import transition_modulus
+from critflow.design.stiffnesses import isotropic_targets
 from critflow.networks.deformation import strain_basis
+from critflow.result import StudyError
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network
@@ -115,7 +106,7 @@ def relaxed_tensor(network):
 def at_transition(network, n_directions):
     """The stiffest configurations in directions of S, with and without compressed edges."""
     V, strains = network.volume, strain_basis(2)[1]
-    form = np.array([[modulus_bound(network, a + b) for a in strains] for b in strains])
+    form = np.array([[upper_bound(network, transition_modulus(network, a + b)) for a in strains] for b in strains])
     single = np.diag(form) / 4
     form = V * 0.5 * (form - single[:, None] - single[None])
     found = {name: np.full(n_directions, np.nan) for name in VARIABLES if name.startswith(("signed", "tensile"))}
@@ -132,7 +123,7 @@ def at_transition(network, n_directions):
             found["signed_ratio"][n], found["signed_bulk"][n] = ratio_and_bulk(best)
         except InputError:
             pass
-        best = optimize(network, ConstrainedModulus(objective), "lbfgs", max_steps=ASCENT, throw=False)
+        best = optimize(network, PenalisedModulus(objective), "lbfgs", max_steps=ASCENT, throw=False)
         found["tensile_ratio"][n], found["tensile_bulk"][n] = ratio_and_bulk(best)
     return found
 

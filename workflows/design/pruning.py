@@ -6,7 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
-from critflow import bulk_modulus_bound, optimize, prune_towards, voronoi_network
+from critflow import optimize, prune_towards, upper_bound, voronoi_network
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network, check_positive
@@ -55,7 +55,7 @@ def case(parameters, seed):
         found["edges"][n] = len(made.edges) / start.network.n_edges
         found["drift"][n], found["factorisations"][n] = made.drift, made.factorisations
         if method == "greedy":
-            found["loss"] = made.objective / bulk_modulus_bound(made.value.network)
+            found["loss"] = made.objective / upper_bound(made.value.network, "B_0")
         for place, part in enumerate(TARGETS):
             reached = prune_towards(start, target=part * made.values[0], seed=order, throw=False)
             found["target_error"][n, place], found["target_cuts"][n, place] = reached.stats.residual, len(reached.cuts)

@@ -1,7 +1,7 @@
 """Reach of linear elasticity at the transition: which S/√D a network attains with positive stresses, and with any.
 
 C = S⊗S/(V D) at one self-stress.  For stresses of any sign the reach is the ellipsoid sᵀ M⁻¹ s ≤ V, whose support
-function is `modulus_bound`: (s:A)² ≤ V μ_A.  Configurations that attain it are known in closed form.  For positive
+function is `upper_bound`: (s:A)² ≤ V μ_A.  Configurations that attain it are known in closed form.  For positive
 stresses the support is found by ascents of the modulus μ_A with the penalty that keeps every stress above about r.
 """
 
@@ -9,16 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import (
-    CriticalManifold,
-    InputError,
-    StudyError,
-    modulus_bound,
-    optimize,
-    transition_modulus,
-    voronoi_network,
-)
-from critflow.critical.quantity import ConstrainedModulus
+from critflow import CriticalManifold, InputError, optimize, upper_bound, voronoi_network
+from critflow.critical.transition import transition_modulus
+from critflow.result import StudyError
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network
@@ -67,7 +60,7 @@ def case(parameters, seed):
     found = undefined(VARIABLES, sizes(parameters))
     for n, angle in enumerate(angles(parameters)):
         A = np.cos(angle) * MEAN + np.sin(angle) * DIFFERENCE
-        found["support"][n] = np.sqrt(modulus_bound(manifold, A))
+        found["support"][n] = np.sqrt(upper_bound(manifold, transition_modulus(manifold.network, A)))
         objective = transition_modulus(network, A)
         try:
             best = optimize(manifold, objective, "closed_form", signs="any", throw=False)
@@ -76,7 +69,7 @@ def case(parameters, seed):
         except InputError:
             pass
         for row, threshold in enumerate(parameters["thresholds"]):
-            limited = ConstrainedModulus(objective, threshold)
+            limited = PenalisedModulus(objective, threshold)
             best = optimize(manifold, limited, "lbfgs", max_steps=parameters["ascent"], throw=False)
             found["tensile"][row, n] = response(best.value)
     rng = np.random.default_rng([seed, 2])

@@ -2,7 +2,7 @@
 
 Each triple is attained by a configuration of another random network of the same size.  That of the largest B_0 has
 C_B = −B_0/2, which only the stiffest configuration of a network attains: a network with another largest B_0 cannot
-(`stiffening_bound`), and `design` refuses it.  One design of each network is strained, and the growth of its moduli
+(`quantity`), and `design` refuses it.  One design of each network is strained, and the growth of its moduli
 fitted.
 """
 
@@ -12,16 +12,9 @@ import time
 
 import numpy as np
 
-from critflow import (
-    CriticalManifold,
-    Status,
-    StudyError,
-    design,
-    fit_stiffening,
-    stiffening,
-    strain_path,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Status, design, stiffening, strain_path, voronoi_network
+from critflow.mechanics.fits import fit_stiffening
+from critflow.result import StudyError
 from critflow.workflow import Claim, stable_rng
 
 from ..shared.checks import check_network

@@ -11,16 +11,9 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from critflow import (
-    NetworkError,
-    Status,
-    StudyError,
-    backbone,
-    critical_strain,
-    optimize,
-    prune,
-    voronoi_network,
-)
+from critflow import Status, critical_strain, optimize, pruned, voronoi_network
+from critflow.critical.backbone import backbone
+from critflow.result import NetworkError, StudyError
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network, check_positive
@@ -104,7 +97,7 @@ def sequence(critical, path, law, cuts, rng):
         kept = np.ones(network.n_edges, bool)
         kept[chosen(critical.tensions, law, rng)] = False
         try:
-            network, edges, _ = prune(network, kept)
+            network, edges, _ = pruned(network, kept)
         except NetworkError:
             yield Status.floppy, None, np.nan
             return

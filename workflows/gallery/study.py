@@ -16,22 +16,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from critflow import (
-    CriticalManifold,
-    Solution,
-    StudyError,
-    bulk_modulus_bound,
-    critical_from_lengths,
-    face_modes,
-    flat_directions,
-    optimize,
-    transition_moduli,
-    voronoi_network,
-)
-from critflow.critical.isogonal import affine_bulk_modulus
+from critflow import CriticalManifold, Solution, critical_from_lengths, optimize, upper_bound, voronoi_network
+from critflow.critical.isogonal import affine_bulk_modulus, face_modes
 from critflow.generators.random_networks import check_voronoi
 from critflow.onset.from_lengths import stressed_fraction
-from critflow.result import Status
+from critflow.quantities.stress_hessian import flat_directions
+from critflow.response.moduli import transition_moduli
+from critflow.result import Status, StudyError
 from critflow.rigidity.structure import length_variance, tension_variance
 from critflow.workflow import Axis, Study, Variable, stable_rng
 
@@ -58,7 +49,7 @@ def prepared(n_vertices, seed, hard_core, own=""):
     for face in stable_rng(seed, "chosen faces").permutation(len(at)):
         apart = (np.mod(at[chosen] - at[face] + 0.5, 1.0) - 0.5) @ network.cell
         chosen[face] = (np.linalg.norm(apart, axis=1) > SPACING).all()
-    return manifold, bulk_modulus_bound(manifold), chosen
+    return manifold, upper_bound(manifold, "B_0"), chosen
 
 
 def face_centres(critical):

@@ -16,25 +16,23 @@ from functools import lru_cache
 import numpy as np
 
 from critflow import (
-    DEFORMATIONS,
     CriticalManifold,
     InputError,
     Status,
-    StudyError,
     critical_from_lengths,
     critical_strain,
-    deformation_of,
     delaunay_network,
     diluted,
-    kagome_network,
-    mikado_network,
-    phantom_network,
+    fibre_network,
+    lattice,
     rigidity_surface,
     strain_path,
-    strain_plane,
-    triangular_network,
     voronoi_network,
 )
+from critflow.examination.examine import DEFORMATIONS
+from critflow.networks.deformation import deformation_of
+from critflow.onset.rigidity_surface import strain_plane
+from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ..shared.checks import check_network, check_positive
@@ -49,14 +47,14 @@ def network_of(family, n_vertices, z, seed):
     """A network of a family with coordination z; raises `InputError` for a z that the family does not have."""
     side = round(np.sqrt(n_vertices))
     if family == "triangular":
-        return diluted(triangular_network(side, side), z, seed)
+        return diluted(lattice("triangular", side, side), z, seed)
     if family == "kagome":
         side = round(np.sqrt(n_vertices / 3))
-        return diluted(kagome_network(side, side), z, seed)
+        return diluted(lattice("kagome", side, side), z, seed)
     if family == "phantom":
-        return phantom_network(side, side, z, seed)
+        return fibre_network("phantom", side, side, z=z, seed=seed)
     if family == "mikado":
-        return mikado_network(n_vertices, z, seed)
+        return fibre_network("mikado", n_vertices, z=z, seed=seed)
     whole = (delaunay_network if family == "delaunay" else voronoi_network)(n_vertices, seed)
     return whole if family == "voronoi" and z == 3 else diluted(whole, z, seed)
 

@@ -10,8 +10,6 @@ from scipy.optimize import brentq
 from critflow import (
     CriticalManifold,
     Status,
-    backbone,
-    cells_of,
     certify,
     critical_from_lengths,
     critical_from_perimeters,
@@ -19,15 +17,16 @@ from critflow import (
     delaunay_network,
     diluted,
     elasticity,
-    honeycomb_network,
-    phantom_network,
-    prune,
+    fibre_network,
+    lattice,
+    pruned,
     strain_path,
-    transition_moduli,
-    triangular_network,
     voronoi_network,
 )
+from critflow.critical.backbone import backbone
 from critflow.networks.pruning import carrying_part
+from critflow.response.moduli import transition_moduli
+from critflow.response.perimeters import cells_of
 from critflow.workflow import stable_rng
 
 # Length of the stored curves.
@@ -55,7 +54,7 @@ class Measured(NamedTuple):
 
 def hexagon_shape(parameters, seed):
     """Critical shape index of regular hexagons with perimeter springs."""
-    return _shape(honeycomb_network(4, 4))
+    return _shape(lattice("honeycomb", 4, 4))
 
 
 def planar_shape(parameters, seed):
@@ -83,7 +82,7 @@ def honeycomb_shear(parameters, seed):
 
 
 def _least_length(gamma):
-    network = honeycomb_network(3, 3)
+    network = lattice("honeycomb", 3, 3)
     scale = np.sqrt(network.n_vertices / network.volume)
     sheared = network.deformed(scale * simple_shear(gamma))
     return float(critical_from_lengths(sheared, np.ones(network.n_edges)).value.lengths.mean())
@@ -129,7 +128,7 @@ def _without_shear_stress(network):
 
 def tension_honeycomb(parameters, seed):
     """The honeycomb of equal lengths."""
-    network = honeycomb_network(10, 10)
+    network = lattice("honeycomb", 10, 10)
     return _shear_of_tension(critical_from_lengths(network, np.ones(network.n_edges), throw=False))
 
 
@@ -151,7 +150,7 @@ def tension_phantom(parameters, seed):
     The lengths that it is made with are degenerate: all cables of a straight fibre become taut at once.
     """
     side = round(np.sqrt(parameters["n_vertices"]))
-    network = phantom_network(side, side, z=parameters["z"], seed=seed)
+    network = fibre_network("phantom", side, side, z=parameters["z"], seed=seed)
     return _shear_of_tension(CriticalManifold(network).solve(_random_stress(network, seed)))
 
 
@@ -197,7 +196,7 @@ def onset_self_stresses(parameters, seed):
 def convex_faces(parameters, seed):
     """Part of the corners of all faces that are not reflex, in networks of random positive stress."""
     n, shares = parameters["n_vertices"], []
-    for network in (voronoi_network(n, seed), delaunay_network(n, seed), honeycomb_network(8, 8)):
+    for network in (voronoi_network(n, seed), delaunay_network(n, seed), lattice("honeycomb", 8, 8)):
         critical = CriticalManifold(network).configuration(_random_stress(network, seed))
         shares.append(1 - reflex(network.faces, critical.bond_vectors).mean())
     return Measured(float(min(shares)), np.arange(len(shares)), np.array(shares))
@@ -218,7 +217,7 @@ def auxetic(parameters, seed):
 
     Each step removes the edge, of some chosen at random, that leaves the least ν, down to z = 4 plus a few edges.
     """
-    network = triangular_network(parameters["columns"], parameters["columns"])
+    network = lattice("triangular", parameters["columns"], parameters["columns"])
     rng, z, ratios = stable_rng(seed, "pruned"), [6.0], [poisson(network)]
     while 2 * (network.n_edges - 2) / network.n_vertices > 4:
         found = []
@@ -254,5 +253,5 @@ def _without(network, edge):
     part = carrying_part(network.edges[kept], network.offsets[kept], {}, network.n_vertices)
     if len(part.edges) < network.n_edges - 1:
         return None
-    smaller = prune(network, kept).network
+    smaller = pruned(network, kept).network
     return None if reflex(smaller.faces, smaller.bond_vectors(smaller.positions)).any() else smaller

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import StudyError, voronoi_network
-from critflow.result import Status
+from critflow import voronoi_network
+from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Study, Variable
 
 from ..shared.checks import check_network, check_positive

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from critflow import Solution, StudyError, modulus_bound, optimize
-from critflow.critical.quantity import pure_shear
+from critflow import Solution, optimize, upper_bound
+from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.result import StudyError
 
 MEASURES = ("shear_modulus", "longest_edge", "least_tension", "compressed_edges", "compressed_length")
 
@@ -49,7 +50,7 @@ class Ascent:
 def ascend(manifold, method, steps, fractions, stop_at_last=False):
     """Climb from σ = 1 through `steps[-1]` steps, or with `stop_at_last` to the largest part of the bound."""
     network = manifold.network
-    bound = modulus_bound(manifold, pure_shear(2))
+    bound = upper_bound(manifold, transition_modulus(manifold.network, pure_shear(2)))
     place = {step: n for n, step in enumerate(steps)}
     recorded, reached = np.full((5, len(steps)), np.nan), np.full((5, len(fractions)), np.nan)
     first, end, sigmas = np.full(len(fractions), -1), np.full(5, np.nan), []

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 
-from critflow import DEFORMATIONS, InputError, StudyError
+from critflow import InputError
+from critflow.examination.examine import DEFORMATIONS
+from critflow.result import StudyError
 
 # Peak memory of a network with the analysis of its matrices, measured at 100,000 and 400,000 vertices.
 BYTES_A_VERTEX = 1600

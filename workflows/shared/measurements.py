@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import (
-    InputError,
-    Status,
-    deformation_of,
-    fit_stiffening,
-    stiffening,
-    strain_path,
-    transition_moduli,
-    voronoi_network,
-)
+from critflow import InputError, Status, stiffening, strain_path, voronoi_network
 from critflow.critical.manifold import require_one_self_stress
-from critflow.critical.quantity import dilation, pure_shear, transition_modulus
+from critflow.critical.transition import dilation, pure_shear, transition_modulus
+from critflow.mechanics.fits import fit_stiffening
+from critflow.networks.deformation import deformation_of
 from critflow.onset.from_lengths import stressed_fraction
 from critflow.response.elasticity import Moduli
+from critflow.response.moduli import transition_moduli
 from critflow.response.stiffening import NO_STIFFENING
 from critflow.rigidity.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Variable
@@ -104,10 +98,7 @@ def known_moduli(critical):
     except InputError:
         network, d = critical.network, critical.network.dimension
         require_one_self_stress(network, "study networks with one self-stress")
-        bulk, shear = (
-            transition_modulus(network, A).evaluate(critical.sigma, critical.bond_vectors)[0]
-            for A in (dilation(d), pure_shear(d))
-        )
+        bulk, shear = (transition_modulus(network, A).evaluate(critical)[0] for A in (dilation(d), pure_shear(d)))
         return Moduli(bulk, shear, shear)
 
 

@@ -14,8 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from critflow import CritflowError, CriticalManifold, Network, NetworkError, StudyError, network_from, planar_faces
+from critflow import CritflowError, CriticalManifold, Network, network_from
 from critflow.critical.manifold import require_one_self_stress
+from critflow.networks.faces import planar_faces
+from critflow.result import NetworkError, StudyError
 
 _DIGEST = re.compile(r"(.+)@([0-9a-f]{16})")
 

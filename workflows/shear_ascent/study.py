@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import CriticalManifold, StudyError, voronoi_network
-from critflow.critical.quantity import pure_shear
+from critflow import CriticalManifold, voronoi_network
+from critflow.critical.transition import pure_shear
 from critflow.generators.random_networks import check_voronoi
 from critflow.quantities.largest_modulus import largest_modulus, least_compressed_length
-from critflow.result import Status
+from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ..shared.ascent import MEASURES, ascend, check_ascent

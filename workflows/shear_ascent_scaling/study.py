@@ -6,11 +6,11 @@ L-BFGS at the same part of the closed-form bound: the same number of steps reach
 
 from __future__ import annotations
 
-from critflow import CriticalManifold, StudyError, voronoi_network
-from critflow.critical.quantity import pure_shear
+from critflow import CriticalManifold, voronoi_network
+from critflow.critical.transition import pure_shear
 from critflow.generators.random_networks import check_voronoi
 from critflow.quantities.largest_modulus import least_compressed_length
-from critflow.result import Status
+from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ..shared.ascent import ascend, check_ascent

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import Status, StudyError, modulus_bound, optimize, transition_moduli, voronoi_network
-from critflow.critical.quantity import pure_shear
+from critflow import Status, optimize, upper_bound, voronoi_network
+from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.generators.random_networks import check_voronoi
+from critflow.response.moduli import transition_moduli
+from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ..shared.checks import check_network
@@ -51,7 +53,7 @@ def case(parameters, *, n_vertices, seed):
         "longest_edge_of_threshold": detailed[1],
         "threshold_status": np.where(np.isnan(detailed[2]), Status.missing, detailed[2]).astype(int),
         "objective_of_start": starts,
-        "bound": modulus_bound(manifold, pure_shear(2)),
+        "bound": upper_bound(manifold, transition_modulus(manifold.network, pure_shear(2))),
     }
 
 

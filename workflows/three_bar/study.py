@@ -8,17 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import (
-    CriticalManifold,
-    Status,
-    StereographicChart,
-    StudyError,
-    principal_curvatures,
-    rigidity,
-    three_bar_linkage,
-)
-from critflow.critical.curvature import SurfaceGeometry, dense, unit_response
+from critflow import CriticalManifold, Status, rigidity, three_bar_linkage
+from critflow.critical.curvature import StereographicChart, SurfaceGeometry, dense, principal_curvatures, unit_response
 from critflow.critical.manifold import COLLAPSED
+from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
 from ..shared.reports import PAPER

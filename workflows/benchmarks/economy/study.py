@@ -10,19 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from critflow import (
-    Status,
-    StudyError,
-    fit_stiffening,
-    optimize,
-    stiffening,
-    strain_path,
-    transition_moduli,
-    voronoi_network,
-)
+from critflow import Status, optimize, stiffening, strain_path, voronoi_network
 from critflow.generators.random_networks import check_voronoi
 from critflow.linalg.matrices import edge_blocks
+from critflow.mechanics.fits import fit_stiffening
 from critflow.paths.strain_path import check_strains
+from critflow.response.moduli import transition_moduli
+from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
 from ...shared.checks import check_network, check_positive

@@ -11,13 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from critflow import (
-    CriticalManifold,
-    Network,
-    delaunay_network,
-    honeycomb_network,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Network, delaunay_network, lattice, voronoi_network
 from critflow.critical.manifold import critical_configuration
 from critflow.springs.state import SpringState, spring_state
 from critflow.workflow import stable_rng
@@ -269,7 +263,7 @@ def _threshold(strength, seed, n_vertices):
 
 def _smallest(strength, seed, n_vertices):
     if strength == 2:
-        return Problem(lambda: honeycomb_network(1, 1), _generic(seed))
+        return Problem(lambda: lattice("honeycomb", 1, 1), _generic(seed))
     return Problem(lambda: voronoi_network(int(strength), seed, hard_core=0.5), _generic(seed))
 
 

@@ -6,22 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from critflow import (
-    Status,
-    critical_from_lengths,
-    elastic_moduli,
-    equilibrium,
-    linear_response,
-    optimize,
-    rigidity,
-    stiffening,
-    strain_path,
-    stress_hessian,
-    transition_moduli,
-)
+from critflow import Status, critical_from_lengths, equilibrium, optimize, quantity, rigidity, stiffening, strain_path
 from critflow.critical.derivatives import evaluate
-from critflow.critical.quantity import named_objective, pure_shear, transition_modulus
+from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.quantities.stress_hessian import stress_hessian
+from critflow.response.moduli import elastic_moduli, transition_moduli
 from critflow.response.moduli_bounds import transition_bounds
+from critflow.response.response import linear_response
 
 from .. import reference
 from ..reference import Unknown
@@ -220,7 +211,7 @@ def _optimum(objective, method):
 def _goal(problem, name):
     if name == "shear_modulus" and problem.threshold is None:
         return transition_modulus(problem.network, pure_shear(2))
-    return named_objective(problem.network, name, problem.threshold or 0.1)
+    return quantity(problem.network, name, problem.threshold or 0.1)
 
 
 def _optimum_error(name):

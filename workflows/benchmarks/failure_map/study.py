@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import Status, StudyError, voronoi_network
+from critflow import Status, voronoi_network
 from critflow.generators.random_networks import check_voronoi
+from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network

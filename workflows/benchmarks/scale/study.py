@@ -11,18 +11,13 @@ import time
 
 import numpy as np
 
-from critflow import (
-    Status,
-    StudyError,
-    optimize,
-    random_sequential_addition,
-    stiffening,
-    transition_moduli,
-    voronoi_of,
-)
+from critflow import Status, optimize, stiffening, voronoi_network
 from critflow.critical.manifold import CriticalManifold, critical_configuration
-from critflow.critical.quantity import LengthVariance
+from critflow.critical.variances import LengthVariance
 from critflow.generators.random_networks import STANDARD_HARD_CORE
+from critflow.generators.random_points import random_sequential_addition
+from critflow.response.moduli import transition_moduli
+from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ...shared.checks import check_positive
@@ -80,7 +75,7 @@ def case(parameters, *, n_vertices, seed):
     clock = _Clock(parameters["least_time"])
     n_cells = n_vertices // 2
     points = clock("points", _points, n_cells, seed)
-    network = clock("tessellation", voronoi_of, points, np.sqrt(n_vertices))
+    network = clock("tessellation", voronoi_network, None, 0, 0.0, None, points)
     del points
 
     manifold = clock("analysis", CriticalManifold, network)
@@ -132,7 +127,7 @@ def _points(n_cells, seed):
 
 def _gradient(balance):
     """dV_L/dσ, (N_b,), on the factor of the configuration."""
-    return balance.pull_back(*LengthVariance().evaluate(balance.sigma, balance.bond_vectors)[1])[0]
+    return balance.pull_back(*LengthVariance().evaluate(balance)[1])[0]
 
 
 def _optimum(manifold):

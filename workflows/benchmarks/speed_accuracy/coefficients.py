@@ -13,18 +13,12 @@ from functools import partial
 
 import numpy as np
 
-from critflow import (
-    CriticalConfiguration,
-    CriticalManifold,
-    Status,
-    fit_stiffening,
-    stiffening,
-    strain_path,
-    transition_moduli,
-)
+from critflow import CriticalConfiguration, CriticalManifold, Status, stiffening, strain_path
+from critflow.mechanics.fits import fit_stiffening
 from critflow.networks.network import Array
 from critflow.paths.strain_path import StrainPath
 from critflow.precision.double_double import Extended
+from critflow.response.moduli import transition_moduli
 
 from ..timing import Accuracy, Method, Task
 from . import references

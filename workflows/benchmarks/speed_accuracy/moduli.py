@@ -22,19 +22,18 @@ from critflow import (
     CriticalManifold,
     Solution,
     Status,
-    elastic_moduli,
     equilibrium,
-    linear_response,
     spring_state,
     strain_path,
-    transition_moduli,
     voronoi_network,
 )
-from critflow.critical.quantity import pure_shear
+from critflow.critical.transition import pure_shear
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.network import Array
 from critflow.precision.double_double import extended
 from critflow.response.elasticity import Moduli
+from critflow.response.moduli import elastic_moduli, transition_moduli
+from critflow.response.response import linear_response
 from critflow.springs.state import SpringState
 from critflow.workflow import stable_rng
 

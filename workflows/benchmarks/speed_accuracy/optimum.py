@@ -27,9 +27,8 @@ from functools import partial
 import numpy as np
 from scipy.optimize import minimize
 
-from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
+from critflow import CriticalManifold, Network, Status, optimize, quantity, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.critical.quantity import named_objective
 from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
 
@@ -53,7 +52,7 @@ class _StressObjective:
     """An objective to be minimised over θ = log σ, with gradients and products with its Hessian, for SciPy."""
 
     def __init__(self, manifold: CriticalManifold, word: str):
-        self._manifold, self._goal = manifold, named_objective(manifold.network, word)
+        self._manifold, self._goal = manifold, quantity(manifold.network, word)
         self._sign = -1.0 if self._goal.maximise else 1.0
         self._last: tuple = ()
 
@@ -131,7 +130,7 @@ def _by_cone(manifold: CriticalManifold):
 
 def _accuracy(manifold: CriticalManifold, word: str):
     """The error of a stress, as defined above."""
-    goal = named_objective(manifold.network, word)
+    goal = quantity(manifold.network, word)
     best = np.empty(0)
     if word == "bulk_modulus":
         best = manifold.configuration(manifold.network.stiffness).bond_vectors.ravel()

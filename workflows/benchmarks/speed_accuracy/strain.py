@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from critflow import CriticalManifold, Solution, Stats, Status, equilibrium, spring_state, voronoi_network
+from critflow import CriticalManifold, Solution, Status, equilibrium, spring_state, voronoi_network
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, extended
+from critflow.result import Stats
 from critflow.solvers.minimize import LBFGS, minimise
 from critflow.springs.equilibrium import Relaxation
 from critflow.springs.state import SpringState

@@ -16,8 +16,9 @@ from functools import partial
 
 import numpy as np
 
-from critflow import Status, StudyError
+from critflow import Status
 from critflow.generators.random_networks import check_voronoi
+from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network, check_positive
