@@ -214,7 +214,7 @@ __all__ = [
 ]
 
 # Functions that draw: matplotlib takes most of the time of an import.
-_DRAWING = {"draw": "critflow.drawing", "write_page": "critflow.examination.page"}
+_DRAWING = {"draw": "critflow.figures.drawing", "write_page": "critflow.examination.page"}
 
 
 def __getattr__(name: str) -> Any:

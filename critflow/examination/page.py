@@ -15,9 +15,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from critflow.arguments import checked
-from critflow.drawing import draw, saved
 from critflow.examination.report import Examination, report_lines
 from critflow.exchange.formats import require_folder
+from critflow.figures.drawing import draw, saved
 from critflow.result import InputError
 
 _STYLE = (

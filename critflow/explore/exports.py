@@ -8,9 +8,9 @@ import zipfile
 from io import BytesIO
 from pathlib import Path
 
-from critflow.drawing import draw, saved
 from critflow.exchange.convert import write_network
 from critflow.explore.session import Session
+from critflow.figures.drawing import draw, saved
 from critflow.result import InputError
 
 # matplotlib keeps the current figure in one place.

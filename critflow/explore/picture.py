@@ -8,9 +8,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from critflow.figures.plot import COMPRESSED, SLACK, TENSION_MAP
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array, IntArray, Network
-from critflow.plot import COMPRESSED, SLACK, TENSION_MAP
 
 SHADES = 32
 # Numbers of the two colours after the shades of tension.
@@ -87,7 +87,7 @@ def force_drawing(positions: Array, periods: Array, offsets: IntArray, ends: Int
 def images(edges: IntArray, offsets: IntArray, cell: Array, coordinates: Array) -> tuple[Array, IntArray]:
     """All images of the edges that touch the cell: end points (n, 2, 2), and the edge of each (n,).
 
-    As `critflow.plot.periodic_segments`, in another order; only edges that leave the cell have further images.
+    As `critflow.figures.plot.periodic_segments`, in another order; only edges that leave the cell have further images.
     """
     fraction = coordinates @ np.linalg.inv(cell)
     tail = fraction[edges[:, 0]]

@@ -11,9 +11,9 @@ import xarray as xr
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.design.modulus_bounds import bulk_modulus_bound
+from critflow.figures.plot import network_figure
 from critflow.mechanics.moduli import transition_moduli
 from critflow.networks.network import Network
-from critflow.plot import network_figure
 from critflow.result import InputError, Status
 from critflow.rigidity.counts import certify
 from critflow.workflow.study import nearest, require

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from critflow import CriticalManifold, Network, fit_stiffening, stiffening, strain_path, voronoi_network
-from critflow.example_data import ensemble_path
+from critflow.command.example_data import ensemble_path
 
 ensemble = xr.open_dataset(ensemble_path())
 one = ensemble.isel(seed=0).sel(population="random_stress")

@@ -22,10 +22,10 @@ from critflow import (
     strain_path,
     transition_moduli,
 )
+from critflow.command.example_data import ensemble_path
 from critflow.design.isogonal import affine_bulk_modulus
-from critflow.example_data import ensemble_path
+from critflow.figures.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions
 from critflow.networks.faces import planar_faces
-from critflow.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions
 from critflow.rigidity.structure import length_variance, tension_variance
 
 ensemble = xr.open_dataset(ensemble_path())

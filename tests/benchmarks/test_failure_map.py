@@ -13,7 +13,7 @@ from critflow import (
     Status,
     voronoi_network,
 )
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.load import load_study
 from workflows.benchmarks.failure_map import percolation_report as percolation
 from workflows.benchmarks.failure_map import problems, quantities, report

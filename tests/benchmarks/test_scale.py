@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from critflow import Status, bulk_modulus_bound, optimize, stiffening, voronoi_network
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.load import load_study
 
 SIZES = 100, 200

@@ -13,7 +13,6 @@ from critflow import (
     equilibrium,
     examine,
     honeycomb_network,
-    network_cli,
     network_from,
     spring_state,
     triangular_network,
@@ -21,7 +20,8 @@ from critflow import (
     write_network,
     write_page,
 )
-from critflow.cli import main
+from critflow.command import networks
+from critflow.command.main import main
 from critflow.examination.page import html_page
 from critflow.exchange import packages
 
@@ -237,6 +237,6 @@ def test_what_cannot_be_written_is_refused_before_the_computation(tmp_path, monk
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(packages, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
     for name in ("optimize", "design", "examine"):
-        monkeypatch.setattr(network_cli, name, lambda *_, **__: pytest.fail("computed"))
+        monkeypatch.setattr(networks, name, lambda *_, **__: pytest.fail("computed"))
     assert main(words) == code
     assert word in capsys.readouterr().err

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from critflow.cli import main
+from critflow.command.main import main
 
 CLAIMS = [
     {"key": "ResponseMetrics-A-random_stress", "statement": "max B_0 lies about 50 % above random_stress"},

@@ -11,7 +11,7 @@ from critflow.explore.picture import face_outline, images, network_drawing, shad
 from critflow.explore.script import from_link, link_text, script
 from critflow.explore.session import Session
 from critflow.explore.source import File, Random
-from critflow.plot import periodic_segments
+from critflow.figures.plot import periodic_segments
 
 SOURCE = Random(64, 3)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from critflow import CriticalManifold, Network, Status, StudyError, bulk_modulus_bound, voronoi_network
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.load import load_study
 
 SETTINGS = ["--set", "n_vertices=60", "--set", "seeds=0:3"]

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from critflow import StudyError, bulk_modulus_bound, triangular_network, voronoi_network, write_network
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.load import load_study
 from critflow.workflow.plan import select
 from workflows.benchmarks.failure_map.outcomes import Outcome

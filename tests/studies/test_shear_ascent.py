@@ -7,7 +7,7 @@ import pytest
 from problems import modulus_by_formula
 
 from critflow import Network, modulus_bound
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.critical.objectives import pure_shear
 from critflow.result import Status
 from critflow.workflow.load import load_study

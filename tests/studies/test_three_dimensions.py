@@ -23,7 +23,7 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.mechanics.fits import fit_stiffening
 
 STUDY = "three_dimensions"

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from critflow.figures.plot import draw_network, violins
 from critflow.networks.network import Array
-from critflow.plot import draw_network, violins
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """The commands on a user's own network: arguments and messages only.
 
-A command imports inside its function the modules that draw, as in `critflow.cli`.
+A command imports inside its function the modules that draw, as in `critflow.command.main`.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def make(
     # Before a long computation, whose result could not be written.
     writable_format(out)
     if picture is not None:
-        from critflow.drawing import draw, require_picture, saved
+        from critflow.figures.drawing import draw, require_picture, saved
 
         require_picture(picture)
     imported = read(file, hints)

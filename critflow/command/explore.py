@@ -1,6 +1,6 @@
 """The command `critflow explore`: arguments and messages only.
 
-It imports the page and its server inside its function, as in `critflow.cli`.
+It imports the page and its server inside its function, as in `critflow.command.main`.
 """
 
 from __future__ import annotations

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.exchange.formats import require_folder
+from critflow.figures.plot import COLOURS, COMPRESSED, TENSION_MAP, draw_in_depth, periodic_segments
 from critflow.networks.network import Array, Network
-from critflow.plot import COLOURS, COMPRESSED, TENSION_MAP, draw_in_depth, periodic_segments
 from critflow.result import InputError, Solution
 
 _SLACK, _PLAIN = "0.8", "0.35"

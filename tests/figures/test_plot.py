@@ -8,7 +8,7 @@ from problems import oblique, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
 from critflow import CriticalManifold, diamond_network, foam_network, honeycomb_network, voronoi_network
-from critflow.plot import (
+from critflow.figures.plot import (
     draw_in_depth,
     draw_network,
     face_polygons,

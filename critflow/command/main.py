@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from critflow.explore_cli import explore
-from critflow.network_cli import convert, examine_file, make
+from critflow.command.explore import explore
+from critflow.command.networks import convert, examine_file, make
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
 from critflow.workflow.load import StudyFile, load_study, named_studies
