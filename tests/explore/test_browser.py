@@ -1,4 +1,4 @@
-"""The page in a real Chromium: what it shows, what the hand does, and what happens when something breaks."""
+"""The page in a real Chromium: what it shows, what the mouse changes, and what happens when something breaks."""
 
 import asyncio
 
@@ -37,8 +37,7 @@ class Browser:
     def close(self):
         self.runner.run(self._stop())
         self.runner.close()
-        self.explorer.threads.shutdown()
-        self.explorer.folder.cleanup()
+        self.explorer.close()
 
     async def _stop(self):
         await self.chromium.__aexit__(None, None, None)
@@ -46,8 +45,8 @@ class Browser:
         while self.explorer.open_tabs:
             await asyncio.sleep(0.01)
 
-    async def tab(self, link="", **size):
-        tab = await self.chromium.tab(self.address + link, **size)
+    async def tab(self, **size):
+        tab = await self.chromium.tab(self.address, **size)
         await tab.until(SETTLED)
         return tab
 
@@ -112,7 +111,7 @@ def test_the_page_shows_what_the_library_returns(browser):
     browser(check())
 
 
-def test_the_hand_changes_edges_and_faces(browser):
+def test_the_mouse_changes_edges_and_faces(browser):
     async def check():
         tab = await browser.tab()
         x, y = await place(tab)
@@ -166,6 +165,28 @@ LINES = {
 }
 
 
+def test_an_edge_that_does_not_exist_is_refused_and_arrows_go_round(browser):
+    async def check():
+        tab = await browser.tab()
+        await tab.run("(() => { get('edge').value = 99999; get('edge').onchange(); })()")
+        await tab.until("get('sentence').textContent.includes('no edge 99999')")
+        await tab.run("send({do: 'select', edge: 95})")
+        await tab.until(SETTLED)
+        await tab.run("get('network').focus()")
+        await tab.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight")
+        await tab.until(f"{SETTLED} && state.edge.number === 0")
+
+    browser(check())
+
+
+def test_the_redirect_file_opens_the_page(browser):
+    async def check():
+        tab = await browser.chromium.tab(browser.explorer.redirect_file(browser.address).as_uri())
+        await tab.until(SETTLED)
+
+    browser(check())
+
+
 def test_pixels_cover_the_area_of_a_line(browser):
     async def check():
         tab = await browser.tab()
@@ -176,7 +197,7 @@ def test_pixels_cover_the_area_of_a_line(browser):
     browser(check())
 
 
-def test_reload_link_and_two_tabs(browser):
+def test_a_reload_keeps_the_state_and_another_tab_has_its_own(browser):
     async def check():
         tab = await browser.tab()
         first = await rows(tab)
@@ -185,17 +206,14 @@ def test_reload_link_and_two_tabs(browser):
         await slide(tab, "stress", -1.25)
         shown = await rows(tab)
         assert shown != first
-        link = await tab.run("location.hash")
-        other = await browser.tab(link)
-        assert await rows(other) == shown
+        other = await browser.tab()
+        assert await rows(other) == first
         await slide(other, "gamma", 0.01)
         await tab.run("window.old = true")
         await tab.send("Page.bringToFront")
         await tab.send("Page.reload")
         await tab.until(f"!window.old && {SETTLED}")
         assert await rows(tab) == shown and not await tab.run("get('undo').disabled")
-        broken = await browser.chromium.tab(browser.address + "#nonsense")
-        await broken.until("window.replies > 0 && get('sentence').textContent.includes('link')")
 
     browser(check())
 
@@ -238,7 +256,6 @@ def test_a_stopped_server_is_reported(browser):
             connection.close()
         await tab.until("get('sentence').textContent.includes('stopped')")
         assert await tab.run("document.body.dataset.connected") == "no"
-        explorer.threads.shutdown()
-        explorer.folder.cleanup()
+        explorer.close()
 
     browser(check())
