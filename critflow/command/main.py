@@ -317,12 +317,8 @@ def show(
         print(show_configuration(case, out or file.parent / f"{case_title(case)}.png"))
 
 
-app.command(help="Read a network, report each repair, and write it in another format.")(convert)
-app.command("examine", help="Print whether and why a network is rigid, its critical strains, and what to do next.")(
-    examine_file
-)
-app.command(help="Read a network, find its best critical configuration, certify it and write it.")(make)
-app.command(help="Change critical configurations by hand on a page that only this machine can open.")(explore)
+for _name, _command in {"convert": convert, "examine": examine_file, "make": make, "explore": explore}.items():
+    app.command(_name)(_command)
 
 
 def _print_report(folder: Folder, report: Report) -> None:

@@ -6,6 +6,9 @@ A command imports inside its function the modules that draw, as in `critflow.com
 from __future__ import annotations
 
 import inspect
+import math
+import re
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
@@ -20,6 +23,8 @@ from critflow.design.designed import Design
 from critflow.design.optimize import optimize
 from critflow.design.targets import design
 from critflow.examination.examine import examine
+from critflow.examination.reading import network_of_file, require_regular
+from critflow.examination.report import report_lines
 from critflow.exchange.convert import network_from, write_network, writer_to
 from critflow.exchange.data import counted
 from critflow.exchange.formats import writable_format
@@ -57,6 +62,16 @@ class Hints:
         typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated."),
     ] = field(default_factory=list)
 
+    @property
+    def words(self) -> list[str]:
+        """The options that are given, as words of the command."""
+        words = [word for value in self.case for word in ("--set", value)]
+        for option in fields(self):
+            value = getattr(self, option.name)
+            if option.name != "case" and value:
+                words += [f"--{option.name.replace('_', '-')}", *([] if value is True else [value])]
+        return words
+
 
 def reading(command: Callable[..., int]) -> Callable[..., int]:
     """The command with the options of `Hints` after the others, in place of its parameter `hints`."""
@@ -88,24 +103,34 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
 
 
 def read(file: Path, hints: Hints) -> ImportedNetwork:
-    """The network of a file with the hints of the command line."""
-    source: Any = file
-    if file.suffix == ".nc":
+    """The network of a file with the hints of the command line, which a refusal names in their spelling there."""
+    given = {option.name: getattr(hints, option.name) for option in fields(hints) if option.name != "case"}
+    require_regular(file)
+    try:
+        keywords = {name: _PARSERS.get(name, bool)(value) for name, value in given.items()}
+        if file.suffix != ".nc":
+            return network_of_file(file, **keywords)
         from critflow.workflow.dataset import opened_dataset
         from critflow.workflow.show import choose_case
 
         with opened_dataset(file) as dataset:
-            source = choose_case(dataset, hints.case).load()
-    return network_from(
-        source,
-        cell=_cell(hints.cell),
-        pins=_pins(hints.pins),
-        volume=_volume(hints.volume),
-        nearest=hints.nearest,
-        strict=hints.strict,
-        contract=hints.contract,
-        join_crossings=hints.join_crossings,
-    )
+            return network_from(choose_case(dataset, hints.case).load(), **keywords)
+    except InputError as error:
+        raise InputError(in_shell(str(error))) from None
+
+
+# A keyword of `network_from` in a sentence, such as pins='hull' or nearest=True.
+_KEYWORD = re.compile(r"\b(cell|pins|volume|nearest|strict|contract|join_crossings)=('?)([\w.]*)\2")
+
+
+def in_shell(sentences: str) -> str:
+    """Sentences of the library with options of the command in place of keywords: --pins hull for pins='hull'."""
+
+    def option(keyword: re.Match[str]) -> str:
+        name, _, value = keyword.groups()
+        return f"--{name.replace('_', '-')} {'' if value == 'True' else value}".strip()
+
+    return _KEYWORD.sub(option, sentences)
 
 
 @reading
@@ -122,7 +147,7 @@ def convert(
     """Read a network, report each repair, and write it in another format."""
     writable_format(out)
     imported = read(file, hints)
-    print(imported)
+    print(in_shell(str(imported)))
     options: dict[str, Any] = {"copies": _copies(copies)}
     if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
         options["size"] = size
@@ -146,10 +171,14 @@ def examine_file(
         from critflow.examination.page import require_page, write_page
 
         require_page(out)
-    found = examine(read(file, hints))
-    print(found)
+    imported = read(file, hints)
+    examination = examine(imported)
+    # What `make` needs too: it takes no volume by itself.
+    hull = [] if imported.network.has_volume or imported.network.dimension == 1 else ["--volume", "hull"]
+    words = shlex.join([str(file), *hints.words, *hull])
+    print(in_shell("\n".join(report_lines(examination, words))))
     if out is not None:
-        write_page(found, out)
+        write_page(examination, out, words)
         print(f"\nwritten to {out}")
     return 0
 
@@ -183,7 +212,7 @@ def make(
 
         require_picture(picture)
     imported = read(file, hints)
-    print(imported)
+    print(in_shell(str(imported)))
     writer_to(out, imported)
     solution: Solution[CriticalConfiguration]
     if target:
@@ -239,40 +268,42 @@ def _target(text: str) -> Any:
 
 
 def _cell(text: str) -> Any:
-    """Side lengths (d,), or vectors (d, d) row by row."""
-    if not text:
-        return None
+    """Side lengths (d,), or vectors (d, d) row by row; None without any."""
     try:
-        numbers = [float(word) for word in text.replace(",", " ").split()]
+        numbers = [float(word) for word in _words(text)]
     except ValueError:
         raise InputError(f"--cell must be numbers, such as '10 10' or '10 0 2 8', not {text!r}") from None
     if len(numbers) in (4, 9):
-        d = 2 if len(numbers) == 4 else 3
-        return [numbers[i * d : (i + 1) * d] for i in range(d)]
-    return numbers[0] if len(numbers) == 1 else numbers
+        return np.reshape(numbers, (math.isqrt(len(numbers)), -1)).tolist()
+    return numbers[0] if len(numbers) == 1 else numbers or None
 
 
 def _copies(text: str) -> list[int]:
     """One number, or one for each cell vector."""
-    words = text.replace(",", " ").replace("x", " ").split()
+    words = _words(text.replace("x", " "))
     if not words or not all(word.isdigit() for word in words):
         raise InputError(f"--copies must be whole numbers, such as '2' or '2 3', not {text!r}")
     return [int(word) for word in words]
 
 
 def _pins(text: str) -> Any:
-    """A rule, or vertices, as numbers where all are numbers."""
-    if not text:
-        return None
+    """A rule, or vertices, as numbers where all are numbers; None without any."""
     names = [name.strip() for name in text.split(",")]
     if all(name.lstrip("-").isdigit() for name in names):
         return [int(name) for name in names]
-    return names if len(names) > 1 else text
+    return names if len(names) > 1 else text or None
 
 
 def _volume(text: str) -> Any:
-    """A number, or the rule that is named."""
+    """A number, or the rule that is named; None without any."""
     try:
-        return float(text) if text else None
+        return float(text)
     except ValueError:
-        return text
+        return text or None
+
+
+_PARSERS: dict[str, Callable[[str], Any]] = {"cell": _cell, "pins": _pins, "volume": _volume}
+
+
+def _words(text: str) -> list[str]:
+    return text.replace(",", " ").split()

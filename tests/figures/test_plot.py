@@ -16,8 +16,8 @@ from critflow.figures.plot import (
     periodic_segments,
     shade_faces,
     unit_pressure_tensions,
-    violins,
 )
+from workflows.shared.violins import violins
 
 matplotlib.use("Agg")
 
