@@ -10,7 +10,8 @@ import math
 import re
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field, fields
+from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -74,49 +75,40 @@ class Hints:
 
 
 def reading(command: Callable[..., int]) -> Callable[..., int]:
-    """The command with the options of `Hints` after the others, in place of its parameter `hints`."""
-    options = {
-        option.name: inspect.Parameter(
-            option.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=[] if option.default is MISSING else option.default,
-            annotation=kind,
-        )
-        for option, kind in zip(fields(Hints), get_type_hints(Hints, include_extras=True).values(), strict=True)
-    }
-    signature = inspect.signature(command, eval_str=True)
-    own = [
-        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for name, parameter in signature.parameters.items()
-        if name != "hints"
+    """The command with the options of `Hints` in place of its parameter `hints`; its refusals spell them as options."""
+    signature, defaults = inspect.signature(command, eval_str=True), Hints()
+    own = [parameter for name, parameter in signature.parameters.items() if name != "hints"]
+    options = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=getattr(defaults, name), annotation=kind)
+        for name, kind in get_type_hints(Hints, include_extras=True).items()
     ]
+    parameters = [*(one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own), *options]
 
-    def call(**given: Any) -> int:
-        hints = Hints(**{name: given.pop(name) for name in options})
-        return command(hints=hints, **given)
+    @wraps(command)
+    def call(**values: Any) -> int:
+        hints = Hints(**{option.name: values.pop(option.name) for option in options})
+        try:
+            return command(hints=hints, **values)
+        except InputError as error:
+            raise InputError(in_shell(str(error))) from None
 
-    call.__doc__, call.__name__ = command.__doc__, command.__name__
-    parameters = [*own, *options.values()]
     call.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return call
 
 
 def read(file: Path, hints: Hints) -> ImportedNetwork:
-    """The network of a file with the hints of the command line, which a refusal names in their spelling there."""
-    given = {option.name: getattr(hints, option.name) for option in fields(hints) if option.name != "case"}
+    """The network of a file with the hints of the command line."""
+    values = {option.name: getattr(hints, option.name) for option in fields(hints) if option.name != "case"}
+    keywords = {name: _PARSERS.get(name, bool)(value) for name, value in values.items()}
     require_regular(file)
-    try:
-        keywords = {name: _PARSERS.get(name, bool)(value) for name, value in given.items()}
-        if file.suffix != ".nc":
-            return network_of_file(file, **keywords)
-        from critflow.workflow.dataset import opened_dataset
-        from critflow.workflow.show import choose_case
+    if file.suffix != ".nc":
+        return network_of_file(file, **keywords)
+    from critflow.workflow.dataset import opened_dataset
+    from critflow.workflow.show import choose_case
 
-        with opened_dataset(file) as dataset:
-            return network_from(choose_case(dataset, hints.case).load(), **keywords)
-    except InputError as error:
-        raise InputError(in_shell(str(error))) from None
+    with opened_dataset(file) as dataset:
+        return network_from(choose_case(dataset, hints.case).load(), **keywords)
 
 
 # A keyword of `network_from` in a sentence, such as pins='hull' or nearest=True.

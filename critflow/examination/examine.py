@@ -92,7 +92,7 @@ def examine(
         tension=tension,
         participation=motion,
         nearest=nearest,
-        critical_elasticity=_critical_elasticity(critical, attempts),
+        critical_elasticity=attempts.value("B_0 and G_0", lambda: elasticity(critical)) if critical else None,
         critical_strains=strains,
         elasticity=_elasticity(network, x, attempts),
         leverage=_leverage(critical, attempts),
@@ -221,11 +221,6 @@ def _elasticity(network: Network, x: Array, attempts: _Attempts) -> Solution[Ela
         attempts.failures.append("the moduli: in one dimension there is no shear")
         return None
     return attempts.value("the moduli", lambda: elasticity(network, x))
-
-
-def _critical_elasticity(critical: CriticalConfiguration | None, attempts: _Attempts) -> Solution[Elasticity] | None:
-    """Elasticity at the transition."""
-    return None if critical is None else attempts.value("B_0 and G_0", lambda: elasticity(critical))
 
 
 def _leverage(critical: CriticalConfiguration | None, attempts: _Attempts) -> EdgeLeverage | None:

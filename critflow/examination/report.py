@@ -286,7 +286,6 @@ _FUNCTIONS = {
     "critical": "transition_moduli and stiffening give its response; strain_path follows it past the transition",
     "first": "it is rigid at rest: elasticity gives its tensor; diluted(...) leads to the transition",
     "prestress": "elasticity gives its tensor at rest; signed_stress and strain_path follow it under stress",
-    "second": "elasticity gives its tensor at rest; signed_stress and strain_path follow it under stress",
 }
 _COMMANDS = {
     "restore": "coordinates with more digits show it",
@@ -296,8 +295,6 @@ _COMMANDS = {
     "changes its stiffening",
     "first": "it is rigid at rest, with the moduli below",
     "prestress": "it is rigid at rest, with the moduli below; critflow make FILE --out OUT gives the stress of the "
-    "largest bulk modulus",
-    "second": "it is rigid at rest, with the moduli below; critflow make FILE --out OUT gives the stress of the "
     "largest bulk modulus",
 }
 
@@ -326,8 +323,8 @@ def advice_of(examination: Examination, file: str = "") -> tuple[str, ...]:
         )
     if order == "floppy" and near is None and not strains:
         advice.append("add edges or fix vertices: neither a strain nor another configuration is known to make it rigid")
-    if order in words:
-        advice.append(words[order])
+    if order in ("critical", "first", "prestress", "second"):
+        advice.append(words["prestress" if order == "second" else order])
     if order == "undecided" and np.isnan(examination.rigidity.value.largest_zero):
         advice.append("correct the coordinates: the rigidity of edges without length is not defined")
     elif order == "undecided":

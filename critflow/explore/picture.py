@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.figures.plot import COMPRESSED, SLACK, TENSION_MAP, periodic_segments, polygon_images
+from critflow.figures.plot import COMPRESSED, SLACK, TENSION_MAP, face_polygon, periodic_segments, polygon_images
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array, IntArray, Network
 
@@ -90,9 +90,5 @@ def _ordered(segments: Array, edges: IntArray, tensions: Array, outline: Array) 
 
 def face_outlines(faces: Faces, face: int, network: Network, coordinates: Array, L: Array) -> list[Array]:
     """The corners (n_sides, 2) of a face, in all images that touch the cell."""
-    sides = slice(faces.starts[face], faces.starts[face + 1])
-    edges, signs = faces.edges[sides], faces.signs[sides]
-    first = network.edges[edges[0], 0 if signs[0] > 0 else 1]
-    steps = signs[:, None] * L[edges]
-    polygon = coordinates[first] + np.cumsum(steps, axis=0) - steps
+    polygon = face_polygon(faces, face, network.edges, coordinates, L)
     return [polygon] if network.cell is None else polygon_images(polygon, network.cell)

@@ -139,11 +139,17 @@ def periodic_segments(
 
 def face_polygons(faces: Faces, edges: ArrayLike, coordinates: ArrayLike, bond_vectors: ArrayLike) -> list[Array]:
     """The corners (n_sides, 2) of every face, each whole even where it crosses the border of the cell."""
-    edges, coordinates = np.asarray(edges), np.asarray(coordinates)
-    sides = faces.signs[:, None] * np.asarray(bond_vectors)[faces.edges]
-    start = np.where(faces.signs > 0, edges[faces.edges, 0], edges[faces.edges, 1])[faces.starts[:-1]]
-    walks = np.split(sides, faces.starts[1:-1])
-    return [coordinates[first] + np.cumsum(walk, axis=0) - walk for first, walk in zip(start, walks, strict=True)]
+    arrays = np.asarray(edges), np.asarray(coordinates), np.asarray(bond_vectors)
+    return [face_polygon(faces, face, *arrays) for face in range(faces.n_faces)]
+
+
+def face_polygon(faces: Faces, face: int, edges: IntArray, coordinates: Array, bond_vectors: Array) -> Array:
+    """The corners (n_sides, 2) of one face."""
+    sides = slice(faces.starts[face], faces.starts[face + 1])
+    boundary, signs = faces.edges[sides], faces.signs[sides]
+    steps = signs[:, None] * bond_vectors[boundary]
+    first = edges[boundary[0], 0 if signs[0] > 0 else 1]
+    return coordinates[first] + np.cumsum(steps, axis=0) - steps
 
 
 def polygon_images(polygon: Array, cell: Array) -> list[Array]:
