@@ -20,6 +20,7 @@ import typer
 
 from critflow.command.explore import explore
 from critflow.command.networks import convert, examine_file, make
+from critflow.exchange.data import counted
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
 from critflow.workflow.load import StudyFile, load_study, named_studies
@@ -94,8 +95,8 @@ def _warn(sentence: str) -> None:
     print("critflow:", " ".join(sentence.split()), file=sys.stderr)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         print(f"critflow {version('critflow')}")
         raise typer.Exit
 
@@ -187,8 +188,10 @@ def _print_result(requested: Selection, folder: Folder, result: RunResult) -> in
         return 0
     for case_id, reason in list(result.failed.items())[:_MOST_FAILURES]:
         print(f"  {case_id}: {reason}", file=sys.stderr)
-    bad = f"{len(result.failed)} case{'s' if len(result.failed) > 1 else ''}"
-    return _fail(f"{bad} failed, see {folder.failed}: correct the cause and add --retry-failed", FAILED_CASES)
+    return _fail(
+        f"{counted(len(result.failed), 'case')} failed, see {folder.failed}: correct the cause and add --retry-failed",
+        FAILED_CASES,
+    )
 
 
 @app.command("list")
@@ -201,13 +204,13 @@ def list_studies(
         return
     for name in named_studies():
         try:
-            found = load_study(name).study
+            known = load_study(name).study
         except CritflowError as error:
             reason = error.__cause__ if isinstance(error.__cause__, CritflowError) else error
             _warn(f"{name} is not available: {reason}")
             continue
-        sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in found.axes)
-        print(f"{name}: {found.title} ({sizes})")
+        sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in known.axes)
+        print(f"{name}: {known.title} ({sizes})")
     print("critflow list NAME prints the settings of a study")
 
 
@@ -271,14 +274,14 @@ def verify(folder: FolderArgument) -> int:
     from critflow.workflow.verify import verify_folder
 
     results = Folder(folder)
-    found = verify_folder(results)
-    for problem in found.problems:
+    outcome = verify_folder(results)
+    for problem in outcome.problems:
         _warn(problem)
-    if found.problems:
-        count = f"{len(found.problems)} problem{'s' if len(found.problems) > 1 else ''}"
+    if outcome.problems:
+        count = counted(len(outcome.problems), "problem")
         return _fail(f"{count} in {results.path}: run the study again to correct them", INTEGRITY)
-    physics = ", and their physics was recomputed" if found.recomputed else "; the study recomputes no physics"
-    print(f"{results.path}: {found.stored} stored cases agree with the dataset to the last byte{physics}")
+    physics = ", and their physics was recomputed" if outcome.recomputed else "; the study recomputes no physics"
+    print(f"{results.path}: {outcome.stored} stored cases agree with the dataset to the last byte{physics}")
     return 0
 
 

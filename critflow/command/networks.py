@@ -213,19 +213,19 @@ def make(
         optimum = optimize(imported.network, objective, throw=False)
         solution, title = optimum, f"{objective} {optimum.objective:.6g}"
         print(f"  {objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})")
-    found = solution.value
-    certificate = certify(found)
+    critical = solution.value
+    certificate = certify(critical)
     rigid = "rigid to second order" if certificate.rigid else "not certified as rigid"
     print(
         f"  certificate: {rigid}, {counted(certificate.n_self_stresses, 'self-stress')}, unbalanced force "
         f"{certificate.residual:.1e} of the mean tension, least tension {certificate.least_tension:.2g} of it"
     )
-    if not np.isfinite(found.coordinates).all():
+    if not np.isfinite(critical.coordinates).all():
         return 3
-    write_network(found, out)
+    write_network(critical, out)
     print(f"  written to {out}")
     if picture is not None:
-        saved(draw(found, title=title).figure, picture)
+        saved(draw(critical, title=title).figure, picture)
         print(f"  drawn in {picture}")
     return 0 if solution.ok else 3
 
@@ -240,14 +240,14 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str]:
         if name in targets:
             raise InputError(f"--target {name} is given twice: give one value, or limits LOW:HIGH")
         targets[name] = _target(value)
-    made = design(network, targets, throw=False)
-    print(f"  {made.status.name}: {made.reason}")
-    for name, reached in made.achieved.items():
+    solution = design(network, targets, throw=False)
+    print(f"  {solution.status.name}: {solution.reason}")
+    for name, reached in solution.achieved.items():
         print(
-            f"  {name} {reached:.12g} ± {made.error_bounds[name]:.1e}, requested {targets[name]}, "
-            f"cost {made.multipliers[name] + 0.0:.3g}, independence {made.independence[name]:.3g}"
+            f"  {name} {reached:.12g} ± {solution.error_bounds[name]:.1e}, requested {targets[name]}, "
+            f"cost {solution.multipliers[name] + 0.0:.3g}, independence {solution.independence[name]:.3g}"
         )
-    return made, ", ".join(f"{name} {reached:.4g}" for name, reached in made.achieved.items())
+    return solution, ", ".join(f"{name} {reached:.4g}" for name, reached in solution.achieved.items())
 
 
 def _target(text: str) -> Any:
