@@ -4,7 +4,8 @@
     def stiffening(network: Network | CriticalManifold, critical: CriticalConfiguration) -> ...
 
 raises one sentence, `InputError`, for a word in place of a number or a ragged list in place of an array.  A solution
-stands for its value; one that failed is refused.  Values, shapes and ranges are the business of the function.
+stands for its value; one that failed is refused.  What holds a network stands for it.  Values, shapes and ranges are
+the business of the function.
 """
 
 from __future__ import annotations
@@ -113,6 +114,10 @@ class _Kinds:
             if value:
                 return value.value
             raise InputError(f"{name} is a solution that failed: {value.reason}: its last state is its .value")
+        # What holds a network stands for it where one is expected: a manifold, a configuration, a state, a solution.
+        held = getattr(value.value if isinstance(value, Solution) else value, "network", None)
+        if self.classes and isinstance(held, tuple(self.classes)):
+            return held
         raise InputError(f"{name} must be {self._expected()}, not {shown(value)}{self._advice(value)}")
 
     def _expected(self) -> str:

@@ -32,6 +32,7 @@ class Status(IntEnum):
     undecided = 11
     rigid = 12
     infeasible = 13
+    not_reached = 14
 
     def __str__(self) -> str:
         return self.name
@@ -46,7 +47,8 @@ class Status(IntEnum):
 
 
 _MESSAGES = {
-    Status.infeasible: "the requested properties cannot be reached together: relax one of them",
+    Status.infeasible: "no configuration has the requested properties (proof): relax one of them",
+    Status.not_reached: "the search ended without the requested properties: relax one, or give another start",
     Status.ok: "converged to the requested tolerance",
     Status.floppy: "the network has no self-stress, so every modulus is exactly zero: strain it to the transition",
     Status.step_limit: "the step limit came before the tolerance: raise max_steps, or choose method='auto'",

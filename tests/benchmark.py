@@ -19,9 +19,9 @@ import time
 import numpy as np
 
 from critflow import CriticalManifold, critical_from_lengths, optimize, stiffening, strain_path, voronoi_network
-from critflow.critical.objectives import named_objective
-from critflow.mechanics.equilibrium import equilibrium
-from critflow.mechanics.springs import SpringState
+from critflow.critical.quantity import named_objective
+from critflow.springs.equilibrium import equilibrium
+from critflow.springs.state import SpringState
 
 SEEDS = range(5)
 

@@ -196,7 +196,7 @@ DELEGATES = {
     "CriticalManifold": ("precision/refinement.py",),
     "optimize": ("design/optimum.py",),
     "critical_from_lengths": ("onset/proportional_lengths.py",),
-    "strain_path": ("mechanics/equilibrium.py",),
+    "strain_path": ("springs/equilibrium.py",),
 }
 
 

@@ -19,9 +19,8 @@ import numpy as np
 import typer
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.objectives import OBJECTIVES
-from critflow.design.designed import Design
 from critflow.design.optimize import optimize
+from critflow.design.result import Design
 from critflow.design.targets import design
 from critflow.examination.examine import examine
 from critflow.examination.reading import network_of_file, require_regular
@@ -182,7 +181,7 @@ def make(
     hints: Hints,
     objective: Annotated[
         str,
-        typer.Option(metavar="NAME", help=f"One of {', '.join(OBJECTIVES)}; bulk_modulus unless there are targets."),
+        typer.Option(metavar="NAME", help="A quantity, such as B_0, G_0, V_L or V_tau; B_0 unless there are targets."),
     ] = "",
     picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the configuration.")] = None,
     target: Annotated[
@@ -196,7 +195,7 @@ def make(
     """
     if objective and target:
         raise InputError("--objective is for networks without --target: give NAME=largest or NAME=smallest as a target")
-    objective = objective or "bulk_modulus"
+    objective = objective or "B_0"
     # Before a long computation, whose result could not be written.
     writable_format(out)
     if picture is not None:
@@ -242,12 +241,12 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str]:
         targets[name] = _target(value)
     solution = design(network, targets, throw=False)
     print(f"  {solution.status.name}: {solution.reason}")
-    for name, reached in solution.achieved.items():
+    for name, one in solution.targets.items():
         print(
-            f"  {name} {reached:.12g} ± {solution.error_bounds[name]:.1e}, requested {targets[name]}, "
-            f"cost {solution.multipliers[name] + 0.0:.3g}, independence {solution.independence[name]:.3g}"
+            f"  {name} {one.value:.12g} ± {one.error:.1e}, requested {targets[name]}, "
+            f"cost {one.multiplier + 0.0:.3g}, independence {one.independence:.3g}"
         )
-    return solution, ", ".join(f"{name} {reached:.4g}" for name, reached in solution.achieved.items())
+    return solution, ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items())
 
 
 def _target(text: str) -> Any:

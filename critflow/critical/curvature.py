@@ -22,12 +22,15 @@ from numpy.typing import ArrayLike
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.tolerances import ARTEFACT, COLLAPSED, CURVATURE_ERROR, DENSE_BYTES
+from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array
 from critflow.result import InputError, Record, Solution, Stats, Status
+
+ARTEFACT = 0.5  # relative residual under B of a radius that B does not have: that of a null direction is 1
+CURVATURE_ERROR = 1e-8  # largest relative residual of principal curvatures that are returned
+DENSE_BYTES = 10**9  # largest dense matrix of an operator, in bytes: 10,000 rows and columns take 0.8 GB
 
 
 def dense(operator: LinearOperator) -> Array:

@@ -1,43 +1,46 @@
-"""Gradient and Hessian of an objective on the critical manifold, O(σ) = O(σ, L(σ)), at one stress."""
+"""Gradient and Hessian of a quantity on the critical manifold, O(σ) = O(σ, L(σ)), at one stress."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from critflow.critical.manifold import Balance, CriticalManifold
-from critflow.critical.objectives import Objective
+from critflow.critical.quantity import DIFFERENCE, Quantity
 from critflow.networks.network import Array
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """An objective at one stress, with the factor that products with its Hessian need.
+    """A quantity at one stress, with the factor that products with its Hessian need.
 
     value     O
     gradient  dO/dσ, (N_b,) (`TotalDeriv`)
     adjoint   g P⁻¹ gᵀ ∂O/∂L, (N_b, d)
     """
 
-    objective: Objective
+    quantity: Quantity
     balance: Balance
     value: float
     gradient: Array
     adjoint: Array
 
     def hessian_product(self, dsigma: Array) -> Array:
-        """(∂²O/∂σ∂σ) σ̇, (N_b,), by two solves.
-
-        Raises `NotImplementedError` for an objective without a `differential`.
-        """
+        """(∂²O/∂σ∂σ) σ̇, (N_b,), by two solves; by differences of gradients, to nine digits, without a differential."""
         balance = self.balance
+        if not self.quantity.has_differential:
+            step = DIFFERENCE / float(np.abs(dsigma / balance.sigma).max())
+            ends = [evaluate(balance.manifold, self.quantity, balance.sigma + s * dsigma) for s in (step, -step)]
+            return (ends[0].gradient - ends[1].gradient) / (2 * step)
         dL = balance.tangent(dsigma)
-        second = self.objective.differential(balance.sigma, balance.bond_vectors, dsigma, dL)
+        second = self.quantity.differential(balance, dsigma, dL)
         return balance.pull_back_tangent(dL, self.adjoint, dsigma, second)
 
 
-def evaluate(manifold: CriticalManifold, objective: Objective, sigma: Array) -> Evaluation:
-    """Value and gradient of an objective at a stress σ (N_b,), unchecked, by one factorisation and 2d solves."""
+def evaluate(manifold: CriticalManifold, quantity: Quantity, sigma: Array) -> Evaluation:
+    """Value and gradient of a quantity at a stress σ (N_b,), unchecked, by one factorisation and 2d solves."""
     balance = manifold.balance(sigma)
-    value, partials = objective.evaluate(sigma, balance.bond_vectors)
+    value, partials = quantity.evaluate(balance)
     gradient, adjoint = balance.pull_back(*partials)
-    return Evaluation(objective, balance, value, gradient, adjoint)
+    return Evaluation(quantity, balance, value, gradient, adjoint)

@@ -21,13 +21,18 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.tolerances import COLLAPSED, DENSE_SADDLE, SOFTNESS, UNCERTAIN_LOGARITHM
+from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
 from critflow.linalg.factor import Factor
 from critflow.linalg.matrices import edge_blocks
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
 from critflow.result import Record, Solution, Stats, Status
+
+# Softnesses of the edges, relative to that of the prestress, at which determinants are extrapolated to zero softness,
+# in turn until one is below all radii: the extrapolation error is of third order, rounding goes as EPS/SOFTNESS.
+SOFTNESS = (1e-6, 1e-8, 1e-10)
+UNCERTAIN_LOGARITHM = 0.1  # error of log|K| from which K, and the signs of curvatures, are not certain
+DENSE_SADDLE = 1000  # rows of a saddle matrix whose determinant is found by a dense factorisation: below a second
 
 
 @dataclass(frozen=True)

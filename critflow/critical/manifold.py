@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,7 +22,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import checked
-from critflow.critical.tolerances import CONDENSED_EDGES, SCALED
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
@@ -31,6 +31,16 @@ from critflow.networks.support import check_opened
 from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
 from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status
+
+# An edge shorter than this part of the mean length has collapsed: its direction, and what follows from it, has half of
+# its digits or fewer.
+COLLAPSED = 1e-8
+# Number of edges from which systems of stresses and displacements are cheaper condensed than as saddle matrices, for
+# stresses that are all positive.
+CONDENSED_EDGES = 100_000
+# A stress with Σσ² = N_b to this relative accuracy counts as scaled and keeps its digits: the sum of squares is
+# rounded by a few EPS.
+SCALED = 4e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +70,11 @@ class CriticalConfiguration(Record):
     def lengths(self) -> Array:
         """|L_α|, (N_b,)."""
         return np.linalg.norm(self.bond_vectors, axis=1)
+
+    @cached_property
+    def manifold(self) -> CriticalManifold:
+        """The manifold of the network, made at its first use."""
+        return CriticalManifold(self.network)
 
     @property
     def tensions(self) -> Array:
@@ -114,13 +129,19 @@ class Balance:
     coordinates   of the free vertices, (n_free, d)
     bond_vectors  L(σ), (N_b, d)
     factor        of P(σ)
+    shared        intermediate results that several quantities use, by name
     """
 
-    network: Network
+    manifold: CriticalManifold
     sigma: Array
     coordinates: Array
     bond_vectors: Array
     factor: Factor
+    shared: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def network(self) -> Network:
+        return self.manifold.network
 
     def pull_back(self, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
         """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
@@ -291,7 +312,7 @@ class CriticalManifold:
     def balance(self, sigma: Array) -> Balance:
         """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation."""
         factor = self.prestress.factorize(sigma)
-        return Balance(self.network, sigma, *self._placed(sigma, factor), factor)
+        return Balance(self, sigma, *self._placed(sigma, factor), factor)
 
     def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
         x = np.empty((self._g.shape[1], len(self._load)))
@@ -307,7 +328,7 @@ class CriticalManifold:
         """
         sigma, L = configuration.sigma, configuration.bond_vectors
         free = configuration.coordinates[self.network.free]
-        balance = Balance(self.network, sigma, free, L, self.prestress.factorize_signed(sigma))
+        balance = Balance(self, sigma, free, L, self.prestress.factorize_signed(sigma))
 
         def apply(dsigma: Array) -> Array:
             return np.einsum("ad,ad->a", L, balance.tangent(np.ravel(dsigma)))

@@ -10,26 +10,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.design.optimum import Optimum
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
-from critflow.design.tolerances import (
-    COLLAPSING,
-    CONVERGED_REST,
-    FADED,
-    GAINING,
-    MODERATE,
-    NEARLY_SINGULAR,
-    SOUND,
-    STATIONARY,
-    TENSE,
-    TRAPPED,
-    UNRESOLVED_LENGTH,
-    UNRESOLVED_STRESS,
-)
 from critflow.networks.network import Array
+from critflow.quantities.optimum import Optimum
 from critflow.result import Stats, Status
 from critflow.solvers.minimize import METHODS, Fire, Method, Minimum, Point, minimise
 from critflow.solvers.saddles import minimise_past_saddles
+
+FADED = 1e-12  # σ that tends to zero, where Σσ² = N_b: far below the stresses of any optimum (1e-3)
+# Ratio of a stress to the median, at most, from which a failed descent is repeated: from 10 or 100 a few starts of
+# small networks return to limits that are no infima.
+MODERATE = 3.0
+UNRESOLVED_STRESS = 1e-20  # least σ, where Σσ² = N_b, at which a descent ends without an optimum: far below FADED
+COLLAPSING = 1e-4  # length of an edge under tension that tends to zero, in units of the mean
+TENSE = 0.01  # tension of an edge that does not fall slack, in units of the mean
+GAINING = 0.1  # gain of an edge that collapses, relative to the largest gain: isogonal modes shorten others without
+# Shortest length, in units of the mean, and square root of the least stress of a configuration returned for an optimum
+# that is not attained: shorter edges lose digits in the rounding of the coordinates.
+SOUND = 1e-2
+# Length of the shortest edge, in units of the mean, at which a descent ends without an optimum: half of the digits of
+# its direction are lost.
+UNRESOLVED_LENGTH = 1e-8
+# Gain that remains at an infimum in the edges that do not tend to their limits, relative to the value; standard
+# networks reach 4e-4, and false infima have more than 1e-2.
+CONVERGED_REST = 1e-3
+STATIONARY = 1e-8  # gradient above which a descent was stopped early on purpose, by a rough tolerance: no saddle test
+# Smallest pivot over the largest of a nearly singular prestress matrix: lengths are then known to 1e-7.
+NEARLY_SINGULAR = 1e-9
+TRAPPED = 20  # number of successive steps at nearly singular matrices that show a limit at a singular one
 
 # Minimisers of each method in turn: "auto" continues with Newton's method where gradients alone do not converge.
 DESCENTS = {"fire": ("fire",), "lbfgs": ("lbfgs",), "newton": ("newton",), "auto": ("lbfgs", "newton")}

@@ -16,23 +16,25 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked
 from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.critical.objectives import LengthVariance, Objective, TransitionModulus, dilation, named_objective
+from critflow.critical.quantity import Quantity
+from critflow.critical.transition import PenalisedModulus, dilation
 from critflow.design.descent import DESCENTS, Observer, descend
-from critflow.design.modulus_bounds import largest_modulus
-from critflow.design.optimum import Optimum
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
 from critflow.linalg.tolerances import EPS
-from critflow.mechanics.moduli_bounds import transition_modulus_bound
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.onset.from_lengths import critical_from_lengths
+from critflow.quantities.largest_modulus import largest_modulus
+from critflow.quantities.optimum import Optimum
+from critflow.quantities.vocabulary import quantity
+from critflow.response.moduli_bounds import transition_modulus_bound
 from critflow.result import InputError
 
 
 @checked
 def optimize(
     network: Network | CriticalManifold,
-    objective: str | Objective,
+    objective: str | Quantity,
     method: str = "auto",
     *,
     signs: str = "positive",
@@ -47,11 +49,11 @@ def optimize(
 ) -> Optimum:
     """The critical configuration that is best by an objective; `Optimum` lists the results.
 
-    objective  "length_variance", "tension_variance" (least), "bulk_modulus", "shear_modulus" (largest; the last with
-               the penalty that keeps σ above about `threshold`), or an `Objective`
+    objective  a name such as "V_L", "V_tau" (least), "B_0", "G_0" (largest; the last with the penalty that keeps σ
+               above about `threshold`), "C_B" (least), or a `Quantity`
     method     "fire", "lbfgs", "newton"; "closed_form" for moduli without a penalty, in three dimensions for the bulk
                modulus; "conic" for the length variance; "auto": the cheapest that reaches the tolerance
-    signs      "positive": every edge under tension; "any": compression too, and "shear_modulus" without penalty
+    signs      "positive": every edge under tension; "any": compression too, and "G_0" without penalty
     start      initial σ, (N_b,); 1 on every edge by default
     max_steps  limit of the steps from each start, in all parts of the method together
     starts     number of starts; from the second on random, |N(0, 1)|, drawn from `rng`; the best optimum is returned
@@ -71,27 +73,28 @@ def optimize(
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> found = cf.optimize(network, 'bulk_modulus')
-    >>> abs(found.objective - cf.bulk_modulus_bound(network)) < 1e-12
+    >>> found = cf.optimize(network, 'B_0')
+    >>> abs(found.objective - cf.upper_bound(network, 'B_0')) < 1e-12
     True
     """
     manifold = CriticalManifold.of(network)
     if signs not in ("positive", "any"):
         raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
-    if isinstance(objective, str):
-        objective = named_objective(manifold.network, objective, threshold if signs == "positive" else None)
+    goal = quantity(manifold.network, objective)
+    if isinstance(objective, str) and goal.name == "G_0" and signs == "positive":
+        goal = PenalisedModulus(goal, threshold)  # type: ignore[arg-type]
     if method not in METHODS:
         raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
-    if method == "newton" and not objective.has_differential:
-        raise InputError(f"Newton's method needs {type(objective).__name__}.differential: define it, or choose 'lbfgs'")
+    if method == "newton" and not goal.has_differential:
+        raise InputError(f"Newton's method needs {goal.name}.differential: define it, or choose 'lbfgs'")
     if starts < 1 or (starts > 1 and rng is None):
         raise InputError("starts must be at least 1, and more than one start needs a random generator rng")
     _check_limits(tolerance, max_steps)
     n_edges = manifold.network.n_edges
     first = None if start is None else edge_values(start, n_edges, "start", signs == "positive")
     others = [np.abs(rng.standard_normal(n_edges)) for _ in range(starts - 1)] if rng is not None else []
-    problem = _Problem(manifold, objective, signs, first, others, tolerance, max_steps, observe)
-    if objective.one_self_stress and signs == "positive" and not problem.is_bulk:
+    problem = _Problem(manifold, goal, signs, first, others, tolerance, max_steps, observe)
+    if goal.one_self_stress and signs == "positive" and not problem.is_bulk:
         # The maximum of the bulk modulus over all stresses of all configurations is at σ = k, which is positive.
         require_one_self_stress(manifold.network, "only its bulk modulus and its variances can be optimised")
     optimum = METHODS[method](problem, method)
@@ -110,7 +113,7 @@ class _Problem:
     """A checked request: `start` is None for σ = 1, `others` are further starts."""
 
     manifold: CriticalManifold
-    goal: Objective
+    goal: Quantity
     signs: str
     start: Array | None
     others: list[Array]
@@ -121,17 +124,18 @@ class _Problem:
     @property
     def is_bulk(self) -> bool:
         """Whether the objective is the modulus of a dilation."""
-        A = dilation(self.manifold.network.dimension)
-        return isinstance(self.goal, TransitionModulus) and np.array_equal(self.goal.strain, A)
+        d = self.manifold.network.dimension
+        of_stress = self.goal.of_stress(d)
+        return of_stress is not None and of_stress.squared and np.array_equal(of_stress.strain, dilation(d))
 
 
 def _automatic(problem: _Problem, method: str) -> Optimum:
     """The exact method of the objective where it pays, else a descent."""
-    for kind, exact in _EXACT.items():
-        if isinstance(problem.goal, kind) and exact.pays(problem):
-            optimum = exact.solve(problem, exact.name)
-            if optimum.ok or exact.conclusive:
-                return optimum
+    exact = _EXACT.get(problem.goal.exact)
+    if exact is not None and exact.pays(problem):
+        optimum = exact.solve(problem, problem.goal.exact)
+        if optimum.ok or exact.conclusive:
+            return optimum
     return _best_descent(problem, method)
 
 
@@ -154,11 +158,10 @@ def _best_descent(problem: _Problem, method: str) -> Optimum:
 def _closed_form(problem: _Problem, method: str) -> Optimum:
     """The largest modulus in closed form."""
     manifold, goal = problem.manifold, problem.goal
-    if not isinstance(goal, TransitionModulus):
+    of_stress = goal.of_stress(manifold.network.dimension)
+    if goal.exact != "closed_form" or of_stress is None:
         raise InputError("a closed form is known for moduli without a penalty only: choose another method")
-    if not np.array_equal(goal.stiffness, manifold.network.stiffness):
-        raise InputError("the closed form needs the stiffness of the network itself")
-    optimum = largest_modulus(manifold, goal.strain)
+    optimum = largest_modulus(manifold, of_stress.strain)
     compressed = int(np.sum(optimum.value.sigma < 0))
     if compressed and problem.signs == "positive":
         raise InputError(
@@ -169,7 +172,7 @@ def _closed_form(problem: _Problem, method: str) -> Optimum:
         return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
     _, residual = _stationarity(manifold, goal, optimum.value)
     if problem.is_bulk:
-        error = transition_modulus_bound(goal, optimum.value)
+        error = transition_modulus_bound(goal, optimum.value)  # type: ignore[arg-type]
     else:
         # Value and bound are both rounded, and the value is at most the exact bound.
         rounding = EPS * manifold.network.n_edges * optimum.bound
@@ -179,16 +182,13 @@ def _closed_form(problem: _Problem, method: str) -> Optimum:
 
 def _closed_form_pays(problem: _Problem) -> bool:
     """Whether a configuration of the largest value is known, with no more compression than the signs allow."""
-    network, goal = problem.manifold.network, problem.goal
-    if not isinstance(goal, TransitionModulus) or not np.array_equal(goal.stiffness, network.stiffness):
-        return False
-    return problem.is_bulk or (problem.signs == "any" and network.dimension == 2)
+    return problem.is_bulk or (problem.signs == "any" and problem.manifold.network.dimension == 2)
 
 
 def _cone_program(problem: _Problem, method: str) -> Optimum:
     """The configuration of equal lengths, whose length variance is zero."""
     manifold, goal = problem.manifold, problem.goal
-    if not isinstance(goal, LengthVariance):
+    if goal.exact != "conic":
         raise InputError("the cone program finds the least length variance only: choose another method")
     found = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), "conic", throw=False)
     variance, residual = _stationarity(manifold, goal, found.value) if found.ok else (np.nan, np.nan)
@@ -214,7 +214,7 @@ def _cone_program_pays(problem: _Problem) -> bool:
     return problem.start is None and problem.signs == "positive" and problem.tolerance < enough
 
 
-def _stationarity(manifold: CriticalManifold, goal: Objective, value: CriticalConfiguration) -> tuple[float, float]:
+def _stationarity(manifold: CriticalManifold, goal: Quantity, value: CriticalConfiguration) -> tuple[float, float]:
     """Value of an objective at a configuration, and the largest component of dO/dσ."""
     evaluation = evaluate(manifold, goal, value.sigma)
     return evaluation.value, float(np.abs(evaluation.gradient).max())
@@ -225,22 +225,21 @@ Solver = Callable[[_Problem, str], Optimum]
 
 @dataclass(frozen=True)
 class _Exact:
-    """An exact method: its name, when "auto" chooses it, and whether its failure leaves nothing for a descent."""
+    """An exact method: when "auto" chooses it, and whether its failure leaves nothing for a descent."""
 
-    name: str
     solve: Solver
     pays: Callable[[_Problem], bool]
     conclusive: bool
 
 
-_EXACT: dict[type[Objective], _Exact] = {
-    TransitionModulus: _Exact("closed_form", _closed_form, _closed_form_pays, conclusive=True),
+_EXACT = {
+    "closed_form": _Exact(_closed_form, _closed_form_pays, conclusive=True),
     # Equal lengths that leave edges slack: the least variance is not zero.
-    LengthVariance: _Exact("conic", _cone_program, _cone_program_pays, conclusive=False),
+    "conic": _Exact(_cone_program, _cone_program_pays, conclusive=False),
 }
 
 METHODS: dict[str, Solver] = {
     "auto": _automatic,
     **dict.fromkeys((name for name in DESCENTS if name != "auto"), _best_descent),
-    **{exact.name: exact.solve for exact in _EXACT.values()},
+    **{name: exact.solve for name, exact in _EXACT.items()},
 }

@@ -10,7 +10,7 @@ first-order condition  w_1 ∇φ_1 + w_2 ∇φ_2 + Σ ν ∇(limits) = 0,  ν �
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,12 +19,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.design.target_problem import Preference, TargetProblem, Unknowns
-from critflow.design.target_table import ALIASES, EdgeLimits, Wanted, edge_limits, wanted
-from critflow.design.tolerances import BETTER_END, END_WEIGHT, FRONT_CERTIFIED, FRONT_FLAT, FRONT_OPTIMAL, SAME_END
+from critflow.design.limits import Target, edge_limits, parse_targets
+from critflow.design.problem import Preference, TargetProblem
+from critflow.design.stresses import Stresses
 from critflow.networks.network import Array, Network
+from critflow.quantities.vocabulary import quantity, same
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
+
+FRONT_OPTIMAL = 2e-9  # gradient at which the search for a point ends, in units of the ends of the front
+FRONT_CERTIFIED = 1e-5  # largest relative residual of the first-order conditions of a certified point
+FRONT_FLAT = 1e-4  # gradients below this, in units of the ends, count as zero
+BETTER_END = 1e-3  # improvement of an end, in units of the ends, with which a front is computed again
+SAME_END = 1e-4  # relative difference of values below which both objectives have the same best configuration
+# Weight of the other objective at an end: without it ends with many best configurations are arbitrary.
+END_WEIGHT = 1e-2
 
 _MOST_STEPS = 1000
 # Steps in which the position on the front must be reached.
@@ -65,7 +74,7 @@ class Front(Solution[tuple[CriticalConfiguration, ...]]):
 @checked
 def pareto(
     network: Network | CriticalManifold,
-    objectives: Mapping[str, str],
+    objectives: Mapping[Any, str] | Sequence[Any],
     n: int = 11,
     *,
     within: Mapping[str, Any] | None = None,
@@ -75,7 +84,8 @@ def pareto(
 ) -> Front:
     """The front of two objectives over all positive stresses: n points, evenly spread in units of its ends.
 
-    objectives  two names of targets of `design`, each with "largest" or "smallest"
+    objectives  two quantities, by name or a `Quantity`, each → "largest" or "smallest"; in a list, moduli are to be
+                largest and the others smallest
     within      limits (low, high) of "lengths", "tensions" and "force_densities" of the edges, as for `design`.  Some
                 objectives have no extreme value without them, as C_B, which grows without limit as edges shrink
     start       stresses (N_b,) from which the ends are found; 1 by default
@@ -84,7 +94,7 @@ def pareto(
     A point is certified, `Status.ok`, if its weights are not negative and the residual of its first-order conditions is
     below `FRONT_CERTIFIED`.  That is a proof of stationarity up to the residual, not of a global optimum: fronts are
     local, as every optimum of a descent.  The ends minimise one objective and a hundredth of the other.
-    `Status.infeasible` at a point where the front has no point in front of the line between its ends.
+    `Status.not_reached` at a point where the front has no point in front of the line between its ends.
     Raises `InputError` for unknown objectives, for two that have the same best configuration, and networks with several
     self-stresses; `SolveError` where a point is not certified and `throw` is set.
     """
@@ -92,27 +102,29 @@ def pareto(
     if n < 2:
         raise InputError(f"a front has at least its two ends, n = 2 points, not {n}")
     pair = _pair(manifold, objectives)
-    unknowns = Unknowns.of(manifold.network, start, None, "positive")
-    limits = edge_limits(manifold.network.n_edges, within or {})
-    search = _Search(manifold, unknowns, pair, limits, max_steps)
-    solution = _front(manifold, unknowns, pair, search.points(n), search.units)
+    stresses = Stresses(manifold, start, limits=edge_limits(manifold.network.n_edges, within or {}))
+    search = _Search(stresses, pair, max_steps)
+    solution = _front(stresses, pair, search.points(n), search.units)
     return solution.or_raise("the front is not complete") if throw else solution
 
 
-def _pair(manifold: CriticalManifold, objectives: Mapping[str, str]) -> list[Wanted]:
+def _pair(manifold: CriticalManifold, objectives: Mapping[Any, str] | Sequence[Any]) -> list[Target]:
     """The two objectives; `InputError` where there are not two, or one is no objective."""
     if len(objectives) != 2:
         raise InputError(
             f"a front has two objectives, such as {{'B_0': 'largest', 'V_L': 'smallest'}}, not {len(objectives)}"
         )
+    if not isinstance(objectives, Mapping):
+        best = {key: quantity(manifold.network, key).maximise for key in objectives}
+        objectives = {key: "largest" if maximise else "smallest" for key, maximise in best.items()}
     for name, goal in objectives.items():
         if goal not in ("largest", "smallest"):
             raise InputError(f"the objective {name!s:.40} must be 'largest' or 'smallest', not {goal!r:.40}")
-    pair = [wanted(manifold, {name: goal})[0] for name, goal in objectives.items()]
-    if len({ALIASES.get(one.name, one.name) for one in pair}) < 2:
+    pair = [parse_targets(manifold.network, {key: goal})[0] for key, goal in objectives.items()]
+    if same(pair[0].quantity, pair[1].quantity):
         raise InputError("both objectives are the same quantity: give two different ones")
-    if any(one.objective.one_self_stress for one in pair):
-        require_one_self_stress(manifold.network, "design its stiffnesses, or prune it to one self-stress")
+    if any(one.quantity.one_self_stress for one in pair):
+        require_one_self_stress(manifold.network, "change its stiffnesses, or prune it to one self-stress")
     return pair
 
 
@@ -153,26 +165,17 @@ class _Weighted:
 class _Search:
     """The points of one front."""
 
-    def __init__(
-        self,
-        manifold: CriticalManifold,
-        unknowns: Unknowns,
-        pair: list[Wanted],
-        limits: list[EdgeLimits],
-        max_steps: int,
-    ):
-        self._manifold, self._unknowns, self._pair, self._max_steps = manifold, unknowns, pair, max_steps
+    def __init__(self, stresses: Stresses, pair: list[Target], max_steps: int):
+        self._stresses, self._pair, self._max_steps = stresses, pair, max_steps
         self._signs = np.array([float(one.goal) for one in pair])
-        self.problem = TargetProblem(manifold, unknowns, Preference(manifold.network, "least_change", None), [], limits)
+        self.problem = TargetProblem(stresses, Preference(stresses), [])
         self._ideal, self.units = np.zeros(2), np.ones(2)
 
     def objectives(self, z: Array) -> tuple[Array, Array, Point]:
         """φ (2,), their gradients (2, N), and the limits of the edges, at z."""
-        balance = self._manifold.balance(self._unknowns.stress(z))
         with np.errstate(all="ignore"):
-            values, rows = self.problem.values(balance, [one.objective for one in self._pair])
+            values, gradients = self._stresses.values(self._stresses.at(z), [one.quantity for one in self._pair])
             limits = self.problem.at(z)
-        gradients = self._unknowns.gradients(rows, balance.sigma)
         return (
             (self._signs * values - self._ideal) / self.units,
             (self._signs / self.units)[:, None] * gradients,
@@ -236,7 +239,7 @@ class _Search:
 
     def _alone(self, weights: tuple[float, float], more: list[Array]) -> Array:
         """The best z of one objective, from the start, where B_0 and C_B may be stationary, one near it, and more."""
-        origin, problem = self._unknowns.origin, _Weighted(self, weights, None)
+        origin, problem = self._stresses.origin, _Weighted(self, weights, None)
         shaken = origin + _SHAKEN * np.random.default_rng(0).standard_normal(len(origin))
         found = [
             minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING)
@@ -255,9 +258,9 @@ class _Search:
         residual = found.residual / max(float(np.abs(weights[:, None] * gradients).max()), FRONT_FLAT)
         status, note = found.status, ""
         if not found.reached:
-            status, note = Status.infeasible, "the front has no point at this position: relax a limit of the edges"
+            status, note = Status.not_reached, "the front has no point at this position: relax a limit of the edges"
         elif weights.min() < -FRONT_CERTIFIED:
-            status, note = Status.infeasible, _BACKWARDS
+            status, note = Status.not_reached, _BACKWARDS
         elif residual < FRONT_CERTIFIED:
             status = Status.ok
         elif status is Status.ok:
@@ -270,15 +273,11 @@ def dominated(values: Array) -> NDArray[np.bool_]:
     return np.any(np.all(values[:, None, :] > values[None, :, :], axis=2), axis=1)
 
 
-def _front(
-    manifold: CriticalManifold, unknowns: Unknowns, pair: list[Wanted], found: list[_Point], units: Array
-) -> Front:
+def _front(stresses: Stresses, pair: list[Target], found: list[_Point], units: Array) -> Front:
     """The front with the values at configurations that are solved to the last digit."""
-    solved = [manifold.solve(unknowns.stress(one.minimum.point.z)) for one in found]
+    solved = [stresses.manifold.solve(stresses.stress(one.minimum.point.z)) for one in found]
     statuses = [one.status if balance.ok else balance.status for one, balance in zip(found, solved, strict=True)]
-    achieved = np.array(
-        [[each.objective.evaluate(one.value.sigma, one.value.bond_vectors)[0] for each in pair] for one in solved]
-    )
+    achieved = np.array([[each.quantity.evaluate(one.value)[0] for each in pair] for one in solved])
     worst = next((i for i, status in enumerate(statuses) if status is not Status.ok), None)
     note = "" if worst is None else f"point {worst}: {found[worst].note or statuses[worst].message}"
     residuals = np.array([one.residual for one in found])

@@ -9,20 +9,26 @@ again from the edges that remain.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.linalg.blas import dger
 
 from critflow.arguments import checked, generator
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.objectives import LengthVariance, Objective, TensionVariance, TransitionModulus, named_objective
-from critflow.design.leverage import Mask, values_after
-from critflow.design.tolerances import NO_LENGTH, PRUNING_DRIFT, PRUNING_REACHED
-from critflow.networks.network import Array, IntArray
+from critflow.critical.quantity import Quantity
+from critflow.design.limits import Target, parse_targets
+from critflow.linalg.tolerances import LARGEST_DENSE
+from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import prune
+from critflow.quantities.largest_modulus import NO_LENGTH
+from critflow.quantities.leverage import Part, values_after
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.rigidity.tolerances import LARGEST_DENSE
+
+PRUNING_DRIFT = 1e-10  # error of rank-one updates from which P is factorised again: far below the digits of a design
+PRUNING_REACHED = 1e-3  # distance from a target that counts as reached, relative to it: cuts are discrete
 
 # The column of C that is checked changes from cut to cut.
 _PRIME = 7919
@@ -34,7 +40,7 @@ class PrunedDesign(Solution[CriticalConfiguration]):
 
     cuts            edges in the order of their cuts, by their index in the whole network
     edges           (n,) edges of the configuration, likewise; those that a cut leaves hanging are not among them
-    values          objective before the first cut and after each one
+    values          quantity before the first cut and after each one
     factorisations  of P: 1 without drift, and the one of the returned configuration
     drift           |value − exact| of the last value, relative to the exact one of the returned configuration
     """
@@ -47,25 +53,24 @@ class PrunedDesign(Solution[CriticalConfiguration]):
 
     @property
     def objective(self) -> float:
-        """Value of the objective after the last cut."""
+        """Value of the quantity after the last cut."""
         return float(self.values[-1])
 
 
 @checked
 def prune_towards(
-    critical: CriticalConfiguration,
-    objective: str = "bulk_modulus",
-    target: float | None = None,
+    critical: CriticalConfiguration | Network,
+    targets: Mapping[str | Quantity, float | str],
     cuts: int | None = None,
     seed: int | None = None,
     tolerance: float = PRUNING_REACHED,
     drift: float = PRUNING_DRIFT,
     throw: bool = True,
 ) -> PrunedDesign:
-    """Cut edges of a critical configuration until an objective is near a target, or a number of edges at least loss.
+    """Cut edges of a critical configuration until a quantity is near a target, or a number of edges at least loss.
 
-    objective  "bulk_modulus", "shear_modulus" (without penalty), "length_variance" or "tension_variance"
-    target     value; None: the best value after every cut, the largest for moduli and the least for variances
+    critical   to start from; of a network, the configuration with σ = k
+    targets    one quantity, by name or a `Quantity`, → value, or "largest" or "smallest" after every cut
     cuts       largest number of cuts; with a target as many as reduce its distance by default
     seed       None: each cut is the best one (greedy).  A number: edges are tried in random order, and cut if the
                distance from the target becomes smaller; without a target all are
@@ -73,13 +78,16 @@ def prune_towards(
     drift      error of the identities of C, and of the balance of forces over the mean tension, from which P is
                factorised again
 
-    Cuts are discrete: `Status.infeasible` where no further cut reduces the distance from the target and it is larger
+    Cuts are discrete: `Status.not_reached` where no further cut reduces the distance from the target and it is larger
     than the tolerance.  `Status.floppy` where every further cut opens the network.  A search cut by cut is not
     exhaustive: other sets of edges may be nearer.
-    Raises `InputError` for unknown objectives, stresses with zeros, networks beyond about 4,000 edges, and without
+    Raises `InputError` for unknown quantities, stresses with zeros, networks beyond about 4,000 edges, and without
     target and number of cuts.
     """
-    goal = _goal(critical, objective, target, cuts)
+    if isinstance(critical, Network):
+        critical = CriticalManifold(critical).configuration(critical.stiffness)
+    goal = _goal(critical, targets, cuts)
+    target = None if goal.goal else goal.low
     search = _Search(critical, goal, drift, seed)
     limit = critical.network.n_edges if cuts is None else cuts
     values, status, note = [search.value()], Status.ok, ""
@@ -91,12 +99,11 @@ def prune_towards(
         search.cut(edge)
         values.append(search.value())
     if target is not None and not abs(values[-1] - target) <= tolerance * target:
-        status = Status.infeasible
-        note = (
-            f"{objective} is {values[-1]:.6g} after {len(search.cuts)} cuts: no further one is nearer to {target:.6g}"
-        )
+        status = Status.not_reached
+        count = len(search.cuts)
+        note = f"{goal.name} is {values[-1]:.6g} after {count} cuts: no further one is nearer to {target:.6g}"
     configuration, edges = search.result(critical)
-    exact = _of(goal, edges).evaluate(configuration.sigma, configuration.bond_vectors)[0]
+    exact = goal.quantity.evaluate(configuration)[0]
     solution = PrunedDesign(
         value=configuration,
         status=status,
@@ -111,23 +118,14 @@ def prune_towards(
     return solution.or_raise("the cuts did not lead to the target") if throw else solution
 
 
-def _of(goal: Objective, edges: IntArray | Mask) -> Objective:
-    """The objective of some of the edges."""
-    if isinstance(goal, TransitionModulus):
-        return TransitionModulus(goal.strain, goal.stiffness[edges], goal.volume)
-    return goal
-
-
-def _goal(critical: CriticalConfiguration, objective: str, target: float | None, cuts: int | None) -> Objective:
-    """The objective, after checks of all arguments."""
+def _goal(critical: CriticalConfiguration, targets: Mapping[Any, Any], cuts: int | None) -> Target:
+    """The target, after checks of all arguments."""
     network = critical.network
-    goal = named_objective(network, objective, None)
-    if not isinstance(goal, LengthVariance | TensionVariance | TransitionModulus):
-        raise InputError(f"{objective} has no value for a part of the edges: choose another objective")
-    if target is None and cuts is None:
+    goal, *more = parse_targets(network, targets)
+    if more or not (goal.goal or goal.low == goal.high > 0):
+        raise InputError("pruning has one target, a positive number, or 'largest' or 'smallest': such as {'B_0': 0.1}")
+    if goal.goal and cuts is None:
         raise InputError("give a target, a number of cuts, or both")
-    if target is not None and not (np.isfinite(target) and target > 0):
-        raise InputError(f"the target of {objective} must be a positive number, not {target}")
     if cuts is not None and not 0 <= cuts < network.n_edges:
         raise InputError(f"the number of cuts must be from 0 to {network.n_edges - 1}, not {cuts}")
     if not (critical.sigma != 0).all():
@@ -148,8 +146,9 @@ class _Search:
     untried   edges in random order, the next one last
     """
 
-    def __init__(self, critical: CriticalConfiguration, goal: Objective, bound: float, seed: int | None):
-        self._manifold, self._goal, self._bound = CriticalManifold(critical.network), goal, bound
+    def __init__(self, critical: CriticalConfiguration, target: Target, bound: float, seed: int | None):
+        self._network, self._manifold = critical.network, CriticalManifold(critical.network)
+        self._target, self._goal, self._bound = target, target.quantity, bound
         m = critical.network.n_edges
         self.sigma, self.kept, self.cuts, self.factorisations = critical.sigma.copy(), np.ones(m, bool), list[int](), 0
         self.untried = None if seed is None else generator(seed).permutation(m).tolist()
@@ -163,32 +162,32 @@ class _Search:
         self.factorisations += 1
 
     def value(self) -> float:
-        """The objective of the edges that remain."""
-        kept = self.kept
-        return _of(self._goal, kept).evaluate(self.sigma[kept], self.L[kept])[0]
+        """The quantity of the edges that remain."""
+        return self._goal.evaluate(Part(self._network, self.kept, self.sigma, self.L))[0]
 
     def after(self, first: int, last: int) -> Array:
-        """The objective after the cut of each edge from `first` to `last`, NaN where it opens the network."""
+        """The quantity after the cut of each edge from `first` to `last`, NaN where it opens the network."""
         edges = np.arange(first, last)
-        values = values_after(self._goal, self.sigma, self.L, self.C[:, first:last], edges, self.kept)
+        values = values_after(self._goal, self._network, self.sigma, self.L, self.C[:, first:last], edges, self.kept)
         return np.where(self.kept[edges], values, np.nan)
 
     def after_all(self) -> Array:
-        """The objective after the cut of each edge, (N_b,), NaN for those that do not remain."""
+        """The quantity after the cut of each edge, (N_b,), NaN for those that do not remain."""
         m = len(self.kept)
-        width = m if isinstance(self._goal, TransitionModulus) else max(1, LARGEST_DENSE // (4 * self.L.size))
+        of_stress = self._goal.of_stress(self._network.dimension)
+        width = m if of_stress else max(1, LARGEST_DENSE // (4 * self.L.size))
         return np.concatenate([self.after(first, min(first + width, m)) for first in range(0, m, width)])
 
     def next_edge(self, target: float | None, now: float) -> int | None:
         """The edge that is cut next, or None where every cut opens the network or is away from the target."""
         reached = np.inf if target is None else abs(now - target)
         if self.untried is None:
-            best, distance = _best(self._goal, self.after_all(), target)
+            best, distance = _best(self._target, self.after_all())
             return best if target is None or distance < reached else None
         while self.untried:
             edge = self.untried.pop()
             if self.kept[edge]:
-                best, distance = _best(self._goal, self.after(edge, edge + 1), target)
+                best, distance = _best(self._target, self.after(edge, edge + 1))
                 if best is not None and (target is None or distance < reached):
                     return int(edge)
         return None
@@ -224,11 +223,10 @@ class _Search:
         return CriticalManifold(network).configuration(critical.sigma[edges]), edges
 
 
-def _best(goal: Objective, values: Array, target: float | None) -> tuple[int | None, float]:
+def _best(target: Target, values: Array) -> tuple[int | None, float]:
     """Place of the best value, and its distance from the target; None where all cuts open the network."""
     if not np.isfinite(values).any():
         return None, np.inf
-    sign = -1.0 if goal.maximise else 1.0
-    distance = sign * values if target is None else np.abs(values - target)
+    distance = target.goal * values if target.goal else np.abs(values - target.low)
     best = int(np.nanargmin(distance))
     return best, float(distance[best])

@@ -1,4 +1,4 @@
-"""An objective as a function of the unknowns of a descent, with its gradient and Hessian-vector products.
+"""A quantity as a function of the unknowns of a descent, with its gradient and Hessian-vector products.
 
 The unknowns are θ = log σ, or σ itself where compression is allowed.
 """
@@ -9,8 +9,7 @@ import numpy as np
 
 from critflow.critical.derivatives import Evaluation, evaluate
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.objectives import Objective
-from critflow.design.tolerances import DIFFERENCE
+from critflow.critical.quantity import DIFFERENCE, Quantity
 from critflow.networks.network import Array
 from critflow.solvers.minimize import Function, Point
 
@@ -21,7 +20,7 @@ class StressObjective(Function):
     The state of a point is the `Evaluation` of the objective at its stress.
     """
 
-    def __init__(self, manifold: CriticalManifold, goal: Objective):
+    def __init__(self, manifold: CriticalManifold, goal: Quantity):
         self.manifold, self.goal = manifold, goal
         self.sign = -1.0 if goal.maximise else 1.0
 

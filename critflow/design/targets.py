@@ -1,194 +1,169 @@
-"""Design for targets: a critical configuration with requested properties, or a stated reason why it does not exist.
+"""Design for targets: a configuration or a state with requested properties, or the reason why it does not exist.
 
-    minimise  preference(z)  subject to  l_i ≤ O_i(z) ≤ u_i,
-over z = log |σ| of prescribed signs, or z = σ.  There are N_b unknowns and few targets O_i, so feasible ones have many
-solutions and the preference selects one.  All gradients are exact: one solve with P for each target.
+    minimise  preference(z)  subject to  l_i ≤ O_i(z) ≤ u_i.
+There are many variables z and few targets O_i, so feasible ones have many solutions and the preference selects one.
+All gradients are exact.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.design.designed import Design, of_targets
-from critflow.design.optimize import optimize
-from critflow.design.target_bounds import excluded, limiting_stress
-from critflow.design.target_errors import error_bounds
-from critflow.design.target_problem import Preference, TargetProblem, Unknowns
-from critflow.design.target_table import Wanted, edge_limits, wanted
-from critflow.design.tolerances import UNLIMITED
-from critflow.networks.network import Array, Network
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.design.faces import FaceAmplitudes
+from critflow.design.limits import Target, edge_limits, parse_targets
+from critflow.design.problem import TargetProblem, preference_of
+from critflow.design.rest_lengths import RestLengths
+from critflow.design.result import Achieved, Design, cosines
+from critflow.design.stiffnesses import Stiffnesses
+from critflow.design.stresses import Stresses
+from critflow.design.variables import Variables, require_unused
+from critflow.networks.network import Network
 from critflow.result import InputError, Stats, Status
 from critflow.solvers.constrained import Minimum, minimise_constrained
+from critflow.springs.state import SpringState
 
-_MOST_STEPS = 300
-# Steps of one start in which the targets must be reached.
-_RESTORING = 60
-# Longest change of log σ in one step, spread of random starts, and steps of the ascent that gives the last start.
-_LONGEST, _SPREADS, _ASCENT = 0.4, (0.1, 0.5), 30
+CHANGES = ("stress", "stiffness", "faces", "rest_lengths")
 
 
 @checked
 def design(
-    network: Network | CriticalManifold,
-    targets: Mapping[str, Any],
+    start: Network | CriticalManifold | CriticalConfiguration | SpringState,
+    targets: Mapping[Any, Any],
     *,
+    change: str = "stress",
     prefer: str | CriticalConfiguration | ArrayLike = "least_change",
     within: Mapping[str, Any] | None = None,
-    signs: str | ArrayLike = "positive",
-    free: str | ArrayLike | None = None,
-    start: ArrayLike | None = None,
-    max_steps: int = _MOST_STEPS,
+    signs: str | ArrayLike | None = None,
+    free: ArrayLike | None = None,
+    initial: ArrayLike | None = None,
+    max_steps: int = 300,
     throw: bool = True,
-) -> Design[CriticalConfiguration]:
-    """The critical configuration with requested properties that a preference selects.
+) -> Design[Any]:
+    """The configuration or state with requested properties that a preference selects.
 
-    targets  name → value, (low, high), or "largest" or "smallest" for one of them.  Names are "B_0", "G_0", "V_L",
-             "V_tau" (or those of `optimize`), "C_B", "C_G" (energy convention), "S_xx", "S_xy", ... for S/√D with
-             C = S⊗S/(V D), and "modulus[uniaxial]" and "stiffening[uniaxial]", ... for the moduli M_0 of deformations
-             and their derivatives with strain (`PathStiffening`)
-    prefer   "least_change" of log σ from the start, "length_variance", "tension_variance", or a configuration or
-             coordinates (N_v, d) to be near to
-    within   limits (low, high) of "lengths", and of "tensions" and "force_densities" in units of their mean; each limit
-             is a number, one an edge, or None
-    signs    "positive", 1 or −1 for each edge (N_b,), or "any"
-    free     edges whose stress may change, indices or a mask; all by default.  Stiffnesses and rest lengths are changed
-             by `design_stiffness` and `design_onset`
-    start    stresses σ_0 (N_b,), of size 1 by default
+    start    what is changed: a network or a configuration (stress), a configuration (faces), a state (stiffness,
+             rest_lengths)
+    targets  name or `Quantity` → value, (low, high), or "largest" or "smallest" for one of them
+    change   "stress": the configuration follows the stress; quantities are those of the transition
+             "stiffness": springs at rest at the coordinates of a state; moduli and components "C_xxxx", ...
+             "faces": lengths at a constant force network, which keeps S, D and every modulus at the transition
+             "rest_lengths": of cables, for "onset[simple_shear]", ... at strains other than zero
+    prefer   "least_change" from the start; for stress also "V_L", "V_tau", or a configuration or coordinates (N_v, d)
+             to be near to; for rest lengths also "ratios": one factor for all
+    within   limits (low, high), each a number, one an edge, or None: of "lengths", of "tensions" and "force_densities"
+             in units of their mean (stress), of "lengths" (faces), of "stiffnesses" (stiffness)
+    signs    of the stress: "positive", 1 or −1 for each edge (N_b,), or "any"
+    free     edges whose stress may change, indices or a mask; all by default
+    initial  stresses, stiffnesses or rest lengths (N_b,) that are changed least, in place of those of the start
 
     Many parameters: each is a part of the problem.
 
-    The optimum is local.  Error bound (proof): targets beyond a closed-form bound are refused, `Status.infeasible`,
-    with the bound in the note.  Otherwise `Status.infeasible` means that no start reached the targets: the
-    configuration is the best compromise found.  With `Status.step_limit` or `Status.stalled` the targets are reached,
-    unless the note names the one that is missed, and the preference is not at its minimum;
-    for "least_change" the status is then `ok`, and the note says so.
+    The optimum is local.  `Status.infeasible` is a proof that no variables have the targets, with the bound in the
+    note; `Status.not_reached` says that the search ended without them: the value is the best compromise found.
+    `reached` tells whether all targets are; with `Status.step_limit` or `Status.stalled` they are, and the preference
+    is not at its minimum, which for the least change only selects, so that the status is then `ok`.
     `stats.residual` is the largest error of a target relative to its size.
     Raises `InputError` for unknown or contradictory targets and wrong shapes or signs, `SolveError` with `throw`.
     """
     if max_steps < 0:
         raise InputError(f"max_steps must not be negative, not {max_steps}")
-    manifold = CriticalManifold.of(network)
-    wants = wanted(manifold, targets)
-    if any(target.objective.one_self_stress for target in wants):
-        require_one_self_stress(manifold.network, "design its stiffnesses, or prune it to one self-stress")
-    unknowns = Unknowns.of(manifold.network, start, free, signs)
-    goal = next((target for target in wants if target.goal), None)
-    preference = Preference(manifold.network, prefer, goal)
-    limits = edge_limits(manifold.network.n_edges, within or {})
-    problem = TargetProblem(manifold, unknowns, preference, wants, limits)
-    positive = unknowns.signs is not None and bool((unknowns.signs > 0).all())
-    note = excluded(manifold, wants, positive)
-    if note:
-        solution = _report(problem, wants, _at_start(problem), Status.infeasible, note)
+    network = start if isinstance(start, Network) else start.network
+    parsed = parse_targets(network, targets)
+    ratios = change == "rest_lengths" and isinstance(prefer, str) and prefer == "ratios"
+    variables = _variables(start, change, within or {}, signs, free, initial, ratios)
+    refusal = variables.excluded(parsed)
+    goal = next((target for target in parsed if target.goal), None)
+    preference = preference_of(variables, network, "least_change" if ratios else prefer, goal)
+    problem = TargetProblem(variables, preference, parsed)
+    if refusal:
+        end = minimise_constrained(problem, variables.origin, np.inf, variables.longest, 0)
+        solution = _report(problem, parsed, end, Status.infeasible, refusal)
     else:
-        best = _best(problem, wants, max_steps)
+        with np.errstate(all="ignore"):
+            end = variables.search(problem, preference.tolerance, max_steps)
         # The least change only selects: a design that has its targets is complete without it.
-        selected = best.reached and preference.name == "change"
-        status = Status.ok if selected else best.status
-        solution = _report(problem, wants, best, status, _note(problem, best))
-    return solution.or_raise("no configuration with these properties was found") if throw else solution
+        status = Status.ok if end.reached and preference.name == "change" else end.status
+        solution = _report(problem, parsed, end, status, "" if status is Status.ok else _note(problem, end))
+    return solution.or_raise("no design with these properties was found") if throw else solution
 
 
-def _at_start(problem: TargetProblem) -> Minimum:
-    return minimise_constrained(problem, problem.unknowns.origin, np.inf, _LONGEST, 0)
+def _variables(
+    start: Network | CriticalManifold | CriticalConfiguration | SpringState,
+    change: str,
+    within: Mapping[str, Any],
+    signs: str | ArrayLike | None,
+    free: ArrayLike | None,
+    initial: ArrayLike | None,
+    ratios: bool,
+) -> Variables:
+    """The variables of the arguments of `design`."""
+    if change not in CHANGES:
+        raise InputError(f"no change is called {change!r:.40}: choose from {', '.join(CHANGES)}")
+    network = start if isinstance(start, Network) else start.network
+    limits = edge_limits(network.n_edges, within, change)
+    if change == "stress":
+        sigma = start.sigma if isinstance(start, CriticalConfiguration) and initial is None else initial
+        manifold = start if isinstance(start, CriticalManifold) else CriticalManifold(network)
+        return Stresses(manifold, sigma, free, "positive" if signs is None else signs, limits)
+    require_unused(change, signs=signs, free=free)
+    if change == "faces":
+        require_unused(change, initial=initial)
+        if not isinstance(start, CriticalConfiguration):
+            raise InputError("change='faces' starts from a critical configuration: give one")
+        return FaceAmplitudes(start, limits)
+    if not isinstance(start, SpringState):
+        raise InputError(f"change={change!r} starts from springs at coordinates: give spring_state(network, ...)")
+    return Stiffnesses(start, initial, limits) if change == "stiffness" else RestLengths(start, ratios, initial)
 
 
-def _best(problem: TargetProblem, wants: list[Wanted], max_steps: int) -> Minimum:
-    """The first search that reaches the targets, or the one with the smallest violation, continued to its end."""
-    best: Minimum | None = None
-    left = max_steps
-    for start in _starts(problem, wants):
-        found = minimise_constrained(problem, start, problem.preference.tolerance, _LONGEST, left, restoring=_RESTORING)
-        left -= found.steps
-        if best is None or found.reached or not found.violation >= best.violation:
-            best = found
-        if found.reached or left <= 0:
-            break
-    assert best is not None
-    if not best.reached and left > 0:
-        found = minimise_constrained(problem, best.point.z, problem.preference.tolerance, _LONGEST, left)
-        best = found if found.violation < best.violation else best
-    return best
-
-
-def _starts(problem: TargetProblem, wants: list[Wanted]) -> Iterator[Array]:
-    """z of the start, of random ones, and of an ascent of the shear modulus, whose stresses cover two decades.
-
-    Stresses of any sign start from the largest S/√D in the direction of a prescribed one as well.
-    Gradients of B_0 and C_B vanish at σ = k, where B_0 is largest and C_B smallest.
-    """
-    unknowns, manifold = problem.unknowns, problem.manifold
-    origin = unknowns.origin
-    shaken = np.random.default_rng(0).standard_normal((len(_SPREADS), len(origin)))
-    at_origin = problem.at(origin)
-    rows = at_origin.rows(np.arange(len(problem.targets)))
-    if not len(rows) or np.linalg.norm(rows, axis=1).min() > UNLIMITED:
-        yield origin
-    yield origin + _SPREADS[0] * shaken[0]
-    if unknowns.signs is not None and (unknowns.signs > 0).all():
-        sheared = optimize(manifold, "shear_modulus", throw=False, max_steps=_ASCENT).value.sigma
-        if np.isfinite(sheared).all() and (sheared > 0).all():
-            yield unknowns.of_stress(sheared)
-    if unknowns.signs is None:
-        limiting = limiting_stress(manifold, wants)
-        if limiting is not None:
-            yield unknowns.of_stress(limiting)
-    yield origin + _SPREADS[1] * shaken[1]
-
-
-def _note(problem: TargetProblem, best: Minimum) -> str:
+def _note(problem: TargetProblem, end: Minimum) -> str:
     """The error that remains, and the next step."""
-    if best.status is Status.ok:
-        return ""
-    if best.reached:
+    if end.reached:
         return f"the targets are reached, and {problem.preference.name} is not yet at its minimum: raise max_steps"
-    c = best.point.constraints
+    c = end.point.constraints
     excess = np.abs(c - np.clip(c, problem.low, problem.high))
     worst = int(np.argmax(excess[: len(problem.targets)])) if len(problem.targets) else 0
-    if len(problem.targets) and excess[worst] > 0.1 * excess.max():
+    if len(problem.targets) and not excess[worst] <= 0.1 * excess.max():
         name = problem.targets[worst].name
         return (
             f"no start reached all targets together, {name} misses by {excess[worst] * problem.sizes[worst]:.3g}: "
-            + ("raise max_steps, " if best.status is Status.step_limit else "")
-            + ("widen the limits of the edges, " if problem.limits else "")
+            + ("raise max_steps, " if end.status is Status.step_limit else "")
+            + ("widen the limits of the edges, " if len(problem.variables.low) else "")
             + "relax one, or give another start"
         )
     return "no start reached the targets inside the limits of the edges: widen the limits, or relax a target"
 
 
-def _report(
-    problem: TargetProblem, wants: list[Wanted], found: Minimum, status: Status, note: str
-) -> Design[CriticalConfiguration]:
+def _report(problem: TargetProblem, targets: Sequence[Target], end: Minimum, status: Status, note: str) -> Design[Any]:
     """The design at the end of a search."""
-    unknowns, z = problem.unknowns, found.point.z
-    solved = problem.manifold.solve(unknowns.stress(z))
-    balance = problem.manifold.balance(unknowns.stress(z))
-    values, by_sigma = problem.values(balance, [target.objective for target in wants])
-    rows = unknowns.gradients(by_sigma, balance.sigma)
-    names = [target.name for target in wants]
-    limited = [target.name for target in problem.targets]
+    variables, preference, z = problem.variables, problem.preference, end.point.z
+    made = variables.designed(z, [target.quantity for target in targets])
+    names = [target.name for target in problem.targets]
     # dpreference/dlimit = −μ of the constraint in units of its size.
-    derivatives = -found.multipliers[: len(limited)] / problem.sizes
-    costs = dict.fromkeys(names, 0.0) | {
-        name: problem.preference.shown(float(derivative), len(balance.sigma))
-        for name, derivative in zip(limited, derivatives, strict=True)
+    multipliers = -end.multipliers[: len(names)] / problem.sizes
+    costs = {name: preference.shown(float(one)) for name, one in zip(names, multipliers, strict=True)}
+    gram, independence = cosines(made.rows)
+    achieved = {
+        target.name: Achieved(float(value), float(error), costs.get(target.name, 0.0), float(sine))
+        for target, value, error, sine in zip(targets, made.values, made.errors, independence, strict=True)
     }
-    bounds = error_bounds([target.objective for target in wants], solved.value)
-    change = z - unknowns.origin
-    if unknowns.signs is not None and len(unknowns.free) == problem.manifold.network.n_edges:
-        change = change - change.mean()
+    if not made.solved.ok:
+        status, note = made.solved.status, made.solved.note
     return Design(
-        value=solved.value,
-        status=status if solved.ok else solved.status,
-        stats=Stats("sqp", found.steps, found.violation, error_bound=solved.value.error_bound),
+        value=made.value,
+        status=status,
+        stats=Stats("sqp", end.steps, end.violation, error_bound=made.error_bound),
         note=note,
-        preference=problem.preference.shown(found.point.value, len(balance.sigma)),
-        distance=float(np.sqrt(np.mean(change**2))),
-        **of_targets(names, values, bounds, np.array(list(costs.values())), rows),
+        reached=end.reached,
+        targets=achieved,
+        preference=preference.shown(end.point.value),
+        distance=variables.distance(z),
+        gram=gram,
+        solved=made.solved,
     )

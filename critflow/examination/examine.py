@@ -12,23 +12,23 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.design.leverage import EdgeLeverage, edge_leverage
-from critflow.design.nearest import Nearest, nearest_critical
-from critflow.design.tensegrity import signed_stress
+from critflow.critical.nearest import Nearest, nearest_critical
 from critflow.examination.reading import network_of_file
 from critflow.examination.report import UNFINISHED, Examination
 from critflow.exchange.boundaries import hull_volume
 from critflow.exchange.repair import ImportedNetwork
-from critflow.mechanics.elasticity import Elasticity
-from critflow.mechanics.moduli import elasticity
 from critflow.networks.checks import edge_values
 from critflow.networks.digits import Digits
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.onset.critical_strain import Onset, critical_strain
+from critflow.quantities.leverage import EdgeLeverage, edge_leverage
+from critflow.response.elasticity import Elasticity
+from critflow.response.moduli import elasticity
 from critflow.result import CritflowError, InputError, Solution, SolveError, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
 from critflow.rigidity.second_order import second_order_rigidity
-from critflow.rigidity.tolerances import CLEAR_GAP
+from critflow.rigidity.signed_stress import signed_stress
+from critflow.rigidity.spectrum import CLEAR_GAP
 
 Result = TypeVar("Result")
 

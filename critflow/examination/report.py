@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from critflow.design.leverage import EdgeLeverage
-from critflow.design.nearest import Nearest
+from critflow.critical.nearest import Nearest
 from critflow.exchange.data import counted
 from critflow.exchange.repair import described
-from critflow.mechanics.elasticity import Elasticity
 from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import Onset
+from critflow.quantities.leverage import EdgeLeverage
+from critflow.response.elasticity import Elasticity
 from critflow.result import Record, Solution, Status
 from critflow.rigidity.counts import Rigidity
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from critflow.exchange.data import Array, IntArray, NetworkData, counted
-from critflow.networks.images import DoubtfulOffsets, doubtful_offsets
+from critflow.networks.offset_checks import DoubtfulOffsets, doubtful_offsets
 from critflow.result import InputError
 
 # Edges longer than this part of the least height of the cell have a second image at most 1.5 times as long.

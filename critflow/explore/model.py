@@ -10,13 +10,13 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from critflow.critical.manifold import CriticalManifold
-from critflow.design.modulus_bounds import bulk_modulus_bound
 from critflow.design.optimize import optimize
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import block_laplacian
 from critflow.networks.faces import Faces, planar_faces
 from critflow.networks.network import Array, IntArray, Network
 from critflow.onset.from_lengths import critical_from_lengths
+from critflow.quantities.largest_modulus import upper_bound
 from critflow.result import CritflowError, InputError
 from critflow.workflow import stable_rng
 
@@ -59,7 +59,7 @@ class Model:
     def bulk_bound(self) -> float:
         """The largest B_0 over all stresses, or NaN where it is not defined."""
         try:
-            return bulk_modulus_bound(self.manifold)
+            return upper_bound(self.manifold, "B_0")
         except CritflowError:
             return np.nan
 

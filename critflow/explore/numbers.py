@@ -9,12 +9,12 @@ from typing import TypeVar
 import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.objectives import named_objective
 from critflow.linalg.tolerances import EPS
-from critflow.mechanics.moduli import transition_moduli
-from critflow.mechanics.moduli_bounds import transition_bounds
-from critflow.mechanics.stiffening import stiffening
 from critflow.networks.network import Array
+from critflow.quantities.vocabulary import quantity
+from critflow.response.moduli import transition_moduli
+from critflow.response.moduli_bounds import transition_bounds
+from critflow.response.stiffening import stiffening
 from critflow.result import CritflowError
 from critflow.rigidity.counts import certify
 
@@ -118,7 +118,7 @@ def variances(critical: CriticalConfiguration) -> list[Number]:
         ("V_L", "length_variance", critical.lengths, error),
         ("V_τ", "tension_variance", critical.tensions, np.abs(critical.sigma) * error),
     ):
-        value = named_objective(critical.network, name).evaluate(critical.sigma, critical.bond_vectors)[0]
+        value = quantity(critical.network, name).evaluate(critical)[0]
         numbers.append(Number(key, value, _variance_error(value, values, change), PROOF))
     return numbers
 

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from critflow.critical.isogonal import IsogonalModes, face_modes
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.design.isogonal import IsogonalModes, face_modes
 from critflow.explore.model import POPULATIONS, Model, Observer
 from critflow.explore.source import Source
-from critflow.mechanics.springs import SpringState
-from critflow.mechanics.strain_path import StrainPath, strain_path
 from critflow.networks.pruning import prune
+from critflow.paths.strain_path import StrainPath, strain_path
 from critflow.result import InputError, Solution
+from critflow.springs.state import SpringState
 
 Change = tuple[Any, ...]
 # Largest |change of log σ| of an edge, and largest |γ|.

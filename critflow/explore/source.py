@@ -11,7 +11,7 @@ import numpy as np
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.examination.reading import network_of_file
 from critflow.explore.model import Model
-from critflow.networks.random_networks import voronoi_network
+from critflow.generators.random_networks import voronoi_network
 from critflow.result import InputError
 
 # Vertices beyond which a change takes seconds.

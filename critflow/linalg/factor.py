@@ -21,7 +21,12 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.linalg.backends import Backend, choose_backend, make_backend, multiply
-from critflow.linalg.tolerances import EPS, INERTIA_SHIFT, REFINED_SOLVES
+from critflow.linalg.tolerances import EPS
+
+# Shift δ in units of the mean value.  A matrix with the same inertia at ±δ counts as regular; the shift is far above
+# the rounding of pivots.
+INERTIA_SHIFT = 1e-9
+REFINED_SOLVES = 20  # most refinements of a solve with A + δ.  Each reduces the error by δ over the smallest eigenvalue
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int32]

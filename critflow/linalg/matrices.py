@@ -9,10 +9,14 @@ from collections.abc import Iterator
 from itertools import combinations_with_replacement
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.linalg.factor import Entries, FixedPattern
 from critflow.networks.network import Array, Network
+
+# Shift of the Hessian of unit springs, relative to ⟨|L|²⟩, that removes the zero modes of any geometry.
+BALANCE_SHIFT = 1e-13
 
 
 def laplacian(network: Network, backend: str = "auto") -> FixedPattern:
@@ -90,3 +94,36 @@ def free_ends(network: Network) -> NDArray[np.int64]:
     index = np.full(network.n_vertices, -1)
     index[network.free] = np.arange(len(network.free))
     return index[network.edges]
+
+
+def rigidity_matrix(network: Network, coordinates: Array) -> sp.csr_array:
+    """R = ∂|L|/∂x over the free coordinates, (N_b, d·n_free): incidence times unit vectors (`RigidityMatrix`)."""
+    L = network.bond_vectors(coordinates)
+    return spread_columns(network, L / np.linalg.norm(L, axis=1)[:, None])
+
+
+def spread_columns(network: Network, vectors: Array) -> sp.csr_array:
+    """The matrix (N_b, d·n_free) with entries g_{αi} v_{αμ} of edge vectors v (N_b, d)."""
+    g, d = network.free_incidence, network.dimension
+    columns = [sp.diags_array(vectors[:, axis]) @ g for axis in range(d)]
+    order = np.arange(d * g.shape[1]).reshape(d, -1).T.ravel()
+    return sp.csr_array(sp.hstack(columns).tocsc()[:, order])
+
+
+def balanced_part(
+    network: Network, L: Array, sigma: Array, pattern: FixedPattern, shift: float = BALANCE_SHIFT
+) -> Array:
+    """The component of σ in balance at bond vectors L: σ less its projection on the columns of R^h.
+
+    Close to the transition, where extensions have few digits, or where edges are much shorter than the coordinates are
+    large, unbalanced forces from rounding are not small compared with the tensions.
+
+    pattern  of the elastic Hessian, whose `shift` removes the zero modes
+    """
+    ones = np.ones(len(sigma))
+    factor = pattern.factorize(edge_blocks(ones, L, 0 * ones), shift)
+    for _ in range(3):
+        force = network.divergence @ (sigma[:, None] * L)
+        u = factor.solve(force.ravel()).reshape(force.shape)
+        sigma = sigma - np.einsum("ad,ad->a", L, network.free_incidence @ u)
+    return sigma

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.networks.images import doubtful_offsets
+from critflow.networks.offset_checks import doubtful_offsets
 from critflow.result import NetworkError
 
 Array = NDArray[np.float64]

@@ -131,7 +131,7 @@ class Network:
     def dimension(self) -> int:
         return int(self.offsets.shape[1])
 
-    @property
+    @cached_property
     def volume(self) -> float:
         """Volume V of the cell (area in two dimensions), or the one named for a network without a cell."""
         if self.cell is None:

@@ -17,8 +17,10 @@ from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.taut_edges import OnsetState, newton_taut, settled
-from critflow.onset.tolerances import RETREATS
 from critflow.result import InputError
+
+# Relative decreases of the lengths that show a strain to be floppy where rounding alone is not enough.
+RETREATS = (1e-12, 3e-11, 1e-10, 3e-10)
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,14 @@ import numpy as np
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.taut_edges import OnsetState, taut_part
-from critflow.onset.tolerances import (
-    CENTRAL_DECREASE,
-    CENTRAL_END,
-    CENTRAL_FITTED,
-    CENTRAL_START,
-    CENTRAL_STEPS,
-    TO_BOUNDARY,
-)
 from critflow.result import InputError
+
+CENTRAL_START = 1e-9  # σ h of an edge at the start of a central path, relative to ⟨σ⟩⟨ℓ²⟩: that where cone programs end
+CENTRAL_END = 1e-17  # the same at its end: stresses above 1e-8 of the mean are separated from slack
+CENTRAL_DECREASE = 0.1  # factor of the mean σ h in one step
+CENTRAL_FITTED = 1e-13  # relative error of ½|L|² + h at which it ends
+CENTRAL_STEPS = 30  # steps of Newton's method on it; ten to twenty are needed
+TO_BOUNDARY = 0.95  # part of the step to a vanishing stress or slack
 
 
 def follow_central_path(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetState | None:

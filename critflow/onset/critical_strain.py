@@ -28,8 +28,13 @@ from critflow.onset.central_path import follow_central_path
 from critflow.onset.search import SIDES_MEET, Interior, Search, floppy_start, search_onset
 from critflow.onset.stressed_part import unknown_configuration
 from critflow.onset.taut_edges import OnsetState, polish_taut, resolved, settled, without_slack_stress
-from critflow.onset.tolerances import FITTED, NARROW, ONSET_GAP
+from critflow.onset.tolerances import FITTED
 from critflow.result import InputError, Record, Solution, Stats, Status
+
+ONSET_GAP = 1e-9  # largest gap of the bounds on a strain with status `ok`, relative to 1 + |γ|
+# det F of a cell with free sides at which an onset without bounds is that of a flat cell: the program with ROUGH_CONE
+# leaves a tilt of about its root.
+NARROW = 0.02
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,17 +14,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
-from critflow.critical.tolerances import COLLAPSED
-from critflow.mechanics.equilibrium import equilibrium, relaxation_method
-from critflow.mechanics.springs import spring_state
+from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold, critical_configuration
+from critflow.linalg.matrices import balanced_part
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.onset.proportional_lengths import newton_error
-from critflow.onset.stressed_part import balanced_part, polish_stressed, unknown_configuration
-from critflow.onset.tolerances import EVEN, EXACT_CONE, FITTED, NO_STRESS, ROUGH_CONE, STRAIN_STEPS
+from critflow.onset.stressed_part import polish_stressed, unknown_configuration
+from critflow.onset.tolerances import EXACT_CONE, FITTED, NO_STRESS, ROUGH_CONE
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.cone import fit_lengths
+from critflow.springs.equilibrium import equilibrium, relaxation_method
+from critflow.springs.state import spring_state
+
+EVEN = 0.12  # spread of the logarithms of rest lengths below which few networks have slack edges
+STRAIN_STEPS = 2000  # steps of the strain protocol, after which it stops: a strain of 20 in the default steps
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -8,9 +8,10 @@ import numpy as np
 
 from critflow.linalg.saddle import Saddle
 from critflow.networks.network import Array, Network
-from critflow.onset.tolerances import SOLVED
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.precision.geometry import ExtendedGeometry
+
+SOLVED = 1e-6  # relative residual of a Newton step that determines the error of its start
 
 
 class Polished(NamedTuple):

@@ -9,18 +9,19 @@ import numpy as np
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.taut_edges import OnsetState
-from critflow.onset.tolerances import (
-    FLAT,
-    FLAT_STEPS,
-    FLOPPY_CONE,
-    INSIDE,
-    MOST_PROGRAMS,
-    NEARBY,
-    ONSET_CONE,
-    ROUGH_CONE,
-)
+from critflow.onset.tolerances import ROUGH_CONE
 from critflow.result import InputError, Status
 from critflow.solvers.cone import Reach, farthest, fit_lengths, nearest
+
+# Tolerance of the program that shows the start to be floppy, by coordinates with all |L| < ℓ: up to N_v = 10,000 these
+# are accurate to 1e-3, and a second program is rarely needed.
+FLOPPY_CONE = 1e-7
+ONSET_CONE = 1e-10  # tolerance of the last program: tensions and slack are then known to about its root
+NEARBY = 0.01  # step of the strain, relative to 1 + |s|, after which the next program is the last one
+MOST_PROGRAMS = 24  # linear programs on one path; smooth paths need two to four
+FLAT_STEPS = 5  # programs in a row that end beyond a flat cell, after which the path counts as floppy to its end
+FLAT = 1e-9  # relative distance from a flat cell, det F = 0, that counts as flat
+INSIDE = 0.9  # part of the distance to a limit that a step uses, to stay inside
 
 Interior = tuple[Array, Array]
 SIDES_MEET = "cables stay floppy until the free sides of the cell meet: fix a side"

@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
-from critflow.linalg.factor import FixedPattern
-from critflow.linalg.matrices import edge_blocks
 from critflow.networks.network import Array, Network
 from critflow.onset.proportional_lengths import polish
 from critflow.onset.taut_edges import without_hanging
-from critflow.onset.tolerances import BALANCE_SHIFT, FITTED, NO_STRESS, WEAK_STRESS
+from critflow.onset.tolerances import FITTED, NO_STRESS, WEAK_STRESS
 from critflow.result import NetworkError
 
 Mask = NDArray[np.bool_]
@@ -120,22 +118,3 @@ def _with_slack(
     # Short edges would lose digits in the rounding of the coordinates.
     whole.bond_vectors[stressed], errors[stressed] = part.bond_vectors, part.bond_errors
     return replace(whole, bond_errors=errors)
-
-
-def balanced_part(
-    network: Network, L: Array, sigma: Array, pattern: FixedPattern, shift: float = BALANCE_SHIFT
-) -> Array:
-    """The component of σ in balance at bond vectors L: σ less its projection on the columns of R^h.
-
-    Close to the transition, where extensions have few digits, or where edges are much shorter than the coordinates are
-    large, unbalanced forces from rounding are not small compared with the tensions.
-
-    pattern  of the elastic Hessian, whose `shift` removes the zero modes
-    """
-    ones = np.ones(len(sigma))
-    factor = pattern.factorize(edge_blocks(ones, L, 0 * ones), shift)
-    for _ in range(3):
-        force = network.divergence @ (sigma[:, None] * L)
-        u = factor.solve(force.ravel()).reshape(force.shape)
-        sigma = sigma - np.einsum("ad,ad->a", L, network.free_incidence @ u)
-    return sigma

@@ -19,19 +19,15 @@ from critflow.linalg.saddle import Saddle, SaddleFactor
 from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION
 from critflow.networks.network import Array, IntArray, Network
 from critflow.onset.boundary_path import BoundaryPath
-from critflow.onset.tolerances import (
-    DAMPING,
-    EXACT_CONE,
-    FITTED,
-    NO_STRESS,
-    ONSET_ROUNDS,
-    ONSET_STEPS,
-    VIOLATED,
-    WEAK_GROWTH,
-    WEAK_STRESS,
-)
+from critflow.onset.tolerances import EXACT_CONE, FITTED, NO_STRESS, WEAK_STRESS
 from critflow.result import InputError, NetworkError
 from critflow.solvers.cone import fit_lengths
+
+ONSET_ROUNDS = 16  # attempts to separate taut from slack edges; standard networks need one, diluted lattices up to four
+WEAK_GROWTH = 3.0  # factor between the stresses below which edges are released when Newton's method fails again
+DAMPING = 1e-3  # compliance of taut edges with several self-stresses, relative to their stress, far from the solution
+ONSET_STEPS = 16  # steps of Newton's method in one attempt; convergence is quadratic
+VIOLATED = 1e-8  # excess of |L|/ℓ over 1 of a slack edge that becomes a candidate; errors of the program are smaller
 
 Mask = NDArray[np.bool_]
 

@@ -23,7 +23,25 @@ from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, add, extended, multiply, two_sum
 from critflow.precision.geometry import ExtendedGeometry
-from critflow.precision.tolerances import DOUBTFUL, EXTENDED_ROUNDING, HOPELESS, LOST, MOST_STEPS, SAFETY, UNSEEN
+
+# Error of a residual in double-double arithmetic, relative to the sizes of its terms: 4 roundings of about 2⁻¹⁰⁶.
+EXTENDED_ROUNDING = 4 * EPS**2
+# Part of a rounding below which an error is invisible: refinement of a configuration stops there, relative to the
+# shortest edge, and corrections of an equilibrium, relative to the coordinates.
+UNSEEN = 0.05
+MOST_STEPS = 40  # most steps of a refinement; each must halve the error, so that 40 span 12 digits
+# Largest error of a refined configuration, relative to its coordinates.  Convergent refinement ends far below, near
+# the rounding of doubles.
+LOST = 1e-12
+# Relative error of a factor in the vector that it magnifies most, above which it is not trusted (stresses of both
+# signs).
+DOUBTFUL = 0.1
+# Condition times EPS above which a factor is not trusted (stresses of both signs): fewer than two digits of a solve
+# are then certain.
+HOPELESS = 0.02
+# Safety factor of the error estimate for stresses of both signs: Hager's estimate of a condition is a lower bound,
+# usually sharp up to a factor of 3.
+SAFETY = 10.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,10 @@ from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, two_sum
 from critflow.precision.geometry import exact_bond_vectors, exact_forces
-from critflow.precision.tolerances import CONTRACTION, MOST_CORRECTIONS, UNSEEN
+from critflow.precision.refinement import UNSEEN
+
+MOST_CORRECTIONS = 10  # corrections of an equilibrium after which it counts as not convergent
+CONTRACTION = 0.5  # each correction must shrink by this factor
 
 
 @dataclass(frozen=True)

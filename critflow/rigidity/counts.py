@@ -16,13 +16,16 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.critical.backbone import Mask, backbone, taut_edges, taut_networks
-from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.tolerances import COLLAPSED
+from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
 from critflow.linalg.saddle import Saddle
+from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.rigidity.spectrum import Spectrum, rounding_note
-from critflow.rigidity.tolerances import BALANCED, ITERATION_ERROR, LARGEST_DENSE
+from critflow.rigidity.spectrum import ITERATION_ERROR, Spectrum, rounding_note
+
+# Unbalanced forces below this, relative to the mean tension, are those of a self-stress: configurations from σ leave
+# 1e-15, coordinates of eight digits 1e-8.
+BALANCED = 1e-8
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow.critical.tolerances import COLLAPSED
+from critflow.critical.manifold import COLLAPSED
 from critflow.linalg.saddle import Saddle
-from critflow.linalg.tolerances import STABLE_MARGIN
+from critflow.linalg.tolerances import LARGEST_DENSE, STABLE_MARGIN
 from critflow.networks.network import Array, Network
 from critflow.rigidity.spectrum import Spectrum
-from critflow.rigidity.tolerances import LARGEST_DENSE, LARGEST_FORM
+
+LARGEST_FORM = 2000  # most zero modes whose stiffness under one stress is found by all eigenvalues: some seconds
 
 
 def stabilises(network: Network, coordinates: Array, L: Array, sigma: Array) -> bool | None:

@@ -20,19 +20,18 @@ from scipy.optimize import linprog
 
 from critflow.arguments import checked
 from critflow.linalg.saddle import Saddle
+from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.network import Array, Network
 from critflow.result import Record, Solution, Stats, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
-from critflow.rigidity.tolerances import (
-    FOURTH_ORDER_MODES,
-    LARGEST_DENSE,
-    LINEAR_PROGRAM,
-    POSITIVE,
-    PROGRAM_MODES,
-    RESISTED,
-    ZERO,
-)
 from critflow.solvers.semidefinite import fourth_order_bound, second_order_relaxation
+
+POSITIVE = 1e-7  # an eigenvalue above this is positive: below, the solutions of semidefinite programs are not accurate
+ZERO = 1e-10  # an eigenvalue or form below this is zero to rounding
+RESISTED = 1e-4  # A mode with more stiffness than this, under a stress that is nowhere negative, cannot escape
+PROGRAM_MODES = 40  # zero modes in a first semidefinite program; larger ones start from a subspace of half this number
+FOURTH_ORDER_MODES = 8  # zero modes in the relaxation of fourth order, whose size is their fourth power
+LINEAR_PROGRAM = 4_000_000  # entries of the self-stresses up to which a linear program is tried, a limit of time
 
 # Levenberg–Marquardt: initial, smallest and largest damping, and the residual (in units of ZERO) of a solution.
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _SOLVED = 1e-3, 1e-14, 1e6, 1e-3

@@ -9,23 +9,27 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from critflow.linalg.matrices import block_laplacian, edge_blocks
+from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
 from critflow.linalg.tolerances import EPS
 from critflow.networks.digits import digits_of
 from critflow.networks.network import Array, Network
 from critflow.result import InputError
-from critflow.rigidity.tolerances import (
-    CLEAR_GAP,
-    DENSE_EDGES,
-    FROM_ROUNDING,
-    ITERATION_ERROR,
-    ROUNDING_MARGIN,
-    SQUARED_ROUNDING,
-    ZERO_MODE,
-)
+
+# s below this counts as zero unless the caller gives a tolerance: the smallest other s is 0.1 in standard networks of
+# 1,000 vertices and falls as 1/√N_v; rounding leaves 1e-12.
+ZERO_MODE = 1e-6
+CLEAR_GAP = 10.0  # A count is trusted if no s lies within this factor of the tolerance
+# s is zero to rounding below this number times the effect of the rounding of the coordinates on R; the bound adds the
+# errors of all edges in quadrature, of which a few may coincide.
+ROUNDING_MARGIN = 10.0
+ITERATION_ERROR = 1e-12  # s that inverse iteration leaves for an exact zero
+SQUARED_ROUNDING = 1e-7  # s below this is within the rounding of RᵀR, whose eigenvalues are s² with an error of 1e-15
+DENSE_EDGES = 400  # up to this number of edges all s are computed by a dense decomposition
+# s below this number times the estimated effect of rounded coordinates may be due to them: the estimate is 0.7 of the
+# largest in standard networks of 100 vertices.
+FROM_ROUNDING = 6.0
 
 # Inverse iteration: shift in units of the squared tolerance, so that values below it gain a hundredfold in every step;
 # most steps; largest singular value, in units of the tolerance, of a null space that has converged.
@@ -33,20 +37,6 @@ _SHIFT, _MOST_ITERATIONS, _CONVERGED = 0.01, 6, 1e-6
 # Squared singular values near the first of these are resolved best in the search for the smallest that is not zero;
 # the others follow where it does not converge within this number of restarts times edges, as for long chains.
 _MODERATE, _RESTARTS_TIMES_SIZE = (1e-3, 1e-6, 1e-9), 3_000_000
-
-
-def rigidity_matrix(network: Network, coordinates: Array) -> sp.csr_array:
-    """R = ∂|L|/∂x over the free coordinates, (N_b, d·n_free): incidence times unit vectors (`RigidityMatrix`)."""
-    L = network.bond_vectors(coordinates)
-    return spread_columns(network, L / np.linalg.norm(L, axis=1)[:, None])
-
-
-def spread_columns(network: Network, vectors: Array) -> sp.csr_array:
-    """The matrix (N_b, d·n_free) with entries g_{αi} v_{αμ} of edge vectors v (N_b, d)."""
-    g, d = network.free_incidence, network.dimension
-    columns = [sp.diags_array(vectors[:, axis]) @ g for axis in range(d)]
-    order = np.arange(d * g.shape[1]).reshape(d, -1).T.ravel()
-    return sp.csr_array(sp.hstack(columns).tocsc()[:, order])
 
 
 class Spectrum:

@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.objectives import LengthVariance, TensionVariance
+from critflow.critical.variances import LengthVariance, TensionVariance
 from critflow.networks.network import Array
 from critflow.result import InputError
 
 
 def length_variance(critical: CriticalConfiguration) -> float:
     """V_L of a configuration (`LengthVariance`)."""
-    return LengthVariance().evaluate(critical.sigma, critical.bond_vectors)[0]
+    return LengthVariance().evaluate(critical)[0]
 
 
 def tension_variance(critical: CriticalConfiguration) -> float:
     """V_τ of a configuration (`TensionVariance`)."""
-    return TensionVariance().evaluate(critical.sigma, critical.bond_vectors)[0]
+    return TensionVariance().evaluate(critical)[0]
 
 
 def face_anisotropy(critical: CriticalConfiguration) -> Array:

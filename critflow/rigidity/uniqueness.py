@@ -18,7 +18,10 @@ from critflow.critical.manifold import CriticalConfiguration, require_one_self_s
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Status
 from critflow.rigidity.counts import rigidity
-from critflow.rigidity.tolerances import DIRECTION_MARGIN, DIRECTION_ROUNDING, UNKNOWN_ERROR
+
+UNKNOWN_ERROR = 1e-8  # relative error assumed for bond vectors without error bounds
+# Two directions differ if they do by this number times their errors, plus the rounding of products.
+DIRECTION_MARGIN, DIRECTION_ROUNDING = 10.0, 1e-14
 
 
 def require_only_self_stress(critical: CriticalConfiguration, instead: str) -> None:

@@ -23,7 +23,16 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from critflow.result import Status
-from critflow.solvers.tolerances import ARMIJO, CURVED, DEPENDENT, FLOOR, RESTORED, ROUNDING
+from critflow.solvers.minimize import ARMIJO, ROUNDING
+
+RESTORED = 1e-11  # violation of a constraint that counts as satisfied, in units of its size
+# Eigenvalue of the Gram matrix of gradients below which they count as dependent, relative to the largest: the rounding
+# of gradients, squared, is below it.
+DEPENDENT = 1e-14
+# Least eigenvalue of the Gram matrix with limits, relative to the largest: multipliers of dependent limits stay
+# finite, and the limits hold to this part.
+FLOOR = 1e-12
+CURVED = 1e-8  # cosine between a step and its change of gradient below which it says nothing about the curvature
 
 Array = NDArray[np.float64]
 Product = Callable[[Array], Array]
@@ -168,7 +177,7 @@ def minimise_constrained(
     first      at z, products of rows (n, N) with the first inverse Hessian, the unit matrix by default
     restoring  steps in which the constraints must be satisfied first, all by default
 
-    `Status.infeasible` where the violation cannot be reduced to first order, `Status.step_limit` and `Status.stalled`
+    `Status.not_reached` where the violation cannot be reduced to first order, `Status.step_limit` and `Status.stalled`
     for the objective: the constraints are then satisfied.
     """
     metric, search = _Metric(first, len(start)), _Search(problem, longest)
@@ -176,7 +185,7 @@ def minimise_constrained(
         problem.at(start), metric, max_steps if restoring is None else min(max_steps, restoring)
     )
     if violation(problem, point) > RESTORED:
-        status = Status.step_limit if search.steps >= max_steps else Status.infeasible
+        status = Status.step_limit if search.steps >= max_steps else Status.not_reached
         return search.end(point, status)
     while True:
         step = search.step(point, metric)

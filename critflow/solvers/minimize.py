@@ -17,7 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.result import Status
-from critflow.solvers.tolerances import ARMIJO, FLAT, IDLE, ROUNDING
+
+ARMIJO = 1e-4  # part of the predicted decrease that a step must reach (Nocedal & Wright, section 3.1)
+ROUNDING = 1e-14  # relative change of a value that is rounding: the roundings of one sum over the edges
+FLAT = 1e-11  # curvature of a flat direction, relative to the steepest: the precision of Hessian-vector products
+IDLE = 100  # steps of L-BFGS without a smaller value or residual after which rounding has stopped it
 
 Array = NDArray[np.float64]
 State = TypeVar("State")

@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.design.modulus_bounds import bulk_modulus_bound
 from critflow.figures.plot import network_figure
-from critflow.mechanics.moduli import transition_moduli
 from critflow.networks.network import Network
+from critflow.quantities.largest_modulus import upper_bound
+from critflow.response.moduli import transition_moduli
 from critflow.result import InputError, Status
 from critflow.rigidity.counts import certify
 from critflow.workflow.study import nearest, require
@@ -71,7 +71,7 @@ def certificate_text(critical: CriticalConfiguration, title: str, outcome: Statu
     """The certificate, one line per check."""
     certificate = certify(critical)
     network, moduli = critical.network, transition_moduli(critical)
-    bound = bulk_modulus_bound(network)
+    bound = upper_bound(network, "B_0")
     low, high = certificate.gap
     state = "rigid to second order" if certificate.rigid else "not shown to be rigid: floppy parts remain"
     lines = {

@@ -23,7 +23,7 @@ from critflow import (
     transition_moduli,
 )
 from critflow.command.example_data import ensemble_path
-from critflow.design.isogonal import affine_bulk_modulus
+from critflow.critical.isogonal import affine_bulk_modulus
 from critflow.figures.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions
 from critflow.networks.faces import planar_faces
 from critflow.rigidity.structure import length_variance, tension_variance

@@ -16,8 +16,8 @@ from critflow import (
     triangular_network,
     voronoi_network,
 )
-from critflow.mechanics.springs import SpringState
 from critflow.precision.double_double import extended, lengths
+from critflow.springs.state import SpringState
 from workflows.benchmarks import reference
 from workflows.benchmarks.reference import MP
 from workflows.benchmarks.speed_accuracy import references

@@ -5,7 +5,7 @@ from problems import dense_bond_vectors, random_stress
 
 from critflow import CriticalManifold, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.critical.objectives import named_objective
+from critflow.critical.quantity import named_objective
 
 NETWORK = voronoi_network(40, seed=1)
 GOAL = named_objective(NETWORK, "bulk_modulus")

@@ -16,7 +16,7 @@ from problems import (
 
 from critflow import CriticalManifold, InputError, honeycomb_network, transition_moduli, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.critical.objectives import (
+from critflow.critical.quantity import (
     OBJECTIVES,
     ConstrainedModulus,
     TransitionModulus,

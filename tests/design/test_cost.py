@@ -20,15 +20,15 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
-from critflow.critical.objectives import OBJECTIVES, pure_shear
-from critflow.design.modulus_bounds import largest_modulus, modulus_bound
-from critflow.mechanics.response import linear_response
-from critflow.mechanics.unit_strains import strains_of
+from critflow.critical.quantity import OBJECTIVES, pure_shear
+from critflow.quantities.largest_modulus import largest_modulus, modulus_bound
+from critflow.response.response import linear_response
+from critflow.response.unit_strains import strains_of
 
 NETWORKS = {"planar": voronoi_network, "foam": foam_network}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]
 # The package calls functions by the names of these modules.
-OPTIMIZE, PATH = sys.modules["critflow.design.optimize"], sys.modules["critflow.mechanics.continuation"]
+OPTIMIZE, PATH = sys.modules["critflow.design.optimize"], sys.modules["critflow.paths.continuation"]
 
 
 @pytest.fixture(scope="module", params=NETWORKS)

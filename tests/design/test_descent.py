@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 
 from critflow import CriticalManifold, InputError, Network, Objective, SolveError, Status, optimize, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.critical.objectives import LengthVariance, named_objective, pure_shear, transition_modulus
+from critflow.critical.quantity import LengthVariance, named_objective, pure_shear, transition_modulus
 from critflow.design.stress_objective import StressObjective
 from critflow.solvers.minimize import LBFGS, minimise
 

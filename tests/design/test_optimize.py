@@ -25,7 +25,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical.derivatives import evaluate
-from critflow.critical.objectives import LengthVariance, dilation, named_objective, pure_shear, transition_modulus
+from critflow.critical.quantity import LengthVariance, dilation, named_objective, pure_shear, transition_modulus
 
 NETWORK = voronoi_network(100, seed=1)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from critflow import Optimum, Solution, Status, bulk_modulus_bound, optimize, voronoi_network
-from critflow.critical.objectives import named_objective
+from critflow.critical.quantity import named_objective
 
 NETWORK = voronoi_network(60, seed=1)
 # Each method with an objective, and the fields that it sets beyond value, status, stats, note and objective.

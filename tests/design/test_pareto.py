@@ -5,7 +5,7 @@ import pytest
 
 from critflow import CriticalManifold, InputError, Status, design, pareto, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.critical.objectives import LengthVariance, TensionVariance, dilation, transition_modulus
+from critflow.critical.quantity import LengthVariance, TensionVariance, dilation, transition_modulus
 from critflow.design.pareto import dominated
 
 MANIFOLD = CriticalManifold(voronoi_network(16, seed=1))

@@ -12,7 +12,7 @@ from problems import (
 
 from critflow import CriticalManifold, InputError, Objective, Status, optimize, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.critical.objectives import (
+from critflow.critical.quantity import (
     OBJECTIVES,
     LengthVariance,
     TensionVariance,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from critflow.quantities.table import LIMITED, EdgeLimits, StressComponent
 
 from critflow import (
     CriticalManifold,
@@ -15,7 +16,6 @@ from critflow import (
     triangular_network,
     voronoi_network,
 )
-from critflow.design.target_table import LIMITED, EdgeLimits, StressComponent
 
 MANIFOLD = CriticalManifold(voronoi_network(n_vertices=60, seed=1))
 NETWORK = MANIFOLD.network

@@ -179,7 +179,7 @@ def test_commands(tmp_path, capsys):
     assert f"critflow make {tmp_path / 'h.csv'} --out OUT" in report and "stiffening give" not in report
     made = ["make", str(tmp_path / "h.csv"), "--out", str(tmp_path / "m.csv"), "--picture", str(tmp_path / "m.png")]
     assert main(made) == 0
-    assert "bulk_modulus 0.2886751346" in capsys.readouterr().out
+    assert "B_0 0.2886751346" in capsys.readouterr().out
     assert network_from(tmp_path / "m.csv").force_densities == pytest.approx(np.ones(48))
 
 
@@ -188,7 +188,7 @@ def test_commands(tmp_path, capsys):
     [
         (["convert", "h.csv", "h.png"], "ending"),
         (["convert", "missing.csv", "h.svg"], "no file"),
-        (["make", "h.csv", "--out", "m.svg", "--objective", "colour"], "objective"),
+        (["make", "h.csv", "--out", "m.svg", "--objective", "colour"], "colour"),
         (["convert", "h.csv", "h.svg", "--cell", "wide"], "numbers"),
         (["convert", "h.csv", "h.compas"], "cell"),
         (["convert", "h.csv", "nowhere/h.json"], "folder"),

@@ -5,7 +5,8 @@ import pytest
 from problems import dense_free, random_stress
 
 from critflow import CriticalManifold, Network, critical_from_lengths, voronoi_network
-from critflow.onset.stressed_part import balanced_part, polish_stressed, unknown_configuration
+from critflow.linalg.matrices import balanced_part
+from critflow.onset.stressed_part import polish_stressed, unknown_configuration
 
 NETWORK = voronoi_network(40, seed=1)
 MANIFOLD = CriticalManifold(NETWORK)

@@ -20,7 +20,7 @@ from critflow import (
     zero_modes,
 )
 from critflow.critical.manifold import critical_configuration
-from critflow.rigidity.spectrum import rigidity_matrix
+from critflow.linalg.matrices import rigidity_matrix
 
 
 def dense_matrix(network, x):

@@ -22,7 +22,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.objectives import pure_shear, transition_modulus
+from critflow.critical.quantity import pure_shear, transition_modulus
 
 
 def braced_grid() -> Network:

@@ -8,7 +8,7 @@ from problems import modulus_by_formula
 
 from critflow import Network, modulus_bound
 from critflow.command.main import main
-from critflow.critical.objectives import pure_shear
+from critflow.critical.quantity import pure_shear
 from critflow.result import Status
 from critflow.workflow.load import load_study
 

@@ -7,7 +7,7 @@ import pytest
 
 from critflow import modulus_bound, voronoi_network
 from critflow.command.main import main
-from critflow.critical.objectives import pure_shear
+from critflow.critical.quantity import pure_shear
 from critflow.result import Status
 from workflows.shared.power_laws import exponent
 from workflows.shear_scaling.report import expected_best

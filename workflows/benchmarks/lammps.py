@@ -10,8 +10,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from critflow import write_network
-from critflow.mechanics.springs import SpringState
 from critflow.networks.network import Array
+from critflow.springs.state import SpringState
 
 from .timing import peer
 

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from critflow import CriticalManifold, Status, voronoi_network
-from critflow.networks.random_networks import check_voronoi
+from critflow.generators.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
 from ..shared.checks import check_network

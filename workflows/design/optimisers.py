@@ -16,14 +16,13 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
+from critflow.design.stiffness_design import TensorGoals
+from critflow.design.target_problem import TARGET_NEAREST, Preference, TargetProblem, Unknowns
+from critflow.quantities.table import wanted
 from matplotlib.figure import Figure
 from scipy.optimize import NonlinearConstraint, minimize
 
 from critflow import CriticalManifold, delaunay_network, isotropic_targets, voronoi_network
-from critflow.design.stiffness_design import TensorGoals
-from critflow.design.target_problem import Preference, TargetProblem, Unknowns
-from critflow.design.target_table import wanted
-from critflow.design.tolerances import TARGET_NEAREST
 from critflow.solvers.constrained import Point, minimise_constrained
 
 from ..shared.reports import series

@@ -24,7 +24,7 @@ from critflow import (
     transition_modulus,
     voronoi_network,
 )
-from critflow.critical.objectives import ConstrainedModulus
+from critflow.critical.quantity import ConstrainedModulus
 from critflow.networks.deformation import strain_basis
 from critflow.workflow import Claim
 

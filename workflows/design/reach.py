@@ -18,7 +18,7 @@ from critflow import (
     transition_modulus,
     voronoi_network,
 )
-from critflow.critical.objectives import ConstrainedModulus
+from critflow.critical.quantity import ConstrainedModulus
 from critflow.workflow import Claim
 
 from ..shared.checks import check_network

@@ -10,8 +10,8 @@ With `network=FILE` the network is that of a file; seeds are then those of rando
 from __future__ import annotations
 
 from critflow import StudyError
-from critflow.mechanics.strain_path import check_strains
-from critflow.networks.random_networks import check_voronoi
+from critflow.generators.random_networks import check_voronoi
+from critflow.paths.strain_path import check_strains
 from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from ..shared.checks import check_deformation, check_network, check_positive

@@ -28,8 +28,8 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
-from critflow.design.isogonal import affine_bulk_modulus
-from critflow.networks.random_networks import check_voronoi
+from critflow.critical.isogonal import affine_bulk_modulus
+from critflow.generators.random_networks import check_voronoi
 from critflow.onset.from_lengths import stressed_fraction
 from critflow.result import Status
 from critflow.rigidity.structure import length_variance, tension_variance

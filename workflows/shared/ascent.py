@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow import Solution, StudyError, modulus_bound, optimize
-from critflow.critical.objectives import pure_shear
+from critflow.critical.quantity import pure_shear
 
 MEASURES = ("shear_modulus", "longest_edge", "least_tension", "compressed_edges", "compressed_length")
 

@@ -15,10 +15,10 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical.manifold import require_one_self_stress
-from critflow.critical.objectives import dilation, pure_shear, transition_modulus
-from critflow.mechanics.elasticity import Moduli
-from critflow.mechanics.stiffening import NO_STIFFENING
+from critflow.critical.quantity import dilation, pure_shear, transition_modulus
 from critflow.onset.from_lengths import stressed_fraction
+from critflow.response.elasticity import Moduli
+from critflow.response.stiffening import NO_STIFFENING
 from critflow.rigidity.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Variable
 

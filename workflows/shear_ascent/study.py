@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from critflow import CriticalManifold, StudyError, voronoi_network
-from critflow.critical.objectives import pure_shear
-from critflow.design.modulus_bounds import largest_modulus, least_compressed_length
-from critflow.networks.random_networks import check_voronoi
+from critflow.critical.quantity import pure_shear
+from critflow.generators.random_networks import check_voronoi
+from critflow.quantities.largest_modulus import largest_modulus, least_compressed_length
 from critflow.result import Status
 from critflow.workflow import Axis, Coordinate, Study, Variable
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from critflow import Status, StudyError, modulus_bound, optimize, transition_moduli, voronoi_network
-from critflow.critical.objectives import pure_shear
-from critflow.networks.random_networks import check_voronoi
+from critflow.critical.quantity import pure_shear
+from critflow.generators.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ..shared.checks import check_network

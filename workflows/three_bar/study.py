@@ -18,7 +18,7 @@ from critflow import (
     three_bar_linkage,
 )
 from critflow.critical.curvature import SurfaceGeometry, dense, unit_response
-from critflow.critical.tolerances import COLLAPSED
+from critflow.critical.manifold import COLLAPSED
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
 from ..shared.reports import PAPER

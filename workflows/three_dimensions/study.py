@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from critflow import foam_network
-from critflow.mechanics.strain_path import check_strains
-from critflow.networks.random_networks import FOAM_HARD_CORE, check_foam
+from critflow.generators.random_networks import FOAM_HARD_CORE, check_foam
+from critflow.paths.strain_path import check_strains
 from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from ..shared.checks import check_network, check_positive

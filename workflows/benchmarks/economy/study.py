@@ -20,9 +20,9 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
+from critflow.generators.random_networks import check_voronoi
 from critflow.linalg.matrices import edge_blocks
-from critflow.mechanics.strain_path import check_strains
-from critflow.networks.random_networks import check_voronoi
+from critflow.paths.strain_path import check_strains
 from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
 
 from ...shared.checks import check_network, check_positive

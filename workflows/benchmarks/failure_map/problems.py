@@ -19,7 +19,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical.manifold import critical_configuration
-from critflow.mechanics.springs import SpringState, spring_state
+from critflow.springs.state import SpringState, spring_state
 from critflow.workflow import stable_rng
 
 from .. import reference

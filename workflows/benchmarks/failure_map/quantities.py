@@ -20,8 +20,8 @@ from critflow import (
     transition_moduli,
 )
 from critflow.critical.derivatives import evaluate
-from critflow.critical.objectives import named_objective, pure_shear, transition_modulus
-from critflow.mechanics.moduli_bounds import transition_bounds
+from critflow.critical.quantity import named_objective, pure_shear, transition_modulus
+from critflow.response.moduli_bounds import transition_bounds
 
 from .. import reference
 from ..reference import Unknown

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from critflow import Status, StudyError, voronoi_network
-from critflow.networks.random_networks import check_voronoi
+from critflow.generators.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network

@@ -21,8 +21,8 @@ from critflow import (
     voronoi_of,
 )
 from critflow.critical.manifold import CriticalManifold, critical_configuration
-from critflow.critical.objectives import LengthVariance
-from critflow.networks.random_networks import STANDARD_HARD_CORE
+from critflow.critical.quantity import LengthVariance
+from critflow.generators.random_networks import STANDARD_HARD_CORE
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ...shared.checks import check_positive

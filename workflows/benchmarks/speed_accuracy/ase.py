@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.mechanics.springs import SpringState
 from critflow.networks.network import Array
+from critflow.springs.state import SpringState
 
 from ..timing import peer
 

@@ -22,8 +22,8 @@ from critflow import (
     strain_path,
     transition_moduli,
 )
-from critflow.mechanics.strain_path import StrainPath
 from critflow.networks.network import Array
+from critflow.paths.strain_path import StrainPath
 from critflow.precision.double_double import Extended
 
 from ..timing import Accuracy, Method, Task

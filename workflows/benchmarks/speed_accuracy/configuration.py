@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from critflow import CriticalManifold, Network, voronoi_network
-from critflow.critical.objectives import dilation, transition_modulus
+from critflow.critical.quantity import dilation, transition_modulus
 from critflow.linalg.backends import available_backends
 from critflow.precision.double_double import Extended
 from critflow.workflow import stable_rng

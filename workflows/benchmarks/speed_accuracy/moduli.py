@@ -30,12 +30,12 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
-from critflow.critical.objectives import pure_shear
+from critflow.critical.quantity import pure_shear
 from critflow.linalg.factor import FixedPattern
-from critflow.mechanics.elasticity import Moduli
-from critflow.mechanics.springs import SpringState
 from critflow.networks.network import Array
 from critflow.precision.double_double import extended
+from critflow.response.elasticity import Moduli
+from critflow.springs.state import SpringState
 from critflow.workflow import stable_rng
 
 from ..timing import Accuracy, Method, Task, installed, peer

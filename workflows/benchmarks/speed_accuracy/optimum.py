@@ -29,7 +29,7 @@ from scipy.optimize import minimize
 
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.critical.objectives import named_objective
+from critflow.critical.quantity import named_objective
 from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
 

@@ -20,11 +20,11 @@ import numpy as np
 
 from critflow import CriticalManifold, Solution, Stats, Status, equilibrium, spring_state, voronoi_network
 from critflow.linalg.factor import FixedPattern
-from critflow.mechanics.equilibrium import Relaxation
-from critflow.mechanics.springs import SpringState
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, extended
 from critflow.solvers.minimize import LBFGS, minimise
+from critflow.springs.equilibrium import Relaxation
+from critflow.springs.state import SpringState
 from critflow.workflow import stable_rng
 
 from ..lammps import Lammps, representable

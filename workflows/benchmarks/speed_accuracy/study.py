@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 from critflow import Status, StudyError
-from critflow.networks.random_networks import check_voronoi
+from critflow.generators.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network, check_positive

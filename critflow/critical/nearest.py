@@ -1,0 +1,284 @@
+"""The critical configuration nearest to observed positions: the stresses that a picture of a network shows.
+
+    minimise  D = (1/s²) Σ_i |x_i(σ) + c − x̂_i|²   over σ > 0 and, for periodic networks, the translation c.
+
+The map x(σ) is that of force densities, so its derivative by θ = log σ is the solution u of P u = −gᵀ(θ̇ σ ∘ L), one
+sparse system for displacement, multipliers and stresses together (Gauss-Newton, damped by Levenberg and Marquardt).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+from scipy.sparse.linalg import splu
+
+from critflow.arguments import checked
+from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
+from critflow.linalg.factor import Entries, FixedPattern
+from critflow.linalg.matrices import free_ends, spread_columns
+from critflow.linalg.tolerances import LARGEST_DENSE
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.result import InputError, Solution, Stats, Status
+
+NEAREST_CONVERGED = 1e-9  # change of log σ in a step of Gauss and Newton below which it has converged
+NEAREST_DAMPING = 1e-9  # first damping of these steps, in units of the mean square of the coordinates
+# Regularises the multipliers of balance, relative to the mean stress: pivots of both signs stay apart.
+NEAREST_REGULARISATION = 1e-12
+# Smallest stress that a descent starts from, relative to the mean: stresses in balance at noisy positions may be
+# negative.
+SMALLEST_START = 0.05
+# First regularisation of log σ, relative to the mean square length: an infimum that is not attained then has a
+# minimiser.
+NEAREST_RIDGE = 1e-8
+NEAREST_STALLED = 1e-7  # relative gradient that shows a stalled descent to have reached its infimum
+WIDEST_STRESS = 9.2  # |log σ| relative to the mean beyond which an edge counts as collapsed or slack
+
+_MOST_STEPS = 200
+_GROWTH, _DECAY, _LARGEST = 10.0, 0.2, 1e12
+# Longest change of log σ in one step.
+_LONGEST = 3.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Nearest(Solution[CriticalConfiguration]):
+    """The critical configuration nearest to observed positions.
+
+    distance      root mean square of |x_i + c − x̂_i|, in units of length
+    displacement  x + c − x̂, (N_v, d): from the observed to the critical configuration
+    translation   c (d,), zero with pins
+    stress_error  (N_b,) standard error of log σ for independent errors s of all coordinates; NaN for large networks
+    undetermined  (N_b,) the relative change of σ that the positions determine least, of unit norm; NaN likewise
+    error         s, given or estimated from the distance and the number of degrees of freedom
+    """
+
+    distance: float
+    displacement: Array = field(repr=False)
+    translation: Array
+    stress_error: Array = field(repr=False)
+    undetermined: Array = field(repr=False)
+    error: float
+
+    @property
+    def configuration(self) -> CriticalConfiguration:
+        """The critical configuration, the same as `value`."""
+        return self.value
+
+
+class _Iterate(NamedTuple):
+    """θ, its balance, the displacements r (n_free, d) and of fixed vertices, and D s²."""
+
+    theta: Array
+    balance: Balance
+    residual: Array
+    shift: Array
+    cost: float
+
+
+@checked
+def nearest_critical(
+    network: Network | CriticalManifold,
+    coordinates: ArrayLike,
+    error: float | None = None,
+    start: ArrayLike | None = None,
+    max_steps: int = _MOST_STEPS,
+    throw: bool = True,
+) -> Nearest:
+    """The configuration in balance under positive stresses that is nearest to observed coordinates (N_v, d).
+
+    error  standard error s of the observed coordinates, from which those of the stresses follow; None: estimated
+    start  stresses (N_b,) to begin with; by default those that balance best at the observed positions
+
+    The minimum is local: D is not convex in σ.  `stats.residual` is the largest component of dD/dθ over Σ|x̂|².
+    Where the infimum is approached as edges shrink to zero length or lose their stress, the configuration is that of a
+    weak regularisation of θ: `Status.edge_collapse` or `Status.slack_edges`.
+    Raises `InputError` for coordinates or stresses of a wrong shape and for an error that is not positive,
+    `SolveError` where the descent stalls and `throw` is set.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> found = cf.nearest_critical(network, network.positions)
+    >>> found.distance < 1e-6  # a Voronoi tessellation is critical
+    True
+    """
+    manifold = CriticalManifold.of(network)
+    x = validated_coordinates(manifold.network, coordinates)
+    if error is not None and not error > 0:
+        raise InputError(f"the error of the coordinates must be positive, not {error}")
+    if max_steps < 0:
+        raise InputError(f"max_steps must not be negative, not {max_steps}")
+    sigma = _best_balance(manifold, x) if start is None else edge_values(start, manifold.network.n_edges, "start")
+    fit = _Fit(manifold, x)
+    here, steps, status = fit.descend(np.log(sigma), max_steps)
+    found = manifold.solve(np.exp(here.theta))
+    dimensions = x.size - (0 if manifold.network.pins else x.shape[1])
+    freedom = dimensions - (manifold.network.n_edges - 1)
+    s = error if error is not None else float(np.sqrt(here.cost / freedom)) if freedom > 0 else np.nan
+    stress_error, undetermined = fit.uncertainty(here, s)
+    displacement = found.value.coordinates + here.shift - x
+    solution = Nearest(
+        value=found.value,
+        status=status if found.ok else found.status,
+        note=_note(here, steps, status),
+        stats=Stats("gauss-newton", steps, residual=fit.gradient(here), error_bound=found.value.error_bound),
+        distance=float(np.sqrt(here.cost / manifold.network.n_vertices)),
+        displacement=displacement,
+        translation=here.shift,
+        stress_error=stress_error,
+        undetermined=undetermined,
+        error=s,
+    )
+    return solution.or_raise("no nearest critical configuration was found") if throw else solution
+
+
+def _note(here: _Iterate, steps: int, status: Status) -> str:
+    """A sentence on a descent that reached no minimum."""
+    if status is Status.step_limit:
+        return f"the descent did not end in {steps} steps: raise max_steps, or start from other stresses"
+    if status not in (Status.edge_collapse, Status.slack_edges):
+        return ""
+    edges = np.flatnonzero(np.abs(here.theta) > WIDEST_STRESS)
+    tend = "1 edge tends" if len(edges) == 1 else f"{len(edges)} edges tend"
+    return f"{tend} to zero length or zero stress, edge {edges[0]} first: the distance is a limit"
+
+
+class _Fit:
+    """The least-squares problem of one network and its observed coordinates."""
+
+    def __init__(self, manifold: CriticalManifold, observed: Array):
+        self.manifold, self.network = manifold, manifold.network
+        self._observed = observed
+        self._free = self.network.free
+        self._moves = not self.network.pins
+        self._pattern = _step_pattern(self.network)
+        self._size = float(np.mean(observed**2)) or 1.0
+        self._ridge = NEAREST_RIDGE * float(np.mean(np.sum(self.network.bond_vectors(observed) ** 2, axis=1)))
+
+    def at(self, theta: Array) -> _Iterate:
+        """The balance of σ = e^θ and its distances, with the best translation."""
+        balance = self.manifold.balance(np.exp(theta))
+        apart = self.network.all_coordinates(balance.coordinates) - self._observed
+        shift = -apart.mean(axis=0) if self._moves else np.zeros(apart.shape[1])
+        # Pins do not move to observed positions.
+        residual = (apart + shift)[self._free] if not self._moves else apart + shift
+        return _Iterate(theta, balance, residual, shift, float(np.sum(residual**2)))
+
+    def descend(self, theta: Array, max_steps: int) -> tuple[_Iterate, int, Status]:
+        """Damped Gauss-Newton steps on D s² + ridge Σθ², and without the ridge where no stress tends to a limit."""
+        here, steps, status = self._descend(self.at(theta - theta.mean()), max_steps, self._ridge)
+        extreme = np.abs(here.theta) > WIDEST_STRESS
+        # Stresses over many decades leave rounding in the steps before their last digits.
+        if status is Status.stalled and extreme.any() and self.gradient(here) < NEAREST_STALLED:
+            status = Status.ok
+        if status is not Status.ok:
+            return here, steps, status
+        if extreme.any():
+            return here, steps, Status.edge_collapse if (here.theta[extreme] > 0).any() else Status.slack_edges
+        here, more, status = self._descend(here, max_steps - steps, 0.0)
+        return here, steps + more, status
+
+    def _descend(self, here: _Iterate, max_steps: int, ridge: float) -> tuple[_Iterate, int, Status]:
+        """Steps until one changes no stress by more than `NEAREST_CONVERGED`."""
+        damping = NEAREST_DAMPING
+        for step in range(max_steps):
+            change = self._step(here, damping * self._size, ridge)
+            longest = float(np.abs(change).max())
+            if not np.isfinite(longest):
+                return here, step, Status.singular
+            there = self.at(here.theta + min(1.0, _LONGEST / max(longest, 1e-300)) * change)
+            gained = here.cost + ridge * here.theta @ here.theta - there.cost - ridge * there.theta @ there.theta
+            if gained >= 0:
+                theta = there.theta - there.theta.mean() if ridge == 0 else there.theta
+                converged = longest < NEAREST_CONVERGED or gained <= 1e-15 * here.cost
+                here, damping = there._replace(theta=theta), max(_DECAY * damping, 1e-3 * NEAREST_DAMPING)
+                if converged:
+                    return here, step + 1, Status.ok
+            elif longest < NEAREST_CONVERGED:
+                return here, step, Status.ok
+            else:
+                damping *= _GROWTH
+                if damping > _LARGEST * NEAREST_DAMPING:
+                    return here, step, Status.stalled
+        return here, max_steps, Status.step_limit
+
+    def gradient(self, here: _Iterate) -> float:
+        """Largest component of dD/dθ over Σ|x̂|²/s²."""
+        r = here.residual if not self._moves else here.residual[self._free]
+        y = here.balance.factor.solve(r)
+        pull = np.einsum("ad,ad->a", here.balance.bond_vectors, self.network.free_incidence @ y)
+        return float(np.abs(2 * here.balance.sigma * pull).max()) / float(np.sum(self._observed**2) or 1.0)
+
+    def _step(self, here: _Iterate, damping: float, ridge: float) -> Array:
+        """The change θ̇ that minimises |r + u + c|² + ridge |θ + θ̇|² + damping |θ̇|² subject to P u + gᵀ(θ̇ σ ∘ L) = 0."""
+        n, d, m = len(self._free), self.network.dimension, self.network.n_edges
+        sigma, L = here.balance.sigma, here.balance.bond_vectors
+        bottom = np.full(n * d, -NEAREST_REGULARISATION * float(sigma.mean()))
+        shift = np.concatenate([np.ones(n * d), np.full(m, damping + ridge), bottom])
+        factor = self._pattern.factorize(np.concatenate([sigma, (sigma[:, None] * L).T.ravel()]), shift)
+        r = here.residual[self._free] if self._moves else here.residual
+        solution = factor.solve(np.concatenate([-r.ravel(), -ridge * here.theta, np.zeros(n * d)]))
+        if self._moves:
+            # The translation c moves each free vertex, and the grounded one: a border of d columns.
+            border = np.zeros((len(solution), d))
+            border[: n * d] = np.tile(np.eye(d), (n, 1))
+            columns = factor.solve(border)
+            schur = (n + 1) * np.eye(d) - border.T @ columns
+            c = np.linalg.solve(schur, -here.residual.sum(axis=0) - border.T @ solution)
+            solution = solution - columns @ c
+        return np.asarray(solution[n * d : n * d + m])
+
+    def uncertainty(self, here: _Iterate, error: float) -> tuple[Array, Array]:
+        """Standard errors of log σ at a fixed mean, and its least determined direction; NaN for large networks."""
+        m, n, d = self.network.n_edges, len(self._free), self.network.dimension
+        if m * n * d > LARGEST_DENSE // 4 or not np.isfinite(error):
+            return np.full(m, np.nan), np.full(m, np.nan)
+        sigma, L = here.balance.sigma, here.balance.bond_vectors
+        loads = np.asarray((sp.diags_array(sigma) @ spread_columns(self.network, L)).T.todense())
+        by_axis = loads.reshape(n, d * m)
+        J = -here.balance.factor.solve(by_axis).reshape(n * d, m)
+        if self._moves:
+            full = np.concatenate([np.zeros((d, m)), J]).reshape(n + 1, d, m)
+            J = (full - full.mean(axis=0)).reshape(-1, m)
+        # The zero eigenvalue is that of the scale of σ.
+        values, columns = np.linalg.eigh(J.T @ J)
+        values, columns = values[1:], columns[:, 1:]
+        spread = error * np.sqrt(np.sum(columns**2 / np.maximum(values, np.finfo(float).tiny), axis=1))
+        return spread, columns[:, 0]
+
+
+def _step_pattern(network: Network) -> FixedPattern:
+    """The pattern of [[·, 0, P], [0, ·, Rᵀ], [P, R, ·]] for (u, θ̇, λ), from σ (N_b,) and σL by axes (d·N_b,)."""
+    n, d, m = len(network.free), network.dimension, network.n_edges
+    tail, head = free_ends(network).T
+    edge = np.arange(m)
+    entries = []
+    for axis in range(d):
+        for i, j, sign in ((tail, tail, 1.0), (head, head, 1.0), (tail, head, -1.0), (head, tail, -1.0)):
+            inside = (i >= 0) & (j >= 0)
+            entries.append(Entries(d * i[inside] + axis, n * d + m + d * j[inside] + axis, edge[inside], sign))
+        for i, sign in ((tail, -1.0), (head, 1.0)):
+            inside = i >= 0
+            entries.append(
+                Entries(n * d + edge[inside], n * d + m + d * i[inside] + axis, m * (1 + axis) + edge[inside], sign)
+            )
+    return FixedPattern(2 * n * d + m, m * (1 + d), entries)
+
+
+def _best_balance(manifold: CriticalManifold, x: Array) -> Array:
+    """Positive stresses that balance best at coordinates: the least singular vector of the forces, made positive."""
+    network = manifold.network
+    L = network.bond_vectors(x)
+    force = sp.csr_array(spread_columns(network, L).T)
+    normal = sp.csc_array(force.T @ force)
+    shift = 1e-10 * float(normal.diagonal().mean())
+    factor = splu(sp.csc_array(normal + shift * sp.eye_array(network.n_edges)))
+    sigma = np.ones(network.n_edges)
+    for _ in range(20):
+        sigma = factor.solve(sigma)
+        sigma = sigma / np.abs(sigma).max()
+    sigma = sigma * np.sign(sigma.sum() or 1.0)
+    return np.maximum(sigma, SMALLEST_START * float(np.mean(np.abs(sigma))))

@@ -1,0 +1,130 @@
+"""Quantities of critical configurations: a value, its partial derivatives, and what else is known about it.
+
+A quantity is a function of a stress σ (N_b,) and the bond vectors L (N_b, d) that it balances on one network.  The
+manifold converts its two partial derivatives into a gradient.  No quantity depends on the scale of σ, as the
+configuration does not.  Quantities hold no network, so that one of them serves a network and its parts alike.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, NamedTuple, Protocol
+
+import numpy as np
+
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.linalg.tolerances import EPS
+from critflow.networks.network import Array, Network
+from critflow.result import InputError, Record
+
+DIFFERENCE = 1e-5  # relative step of central differences: their error is its square, and rounding leaves as many digits
+
+Partials = tuple[Array, Array]
+"""∂O/∂σ (N_b,) and ∂O/∂L (N_b, d)."""
+
+
+class Balanced(Protocol):
+    """A stress σ (N_b,) and bond vectors L (N_b, d) of one network: a `Balance` or a `CriticalConfiguration`."""
+
+    @property
+    def network(self) -> Network: ...
+    @property
+    def sigma(self) -> Array: ...
+    @property
+    def bond_vectors(self) -> Array: ...
+    @property
+    def manifold(self) -> CriticalManifold: ...
+
+
+class OfStress(NamedTuple):
+    """A quantity that is a function of S/√D alone: S:A/√D, or its square over V (`squared`), A (d, d) symmetric."""
+
+    strain: Array
+    squared: bool
+
+
+class Quantity(Record, ABC):
+    """A function O(σ, L) of a network; derive from this class for a new one.
+
+    A subclass must define `evaluate` and must not depend on the scale of σ.  The other methods are optional.
+
+    maximise         whether the largest value is the best
+    one_self_stress  whether the formula is valid only for networks with one self-stress
+    exact            method that finds the optimum without a descent, or an empty string
+    """
+
+    maximise: ClassVar[bool] = False
+    one_self_stress: ClassVar[bool] = False
+    exact: ClassVar[str] = ""
+
+    @property
+    def name(self) -> str:
+        """The name in tables, targets and messages."""
+        return type(self).__name__
+
+    @abstractmethod
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        """O, and ∂O/∂σ (N_b,) and ∂O/∂L (N_b, d), as (O, (∂σ, ∂L)), at the σ and L of a balance."""
+
+    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+        """Derivatives of ∂O/∂σ and ∂O/∂L in the direction (σ̇, L̇), with the shapes of the two.
+
+        Optional: without it products with the Hessian are differences of gradients, and Newton's method is refused.
+        """
+        raise InputError(f"{self.name} has no second derivatives: define its differential, or choose method='lbfgs'")
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        """∂O/∂k (N_b,) at constant σ and L; by central differences unless a subclass knows better."""
+        network, rows = balance.network, np.empty(balance.network.n_edges)
+        for edge, k in enumerate(network.stiffness):
+            ends = []
+            for sign in (1, -1):
+                stiffness = network.stiffness.copy()
+                stiffness[edge] = k * (1 + sign * DIFFERENCE)
+                ends.append(self.evaluate(_Changed(network.with_stiffness(stiffness), balance))[0])
+            rows[edge] = (ends[0] - ends[1]) / (2 * DIFFERENCE * k)
+        return rows
+
+    def error(self, critical: CriticalConfiguration) -> float:
+        """Error (estimate) of the value at a configuration: |∂O/∂L| times the errors of the bonds, and rounding."""
+        value, (by_sigma, by_L) = self.evaluate(critical)
+        size = np.linalg.norm(by_L, axis=1)
+        rounding = 4 * EPS * float(np.sum(np.abs(by_sigma * critical.sigma)) + size @ critical.lengths + abs(value))
+        return float(size @ critical.bond_errors) + rounding
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        """The smallest and the largest value that is possible on a network (proof); infinite where none is known.
+
+        positive  whether every stress is positive
+        """
+        return -np.inf, np.inf
+
+    def of_stress(self, dimension: int) -> OfStress | None:
+        """The function of S/√D that the quantity is, if it is one."""
+        return None
+
+    def tensor_weights(self, dimension: int) -> Array:
+        """W (m, m) of a quantity that is linear in the elasticity tensor, W:C, in the order of `strain_basis`."""
+        raise InputError(f"{self.name} is not linear in the elasticity tensor, so stiffnesses at rest cannot set it")
+
+    @property
+    def has_differential(self) -> bool:
+        """Whether `differential` is defined."""
+        return type(self).differential is not Quantity.differential
+
+    def stiff_diagonal(self, sigma: Array) -> Array | float:
+        """A steep part of ∂²O/∂(log σ)² that is diagonal and known, of the sign of a penalty: ≥ 0 when minimised."""
+        return 0.0
+
+
+class _Changed:
+    """The same stress and bond vectors with other stiffnesses."""
+
+    def __init__(self, network: Network, balance: Balanced):
+        self.network, self.sigma, self.bond_vectors = network, balance.sigma, balance.bond_vectors
+        self.manifold = CriticalManifold.of(network)
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Products of the vectors of each edge, (N_b,)."""
+    return np.asarray(np.einsum("ad,ad->a", a, b))

@@ -1,0 +1,308 @@
+"""Moduli at the transition and the stress S/√D that determines them, as quantities.
+
+    W = Σ σ L·A L,   D = Σ σ²|L|²/k,   μ_A = W²/(V D),   S:A/√D = W/√D,   C = S⊗S/(V D).
+All are functions f(W, D), so that ∂O/∂σ = f_W ∂W/∂σ + f_D ∂D/∂σ and likewise for L and for their differentials.
+The configuration does not depend on k, and ∂D/∂k = −σ²|L|²/k².
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from critflow.arguments import checked
+from critflow.critical.extreme import largest_value, modulus_form
+from critflow.critical.manifold import CriticalManifold
+from critflow.critical.quantity import Balanced, OfStress, Partials, Quantity, dot
+from critflow.networks.deformation import Deformable, deformation_of, strain_basis
+from critflow.networks.network import Array, Network
+from critflow.result import InputError
+
+
+class _WorkAndCost:
+    """W and D of one strain at a balance, with their derivatives by σ and L, and those in a direction."""
+
+    def __init__(self, balance: Balanced, A: Array):
+        self.sigma, self.L, self.k, self.A = balance.sigma, balance.bond_vectors, balance.network.stiffness, A
+        self.AL = self.L @ A
+        self.hdot = dot(self.L, self.AL)
+        self.flexibility = dot(self.L, self.L) / self.k
+        self.work, self.cost = float(self.sigma @ self.hdot), float(self.sigma**2 @ self.flexibility)
+
+    def partials(self, f_W: float, f_D: float) -> Partials:
+        """∂O/∂σ and ∂O/∂L of f(W, D)."""
+        by_sigma = f_W * self.hdot + 2 * f_D * self.sigma * self.flexibility
+        by_L = (2 * f_W * self.sigma)[:, None] * self.AL + (2 * f_D * self.sigma**2 / self.k)[:, None] * self.L
+        return by_sigma, by_L
+
+    def along(self, dsigma: Array, dL: Array) -> tuple[float, float]:
+        """Ẇ and Ḋ."""
+        self.dhdot, self.dflexibility = 2 * dot(dL, self.AL), 2 * dot(self.L, dL) / self.k
+        dwork = dsigma @ self.hdot + self.sigma @ self.dhdot
+        dcost = 2 * (self.sigma * dsigma) @ self.flexibility + self.sigma**2 @ self.dflexibility
+        return float(dwork), float(dcost)
+
+    def differential(self, f: tuple[float, float], df: tuple[float, float], dsigma: Array, dL: Array) -> Partials:
+        """Derivatives of `partials` along (σ̇, L̇), after `along`, from f_W, f_D and their derivatives."""
+        (f_W, f_D), (df_W, df_D), sigma = f, df, self.sigma
+        ddsigma = df_W * self.hdot + f_W * self.dhdot + 2 * df_D * sigma * self.flexibility
+        ddsigma += 2 * f_D * (dsigma * self.flexibility + sigma * self.dflexibility)
+        ddL = (2 * (df_W * sigma + f_W * dsigma))[:, None] * self.AL + (2 * f_W * sigma)[:, None] * (dL @ self.A)
+        ddL += (2 * (df_D * sigma + 2 * f_D * dsigma) * sigma / self.k)[:, None] * self.L
+        ddL += (2 * f_D * sigma**2 / self.k)[:, None] * dL
+        return ddsigma, ddL
+
+    @property
+    def by_stiffness(self) -> Array:
+        """−∂D/∂k, (N_b,)."""
+        return np.asarray(self.sigma**2 * self.flexibility / self.k)
+
+
+@dataclass(frozen=True, eq=False)
+class TransitionModulus(Quantity):
+    """Modulus at the transition for b → (1 + γA) b: μ_A = (Σ σḣ)²/(V Σ σ²|L|²/k), ḣ = L·A L (`GenericModulus`).
+
+    strain  (d, d) the affine strain A; only its symmetric part matters
+    label   its name
+    """
+
+    strain: Array
+    label: str = "modulus"
+
+    maximise: ClassVar[bool] = True
+    one_self_stress: ClassVar[bool] = True
+    exact: ClassVar[str] = "closed_form"
+
+    @property
+    def name(self) -> str:
+        return self.label
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        terms, volume = _WorkAndCost(balance, self.symmetric), balance.network.volume
+        ratio = terms.work / terms.cost
+        by_sigma, by_L = terms.partials(2 * ratio, -(ratio**2))
+        return float(terms.work * ratio / volume), (by_sigma / volume, by_L / volume)
+
+    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+        terms, volume = _WorkAndCost(balance, self.symmetric), balance.network.volume
+        ratio = terms.work / terms.cost
+        dwork, dcost = terms.along(dsigma, dL)
+        dratio = dwork / terms.cost - ratio * dcost / terms.cost
+        f, df = (2 * ratio, -(ratio**2)), (2 * dratio, -2 * ratio * dratio)
+        ddO_dsigma, ddO_dL = terms.differential(f, df, dsigma, dL)
+        return ddO_dsigma / volume, ddO_dL / volume
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        terms = _WorkAndCost(balance, self.symmetric)
+        return terms.by_stiffness * (terms.work / terms.cost) ** 2 / balance.network.volume
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return 0.0, largest_value(manifold, self.symmetric)
+
+    def of_stress(self, dimension: int) -> OfStress:
+        return OfStress(self.symmetric, True)
+
+    def tensor_weights(self, dimension: int) -> Array:
+        components = strain_components(self.symmetric)
+        return np.outer(components, components)
+
+    @cached_property
+    def symmetric(self) -> Array:
+        """The symmetric part of A, (d, d): rotations do not change the modulus."""
+        return 0.5 * (self.strain + self.strain.T)
+
+
+@dataclass(frozen=True, eq=False)
+class PenalisedModulus(Quantity):
+    """μ_A − (1/N_b) Σ (s_α/r)^(−10), s = σ scaled to Σs² = N_b (`ShearMod+Constraint`): keeps every s above about r."""
+
+    modulus: TransitionModulus
+    threshold: float = 0.1
+
+    maximise: ClassVar[bool] = True
+    one_self_stress: ClassVar[bool] = True
+    exponent: ClassVar[int] = 10
+
+    def __post_init__(self) -> None:
+        if not self.threshold > 0:
+            raise InputError(
+                f"the threshold r must be positive, not {self.threshold}: it keeps every stress above about r"
+            )
+
+    @property
+    def name(self) -> str:
+        return self.modulus.name
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        value, (dO_dsigma, dO_dL) = self.modulus.evaluate(balance)
+        sigma = balance.sigma
+        power, square = self._powers(sigma)
+        penalty = power.mean()
+        # s scales as σ/|σ|, so the derivative in the direction of σ cancels.
+        derivative = self.exponent * (power / sigma - power.sum() * sigma / square) / len(sigma)
+        return value - float(penalty), (dO_dsigma + derivative, dO_dL)
+
+    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+        ddO_dsigma, ddO_dL = self.modulus.differential(balance, dsigma, dL)
+        sigma = balance.sigma
+        power, square = self._powers(sigma)
+        growth = sigma @ dsigma / square
+        dpower = -self.exponent * power * (dsigma / sigma - growth)
+        change = dpower / sigma - power * dsigma / sigma**2
+        change -= (dpower.sum() * sigma + power.sum() * (dsigma - 2 * growth * sigma)) / square
+        return ddO_dsigma + self.exponent * change / len(sigma), ddO_dL
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        return self.modulus.by_stiffness(balance)
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return -np.inf, self.modulus.extreme(manifold)[1]
+
+    def stiff_diagonal(self, sigma: Array) -> Array | float:
+        return self.exponent**2 / len(sigma) * self._powers(sigma)[0]
+
+    def _powers(self, sigma: Array) -> tuple[Array, float]:
+        square = float(sigma @ sigma)
+        scale = np.sqrt(len(sigma) / square) / self.threshold
+        # By squares only: a general power is ten times slower.
+        tenth = 1.0 / (scale * sigma) ** 2
+        return tenth * (tenth**2) ** 2, square
+
+
+@dataclass(frozen=True, eq=False)
+class StressComponent(Quantity):
+    """Component S:A/√D of the stress, S = Σσ L⊗L, D = Σσ²|L|²/k: all that linear elasticity is at the transition.
+
+    strain  (d, d) A, symmetric
+    label   its name
+    """
+
+    strain: Array
+    label: str = "S"
+
+    one_self_stress: ClassVar[bool] = True
+
+    @property
+    def name(self) -> str:
+        return self.label
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        terms = _WorkAndCost(balance, self.strain)
+        root = float(np.sqrt(terms.cost))
+        return terms.work / root, terms.partials(1 / root, -0.5 * terms.work / root**3)
+
+    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+        terms = _WorkAndCost(balance, self.strain)
+        dwork, dcost = terms.along(dsigma, dL)
+        root, work = float(np.sqrt(terms.cost)), terms.work
+        df_W = -0.5 * dcost / root**3
+        df = df_W, -0.5 * dwork / root**3 + 0.75 * work * dcost / root**5
+        return terms.differential((1 / root, -0.5 * work / root**3), df, dsigma, dL)
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        terms = _WorkAndCost(balance, self.strain)
+        return 0.5 * terms.work / terms.cost**1.5 * terms.by_stiffness
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        reach = float(np.sqrt(largest_value(manifold, self.strain) * manifold.network.volume))
+        return (0.0 if positive and np.linalg.eigvalsh(self.strain)[0] >= 0 else -reach), reach
+
+    def of_stress(self, dimension: int) -> OfStress:
+        return OfStress(self.strain, False)
+
+
+@dataclass(frozen=True, eq=False)
+class TensorComponent(Quantity):
+    """Component C_ab of the elasticity tensor; at the transition C_ab = S_a S_b/(V D).
+
+    first, second  `StressComponent`s a and b
+    """
+
+    first: StressComponent
+    second: StressComponent
+
+    one_self_stress: ClassVar[bool] = True
+
+    @property
+    def name(self) -> str:
+        return f"C_{self.first.name[2:]}{self.second.name[2:]}"
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        (a, of_a), (b, of_b) = self.first.evaluate(balance), self.second.evaluate(balance)
+        volume = balance.network.volume
+        by_sigma, by_L = ((b * one + a * two) / volume for one, two in zip(of_a, of_b, strict=True))
+        return a * b / volume, (by_sigma, by_L)
+
+    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+        (a, of_a), (b, of_b) = self.first.evaluate(balance), self.second.evaluate(balance)
+        da, db = (of[0] @ dsigma + np.sum(of[1] * dL) for of in (of_a, of_b))
+        dof_a, dof_b = (one.differential(balance, dsigma, dL) for one in (self.first, self.second))
+        volume = balance.network.volume
+        ddsigma, ddL = ((db * of_a[i] + b * dof_a[i] + da * of_b[i] + a * dof_b[i]) / volume for i in (0, 1))
+        return ddsigma, ddL
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        a, b = self.first.evaluate(balance)[0], self.second.evaluate(balance)[0]
+        return (b * self.first.by_stiffness(balance) + a * self.second.by_stiffness(balance)) / balance.network.volume
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        """Extreme values of s_a s_b/V on the ellipsoid of S/√D."""
+        form = modulus_form(manifold, np.array([self.first.strain, self.second.strain]))
+        reach = float(np.sqrt(form[0, 0] * form[1, 1]))
+        low = 0.5 * (float(form[0, 1]) - reach)
+        # S is positive definite under tension: normal components are positive.
+        normal = positive and all(np.linalg.eigvalsh(one.strain)[0] >= 0 for one in (self.first, self.second))
+        return max(low, 0.0) if normal or self.first is self.second else low, 0.5 * (float(form[0, 1]) + reach)
+
+    def tensor_weights(self, dimension: int) -> Array:
+        names = [f"S_{name}" for name in strain_basis(dimension)[0]]
+        W = np.zeros((len(names), len(names)))
+        a, b = names.index(self.first.name), names.index(self.second.name)
+        W[a, b] += 0.5
+        W[b, a] += 0.5
+        return W
+
+
+def strain_components(A: Array) -> Array:
+    """The components (m,) of a symmetric strain A (d, d) in `strain_basis`: engineering shears are doubled."""
+    _, strains = strain_basis(len(A))
+    doubled = np.where(np.einsum("nii->n", strains) > 0, 1, 2)
+    return np.asarray(np.einsum("nij,ij->n", strains, A) * doubled)
+
+
+def dilation(dimension: int) -> Array:
+    """The affine strain of dV/V = γ to first order, A = 1/d: its modulus is B_0 (`BulkModulus`)."""
+    return np.eye(dimension) / dimension
+
+
+def pure_shear(dimension: int) -> Array:
+    """The pure shear A = ½(e_x e_yᵀ + e_y e_xᵀ): its modulus is G_0 (`ShearModulus`)."""
+    if dimension < 2:
+        raise InputError("a shear needs at least two dimensions")
+    A = np.zeros((dimension, dimension))
+    A[0, 1] = A[1, 0] = 0.5
+    return A
+
+
+@checked
+def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:
+    """The modulus at the transition for the affine strain A (d, d), or for the start of a deformation.
+
+    Raises `InputError` for a deformation with free components, which follow without resistance at the transition.
+
+    >>> import critflow as cf
+    >>> from critflow.critical.transition import transition_modulus
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> found = cf.optimize(network, transition_modulus(network, 'dilation'), 'closed_form')
+    >>> abs(found.objective - cf.upper_bound(network, 'B_0')) < 1e-9
+    True
+    """
+    deformation = deformation_of(strain, network.dimension)
+    if deformation.free:
+        raise InputError(
+            f"free components of the cell leave no modulus at the transition: fix those of {deformation.name}"
+        )
+    return TransitionModulus(deformation.rate(0.0), f"modulus[{deformation.name}]")

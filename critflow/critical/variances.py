@@ -1,0 +1,162 @@
+"""Variances, lengths and areas: quantities of the geometry and of the tensions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from critflow.critical.manifold import CriticalManifold
+from critflow.critical.quantity import Balanced, Partials, Quantity
+from critflow.networks.network import Array, IntArray
+from critflow.result import InputError
+
+
+@dataclass(frozen=True)
+class LengthVariance(Quantity):
+    """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
+
+    name: ClassVar[str] = "V_L"
+    exact: ClassVar[str] = "conic"
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        L = balance.bond_vectors
+        length = np.linalg.norm(L, axis=1)
+        value, derivative = _relative_variance(length)
+        return value, (np.zeros_like(balance.sigma), (derivative / length)[:, None] * L)
+
+    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+        L = balance.bond_vectors
+        length = np.linalg.norm(L, axis=1)
+        unit = L / length[:, None]
+        dlength = np.einsum("ad,ad->a", unit, dL)
+        derivative, change = _relative_variance_differential(length, dlength)
+        turning = (derivative / length)[:, None] * (dL - dlength[:, None] * unit)
+        return np.zeros_like(dsigma), change[:, None] * unit + turning
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        return np.zeros_like(balance.sigma)
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return 0.0, np.inf
+
+
+@dataclass(frozen=True)
+class TensionVariance(Quantity):
+    """V_τ = ⟨(τ − ⟨τ⟩)²⟩/⟨τ⟩² of the tensions τ = σ|L| (`TensionVariance`)."""
+
+    name: ClassVar[str] = "V_tau"
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        sigma, L = balance.sigma, balance.bond_vectors
+        length = np.linalg.norm(L, axis=1)
+        value, derivative = _relative_variance(sigma * length)
+        return value, (derivative * length, (derivative * sigma / length)[:, None] * L)
+
+    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+        sigma, L = balance.sigma, balance.bond_vectors
+        length = np.linalg.norm(L, axis=1)
+        unit = L / length[:, None]
+        dlength = np.einsum("ad,ad->a", unit, dL)
+        derivative, change = _relative_variance_differential(sigma * length, dsigma * length + sigma * dlength)
+        stretching = (change * sigma + derivative * dsigma)[:, None] * unit
+        turning = (derivative * sigma / length)[:, None] * (dL - dlength[:, None] * unit)
+        return change * length + derivative * dlength, stretching + turning
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        return np.zeros_like(balance.sigma)
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return 0.0, np.inf
+
+
+@dataclass(frozen=True)
+class EdgeLength(Quantity):
+    """The length |L_α| of one edge."""
+
+    edge: int
+
+    @property
+    def name(self) -> str:
+        return f"length[{self.edge}]"
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        by_L = np.zeros_like(balance.bond_vectors)
+        length = float(np.linalg.norm(balance.bond_vectors[self.edge]))
+        by_L[self.edge] = balance.bond_vectors[self.edge] / length
+        return length, (np.zeros_like(balance.sigma), by_L)
+
+    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+        ddL = np.zeros_like(dL)
+        length = np.linalg.norm(balance.bond_vectors[self.edge])
+        unit = balance.bond_vectors[self.edge] / length
+        ddL[self.edge] = (dL[self.edge] - (unit @ dL[self.edge]) * unit) / length
+        return np.zeros_like(dsigma), ddL
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        return np.zeros_like(balance.sigma)
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return 0.0, np.inf
+
+
+@dataclass(frozen=True)
+class FaceArea(Quantity):
+    """The area ½ Σ_(i<j) s_i × s_j of one face of a planar network, of its sides s in turn."""
+
+    face: int
+
+    @property
+    def name(self) -> str:
+        return f"area[{self.face}]"
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        edges, signs, sides = self._sides(balance, balance.bond_vectors)
+        before = np.cumsum(sides, axis=0) - sides
+        after = sides.sum(axis=0) - before - sides
+        area = 0.5 * float(np.sum(before[:, 0] * sides[:, 1] - before[:, 1] * sides[:, 0]))
+        by_L = np.zeros_like(balance.bond_vectors)
+        np.add.at(by_L, edges, 0.5 * signs[:, None] * _turned(before - after))
+        return area, (np.zeros_like(balance.sigma), by_L)
+
+    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+        # The gradient is linear in the sides.
+        edges, signs, sides = self._sides(balance, dL)
+        before = np.cumsum(sides, axis=0) - sides
+        ddL = np.zeros_like(dL)
+        np.add.at(ddL, edges, 0.5 * signs[:, None] * _turned(2 * before + sides - sides.sum(axis=0)))
+        return np.zeros_like(dsigma), ddL
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        return np.zeros_like(balance.sigma)
+
+    def _sides(self, balance: Balanced, vectors: Array) -> tuple[IntArray, IntArray, Array]:
+        faces = balance.network.faces
+        if faces is None or not self.face < faces.n_faces:
+            raise InputError(f"{self.name} needs a planar network with known faces: this one has no such face")
+        walk = slice(faces.starts[self.face], faces.starts[self.face + 1])
+        edges, signs = faces.edges[walk], faces.signs[walk]
+        return edges, signs, signs[:, None] * vectors[edges]
+
+
+def _turned(vectors: Array) -> Array:
+    """J v with v × s = (J v)·s, for vectors (n, 2)."""
+    return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
+
+
+def _relative_variance(values: Array) -> tuple[float, Array]:
+    """Variance over squared mean, without cancellation, and its derivative."""
+    mean = values.mean()
+    deviation = values - mean
+    variance = float(np.mean(deviation**2) / mean**2)
+    return variance, 2 / (len(values) * mean**2) * (deviation - variance * mean)
+
+
+def _relative_variance_differential(values: Array, change: Array) -> tuple[Array, Array]:
+    """The derivative of the relative variance, and its change when the values change."""
+    mean, dmean = values.mean(), change.mean()
+    variance, derivative = _relative_variance(values)
+    dvariance = derivative @ change
+    second = 2 / (len(values) * mean**2) * (change - dmean - dvariance * mean - variance * dmean)
+    return derivative, second - 2 * dmean / mean * derivative

@@ -1,0 +1,1 @@
+"""Generators of networks: lattices, random points, fibres, packings, dilution."""

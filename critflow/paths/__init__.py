@@ -1,0 +1,1 @@
+"""Strain paths: equilibria followed in strain, with exact derivatives of their responses."""

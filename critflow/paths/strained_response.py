@@ -1,0 +1,345 @@
+"""Moduli, stress and Poisson's ratio at finite strain, with exact gradients by rest lengths, stiffnesses and stresses.
+
+With relaxed rates L̇_a = E_a L + g u_a and ḣ_a = L·L̇_a, in equilibrium at positions x,
+    V C_ab = Σ K ḣ_a ḣ_b + σ L̇_a·L̇_b  (stationary in the relaxations u, not in x),   V S = Σ σ L⊗L.
+For a parameter p of the springs implicit differentiation of the force balance gives, with H y = −gᵀ ∂O/∂L,
+    dO/dp = ∂O/∂p|_L + (∂σ/∂p) L·g y:
+one solve with the Hessian for each quantity.  Free components q of the cell are condensed: g y gains Σ z_m L̇_m, with
+the relaxed rates L̇_m and z = −(∂²E/∂q∂q)⁻¹ dO/dq.  The equilibrium does not depend on the path that leads to it, so
+the path needs no derivatives.  At the transition ℓ = |L(σ)|, and the pull-back of ∂ℓ/∂L gives the gradient by σ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from critflow.arguments import checked
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.quantity import Balanced, Partials, Quantity
+from critflow.linalg.factor import Factor
+from critflow.networks.deformation import Deformable, Deformation, deformation_of, strain_basis
+from critflow.networks.network import Array, Network
+from critflow.paths.strain_path import strain_path
+from critflow.paths.tangent import path_rates
+from critflow.response.elasticity import Elasticity
+from critflow.response.response import LinearResponse, linear_response
+from critflow.result import InputError, Solution, Stats, Status
+from critflow.springs.laws import SpringLaw
+from critflow.springs.state import SpringState
+
+SAME_LAW = 1e-12  # relative difference of tensions below which a spring law counts as homogeneous
+
+Gradients = dict[str, Array]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StrainedResponse(Solution[SpringState | None]):
+    """The strained state, quantities of it by name, and their gradients (N_b,) by name.
+
+    achieved        values
+    by_rest_length  dO/dℓ at constant k
+    by_stiffness    dO/dk at constant ℓ
+    by_stress       dO/dσ of the critical configuration from which the path starts, at constant k and with ℓ = |L(σ)|;
+                    empty for paths from another state
+
+    All are empty, and the state is None, where the path does not reach the strain.
+    """
+
+    achieved: dict[str, float]
+    by_rest_length: Gradients = field(repr=False)
+    by_stiffness: Gradients = field(repr=False)
+    by_stress: Gradients = field(repr=False)
+
+
+@checked
+def strained_response(
+    network: Network,
+    start: CriticalConfiguration | SpringState,
+    strain: float,
+    quantities: Sequence[str] = ("bulk_modulus", "shear_modulus"),
+    *,
+    deformation: Deformable = "dilation",
+    law: SpringLaw | None = None,
+    throw: bool = True,
+) -> StrainedResponse:
+    """Properties of the equilibrium at strain γ of a deformation, with exact gradients.
+
+    quantities   "bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected" (conventions of `moduli`), "modulus"
+                 (that of the path, without free components), "youngs_modulus" and "poissons_ratio" (of small additional
+                 strains along x, transverse y), "stress_xx", ... (Cauchy), "C_xxxx", ... (energy tensor)
+    start, law   as for `strain_path`
+
+    Gradients are those of the branch of equilibria that the path follows.  `stats.error_bound` (estimate) limits the
+    relative error of the elasticity tensor.
+    Raises `InputError` for unknown quantities, pinned networks, slack edges and laws that are not homogeneous,
+    E'(λe, λℓ, k) = λ E'(e, ℓ, k); `SolveError` where the path stops before γ and `throw` is set.
+    """
+    path = deformation_of(deformation, network.dimension)
+    measures = _measures(path, strain, quantities)
+    if network.cell is None:
+        raise InputError("moduli at finite strain are those of a periodic cell: give a network without pins")
+    if isinstance(start, CriticalConfiguration) and not (start.sigma > 0).all():
+        raise InputError(
+            "gradients at finite strain need tension on every edge: give a configuration of positive stress"
+        )
+    found = strain_path(network, start, [strain], deformation=path, law=law, throw=False)
+    if not found.ok:
+        nothing = StrainedResponse(
+            None, found.status, found.stats, found.note, achieved={}, by_rest_length={}, by_stiffness={}, by_stress={}
+        )
+        return nothing.or_raise("the strain was not reached") if throw else nothing
+    state, stretch = found.value.states[-1], found.value.free_components[-1]
+    _require_homogeneous(state)
+    values, by_rest, by_k = _Adjoint(state, path, strain, stretch).gradients(measures)
+    by_stress = _pulled_back(network, start, by_rest) if isinstance(start, CriticalConfiguration) else {}
+    tensor = found.value.elasticity[-1]
+    error = float(tensor.bounds.max() / np.abs(tensor.energy).max())
+    stats = Stats("implicit differentiation", found.stats.steps, found.stats.residual, error_bound=error)
+    return StrainedResponse(
+        state,
+        Status.ok,
+        stats,
+        achieved=values,
+        by_rest_length=by_rest,
+        by_stiffness=by_k,
+        by_stress=by_stress,
+    )
+
+
+@dataclass(frozen=True)
+class StrainedQuantity(Quantity):
+    """A property at strain γ as a quantity of the stresses at the transition.
+
+    quantity  its name in `strained_response`
+    largest   whether the largest value is the best
+    """
+
+    quantity: str
+    strain: float
+    deformation: str = "dilation"
+    largest: bool = False
+
+    one_self_stress: ClassVar[bool] = True
+
+    @property
+    def maximise(self) -> bool:  # type: ignore[override]
+        """Whether the largest value is the best."""
+        return self.largest
+
+    @property
+    def name(self) -> str:
+        return f"{self.quantity} at strain {self.strain:g}"
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        network, sigma, L = balance.network, balance.sigma, balance.bond_vectors
+        critical = balance.manifold.solve(sigma).value
+        found = strained_response(
+            network, critical, self.strain, (self.quantity,), deformation=self.deformation, throw=False
+        )
+        if not found.ok:
+            return np.nan, (np.full_like(sigma, np.nan), np.full_like(L, np.nan))
+        by_length = found.by_rest_length[self.quantity] / np.linalg.norm(L, axis=1)
+        return found.achieved[self.quantity], (np.zeros_like(sigma), by_length[:, None] * L)
+
+
+def _pulled_back(network: Network, critical: CriticalConfiguration, by_rest: Gradients) -> Gradients:
+    """Gradients by σ (N_b,) from those by ℓ = |L(σ)|."""
+    balance, unit = CriticalManifold(network).balance(critical.sigma), critical.bond_vectors / critical.lengths[:, None]
+    nothing = np.zeros(network.n_edges)
+    return {name: balance.pull_back(nothing, row[:, None] * unit)[0] for name, row in by_rest.items()}
+
+
+def _require_homogeneous(state: SpringState) -> None:
+    e, rest, k = state.extension, state.rest_lengths, state.network.stiffness
+    once, twice = state.law.tension(e, rest, k), state.law.tension(2 * e, 2 * rest, k)
+    stiffer = state.law.tension(e, rest, 2 * k)
+    scale = SAME_LAW * np.abs(once).max()
+    if not (np.abs(twice - 2 * once).max() <= scale and np.abs(stiffer - 2 * once).max() <= scale):
+        raise InputError(
+            f"gradients at finite strain need a homogeneous law, with a tension proportional to k and ℓ at a constant "
+            f"|L|/ℓ, which {type(state.law).__name__} is not: choose Hookean(), PowerLaw() or WormLike()"
+        )
+
+
+# Quantities as functions of the tensor and the stress
+
+
+@dataclass(frozen=True, eq=False)
+class _Measure:
+    """Value of a quantity and its derivatives by C (m, m) and by S (d, d), both symmetric."""
+
+    value: float
+    by_C: Array
+    by_S: Array
+
+
+Measures = dict[str, Callable[[Elasticity], _Measure]]
+
+
+def _linear(function: Callable[[Elasticity], float]) -> Callable[[Elasticity], _Measure]:
+    """A quantity that is linear in C and S: its derivatives are its values at unit tensors."""
+
+    def measure(tensors: Elasticity) -> _Measure:
+        by_C, by_S = _responses_to_units(tensors, function)
+        return _Measure(float(function(tensors)), by_C, by_S)
+
+    return measure
+
+
+def _responses_to_units(tensors: Elasticity, function: Callable[[Elasticity], float]) -> tuple[Array, Array]:
+    """Values of a linear function at unit tensors C (m, m) and S (d, d), shared by both entries of a symmetric pair."""
+    m, d = len(tensors.energy), tensors.dimension
+    by_C, by_S = np.zeros((m, m)), np.zeros((d, d))
+    zero_C, zero_S = np.zeros((m, m)), np.zeros((d, d))
+    for form, stressed in ((by_C, False), (by_S, True)):
+        for a, b in zip(*np.triu_indices(len(form)), strict=True):
+            unit = np.zeros_like(form)
+            unit[a, b] = unit[b, a] = 1.0
+            C, S = (zero_C, unit) if stressed else (unit, zero_S)
+            value = function(Elasticity(C, zero_C, S, tensors.volume, zero_C))
+            form[a, b] = form[b, a] = value if a == b else value / 2
+    return by_C, by_S
+
+
+def _compliant(poisson: bool) -> Callable[[Elasticity], _Measure]:
+    """Young's modulus 1/s_xxxx or Poisson's ratio −s_yyxx/s_xxxx, with s the inverse of the stress-strain tensor."""
+
+    def measure(tensors: Elasticity) -> _Measure:
+        s = np.linalg.inv(tensors.stress_strain)
+        stretched, across = float(s[0, 0]), float(s[1, 0])
+        # ds = −s dB s, entry by entry.
+        by_stretched, by_across = -np.outer(s[0], s[:, 0]), -np.outer(s[1], s[:, 0])
+        if poisson:
+            value, by_B = -across / stretched, -by_across / stretched + across / stretched**2 * by_stretched
+        else:
+            value, by_B = 1 / stretched, -by_stretched / stretched**2
+        by_C, by_S = _responses_to_units(tensors, lambda unit: float(np.vdot(by_B, unit.stress_strain)))
+        return _Measure(value, by_C, by_S)
+
+    return measure
+
+
+def _measures(deformation: Deformation, strain: float, quantities: Sequence[str]) -> Measures:
+    """The requested quantities; `InputError` for unknown ones."""
+    d = deformation.dimension
+    if d < 2:
+        raise InputError("moduli at finite strain need two or three dimensions")
+    if not np.isfinite(strain) or strain == 0:
+        raise InputError(f"the strain must be finite and not zero, not {strain}: at the transition call stiffening()")
+    names = strain_basis(d)[0]
+    table: Measures = {
+        "bulk_modulus": _linear(lambda tensors: tensors.bulk),
+        "shear_modulus": _linear(lambda tensors: tensors.shear),
+        "shear_modulus_stress_corrected": _linear(lambda tensors: tensors.shear_stress_corrected),
+        "youngs_modulus": _compliant(poisson=False),
+        "poissons_ratio": _compliant(poisson=True),
+    }
+    if not deformation.free:
+        A, W = deformation.velocity(strain), deformation.acceleration(strain)
+        table["modulus"] = _linear(lambda tensors: tensors.second(A, A) + float(np.vdot(tensors.stress, W)))
+    for a, name in enumerate(names):
+        i, j = ("xyz".index(axis) for axis in name)
+        table[f"stress_{name}"] = _linear(lambda tensors, i=i, j=j: float(tensors.stress[i, j]))  # type: ignore[misc]
+        for b in range(a, len(names)):
+            table[f"C_{name}{names[b]}"] = _linear(lambda tensors, a=a, b=b: float(tensors.energy[a, b]))  # type: ignore[misc]
+    if isinstance(quantities, str) or not len(quantities):
+        raise InputError("quantities must be a list of at least one name, such as ['bulk_modulus']")
+    unknown = [name for name in quantities if name not in table]
+    if unknown:
+        raise InputError(f"no quantity is called {unknown[0]!r:.40}: choose from {', '.join(table)}")
+    return {name: table[name] for name in quantities}
+
+
+# Implicit differentiation
+
+
+class _Adjoint:
+    """Derivatives of one state by L and by the parameters of its springs."""
+
+    def __init__(self, state: SpringState, deformation: Deformation, strain: float, stretch: Array):
+        response = linear_response(state)
+        self.tensors, self._state = response.elasticity, state
+        self._factor: Factor = state.factorize(state.pattern())
+        L, network = state.bond_vectors, state.network
+        self._E = strain_basis(network.dimension)[1]
+        self._affine = np.einsum("aij,ej->aei", self._E, L)
+        self._rates = self._affine + np.array([network.free_incidence @ u for u in response.relaxations])
+        self._hdots = np.einsum("ei,aei->ae", L, self._rates)
+        l, e, rest, k = state.lengths, state.extension, state.rest_lengths, network.stiffness
+        sigma, K = state.sigma, state.modified_stiffness
+        third = state.law.stiffening(e, rest, k)
+        self._dK_dh = (third - 3 * K * l) / l**3
+        # Tension and stiffness are homogeneous in (|L|, ℓ), of degree one and zero, and proportional to k.
+        tension_by_rest = (sigma * l - l * state.edge_stiffness) / rest
+        stiffness_by_rest = -l * third / rest
+        self._by_parameter = {
+            "rest": (tension_by_rest / l, (stiffness_by_rest - tension_by_rest / l) / l**2),
+            "stiffness": (sigma / k, K / k),
+        }
+        self._free_rates, self._free = _free_motions(self, deformation, strain, stretch, response)
+
+    def gradients(self, measures: Measures) -> tuple[dict[str, float], Gradients, Gradients]:
+        """Values, and gradients by ℓ and by k."""
+        values: dict[str, float] = {}
+        by_rest: Gradients = {}
+        by_k: Gradients = {}
+        for name, measure in measures.items():
+            quantity = measure(self.tensors)
+            values[name] = quantity.value
+            by_rest[name], by_k[name] = self._gradient(quantity)
+        return values, by_rest, by_k
+
+    def _gradient(self, quantity: _Measure) -> tuple[Array, Array]:
+        state, V = self._state, self.tensors.volume
+        L, sigma, K, network = state.bond_vectors, state.sigma, state.modified_stiffness, state.network
+        W, S = quantity.by_C / V, quantity.by_S / V
+        weighted_rates = np.einsum("ab,bei->aei", W, self._rates)
+        weighted_hdots = W @ self._hdots
+        SL = L @ S
+        # ∂O/∂K and ∂O/∂σ of each edge.
+        by_K = np.einsum("ae,ae->e", self._hdots, weighted_hdots)
+        by_sigma = np.einsum("aei,aei->e", self._rates, weighted_rates) + np.einsum("ei,ei->e", L, SL)
+        by_L = (self._dK_dh * by_K + K * by_sigma)[:, None] * L + 2 * sigma[:, None] * SL
+        turned = np.einsum("aij,aej->ei", self._E, weighted_rates)
+        by_L += 2 * sigma[:, None] * turned
+        by_L += 2 * np.einsum("e,ae,aei->ei", K, weighted_hdots, self._rates + self._affine)
+        adjoint = network.free_incidence @ self._solved(-np.asarray(network.divergence @ by_L))
+        if len(self._free_rates):
+            dilating = np.trace(self._free_rates, axis1=1, axis2=2)
+            grown = float(np.vdot(quantity.by_C, self.tensors.energy) + np.vdot(quantity.by_S, self.tensors.stress))
+            by_q = np.einsum("ei,mei->m", by_L, self._free) - dilating * grown
+            resistance = np.array([[self.tensors.second(A, B) for B in self._free_rates] for A in self._free_rates])
+            z = -np.linalg.solve(V * resistance, by_q)
+            adjoint = adjoint + np.einsum("m,mei->ei", z, self._free)
+        work = np.einsum("ei,ei->e", L, adjoint)
+        rest, stiffness = (
+            by_parameter_K * by_K + by_parameter_sigma * (by_sigma + work)
+            for by_parameter_sigma, by_parameter_K in self._by_parameter.values()
+        )
+        return rest, stiffness
+
+    def _solved(self, force: Array) -> Array:
+        """H⁻¹ f (n_free, d), refined once."""
+        y = self._factor.solve(force.ravel())
+        y = y + self._factor.solve(force.ravel() - self._factor.multiply(y))
+        return y.reshape(force.shape)
+
+
+def _free_motions(
+    adjoint: _Adjoint, deformation: Deformation, strain: float, stretch: Array, response: LinearResponse
+) -> tuple[Array, Array]:
+    """Rates A_m (n, d, d) of the free components of the cell and the relaxed motions L̇_m (n, N_b, d) with each."""
+    state = adjoint._state
+    L, d = state.bond_vectors, state.network.dimension
+    if not deformation.free:
+        return np.zeros((0, d, d)), np.zeros((0, *L.shape))
+    rates = path_rates(deformation, strain, deformation.gradient(strain), stretch)[0][1:]
+    symmetric = 0.5 * (rates + np.swapaxes(rates, 1, 2))
+    weights = np.einsum("aij,mij->ma", adjoint._E, symmetric)
+    weights[:, d:] *= 2
+    u = np.tensordot(weights, response.relaxations, 1)
+    return rates, np.array([L @ A.T + state.network.free_incidence @ w for A, w in zip(rates, u, strict=True)])

@@ -1,0 +1,131 @@
+"""The tangent of a strain path: velocities of vertices and free components, and the modulus along the path.
+
+With the cell b → (1 + Σ q E) F(γ) b, vertices x = (1 + Σ q E) F y + u and G = (1 + Σ q E)⁻¹, the strain γ and the
+free components have the rates A = (1 + Σ q E) F'F⁻¹ G and A_m = E_m G, and the second derivatives of the boundary
+b̈ = (1 + Σ q E) F''F⁻¹ G b and E_m F'F⁻¹ G b.  For rates a, b with relaxed bond rates L̇ = A L + g u and ḣ = L·L̇,
+    E_ab = Σ ḣ_a K ḣ_b + σ (L̇_a·L̇_b + L·L̈_ab);
+free components follow with q̇ = −E_mn⁻¹ E_nγ, and the modulus along the path is (E_γγ + E_γm q̇_m)/V.
+Antisymmetric parts of A only rotate, so their relaxation u is zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from critflow.linalg.factor import Factor
+from critflow.linalg.tolerances import EPS
+from critflow.networks.deformation import Deformation
+from critflow.networks.network import Array
+from critflow.response.elasticity import strain_components
+from critflow.response.response import LinearResponse, accumulated_rounding
+from critflow.springs.free_cell import stretched
+from critflow.springs.state import SpringState
+
+# Corrections of a relaxation, the part of it at which they stop, and the largest that rounding may leave.
+_MOST_CORRECTIONS, _CONVERGED, _CORRECT = 4, 1e-9, 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """Derivatives along a path at one state.
+
+    relaxation    dx/dγ − Ȧx, (n_free, d): velocities relative to the affine motion of the cell
+    stretch_rate  dq/dγ, (m,)
+    second        d²E/dγ² of the relaxed energy, and its rounding error
+    """
+
+    relaxation: Array
+    stretch_rate: Array
+    second: float
+    second_error: float
+
+
+def path_rates(deformation: Deformation, strain: float, gradient: Array, stretch: Array) -> tuple[Array, Array]:
+    """Rates (1 + m, d, d) of γ and of the free components, and L̈_γb/L for all b, (1 + m, d, d).
+
+    gradient  F(γ), (d, d)
+    """
+    back = np.linalg.inv(gradient)
+    velocity, acceleration = deformation.rate(strain) @ back, deformation.second_rate(strain) @ back
+    E = deformation.free_strains
+    if not len(E):
+        return velocity[None], acceleration[None]
+    S = stretched(stretch, E)
+    G = np.linalg.inv(S)
+    rates = np.concatenate([(S @ velocity @ G)[None], E @ G])
+    return rates, np.concatenate([(S @ acceleration @ G)[None], E @ velocity @ G])
+
+
+def tangent_of_response(response: LinearResponse, rates: Array, second_rates: Array) -> Tangent:
+    """The tangent from the responses to all strains: no sums over edges."""
+    tensors, weights = response.elasticity, np.array([strain_components(0.5 * (A + A.T)) for A in rates])
+    E = np.array([[tensors.second(A, B) for B in rates] for A in rates])
+    E[0] += [float(np.vdot(tensors.stress, A)) for A in second_rates]
+    E[1:, 0] = E[0, 1:]
+    path = _with_free(E)
+    # Errors of q̇ enter squared only.
+    size = np.abs(path @ weights)
+    error = float(size @ tensors.bounds @ size)
+    V = tensors.volume
+    return Tangent(np.tensordot(path @ weights, response.relaxations, 1), path[1:], float(V * (E[0] @ path)), V * error)
+
+
+def tangent(state: SpringState, rates: Array, second_rates: Array, relaxations: Array) -> Tangent:
+    """The tangent from the rates of the cell and the relaxations u (1 + m, n_free, d) to each of them."""
+    network, L, sigma = state.network, state.bond_vectors, state.sigma
+    speeds = np.array([L @ A.T + network.free_incidence @ u for A, u in zip(rates, relaxations, strict=True)])
+    hdots = np.einsum("ei,aei->ae", L, speeds)
+    E = hdots @ state.resistance(hdots).T + np.einsum("aei,e,bei->ab", speeds, sigma, speeds)
+    curved = np.einsum("e,ei,aij,ej->ae", sigma, L, second_rates, L)
+    E[0] += curved.sum(axis=1)
+    E[1:, 0] = E[0, 1:]
+    path = _with_free(E)
+    relaxation, second = np.tensordot(path, relaxations, 1), float(E[0] @ path)
+    noise = _edge_rounding(state, np.tensordot(path, speeds, 1), relaxation) + 4 * EPS * np.abs(curved[0])
+    return Tangent(relaxation, path[1:], second, accumulated_rounding(noise) + 4 * EPS * abs(second))
+
+
+def _with_free(E: Array) -> Array:
+    """(1, q̇) from the second derivatives E_ab, (1 + m,); free components that no stress resists do not follow."""
+    if len(E) == 1:
+        return np.ones(1)
+    return np.concatenate([[1.0], -np.linalg.lstsq(E[1:, 1:], E[1:, 0], rcond=None)[0]])
+
+
+def relaxations_to(state: SpringState, factor: Factor, rates: Array) -> Array | None:
+    """u (n, n_free, d) with H u = −∂²E/∂x∂a for each rate (n, d, d) of the cell; None where corrections do not shrink.
+
+    factor  of the Hessian at or near the state
+    """
+    found = np.zeros((len(rates), *state.forces.shape))
+    for u, A in zip(found, rates, strict=True):
+        # The antisymmetric part rotates all.
+        affine, before = 0.5 * (state.bond_vectors @ (A + A.T)), np.inf
+        for _ in range(_MOST_CORRECTIONS):
+            force = state.force_rates(affine + state.edge_rates(u))
+            correction = factor.solve(force.ravel()).reshape(u.shape)
+            u += correction
+            size = float(np.abs(correction).max(initial=0.0))
+            small = float(np.abs(u).max(initial=0.0))
+            # Corrections that no longer shrink are rounding, or the factor is of no use.
+            if not size < before:
+                if not size <= _CORRECT * small:
+                    return None
+                break
+            if size <= _CONVERGED * small:
+                break
+            before = size
+    return found
+
+
+def _edge_rounding(state: SpringState, speed: Array, u: Array) -> Array:
+    """Rounding error of each edge's part of d²E/dγ², (N_b,), as `linear_response` has it."""
+    network, sigma, length = state.network, state.sigma, state.lengths
+    stress = state.resistance(np.einsum("ad,ad->a", state.bond_vectors, speed))
+    size, vertex_speed = np.linalg.norm(speed, axis=1), np.zeros(network.n_vertices)
+    vertex_speed[network.free] = np.linalg.norm(u, axis=1)
+    rate_rounding = EPS * (size + vertex_speed[network.edges].sum(axis=1) + length)
+    noise = state.stress_rounding * (size**2 + length * size)
+    return noise + 2 * (np.abs(stress) * length + np.abs(sigma) * size) * rate_rounding

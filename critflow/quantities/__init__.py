@@ -1,0 +1,1 @@
+"""Quantities of critical configurations by name: values, gradients, errors, largest values."""

@@ -1,0 +1,184 @@
+"""The largest modulus of a network over all stresses in closed form, with the configuration that attains it.
+
+With L* the configuration at σ = k, virtual work gives Σσ L·(A + W)L = Σ T·(A + W)L* for every stress, T = σL and any
+antisymmetric W, so by Cauchy–Schwarz (`GenericModulus`)
+    μ_A ≤ min_W (1/V) Σ k|(A + W)L*|²,
+for any signs of σ.  Equality requires the force network T = k(A + W)L*, whose stress tensor is symmetric for the best
+W.  For a dilation that is σ = k.  For other strains T is not parallel to L*: in two dimensions the lengths in the
+directions of T that close are the solution of one more linear system, and some are negative, which is compression.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.optimize import linprog
+
+from critflow.arguments import checked
+from critflow.critical.extreme import ISOTROPIC, force_map, vanishes
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.quantity import Quantity
+from critflow.critical.transition import TransitionModulus, transition_modulus
+from critflow.linalg.matrices import spread_columns
+from critflow.networks.deformation import Deformable
+from critflow.networks.network import Array, Network
+from critflow.quantities.optimum import Optimum
+from critflow.quantities.vocabulary import quantity
+from critflow.result import InputError, Solution, SolveError, Stats, Status
+
+BALANCED = 1e-8  # relative force balance, and relative distance from the bound, of a modulus that attains its bound
+NO_LENGTH = 1e-10  # length, in units of the mean, of an edge that vanishes in the configuration of the largest modulus
+# Determinant of the map F of forces, over |F|², below which all forces count as parallel: lengths grow as its inverse.
+PARALLEL_FORCES = 1e-9
+
+_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+
+@checked
+def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs: str = "positive") -> float:
+    """The largest possible value of a quantity over all stresses of a network in closed form; infinite without one.
+
+    Error bound (proof, up to rounding).  B_0 ≤ (1/d²V) Σ k|L*|² with L* the configuration at σ = k; every other modulus
+    at the transition likewise.  `quantity(network, name).extreme` has the smallest possible value too.
+
+    signs  "positive", or "any" for stresses of both signs
+
+    >>> import critflow as cf
+    >>> round(cf.upper_bound(cf.honeycomb_network(2, 2), 'B_0'), 6)
+    0.288675
+    """
+    manifold = CriticalManifold.of(network)
+    return quantity(manifold.network, name).extreme(manifold, signs == "positive")[1]
+
+
+def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> Optimum:
+    """The configuration nearest to L* that attains `upper_bound`, stresses of both signs allowed.
+
+    Nearest in Σk|L − L*|², unless the forces are nearly parallel: all others differ by isogonal modes.
+    `Status.edge_collapse` or `Status.singular` and NaN where an edge of it has no length or all forces are parallel, as
+    for uniaxial strains of isotropic networks, so that they close around no cell; the objective is then the bound, a
+    limit: strains next to it attain theirs.  Where the bound is zero every configuration attains it, and that of σ = k
+    is returned.
+    Raises `InputError` in three dimensions except for dilations: such forces seldom close there.
+    """
+    manifold = CriticalManifold.of(network)
+    network = manifold.network
+    A = transition_modulus(network, strain).symmetric
+    found, shortest, F, moment = _attaining(manifold, A)
+    bound = float(np.trace(F @ moment @ F.T)) / network.volume
+    value = found.value
+    optimum = Optimum(
+        value=value,
+        status=Status.ok,
+        stats=Stats(
+            "closed_form",
+            residual=value.residual,
+            condition=found.stats.condition,
+            error_bound=value.error_bound,
+        ),
+        objective=TransitionModulus(A).evaluate(value)[0],
+        bound=bound,
+    )
+    attained = vanishes(F, moment, A) or abs(optimum.gap) < BALANCED
+    if value.residual < BALANCED and attained and shortest > NO_LENGTH:
+        return optimum
+    # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
+    status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if found.ok else found.status
+    unknown = np.full_like(value.bond_vectors, np.nan)
+    value = CriticalConfiguration(network, unknown[:, 0], np.full_like(value.coordinates, np.nan), unknown)
+    stats = replace(optimum.stats, residual=value.residual, error_bound=value.error_bound)
+    return replace(optimum, value=value, status=status, stats=stats, objective=bound)
+
+
+class _Attaining(NamedTuple):
+    """Configuration of the largest modulus, its shortest length over the mean, and F and M of the force network."""
+
+    found: Solution[CriticalConfiguration]
+    shortest: float
+    F: Array
+    moment: Array
+
+
+def _attaining(manifold: CriticalManifold, A: Array) -> _Attaining:
+    """The configuration with forces T = kFL*, for a symmetric strain A (d, d)."""
+    network, k = manifold.network, manifold.network.stiffness
+    if np.allclose(A, A[0, 0] * np.eye(len(A)), rtol=0, atol=ISOTROPIC * np.abs(A).max()):
+        # F = A is isotropic: the configuration is L* itself.
+        found = manifold.solve(k)
+        L_star = found.value.bond_vectors if found.ok else manifold.balance(k).bond_vectors
+        return _Attaining(found, 1.0, *force_map(network, L_star, A))
+    if network.dimension != 2:
+        raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
+    L_star = manifold.balance(k).bond_vectors
+    F, moment = force_map(network, L_star, A)
+    if vanishes(F, moment, A):
+        return _Attaining(manifold.solve(k), 1.0, F, moment)
+    bound = float(np.trace(F @ moment @ F.T)) / network.volume
+    for closed in (_nearest_bonds, _stretched_bonds):
+        L = closed(manifold, L_star, F)
+        square = np.einsum("ad,ad->a", L, L)
+        sigma = k * np.einsum("ad,ad->a", L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny)
+        found, shortest = manifold.solve(sigma), float(np.sqrt(square.min()) / np.sqrt(square).mean())
+        modulus = TransitionModulus(A).evaluate(found.value)[0]
+        parallel = abs(float(np.linalg.det(F))) <= PARALLEL_FORCES * float(np.sum(F**2))
+        if abs(modulus / bound - 1) < BALANCED or parallel:
+            break
+    return _Attaining(found, shortest, F, moment)
+
+
+def least_compressed_length(network: Network | CriticalManifold, strain: Deformable) -> float:
+    """The least total length of compressed edges of a planar configuration with the largest modulus.
+
+    All these configurations have the forces T = kFL* and differ by isogonal modes.  With t = T/|T| and n ⊥ t:
+        least Σ p,  p ≥ 0,  p ≥ −t·(g x + b),  n·(g x + b) = 0.
+    """
+    manifold = CriticalManifold.of(network)
+    network = manifold.network
+    if network.dimension != 2:
+        raise InputError("configurations of one force network are found in two dimensions only")
+    L_star = manifold.balance(network.stiffness).bond_vectors
+    F, _ = force_map(network, L_star, transition_modulus(network, strain).symmetric)
+    T = network.stiffness[:, None] * (L_star @ F.T)
+    unit = T / np.linalg.norm(T, axis=1)[:, None]
+    normal = unit @ _QUARTER_TURN.T
+    n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors
+    program = linprog(
+        np.repeat([0.0, 1.0], [n_coordinates, n_edges]),
+        A_ub=sp.hstack([-spread_columns(network, unit), -sp.eye_array(n_edges)]),
+        b_ub=np.einsum("ad,ad->a", unit, b),
+        A_eq=sp.hstack([spread_columns(network, normal), sp.csr_array((n_edges, n_edges))]),
+        b_eq=-np.einsum("ad,ad->a", normal, b),
+        bounds=[(None, None)] * n_coordinates + [(0, None)] * n_edges,
+    )
+    if program.status != 0:
+        raise SolveError(f"no configuration has the largest modulus for this strain: {program.message}")
+    return float(program.fun)
+
+
+def _nearest_bonds(manifold: CriticalManifold, L_star: Array, F: Array) -> Array:
+    """Bond vectors L = L* + g u (N_b, 2) parallel to the forces T = kFL*, with the least Σk|g u|².
+
+    They have no component in the direction n = JFL*, n·(L* + g u) = 0.  Since gᵀ(k n) = 0, the constraints have the
+    self-stress k, and this is a system of stresses and displacements.
+    """
+    network, k = manifold.network, manifold.network.stiffness
+    normal = L_star @ F.T @ _QUARTER_TURN.T
+    no_force = np.zeros((len(network.free), 2))
+    u, _, _ = manifold.saddle.factorize(k, normal).solve(no_force, -np.einsum("ad,ad->a", normal, L_star))
+    return np.asarray(L_star + network.free_incidence @ u)
+
+
+def _stretched_bonds(manifold: CriticalManifold, L_star: Array, F: Array) -> Array:
+    """Others with these forces: L = B⁻¹L̃ with B = FᵀJᵀ, where n·L = L*·L̃ = 0, L̃ = BL* + g u and Σk|g u|² is least.
+
+    Nearly parallel forces make the constraints n·L nearly dependent, and those of L̃ are not.  The lengths grow as
+    1/det F; forces that are all parallel belong to no bond vectors.
+    """
+    network, B = manifold.network, F.T @ _QUARTER_TURN.T
+    start, no_force = L_star @ B.T, np.zeros((len(network.free), 2))
+    factor = manifold.saddle.factorize(network.stiffness, L_star)
+    u, _, _ = factor.solve(no_force, -np.einsum("ad,ad->a", L_star, start))
+    return np.asarray(np.linalg.solve(B, (start + network.free_incidence @ u).T).T)

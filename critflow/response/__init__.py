@@ -1,0 +1,1 @@
+"""Linear and nonlinear response: elasticity at rest, under stress and at the transition; stiffening."""

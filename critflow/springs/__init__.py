@@ -1,0 +1,1 @@
+"""Springs: laws, states and equilibria; cells with springs on their perimeters."""

@@ -1,0 +1,182 @@
+"""Equilibria of springs in a cell with free components: zero conjugate stress, as in a tensile test with free sides.
+
+The boundary is b → (1 + Σ_m q_m E_m) F b with unknown q.  With A_m = E_m (1 + Σ q E)⁻¹ the first derivatives are the
+unbalanced forces f on the vertices and r_m = −Σ σ L·A_m L; a Newton step solves
+    H u + X δq = f,  Xᵀ u + C δq = r,   X_m = gᵀ T(A_m L),  C_mn = Σ A_m L·T(A_n L),  T(v) = K L (L·v) + σ v,
+by the factor of H and the Schur complement C − Xᵀ H⁻¹ X, which has a row for each free component.  The unknowns are
+p = s q with s = √N_b ⟨ℓ⟩, so that all entries have similar magnitude.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from critflow.linalg.factor import Factor, FixedPattern
+from critflow.linalg.tolerances import EPS
+from critflow.networks.network import Array, Network
+from critflow.result import Stats, Status
+from critflow.springs.equilibrium import NEWTON_STEPS, Equilibrium, as_minimum, with_bounds
+from critflow.springs.minimum import stability_of
+from critflow.springs.newton import newton
+from critflow.springs.state import SpringState
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FreeCellState(SpringState):
+    """Springs in a cell with free components, all in the units of the module.
+
+    stretch  q (m,)
+    strains  E (m, d, d)
+
+    `forces` and displacements are vectors (n_free·d + m,): those of the vertices, then those of p.
+    """
+
+    stretch: Array
+    strains: Array
+
+    @classmethod
+    def of(cls, springs: SpringState, stretch: Array, strains: Array) -> FreeCellState:
+        """The same springs with components of the cell free, which have the stretches q."""
+        parts = (springs.network, springs.rest_lengths, springs.coordinates, springs.bond_vectors, springs.law)
+        return cls(*parts, stretch=stretch, strains=strains)
+
+    def springs_of(self, network: Network) -> SpringState:
+        """The springs alone, in a network whose cell has the rounding of one deformation, not of many."""
+        return SpringState(network, self.rest_lengths, self.coordinates, self.bond_vectors, self.law)
+
+    @cached_property
+    def rates(self) -> Array:
+        """A_m = E_m (1 + Σ q E)⁻¹, (m, d, d)."""
+        return np.asarray(self.strains @ np.linalg.inv(stretched(self.stretch, self.strains)))
+
+    @property
+    def unit(self) -> float:
+        """s = √N_b ⟨ℓ⟩."""
+        return float(np.sqrt(len(self.rest_lengths))) * self.length_scale
+
+    @property
+    def energy(self) -> float:
+        energy = super().energy
+        return energy if np.isfinite(energy) else np.inf
+
+    @cached_property
+    def forces(self) -> Array:
+        vertices = -(self.network.divergence @ (self.sigma[:, None] * self.bond_vectors))
+        return np.concatenate([vertices.ravel(), self.conjugate_forces / self.unit])
+
+    @property
+    def conjugate_forces(self) -> Array:
+        """r_m = −Σ σ L·A_m L = −∂E/∂q_m, (m,)."""
+        return -np.asarray(np.einsum("ad,mad,a->m", self.bond_vectors, self._stretches(), self.sigma))
+
+    @property
+    def conjugate_rounding(self) -> Array:
+        """Rounding errors of r, (m,): proofs to first order, in σ, products and sum."""
+        speed = np.linalg.norm(self._stretches(), axis=2)
+        return np.asarray(speed @ ((self.stress_rounding + 4 * EPS * np.abs(self.sigma)) * self.lengths))
+
+    def moved(self, displacement: Array) -> FreeCellState:
+        m, d = len(self.stretch), self.network.dimension
+        change = displacement[-m:] / self.unit
+        stretch = self.stretch + change
+        step = np.eye(d) + np.tensordot(change, self.rates, 1)
+        if not (np.linalg.det(step) > 0 and np.linalg.det(stretched(stretch, self.strains)) > 0):
+            # A step that inverts the cell is refused by its energy.
+            return replace(self, bond_vectors=np.full_like(self.bond_vectors, np.nan))
+        there = replace(self.deformed(step), stretch=stretch)
+        return super(FreeCellState, there).moved(displacement[:-m].reshape(-1, d))
+
+    def edge_rates(self, motion: Array) -> Array:
+        m = len(self.stretch)
+        return super().edge_rates(motion[:-m]) + np.tensordot(motion[-m:] / self.unit, self._stretches(), 1)
+
+    def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> BorderedFactor:
+        return self._bordered(super().factorize(pattern, shift), self.modified_stiffness, self.sigma, shift)
+
+    def factorize_convex(self, pattern: FixedPattern, shift: float) -> BorderedFactor:
+        return self._bordered(super().factorize_convex(pattern, shift), *self.convex_parts(), shift)
+
+    def _bordered(self, vertices: Factor, axial: Array, isotropic: Array, shift: float) -> BorderedFactor:
+        L, V = self.bond_vectors, self._stretches() / self.unit
+        TV = (axial * np.einsum("ad,mad->ma", L, V))[:, :, None] * L + isotropic[:, None] * V
+        X = np.stack([(self.network.divergence @ one).ravel() for one in TV], axis=1)
+        C = np.einsum("mad,nad->mn", V, TV) + shift * np.eye(len(V))
+        return BorderedFactor(vertices, X, C)
+
+    def _stretches(self) -> Array:
+        """A_m L, (m, N_b, d)."""
+        return np.einsum("mij,aj->mai", self.rates, self.bond_vectors)
+
+
+def stretched(stretch: Array, strains: Array) -> Array:
+    """1 + Σ_m q_m E_m, (d, d)."""
+    return np.eye(strains.shape[-1]) + np.tensordot(stretch, strains, 1)
+
+
+class BorderedFactor(Factor):
+    """The factor of [[H, X], [Xᵀ, C]] for one right side (n + m,), from a factor of H, X (n, m) and C (m, m)."""
+
+    __slots__ = ("_coupling", "_modes", "_values", "response", "vertices")
+
+    def __init__(self, vertices: Factor, coupling: Array, corner: Array):
+        self.vertices, self._coupling = vertices, coupling
+        self._shift, self._singular, self._pivots = 0.0, False, None
+        m = len(corner)
+        # H⁻¹ X, (n, m).
+        self.response = np.full_like(coupling, np.nan)
+        self._values, self._modes = np.full(m, np.nan), np.eye(m)
+        if vertices.sound:
+            self.response = vertices.solve(coupling)
+            schur = corner - coupling.T @ self.response
+            self._values, self._modes = np.linalg.eigh(0.5 * (schur + schur.T))
+
+    def solve(self, right_side: Array) -> Array:
+        m = len(self._values)
+        u = self.vertices.solve(right_side[:-m])
+        p = self.solve_schur(right_side[-m:] - self._coupling.T @ u)
+        return np.concatenate([u - self.response @ p, p])
+
+    def solve_schur(self, right_side: Array) -> Array:
+        """S⁻¹ r (m,) by the Schur complement S; nothing along its null directions."""
+        inverse = np.divide(1.0, self._values, out=np.zeros_like(self._values), where=self._values != 0)
+        return np.asarray(self._modes @ (inverse * (self._modes.T @ right_side)))
+
+    def schur_bound(self, size: Array) -> Array:
+        """Bound of |S⁻¹ r| (m,) for |r| below a size (m,)."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.abs(self._modes) @ ((np.abs(self._modes.T) @ size) / np.abs(self._values)))
+
+    @property
+    def pivots(self) -> Array:
+        return np.concatenate([self.vertices.pivots, self._values])
+
+
+def relaxed_with_cell(
+    state: FreeCellState, reference: Network, gradient: Array, pattern: FixedPattern, tolerance: float
+) -> tuple[Equilibrium[SpringState], Factor | None, Array]:
+    """As `relaxed` by Newton's method, with the free components q (m,) of the cell (1 + Σ q E) F of a reference.
+
+    Error bound (estimate): that of the equilibrium in this cell, and its change by the remaining error of q.
+    """
+    end = newton(state, tolerance, NEWTON_STEPS, pattern)
+    q = end.state.stretch
+    network = reference.deformed(stretched(q, state.strains) @ gradient)
+    stats = Stats("newton", end.steps, residual=end.state.max_force)
+    solution = Equilibrium(end.state.springs_of(network), end.status, stats, indefinite=end.indefinite)
+    if not solution.ok:
+        return solution, None, q
+    border = end.factor if isinstance(end.factor, BorderedFactor) else end.state.factorize(pattern)
+    solution, factor = with_bounds(solution, pattern, border.vertices, corrected=True, judged=False)
+    there = FreeCellState.of(solution.value, q, state.strains)
+    left = border.schur_bound((np.abs(there.conjugate_forces) + there.conjugate_rounding) / there.unit)
+    affine = np.einsum("mij,vj->mvi", there.rates, there.coordinates[network.free]) / there.unit
+    moved = np.abs(affine.reshape(len(q), -1)).T + np.abs(border.response)
+    bound = solution.stats.error_bound + float((moved @ left).max(initial=0.0))
+    if solution.ok and not np.isfinite(bound):
+        note = "no stress fixes the free components of the cell: the springs are floppy in it"
+        solution = replace(solution, status=Status.floppy, note=note)
+    solution = replace(solution, stats=replace(solution.stats, error_bound=bound))
+    return as_minimum(solution, *stability_of(there, pattern)), factor, q

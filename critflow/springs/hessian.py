@@ -1,0 +1,104 @@
+"""Parts of the elastic Hessian, and the response of bonds to force dipoles.
+
+Any central-force energy E(|L|) with σ = τ/|L| and stiffness k = ∂²E/∂|L|² has, over the free coordinates,
+  in h = |L|²/2   H = R^hᵀ K R^h + P ⊗ 1,  K = (k − σ)/|L|²     (`GenericHessian`, `ModifiedStiffness`)
+  in |L|          H = R̃ᵀ k R̃ + P̃,  P̃ = P ⊗ 1 − Σ R̃ᵀ σ R̃      (`HookeanRigidityMatrix`, `HookeanPrestressMatrix`)
+with R^h = ∂h/∂x and R̃ = ∂|L|/∂x = R^h/|L|.  Both splits have the same zero modes, those of R, and P and P̃ agree on
+them.  (The paper prints τ where R̃ᵀ σ R̃ has σ; dimensional analysis and finite differences of forces require σ.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator
+
+from critflow.arguments import checked
+from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
+from critflow.networks.network import Array
+from critflow.result import Record, Solution, SolveError, Stats, Status
+from critflow.springs.newton import FLOPPY_SHIFT
+from critflow.springs.state import SpringState
+
+
+@dataclass(frozen=True, eq=False)
+class HessianSplit(Record):
+    """H = response ᵀ · diag(stiffness) · response + prestress, over the free coordinates in the order (vertex, axis).
+
+    response   R^h or R̃, sparse (N_b, d·n_free)
+    stiffness  K or k, (N_b,)
+    prestress  P ⊗ 1 or P̃, sparse (d·n_free)²
+    """
+
+    response: sp.csr_array
+    stiffness: Array
+    prestress: sp.csr_array
+
+    @property
+    def gram(self) -> sp.csr_array:
+        """Rᵀ K R, the resistance to stretching, sparse (d·n_free)²."""
+        return sp.csr_array(self.response.T @ sp.diags_array(self.stiffness) @ self.response)
+
+    @property
+    def hessian(self) -> sp.csr_array:
+        """H, sparse (d·n_free)²."""
+        return sp.csr_array(self.gram + self.prestress)
+
+
+@checked
+def geometric_split(state: SpringState) -> HessianSplit:
+    """H = R^hᵀ K R^h + P ⊗ 1 (`GenericHessian`, `RigidityMatrix2`, `PrestressMatrix2`)."""
+    network = state.network
+    g = network.free_incidence
+    P = g.T @ sp.diags_array(state.sigma) @ g
+    prestress = sp.csr_array(sp.kron(P, sp.eye_array(network.dimension)))
+    return HessianSplit(spread_columns(network, state.bond_vectors), state.modified_stiffness, prestress)
+
+
+@checked
+def hookean_split(state: SpringState) -> HessianSplit:
+    """H = R̃ᵀ k R̃ + P̃ with k = K|L|² + σ, the stiffness of any law (`HookeanPrestressMatrix`)."""
+    geometric = geometric_split(state)
+    R = sp.csr_array(sp.diags_array(1 / state.lengths) @ geometric.response)
+    stiffness = state.modified_stiffness * state.lengths**2 + state.sigma
+    prestress = sp.csr_array(geometric.prestress - R.T @ sp.diags_array(state.sigma) @ R)
+    return HessianSplit(R, stiffness, prestress)
+
+
+@checked
+def bond_operator(state: SpringState, max_refinements: int = 10) -> LinearOperator:
+    """Ξ = R H⁻¹ Rᵀ as an operator (N_b, N_b): changes of length by unit force dipoles on the bonds (`BondOperator`).
+
+    H⁻¹ excludes floppy motions.  Ξ is symmetric; for unstressed springs √k Ξ √k projects on the tensions caused by
+    displacements, so its trace is the rank of R, and it annihilates √k⁻¹ times a self-stress.
+    Raises `SolveError` where H has negative eigenvalues: the springs then buckle.
+    """
+    network = state.network
+    R = spread_columns(network, state.bond_vectors / state.lengths[:, None])
+    pattern = block_laplacian(network)
+    values = edge_blocks(state.modified_stiffness, state.bond_vectors, state.sigma)
+    shift = 0.0
+    factor = pattern.factorize(values)
+    if factor.indefinite:
+        shift = FLOPPY_SHIFT * float(np.mean(network.stiffness))
+        factor = pattern.factorize(values, shift)
+    if factor.indefinite:
+        note = f"the Hessian has {factor.n_negative} negative eigenvalues, so the springs buckle: relax them first"
+        raise SolveError(f"no bond operator: {note}", Solution(None, Status.unstable, Stats("bond operator"), note))
+
+    def apply(dipoles: Array) -> Array:
+        force = np.asarray(R.T @ np.ravel(dipoles))
+        u = factor.solve(force)
+        # Refinement removes the effect of the shift; floppy motions feel no force and are excluded.
+        for _ in range(max_refinements if shift else 1):
+            residual = force - factor.multiply(u) + shift * u
+            correction = factor.solve(residual)
+            u = u + correction
+            if np.abs(R @ correction).max() <= 1e-15 * np.abs(R @ u).max():
+                break
+        return np.asarray(R @ u)
+
+    n = network.n_edges
+    return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)

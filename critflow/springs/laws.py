@@ -1,0 +1,235 @@
+"""Spring laws: the energy of one spring as a function of its extension e = |L| − ℓ.
+
+Every law has zero tension and E'' = k at |L| = ℓ, so that all laws share the critical configurations and the moduli at
+the transition; they differ past it, from C_B and C_G on (`ForceDensity`, `ModifiedStiffness`).  Near the transition e
+is tiny, so laws are functions of e itself, without cancellation.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.special import hyp2f1
+
+from critflow.arguments import shown
+from critflow.networks.network import Array
+from critflow.result import InputError
+
+LAW_AT_REST = 1e-12  # energy and tension that a law may have at rest: rounding of its formula
+LAW_STIFFNESS_AT_REST = 1e-9  # relative deviation of E'' from k at rest
+# Relative deviation of a function of a law from the fourth-order difference of the previous one, with steps of a
+# fiftieth of the reach of the law, which is accurate to 1e-7.
+LAW_CONSISTENCY = 1e-4
+
+
+class SpringLaw(ABC):
+    """Energy, tension E', stiffness E'' and E''' of springs of extensions e, rest lengths ℓ and stiffnesses k.
+
+    All arguments and results are arrays (N_b,).  Beyond the longest extension of a law the energy is infinite.  A new
+    law is a subclass with these four methods.
+
+    convex  E'' ≥ 0 for all e ≥ 0: an equilibrium without compressed springs is then the global minimum of the energy,
+            and `strain_path` need not check that it stays on its branch.  False is correct for every law
+    """
+
+    convex: ClassVar[bool] = False
+    # Whether the energy is zero below the rest length: every equilibrium of a convex law is then the global minimum.
+    one_sided: ClassVar[bool] = False
+
+    @abstractmethod
+    def energy(self, extension: Array, rest: Array, k: Array) -> Array:
+        """E, zero at rest."""
+
+    @abstractmethod
+    def tension(self, extension: Array, rest: Array, k: Array) -> Array:
+        """E' = dE/d|L|, zero at rest."""
+
+    @abstractmethod
+    def stiffness(self, extension: Array, rest: Array, k: Array) -> Array:
+        """E'', k at rest."""
+
+    @abstractmethod
+    def stiffening(self, extension: Array, rest: Array, k: Array) -> Array:
+        """E'''."""
+
+
+@dataclass(frozen=True)
+class Hookean(SpringLaw):
+    """E = ½ k e² (`HookeanEnergy`)."""
+
+    convex: ClassVar[bool] = True
+
+    def energy(self, extension: Array, rest: Array, k: Array) -> Array:
+        return 0.5 * k * extension**2
+
+    def tension(self, extension: Array, rest: Array, k: Array) -> Array:
+        return k * extension
+
+    def stiffness(self, extension: Array, rest: Array, k: Array) -> Array:
+        return k
+
+    def stiffening(self, extension: Array, rest: Array, k: Array) -> Array:
+        return np.zeros_like(k)
+
+
+@dataclass(frozen=True)
+class PowerLaw(SpringLaw):
+    """E'' = k (|L|/ℓ)^{n−2} with the exponent n ≥ 2 of the length in the energy; n = 2 is Hookean."""
+
+    exponent: float
+    convex: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.exponent, int | float | np.number) and 2 <= self.exponent < np.inf):
+            raise InputError(f"the exponent of a power law must be at least 2 and finite, not {shown(self.exponent)}")
+
+    def energy(self, extension: Array, rest: Array, k: Array) -> Array:
+        # kℓ²/(n − 1)·((λⁿ − 1)/n − (λ − 1)), λ = |L|/ℓ, without the difference: k e² ∫ (1 − s)(1 + s e/ℓ)^{n−2} ds.
+        return 0.5 * k * extension**2 * hyp2f1(2 - self.exponent, 1, 3, -extension / rest)
+
+    def tension(self, extension: Array, rest: Array, k: Array) -> Array:
+        power = self.exponent - 1
+        return k * rest / power * np.expm1(power * np.log1p(extension / rest))
+
+    def stiffness(self, extension: Array, rest: Array, k: Array) -> Array:
+        return k * (1 + extension / rest) ** (self.exponent - 2)
+
+    def stiffening(self, extension: Array, rest: Array, k: Array) -> Array:
+        return k / rest * (self.exponent - 2) * (1 + extension / rest) ** (self.exponent - 3)
+
+
+@dataclass(frozen=True)
+class WormLike(SpringLaw):
+    """The law of Marko and Siggia (1995), E' = ⅔ k m ℓ (¼(1 − u)⁻² − ¼ + u): no spring exceeds (1 + m)ℓ, u = e/(mℓ).
+
+    The slack m > 0 is the largest extension in units of the rest length; the tension diverges there as (1 − u)⁻².
+    """
+
+    slack: float
+    convex: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.slack, int | float | np.number) and 0 < self.slack < np.inf):
+            raise InputError(f"the slack of a worm-like law must be positive and finite, not {shown(self.slack)}")
+
+    def energy(self, extension: Array, rest: Array, k: Array) -> Array:
+        with np.errstate(divide="ignore"):
+            return k * extension**2 * (1 + 0.5 / self._left(extension, rest)) / 3
+
+    def tension(self, extension: Array, rest: Array, k: Array) -> Array:
+        left = self._left(extension, rest)
+        with np.errstate(divide="ignore"):
+            return 2 / 3 * k * extension * (1 + 0.25 * (1 + left) / left**2)
+
+    def stiffness(self, extension: Array, rest: Array, k: Array) -> Array:
+        with np.errstate(divide="ignore"):
+            return 2 / 3 * k * (1 + 0.5 / self._left(extension, rest) ** 3)
+
+    def stiffening(self, extension: Array, rest: Array, k: Array) -> Array:
+        with np.errstate(divide="ignore"):
+            return k / (self.slack * rest) / self._left(extension, rest) ** 4
+
+    def _left(self, extension: Array, rest: Array) -> Array:
+        """1 − u, the remaining part of the largest extension; zero beyond it."""
+        return np.maximum(1 - extension / (self.slack * rest), 0.0)
+
+
+@dataclass(frozen=True)
+class Cable(SpringLaw):
+    """E = ½ k e² for e > 0 and zero below: a cable, which resists extension only.
+
+    The energy is convex in the coordinates, so every equilibrium is a global minimum; E'' = k at rest and above.
+    """
+
+    convex: ClassVar[bool] = True
+    one_sided: ClassVar[bool] = True
+
+    def energy(self, extension: Array, rest: Array, k: Array) -> Array:
+        return 0.5 * k * np.maximum(extension, 0.0) ** 2
+
+    def tension(self, extension: Array, rest: Array, k: Array) -> Array:
+        return k * np.maximum(extension, 0.0)
+
+    def stiffness(self, extension: Array, rest: Array, k: Array) -> Array:
+        return np.where(extension >= 0, k, 0.0)
+
+    def stiffening(self, extension: Array, rest: Array, k: Array) -> Array:
+        return np.zeros_like(k)
+
+
+HOOKEAN = Hookean()
+
+# Laws whose formulas are tested in the library; `checked_law` accepts them without a check.
+_LIBRARY_LAWS = (Hookean, PowerLaw, WormLike, Cable)
+
+# Extensions, in units of ℓ, at which the derivatives and the convexity of a law are checked.
+_REACHES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+_STRETCHES = (1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0)
+
+
+def checked_law(law: SpringLaw, rest: Array, k: Array) -> SpringLaw:
+    """The law itself if it is consistent for springs ℓ, k (N_b,), else an `InputError`.
+
+    At rest it has zero energy, zero tension and the stiffness k; each of its functions is the derivative of the
+    previous one at a few extensions; a law with `convex = True` has no negative E'' at a few stretched lengths.
+    """
+    if not isinstance(law, SpringLaw):
+        raise InputError(f"law must be a SpringLaw such as Hookean() or PowerLaw(4), not {law!r:.60}")
+    if type(law) in _LIBRARY_LAWS:
+        return law
+    _check_rest(law, rest, k)
+    _check_derivatives(law, rest, k)
+    if law.convex:
+        _check_convexity(law, rest, k)
+    return law
+
+
+def _check_rest(law: SpringLaw, rest: Array, k: Array) -> None:
+    name = type(law).__name__
+    energy, tension, stiffness, _ = (f(np.zeros_like(rest), rest, k) for f in _functions(law))
+    if not (np.abs(energy) <= LAW_AT_REST * k * rest**2).all() or not (np.abs(tension) <= LAW_AT_REST * k * rest).all():
+        raise InputError(f"the law {name} must have no energy and no tension at rest: subtract its values at e = 0")
+    if not (np.abs(stiffness - k) <= LAW_STIFFNESS_AT_REST * k).all():
+        found = float(np.ravel(stiffness / k)[0])
+        advice = "scale it" if found > 0 else "give an energy with a minimum at rest"
+        raise InputError(f"the law {name} has {found:.3g} k as its stiffness at rest where E'' must be k: {advice}")
+
+
+def _check_derivatives(law: SpringLaw, rest: Array, k: Array) -> None:
+    for reach in _REACHES:
+        # Far inside the largest extension of the law.
+        if np.isfinite(law.energy(reach * rest, rest, k)).all():
+            break
+    step = 0.02 * reach * rest
+    for function, derivative, order in zip(_functions(law), _functions(law)[1:], (1, 2, 3), strict=False):
+        for e in (-0.2 * reach * rest, np.zeros_like(rest), 0.2 * reach * rest):
+            value, scale = derivative(e, rest, k), k * (reach * rest) ** (2 - order)
+            difference = _derivative(lambda e, f=function: f(e, rest, k), e, step)  # type: ignore[misc]
+            if not (np.abs(value - difference) <= LAW_CONSISTENCY * np.maximum(scale, np.abs(value))).all():
+                raise InputError(
+                    f"the law {type(law).__name__} is not consistent: its {derivative.__name__} is not the derivative "
+                    f"of its {function.__name__} at small extensions"
+                )
+
+
+def _check_convexity(law: SpringLaw, rest: Array, k: Array) -> None:
+    for stretch in _STRETCHES:
+        reached = np.isfinite(law.energy(stretch * rest, rest, k))
+        if (law.stiffness(stretch * rest, rest, k)[reached] < 0).any():
+            raise InputError(
+                f"the law {type(law).__name__} has a negative stiffness at an extension of {stretch:g} ℓ, so it is "
+                "not convex: remove its `convex = True`"
+            )
+
+
+def _functions(law: SpringLaw) -> tuple[Callable[[Array, Array, Array], Array], ...]:
+    return law.energy, law.tension, law.stiffness, law.stiffening
+
+
+def _derivative(function: Callable[[Array], Array], e: Array, h: Array) -> Array:
+    """Central difference of fourth order."""
+    return (8 * (function(e + h) - function(e - h)) - (function(e + 2 * h) - function(e - 2 * h))) / (12 * h)

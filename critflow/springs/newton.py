@@ -1,0 +1,212 @@
+"""Newton's method for the equilibrium of an elastic state, damped where the Hessian is indefinite or singular.
+
+Each step solves H u = f with the sparse Hessian H and the unbalanced forces f = −∂E/∂x.  Far from equilibrium H is
+replaced by a positive definite matrix: H with a shift for floppy modes, or its convex part (without the geometric
+softening of compressed edges) with a shift that grows until a step is accepted (Levenberg, 1944; Marquardt, 1963).
+
+The loop is not one of `critflow.solvers.minimize`, whose methods see vectors: a step needs the sparse factor of a
+matrix that it selects itself, and states keep bond vectors with a relative rounding that coordinates lack.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Generic
+
+import numpy as np
+
+from critflow.linalg.factor import Factor, FixedPattern
+from critflow.networks.network import Array
+from critflow.result import Status
+from critflow.springs.state import State
+
+# Stiffness that regularises floppy modes.  They feel no force, so the shift changes no answer; the stiffness of soft
+# modes at a strain γ, about γ k, is far above it.
+FLOPPY_SHIFT = 1e-11
+# Where every stress σ is larger, the Hessian is at least that multiple of the Laplacian of the network, and its pivots
+# are not examined.
+TAUT = 1e-7
+ROUNDING_FORCE = 1e-13  # below this force a rejected step is due to rounding and not to a matrix that needs damping
+
+# Damping: first and largest shift in units of k, and the factors by which it grows and decays.  The first shift is
+# below the soft modes of all strains of interest; beyond the largest, steps are shorter than rounding.
+_FIRST_SHIFT, _LARGEST_SHIFT, _GROWTH, _DECAY = 1e-9, 1e6, 10.0, 0.1
+
+# An indefinite Hessian stays indefinite for a while: it is tried again after the force has decreased to this part, or
+# after this number of steps.
+_RETRY_FORCE, _RETRY_STEPS = 0.1, 10
+
+# Parts of the step that are tried; a step with an earlier factor is tried in full only.
+_STEP_LENGTHS = (1.0, 0.3, 0.1)
+# Longest displacement of a step in units of the mean length: no edge passes through zero length.
+_LONGEST_STEP = 0.5
+
+# A step is accepted if the energy decreases by more than its rounding, or the force to this part.
+_ENERGY_ROUNDING, _FORCE_DECREASE = 1e-12, 0.9
+# A factor is used again after a decrease of the force to the first part, and as long as it brings the second: the
+# factorisation costs ten to a hundred solves.
+_REUSE_AFTER, _REUSE_DECREASE = 1e-2, 0.3
+
+# Where rounding stops the iteration within this number of tolerances, the state has converged.
+_ROUNDING_MARGIN = 10
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonEnd(Generic[State]):
+    """Last state of the iteration.
+
+    indefinite  whether the Hessian was indefinite at some step
+    factor      of the Hessian near the last state; None where the last factor is of another matrix
+    """
+
+    state: State
+    status: Status
+    steps: int
+    indefinite: bool
+    factor: Factor | None
+
+
+def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern) -> NewtonEnd[State]:
+    """Relax until no force component exceeds `tolerance`, in units of stiffness times length.
+
+    The last state may be a saddle.  `Status.stalled` where no shift yields an accepted step.
+    """
+    damping, here, step, status = _Damping(pattern), _Iterate.of(state), 0, Status.ok
+    while here.force > tolerance * here.force_unit:
+        if step == max_steps:
+            status = Status.step_limit
+            break
+        if damping.exhausted(here):
+            status = Status.stalled
+            break
+        displacement = damping.solve(here, step)
+        trial = _line_search(here, displacement, damping.reuses_factor)
+        if trial is not None:
+            damping.accept(here, trial)
+            here, step = trial, step + 1
+        elif not damping.reuses_factor and here.force < ROUNDING_FORCE * here.force_unit:
+            converged = here.force <= _ROUNDING_MARGIN * (tolerance * here.force_unit)
+            status = Status.ok if converged else Status.stalled
+            break
+        else:
+            damping.reject(here)
+    # Where the path passed other branches a factor on it may be of no use.
+    factor = None if damping.indefinite else damping.hessian_factor
+    return NewtonEnd(here.state, status, step, damping.indefinite, factor)
+
+
+@dataclass(frozen=True, eq=False)
+class _Iterate(Generic[State]):
+    """A state with its energy and its largest force; the force is infinite where the energy is."""
+
+    state: State
+    energy: float
+    force: float
+
+    @classmethod
+    def of(cls, state: State) -> _Iterate[State]:
+        energy = state.energy
+        # Beyond the reach of a law no force is defined.
+        return cls(state, energy, state.max_force if np.isfinite(energy) else np.inf)
+
+    @cached_property
+    def stiffness(self) -> float:
+        return self.state.stiffness_scale
+
+    @cached_property
+    def force_unit(self) -> float:
+        return self.stiffness * self.state.length_scale
+
+    @property
+    def taut(self) -> bool:
+        """Whether the Hessian is certainly positive definite: it is not less than P(σ), of a connected network."""
+        state = self.state
+        return bool(state.sigma.min() > TAUT * self.stiffness and state.edge_stiffness.min() >= 0)
+
+    def improves_on(self, other: _Iterate[State]) -> bool:
+        decreased = self.energy < other.energy * (1 - _ENERGY_ROUNDING)
+        return decreased or self.force < _FORCE_DECREASE * other.force
+
+
+def _line_search(here: _Iterate[State], displacement: Array, factor_is_old: bool) -> _Iterate[State] | None:
+    """The first accepted iterate among parts of a step u (n_free, d), or None."""
+    longest = _LONGEST_STEP * float(here.state.lengths.mean()) / max(float(np.abs(displacement).max()), 1e-300)
+    for length in _STEP_LENGTHS[:1] if factor_is_old else _STEP_LENGTHS:
+        trial = _Iterate.of(here.state.moved(min(length, longest) * displacement))
+        if trial.force < _REUSE_DECREASE * here.force if factor_is_old else trial.improves_on(here):
+            return trial
+    return None
+
+
+class _Damping:
+    """Selects the matrix of each step and keeps its factor.
+
+    The Hessian itself, with a shift for floppy modes where it is singular; its convex part where it is indefinite.
+    """
+
+    def __init__(self, pattern: FixedPattern):
+        self._pattern = pattern
+        self._shift, self._floppy_shift = 0.0, 0.0
+        self._factor: Factor | None = None
+        self._of_hessian = False
+        # The convex part is used while the force is not below the first and the step before the second.
+        self._convex_above, self._convex_until = np.inf, 0
+        self.reuses_factor = False
+
+    @property
+    def indefinite(self) -> bool:
+        """Whether the Hessian was indefinite at some step."""
+        return self._convex_until > 0
+
+    @property
+    def hessian_factor(self) -> Factor | None:
+        """The last factor if it is of the Hessian without damping."""
+        return self._factor if self._of_hessian else None
+
+    def exhausted(self, here: _Iterate[State]) -> bool:
+        """Whether the shift exceeds its limit, so that no step will be accepted."""
+        return self._shift > _LARGEST_SHIFT * here.stiffness
+
+    def solve(self, here: _Iterate[State], step: int) -> Array:
+        """The displacement (n_free, d) of this step, by a new factor unless the last one is used again."""
+        if not self.reuses_factor:
+            self._factorize(here, step)
+        assert self._factor is not None
+        forces = here.state.forces
+        return self._factor.solve(forces.ravel()).reshape(forces.shape)
+
+    def _factorize(self, here: _Iterate[State], step: int) -> None:
+        convex = here.force >= self._convex_above and step < self._convex_until
+        if not convex and not self._factorize_hessian(here):
+            convex = True
+            self._convex_above, self._convex_until = _RETRY_FORCE * here.force, step + _RETRY_STEPS
+            self._floppy_shift = 0.0
+        if convex:
+            self._shift = max(self._shift, _FIRST_SHIFT * here.stiffness)
+            self._factor = here.state.factorize_convex(self._pattern, self._shift)
+        self._of_hessian = not convex and self._shift == 0.0
+
+    def _factorize_hessian(self, here: _Iterate[State]) -> bool:
+        """Factorise the Hessian; False where it is indefinite."""
+        self._factor = here.state.factorize(self._pattern, max(self._shift, self._floppy_shift))
+        if here.taut or not self._factor.indefinite:
+            return True
+        if self._floppy_shift == 0.0:
+            # A part may be floppy only, as one of slack edges is.
+            self._floppy_shift = FLOPPY_SHIFT * here.stiffness
+            self._factor = here.state.factorize(self._pattern, max(self._shift, self._floppy_shift))
+        return not self._factor.indefinite
+
+    def accept(self, before: _Iterate[State], after: _Iterate[State]) -> None:
+        """Reduce the damping after an accepted step."""
+        self.reuses_factor = after.force < _REUSE_AFTER * before.force
+        smallest = _FIRST_SHIFT * before.stiffness
+        self._shift = _DECAY * self._shift if self._shift > smallest else 0.0
+
+    def reject(self, here: _Iterate[State]) -> None:
+        """Increase the damping, or only discard a factor of an earlier state."""
+        if self.reuses_factor:
+            self.reuses_factor = False
+        else:
+            self._shift = max(_GROWTH * self._shift, _FIRST_SHIFT * here.stiffness)

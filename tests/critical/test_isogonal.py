@@ -1,0 +1,342 @@
+"""Isogonal modes keep directions and tensions, and so the tension variance and the largest bulk modulus."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from problems import NETWORKS, dense_free, oblique, pinned_grid, random_stress, sheared, square_octagon, voronoi_3d
+from scipy.optimize import nnls
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    bulk_modulus_bound,
+    face_modes,
+    honeycomb_network,
+    isogonal_modes,
+    optimize,
+    stiffening,
+    strain_path,
+    transition_moduli,
+    voronoi_network,
+)
+from critflow.critical.isogonal import affine_bulk_modulus
+from critflow.rigidity.structure import length_variance, tension_variance
+
+
+def at_random_stress(network):
+    return CriticalManifold(network).configuration(random_stress(network.n_edges, 5))
+
+
+@cache
+def with_stiffness(n_vertices):
+    """A network of random stiffnesses at its largest bulk modulus."""
+    network = voronoi_network(n_vertices, seed=3)
+    network = network.with_stiffness(np.random.default_rng(1).uniform(0.5, 2.0, network.n_edges))
+    return CriticalManifold(network).configuration(network.stiffness)
+
+
+@cache
+def least_tension_variance(n_vertices):
+    return optimize(voronoi_network(n_vertices, seed=0), "tension_variance").value
+
+
+PERIODIC = {
+    "voronoi": lambda: voronoi_network(60, seed=1),
+    "oblique": lambda: oblique(voronoi_network(60, seed=2)),
+    "sheared": lambda: sheared(voronoi_network(60, seed=3), 1.7),
+    "few faces, edges longer than half the cell": lambda: voronoi_network(8, seed=3),
+    "honeycomb": lambda: honeycomb_network(3, 4),
+}
+CRITICAL = {
+    **{name: lambda make=make: at_random_stress(make()) for name, make in PERIODIC.items()},
+    "random stiffness": lambda: with_stiffness(60),
+    "least tension variance": lambda: least_tension_variance(100),
+    "largest shear modulus": lambda: optimize(voronoi_network(60, seed=4), "shear_modulus").value,
+}
+
+
+def dense(matrix):
+    return np.asarray(matrix.todense()) if hasattr(matrix, "todense") else matrix
+
+
+def grounded(modes):
+    """Displacements (n_modes, 2·N_v) less that of vertex 0, so that translations are gone."""
+    u = dense(modes.displacements).reshape(len(dense(modes.displacements)), -1, 2)
+    return (u - u[:, :1]).reshape(len(u), -1)
+
+
+@pytest.mark.parametrize("name", CRITICAL)
+def test_the_modes_of_the_faces_are_all_modes_with_one_relation(name):
+    critical = CRITICAL[name]()
+    every, local = isogonal_modes(critical), face_modes(critical)
+    n_faces = critical.network.n_vertices // 2
+    assert every.n_independent == local.n_independent == n_faces - 1 == len(every.elongations)
+    low, high = every.gap
+    assert low < 1e-12 and high > 1e-5
+    # The same space: independent, and nothing is left of one outside the other.
+    local_u, basis = grounded(local), np.linalg.qr(grounded(every).T)[0]
+    size = np.abs(local_u).max()
+    assert np.linalg.matrix_rank(local_u, tol=1e-9 * size) == n_faces - 1
+    assert np.abs(local_u - local_u @ basis @ basis.T).max() < 1e-10 * size
+    # The relation: all faces inflated alike leave every vertex where it is.
+    assert np.abs(local.displacements.sum(axis=0)).max() < 1e-13 * size
+    assert np.linalg.matrix_rank(local_u[1:], tol=1e-9 * size) == n_faces - 1
+
+
+@pytest.mark.parametrize("name", CRITICAL)
+def test_each_mode_moves_the_sides_of_its_face_outwards(name):
+    critical = CRITICAL[name]()
+    network, modes = critical.network, face_modes(critical)
+    faces = network.faces
+    g, _ = dense_free(network)
+    unit = critical.bond_vectors / critical.lengths[:, None]
+    reach = critical.tensions.mean() / critical.tensions
+    for face in range(faces.n_faces):
+        here = slice(faces.starts[face], faces.starts[face + 1])
+        sides, signs = faces.edges[here], faces.signs[here]
+        u = dense(modes.displacements)[face].reshape(-1, 2)
+        change = g @ u
+        size = np.abs(u).max()
+        # Directions stay, and the stored numbers are the elongations.
+        across = unit[:, 0] * change[:, 1] - unit[:, 1] * change[:, 0]
+        np.testing.assert_allclose(across, 0.0, rtol=0, atol=1e-13 * size)
+        along = np.einsum("ad,ad->a", unit, change)
+        np.testing.assert_allclose(along, dense(modes.elongations)[face], rtol=0, atol=1e-13 * size)
+        # Only corners move, and with them every side, to the right of its walk; a face may be a neighbour of itself.
+        corners = np.unique(network.edges[sides])
+        assert not np.delete(u, corners, axis=0).any()
+        outside = np.stack([unit[:, 1], -unit[:, 0]], axis=1)
+        pushed = np.zeros(network.n_edges)
+        np.add.at(pushed, sides, signs * reach[sides])
+        for end in network.edges.T:
+            moved = np.einsum("ad,ad->a", outside, u[end])
+            np.testing.assert_allclose(moved[sides], pushed[sides], rtol=0, atol=1e-12 * size)
+
+
+def test_the_mode_of_a_hexagon():
+    # w = 1 on all sides, two at 120° at every corner: corners and the edges that radiate move by 1/sin 60°.
+    critical = CriticalManifold(honeycomb_network(3, 3)).configuration(np.ones(27))
+    mode = face_modes(critical).elongations[[4]].toarray()[0]
+    assert np.count_nonzero(mode) == 12
+    np.testing.assert_allclose(np.sort(mode[mode != 0]), np.repeat([-2, 2], 6) / np.sqrt(3), rtol=1e-13)
+    # The dense modes contain it.
+    modes = isogonal_modes(critical)
+    fitted = np.linalg.lstsq(modes.elongations.T, mode, rcond=None)[0] @ modes.elongations
+    np.testing.assert_allclose(fitted, mode, rtol=0, atol=1e-10)
+
+
+def test_modes_of_faces_are_local_at_any_size():
+    for n_vertices in (1000, 10_000):
+        critical = at_random_stress(voronoi_network(n_vertices, seed=1))
+        modes = face_modes(critical)
+        # A face of n sides moves n corners and stretches n sides and n spokes; faces have six sides on average.
+        assert modes.displacements.shape == (n_vertices // 2, 2 * n_vertices)
+        assert modes.displacements.nnz <= 6 * n_vertices // 2 * 2
+        assert modes.elongations.nnz <= 6 * n_vertices // 2 * 2
+        assert np.abs(modes.elongations.sum(axis=0)).max() < 1e-13 * np.abs(modes.elongations).max()
+
+
+@pytest.mark.parametrize("find", [face_modes, isogonal_modes])
+def test_the_walk_keeps_directions_tensions_and_bulk_modulus(find):
+    before = with_stiffness(60)
+    modes, bound = find(before), bulk_modulus_bound(before.network)
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        after = modes.towards(rng.standard_normal(len(dense(modes.elongations))), 0.8)
+        assert np.abs(after.lengths / before.lengths - 1).max() > 0.5
+        assert after.residual < 1e-12
+        unit = after.bond_vectors / after.lengths[:, None]
+        np.testing.assert_allclose(unit, before.bond_vectors / before.lengths[:, None], rtol=0, atol=1e-12)
+        ratio = after.tensions / before.tensions
+        np.testing.assert_allclose(ratio, ratio[0], rtol=1e-12)
+        np.testing.assert_allclose(transition_moduli(after).bulk, bound, rtol=1e-12)
+        # The stress alone leads back to the same coordinates.
+        again = CriticalManifold(before.network).configuration(after.sigma)
+        np.testing.assert_allclose(again.coordinates, after.coordinates, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("n_vertices", [100, 1000])
+def test_long_walks_change_neither_tension_variance_nor_bulk_modulus(n_vertices):
+    least, stiffest = least_tension_variance(n_vertices), with_stiffness(n_vertices)
+    rng = np.random.default_rng(n_vertices)
+    for before, kept in ((least, tension_variance), (stiffest, lambda c: transition_moduli(c).bulk)):
+        modes = face_modes(before)
+        for fraction in (0.3, 0.6, 0.9, 0.9, 0.9):
+            after = modes.towards(rng.standard_normal(n_vertices // 2), fraction)
+            assert abs(kept(after) - kept(before)) < 1e-12
+            np.testing.assert_allclose((after.lengths / before.lengths).min(), 1 - fraction, rtol=1e-9)
+            assert abs(length_variance(after) / length_variance(before) - 1) > 0.01
+        # Step after step, from where the last one ended.
+        for _ in range(5):
+            after = face_modes(after).towards(rng.standard_normal(n_vertices // 2), 0.5)
+        assert abs(kept(after) - kept(before)) < 1e-12
+
+
+@pytest.mark.parametrize("name", PERIODIC)
+def test_moduli_at_the_transition_belong_to_the_force_network_alone(name):
+    # At any stress, not only where it is best: T in balance does the same work on all L that close on the cell.
+    critical = at_random_stress(PERIODIC[name]())
+    network, modes, before = critical.network, face_modes(critical), transition_moduli(critical)
+    rng = np.random.default_rng(3)
+    other = CriticalManifold(network).configuration(rng.uniform(0.3, 2.0, network.n_edges))
+    for fraction in (0.4, 0.9):
+        after = modes.towards(rng.standard_normal(network.n_vertices // 2), fraction)
+        moduli = transition_moduli(after)
+        assert moduli.bulk == pytest.approx(before.bulk, rel=1e-12)
+        assert moduli.shear == pytest.approx(before.shear, rel=1e-10, abs=1e-14)
+        # Any other configuration in the same cell may stand for L.
+        T = after.sigma[:, None] * after.bond_vectors
+        by_other = np.sum(T * other.bond_vectors) ** 2 / (
+            4 * network.volume * np.sum(T**2 / network.stiffness[:, None])
+        )
+        assert moduli.bulk == pytest.approx(by_other, rel=1e-11)
+
+
+def test_the_stiffest_family_answers_to_any_expansion_alike():
+    # L + s L* is in balance with forces k s L*: E = ½ s² Σ k|L*|² with (1 + s)² = 1 + γ.
+    stiffest, strains = with_stiffness(60), np.array([0.001, 0.03, 0.5])
+    bound, network = bulk_modulus_bound(stiffest.network), stiffest.network
+    s = np.sqrt(1 + strains) - 1
+    for fraction in (0.0, 0.5, 0.9):
+        member = face_modes(stiffest).towards(np.random.default_rng(6).standard_normal(30), fraction)
+        path = strain_path(network, member, strains).value
+        np.testing.assert_allclose(path.bulk_modulus, bound / np.sqrt(1 + strains), rtol=1e-12)
+        np.testing.assert_allclose(path.energy, 2 * network.volume * bound * s**2, rtol=1e-11)
+        expected = member.bond_vectors + s[-1] * stiffest.bond_vectors
+        np.testing.assert_allclose(path.states[-1].bond_vectors, expected, rtol=0, atol=1e-12)
+        assert stiffening(network, member).value.C_B == pytest.approx(-bound / 2, rel=1e-9)
+
+
+def test_a_face_that_is_inflated_gains_area_and_the_others_lose_it():
+    before = with_stiffness(100)
+    direction = np.zeros(50)
+    direction[7] = 1.0
+    after = face_modes(before).towards(direction, 0.9)
+    faces = before.network.faces
+    areas = []
+    for critical in (before, after):
+        sides = faces.signs[:, None] * critical.bond_vectors[faces.edges]
+        of_face = np.split(sides, faces.starts[1:-1])
+        corners = [np.cumsum(s, axis=0) for s in of_face]
+        areas.append([0.5 * np.sum(c[:-1, 0] * c[1:, 1] - c[:-1, 1] * c[1:, 0]) for c in corners])
+        np.testing.assert_allclose(np.sum(areas[-1]), before.network.volume, rtol=1e-12)
+    growth = np.diff(areas, axis=0)[0]
+    assert growth[7] > 0.1 and np.delete(growth, 7).max() < 1e-12
+    assert np.count_nonzero(np.abs(growth) > 1e-12) == 1 + faces.sizes[7]
+
+
+def test_the_affine_part_of_the_bulk_modulus():
+    affine = with_stiffness(100)
+    np.testing.assert_allclose(affine_bulk_modulus(affine), transition_moduli(affine).bulk, rtol=1e-13)
+    # The derivative that it stands for: energy of springs at rest, all lengths scaled with the box.
+    network, strain = affine.network, 1e-4
+    scale = np.sqrt(1 + strain * np.array([-1, 0, 1]))[:, None] - 1
+    energy = 0.5 * np.sum(network.stiffness * (scale * affine.lengths) ** 2, axis=1)
+    numeric = (energy[0] - 2 * energy[1] + energy[2]) / (strain**2 * network.volume)
+    np.testing.assert_allclose(affine_bulk_modulus(affine), numeric, rtol=1e-6)
+    modes, rng = face_modes(affine), np.random.default_rng(4)
+    for fraction in (0.01, 0.3, 0.9):
+        other = modes.towards(rng.standard_normal(50), fraction)
+        assert affine_bulk_modulus(other) > transition_moduli(other).bulk * (1 + 1e-6 * fraction**2)
+    assert affine_bulk_modulus(at_random_stress(voronoi_3d())) > 0
+
+
+@pytest.mark.parametrize("find", [face_modes, isogonal_modes])
+def test_a_walk_to_zero_length_is_refused_with_the_largest_scale(find):
+    modes = find(with_stiffness(60))
+    step = np.arange(1.0, 1.0 + len(dense(modes.elongations)))
+    with pytest.raises(InputError, match="would lose its length") as refusal:
+        modes.walk(1e3 * step)
+    largest = float(str(refusal.value).rsplit(" ", 1)[1]) * 1e3
+    assert largest == pytest.approx(modes.limit(step), rel=1e-3)
+    modes.walk(0.999 * largest * step)
+    with pytest.raises(InputError):
+        modes.walk(1.001 * largest * step)
+
+
+def test_wrong_amplitudes_and_directions_are_refused():
+    modes = face_modes(with_stiffness(60))
+    with pytest.raises(InputError, match="30 finite amplitudes"):
+        modes.walk(np.ones(3))
+    with pytest.raises(InputError, match="30 finite amplitudes"):
+        modes.limit(np.full(30, np.nan))
+    for fraction in (1.0, -0.1, np.nan):
+        with pytest.raises(InputError, match="fraction"):
+            modes.towards(np.arange(30.0), fraction)
+    with pytest.raises(InputError, match="no edge shrinks"):
+        modes.towards(np.zeros(30))
+    assert modes.limit(np.zeros(30)) == np.inf
+
+
+def test_modes_that_do_not_fit_in_memory_are_refused_at_once():
+    critical = optimize(voronoi_network(4000, seed=1), "bulk_modulus").value
+    with pytest.raises(InputError, match=r"7998 × 7998 is too large .* face_modes\(\) finds"):
+        isogonal_modes(critical)
+    assert face_modes(critical).n_independent == 1999
+
+
+def test_a_pinned_network_keeps_its_pins():
+    # Four edges a vertex are more directions than displacements: nothing is isogonal.
+    rigid = isogonal_modes(at_random_stress(pinned_grid(6)))
+    assert rigid.n_independent == 0 and rigid.elongations.shape == (0, rigid.critical.network.n_edges)
+    # A cube seen from above, its outer corners pinned: the inner square swells along the diagonals, its one mode.
+    outer = np.array([[0.0, 0.0], [3.0, 0.2], [3.1, 3.0], [-0.2, 2.8]])
+    ring = [[k, (k + 1) % 4] for k in range(4)]
+    network = Network([*ring, *[[k, 4 + k] for k in range(4)]], pins={4 + k: outer[k] for k in range(4)})
+    critical = at_random_stress(network)
+    modes = isogonal_modes(critical)
+    assert modes.n_independent == 1
+    after = modes.towards([1.0], 0.5)
+    np.testing.assert_array_equal(after.coordinates[4:], outer)
+    assert after.residual < 1e-13
+    ratio = after.tensions / critical.tensions
+    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-12)
+
+
+def test_where_faces_do_not_serve_a_sentence_says_so():
+    for network in (square_octagon(), NETWORKS["pinned grid"](), voronoi_3d()):
+        with pytest.raises(InputError, match="use isogonal_modes instead"):
+            face_modes(at_random_stress(network))
+    with pytest.raises(InputError, match="two dimensions"):
+        isogonal_modes(at_random_stress(voronoi_3d()))
+    critical = with_stiffness(60)
+    slack = critical.sigma.copy()
+    slack[11] = 0.0
+    slackened = type(critical)(critical.network, slack, critical.coordinates, critical.bond_vectors)
+    with pytest.raises(InputError, match=f"vertex {critical.network.edges[11].min()} lie along one line or vanish"):
+        face_modes(slackened)
+
+
+def test_the_largest_of_a_family_meets_the_conditions_of_an_optimum():
+    before = with_stiffness(60)
+    faces, modes = before.network.faces, face_modes(before)
+    weights = np.zeros(90)
+    np.add.at(weights, faces.edges[faces.starts[5] : faces.starts[6]], 1.0)
+    solution = modes.largest(weights, 0.1)
+    assert solution.ok
+    after = solution.value
+    np.testing.assert_array_equal(modes.walk(solution.amplitudes).lengths, after.lengths)
+    # HiGHS meets its constraints to 1e-7.
+    assert after.lengths.min() > 0.1 - 1e-7
+    assert np.sum(weights * after.lengths) > 1.5 * np.sum(weights * before.lengths)
+    assert transition_moduli(after).bulk == pytest.approx(bulk_modulus_bound(before.network), rel=1e-12)
+    # Duality: weights, with prices that are not negative on the tight edges, pull along no mode.
+    tight = np.flatnonzero(after.lengths < 0.1 + 1e-6)
+    assert len(tight) > 0
+    prices = nnls(np.asarray((-modes.elongations[:, tight]).todense()), modes.elongations @ weights)
+    assert prices[1] < 1e-8
+    # Another method, and modes of another basis, find the same.
+    again = isogonal_modes(before).largest(weights, 0.1).value
+    assert np.sum(weights * again.lengths) == pytest.approx(np.sum(weights * after.lengths), rel=1e-7)
+
+
+def test_lengths_that_no_member_of_the_family_has_are_refused():
+    modes = face_modes(with_stiffness(60))
+    with pytest.raises(InputError, match="smaller length"):
+        modes.largest(np.ones(90), 1.5)
+    with pytest.raises(InputError, match="must be positive"):
+        modes.largest(np.ones(90), 0.0)
+    with pytest.raises(InputError, match="one value per edge"):
+        modes.largest(np.ones(89), 0.1)

@@ -1,0 +1,94 @@
+"""Random sequential addition: minimum distance, statistics and reproducibility."""
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from critflow import random_sequential_addition
+from critflow.generators.random_networks import STANDARD_HARD_CORE
+
+
+def digest(*arrays: np.ndarray) -> str:
+    """Hash of every bit of the arrays."""
+    bits = [array.astype("<i8" if array.dtype.kind == "i" else "<f8").tobytes() for array in arrays]
+    return hashlib.sha256(b"".join(bits)).hexdigest()[:16]
+
+
+def periodic_distances(points: np.ndarray) -> np.ndarray:
+    """All pair distances in the periodic unit cube, with infinity on the diagonal."""
+    step = points[:, None] - points[None]
+    distance = np.linalg.norm(step - np.round(step), axis=2)
+    np.fill_diagonal(distance, np.inf)
+    return distance
+
+
+def plain_addition(n_points: int, distance: float, rng: np.random.Generator) -> np.ndarray:
+    """Random sequential addition by its definition: trials uniform in the square, rejected within the distance."""
+    points: list[np.ndarray] = []
+    while len(points) < n_points:
+        trial = rng.random(2)
+        step = np.array(points).reshape(-1, 2) - trial
+        if not len(points) or np.min(np.sum((step - np.round(step)) ** 2, axis=1)) >= distance**2:
+            points.append(trial)
+    return np.array(points)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_points_satisfy_the_minimum_distance(seed):
+    distance = STANDARD_HARD_CORE / np.sqrt(200)
+    points = random_sequential_addition(200, distance, np.random.default_rng(seed))
+    assert points.shape == (200, 2)
+    assert points.min() >= 0 and points.max() < 1
+    assert periodic_distances(points).min() >= distance
+
+
+def test_points_satisfy_the_minimum_distance_in_three_dimensions():
+    points = random_sequential_addition(100, 0.15, np.random.default_rng(1), dimension=3)
+    assert points.shape == (100, 3)
+    assert periodic_distances(points).min() >= 0.15
+
+
+@pytest.mark.parametrize("hard_core", [0.5, 0.75])
+def test_fast_addition_has_the_statistics_of_plain_addition(hard_core):
+    # Mean nearest-neighbour distance over independent packings of each kind; four standard errors of the difference.
+    n_points, n_packings = 40, 60
+    distance = hard_core / np.sqrt(n_points)
+    samples = {}
+    for seed, make in enumerate((random_sequential_addition, plain_addition)):
+        rng = np.random.default_rng(seed)
+        packings = [make(n_points, distance, rng) for _ in range(n_packings)]
+        nearest = np.array([periodic_distances(p).min(axis=1) for p in packings])
+        pairs = np.array([(periodic_distances(p) < 1.5 * distance).sum() / n_points for p in packings])
+        samples[make] = nearest.mean(axis=1), nearest.std(axis=1), pairs
+    for fast, plain in zip(samples[random_sequential_addition], samples[plain_addition], strict=True):
+        error = np.sqrt((fast.var(ddof=1) + plain.var(ddof=1)) / n_packings)
+        assert abs(fast.mean() - plain.mean()) < 4 * error
+
+
+def test_points_are_uniform_in_the_square():
+    # Fourier modes of the density vanish within four standard errors.
+    rng = np.random.default_rng(3)
+    packings = [random_sequential_addition(40, 0.6 / np.sqrt(40), rng) for _ in range(80)]
+    for mode in ([1, 0], [0, 1], [4, 0], [0, 4], [7, 7]):
+        phase = np.array([np.exp(2j * np.pi * (p @ mode)).sum() for p in packings])
+        for part in (phase.real, phase.imag):
+            assert abs(part.mean()) < 4 * part.std(ddof=1) / np.sqrt(len(part))
+
+
+@pytest.mark.parametrize(
+    "n_points, hard_core, dimension, bits",
+    [
+        (1, 0.5, 2, "f47cf9d290788d07"),
+        (30, 0.5, 1, "aaf320150c55756e"),
+        (50, 0.82, 2, "661f5a69e3c54fff"),
+        (2000, 0.82, 2, "c51a118a9809e9af"),
+        (2000, 0.6, 2, "0fe2484b2aabd201"),
+        (100, 0.85, 3, "6acfe489e6980cce"),
+    ],
+)
+def test_points_are_frozen(n_points, hard_core, dimension, bits):
+    # Sums, products and comparisons only, so every bit is the same on every machine; so are the next random numbers.
+    rng = np.random.default_rng(7)
+    points = random_sequential_addition(n_points, hard_core / n_points ** (1 / dimension), rng, dimension)
+    assert digest(points, rng.random(3)) == bits

@@ -1,0 +1,350 @@
+"""The strain path: equilibria at increasing volume, equal to direct relaxations."""
+
+import numpy as np
+import pytest
+from problems import (
+    NETWORKS,
+    SMALL_NETWORKS,
+    bounds_over_errors,
+    critical_of,
+    exact_moduli,
+    partly_compressed,
+    random_stress,
+    relaxed_directly,
+    slack_lattice,
+    stiff_lattice,
+    taut_rows,
+    with_random_stiffness,
+)
+from scipy.optimize import minimize, minimize_scalar
+
+from critflow import (
+    DEFORMATIONS,
+    Cable,
+    CriticalManifold,
+    Deformation,
+    Hookean,
+    InputError,
+    Network,
+    PowerLaw,
+    Status,
+    backbone,
+    critical_from_lengths,
+    equilibrium,
+    foam_network,
+    honeycomb_network,
+    spring_state,
+    stiffening,
+    strain_path,
+)
+from critflow import voronoi_network as voronoi
+from critflow.critical.manifold import critical_configuration
+from critflow.springs.free_cell import stretched
+from workflows.benchmarks import reference
+
+STRAINS = np.array([1e-6, 1e-5, 1e-4, 0.001, 0.002, 0.003, 0.01, 0.05])
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi, random stiffness", "voronoi 3D", "oblique"])
+def test_path_is_relaxed_at_every_strain(name):
+    critical = critical_of(NETWORKS[name]())
+    solution = strain_path(critical.network, critical, STRAINS)
+    assert solution.status is Status.ok
+    path = solution.value
+    np.testing.assert_array_equal(path.status, Status.ok)
+    assert path.max_force.max() < 1e-13
+    np.testing.assert_array_equal(path.strains, STRAINS)
+    assert len(path.states) == len(STRAINS)
+    for gamma, state, energy in zip(STRAINS, path.states, path.energy, strict=True):
+        assert state.network.volume == pytest.approx(critical.network.volume * (1 + gamma), rel=1e-13)
+        np.testing.assert_array_equal(state.rest_lengths, critical.lengths)
+        assert energy == state.energy
+        direct = relaxed_directly(critical, gamma)
+        # Both may differ by forces of 1e-14 over the softest stiffness, of order γ/100.
+        np.testing.assert_allclose(state.bond_vectors, direct.bond_vectors, rtol=0, atol=1e-11 + 1e-13 / gamma)
+        # The energy is second order in that error.
+        assert energy == pytest.approx(direct.energy, rel=1e-7)
+
+
+def test_path_is_independent_of_intermediate_strains():
+    critical = critical_of(voronoi(40, seed=1))
+    few = strain_path(critical.network, critical, [0.03]).value
+    many = strain_path(critical.network, critical, np.linspace(0.001, 0.03, 30)).value
+    np.testing.assert_allclose(many.states[-1].bond_vectors, few.states[-1].bond_vectors, rtol=0, atol=1e-11)
+    for name in ("bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected", "energy"):
+        assert getattr(many, name)[-1] == pytest.approx(getattr(few, name)[-1], rel=1e-9)
+
+
+def test_states_are_independent_of_moduli():
+    critical = critical_of(voronoi(40, seed=1))
+    plain = strain_path(critical.network, critical, [0.001, 0.01], moduli=False)
+    full = strain_path(critical.network, critical, [0.001, 0.01])
+    assert plain.status is full.status is Status.ok
+    assert np.isnan(plain.value.bulk_modulus).all()
+    np.testing.assert_allclose(plain.value.energy, full.value.energy, rtol=1e-10)
+
+
+def test_fire_follows_the_same_path():
+    critical = critical_of(with_random_stiffness(voronoi(20, seed=2), 1))
+    fire = strain_path(critical.network, critical, [0.02, 0.04], "fire", tolerance=1e-13)
+    newton = strain_path(critical.network, critical, [0.02, 0.04])
+    assert fire.status is newton.status is Status.ok
+    np.testing.assert_allclose(fire.value.bulk_modulus, newton.value.bulk_modulus, rtol=1e-8)
+    np.testing.assert_allclose(
+        fire.value.states[-1].bond_vectors, newton.value.states[-1].bond_vectors, rtol=0, atol=1e-10
+    )
+
+
+@pytest.mark.parametrize("make", [lambda: voronoi(40, seed=1), lambda: foam_network(60, seed=1)], ids=["2D", "3D"])
+@pytest.mark.parametrize("deformation", ["dilation", "simple_shear", "uniaxial", "uniaxial_free"])
+def test_moduli_do_not_depend_on_tensors(make, deformation):
+    critical = critical_of(make())
+    few, all_ = (
+        strain_path(critical.network, critical, [0.01, 0.05], deformation=deformation, tensors=tensors, throw=False)
+        for tensors in (False, True)
+    )
+    assert few.status is all_.status and few.value.elasticity == ()
+    assert len(all_.value.elasticity) == len(all_.value.states)
+    for name in ("bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected", "modulus", "energy"):
+        np.testing.assert_allclose(getattr(few.value, name), getattr(all_.value, name), rtol=1e-12, err_msg=name)
+
+
+def test_energy_is_the_work_done():
+    # dE/dV = pressure-like Σσ|L|²/(dV): the trapezium over the path has an error of the square of the step.
+    critical = critical_of(voronoi(40, seed=3))
+    gamma = np.linspace(0.0005, 0.02, 40)
+    path = strain_path(critical.network, critical, gamma).value
+    volume = np.array([s.network.volume for s in path.states])
+    slope = np.array([np.sum(s.sigma * s.lengths**2) / (2 * s.network.volume) for s in path.states])
+    work = np.sum(0.5 * (slope[1:] + slope[:-1]) * np.diff(volume))
+    assert work == pytest.approx(path.energy[-1] - path.energy[0], rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    "strains", [[], [0.002, 0.001], [-0.001, 0.001], [-0.001, -0.001], [0.0, 0.001], [np.nan], [0.001, 0.001], [np.inf]]
+)
+def test_bad_strains(strains):
+    with pytest.raises(InputError, match=r"0\.001"):
+        strain_path(voronoi(12, seed=1), critical_of(voronoi(12, seed=1)), strains)
+
+
+@pytest.mark.parametrize("n", [2.0, 3.0, 4.5])
+def test_power_laws_of_the_largest_bulk_modulus_are_affine(n):
+    # With σ = k all edges stretch alike, by λ = √v; every tension is then kℓ times one function of λ, so the
+    # balance persists and B = (v/V_0) d²E/dv² with E = Σkℓ²/(n − 1)·((λⁿ − 1)/n − λ + 1) at any strain.
+    network = with_random_stiffness(voronoi(40, seed=1), 3)
+    critical = CriticalManifold(network).configuration(network.stiffness)
+    gamma = np.array([0.01, 0.1, 0.5])
+    path = strain_path(network, critical, gamma, law=PowerLaw(n)).value
+    v, scale = 1 + gamma, network.stiffness @ critical.lengths**2 / (n - 1)
+    second = (n / 2 - 1) / 2 * v ** (n / 2 - 2) + 0.25 * v**-1.5
+    np.testing.assert_allclose(path.bulk_modulus, v * scale * second / network.volume, rtol=1e-10)
+    energy = scale * ((v ** (n / 2) - 1) / n - np.sqrt(v) + 1)
+    np.testing.assert_allclose(path.energy, energy, rtol=1e-11)
+    for g, state in zip(gamma, path.states, strict=True):
+        np.testing.assert_allclose(state.lengths, np.sqrt(1 + g) * critical.lengths, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "oblique"])
+def test_coordinates_and_bond_vectors_stay_consistent(name):
+    critical = CriticalManifold(NETWORKS[name]()).configuration(random_stress(NETWORKS[name]().n_edges, 4))
+    path = strain_path(critical.network, critical, [0.01, 0.02, 0.05]).value
+    for state in path.states:
+        np.testing.assert_allclose(
+            state.network.bond_vectors(state.coordinates), state.bond_vectors, rtol=0, atol=1e-13
+        )
+
+
+SWEPT = [*10.0 ** -np.arange(12, 4, -1), 0.001, 0.002, 0.003, 0.05, 0.3]
+
+
+@pytest.mark.parametrize("strains", [[1e-12, 1e-7, 0.001, 0.3], pytest.param(SWEPT, marks=pytest.mark.sweep)], ids=len)
+def test_bounds_of_paths(strains):
+    network = SMALL_NETWORKS["stiffness"]()
+    critical = CriticalManifold(network).configuration(random_stress(18, 4))
+    path = strain_path(network, critical, strains).value
+    found = []
+    for n, state in enumerate(path.states):
+        exact = reference.equilibrium(state.network, state.rest_lengths, state.coordinates)
+        error = reference.largest_error(state.coordinates, exact.coordinates, moved=True)
+        assert error <= path.coordinate_error[n] <= 10 * error
+        values = (path.bulk_modulus[n], path.shear_modulus[n], path.shear_modulus_stress_corrected[n])
+        shear = path.shear_modulus_error[n]
+        found += bounds_over_errors(values, (path.bulk_modulus_error[n], shear, shear), exact_moduli(state))
+    assert np.median(found) < 100
+
+
+def curving(strain):
+    """F(γ) that curves, rotates and changes the volume."""
+    return np.array([[np.exp(strain), strain], [0.3 * strain**2, 1.0]])
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    "deformation",
+    [*DEFORMATIONS, np.array([[0.3, 0.2], [-0.5, 0.1]]), curving],
+    ids=[*DEFORMATIONS, "matrix", "function"],
+)
+def test_modulus_and_stress_are_derivatives_of_the_relaxed_energy(deformation, sign):
+    state = stiff_lattice()
+    h = 1e-3
+    strains = sign * h * np.arange(7)
+    path = strain_path(state.network, state, strains, deformation=deformation).value
+    F = path.deformation
+    E, volume = path.energy, np.array([one.network.volume for one in path.states])
+    n = 3
+    # Sixth order.
+    first = sign * (E[n + 3] - 9 * E[n + 2] + 45 * E[n + 1] - 45 * E[n - 1] + 9 * E[n - 2] - E[n - 3]) / (60 * h)
+    second = np.array([2, -27, 270, -490, 270, -27, 2]) @ E / (180 * h**2)
+    assert path.modulus[n] == pytest.approx(second / volume[n], rel=1e-7)
+    # The work of the stress: free components do none.
+    S = stretched(path.free_components[n], F.free_strains)
+    rate = S @ F.velocity(strains[n]) @ np.linalg.inv(S)
+    assert volume[n] * np.sum(path.stress[n] * rate) == pytest.approx(first, rel=1e-9, abs=1e-12)
+    for strain, q, one in zip(strains, path.free_components, path.states, strict=True):
+        boundary = state.network.boundary_vectors @ (stretched(q, F.free_strains) @ F.gradient(strain)).T
+        np.testing.assert_allclose(one.network.boundary_vectors, boundary, rtol=0, atol=1e-14)
+    assert not path.inserted.any() and path.steps.max() <= 4
+
+
+def test_free_sides_minimise_the_energy():
+    # Against golden-section search over the lateral strain, each point relaxed at fixed sides.
+    state = stiff_lattice(2)
+    path = strain_path(state.network, state, [0.05], deformation="uniaxial_free").value
+
+    def energy(q):
+        F = np.diag([1.05, 1 + q])
+        return equilibrium(state.deformed(F)).value.energy
+
+    found = minimize_scalar(energy, bracket=(-0.05, 0.0, 0.05), tol=1e-10)
+    # The energy is quadratic in the error of q.
+    assert path.free_components[0, 0] == pytest.approx(found.x, abs=1e-7)
+    assert path.energy[0] == pytest.approx(found.fun, rel=1e-13)
+    assert abs(path.stress[0, 1, 1]) < 1e-14 and path.stress[0, 0, 0] > 0.03
+    assert 0 < path.coordinate_error[0] < 1e-13
+
+
+def test_free_cell_in_space_has_no_stress():
+    offsets = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1], [1, 1, 1]]
+    sites = np.array(list(np.ndindex(2, 2, 2)))
+    heads = sites[:, None] + offsets
+    edges = [
+        [4 * a + 2 * b + c, 4 * (i % 2) + 2 * (j % 2) + k % 2]
+        for (a, b, c), row in zip(sites, heads, strict=True)
+        for i, j, k in row
+    ]
+    network = Network(edges, heads.reshape(-1, 3) // 2, 2 * np.eye(3), positions=sites)
+    network = with_random_stiffness(network, 1)
+    at_rest = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    state = equilibrium(spring_state(network, 0.98 * at_rest, network.positions)).value
+    deformation = Deformation.uniaxial(3, sides="free").freeing("yy", "zz", "xy")
+    path = strain_path(network, state, [0.0, 0.02, 0.05], deformation=deformation).value
+    assert path.free_components.shape == (3, 3)
+    assert (path.stress[1:, 0, 0] > 0.01).all()
+    for stress, q in zip(path.stress, path.free_components, strict=True):
+        # Of the boundary (1 + Σ q E) F b the stress does the work V Σ_ij S_ij A_ij with A = E (1 + Σ q E)⁻¹.
+        rates = deformation.free_strains @ np.linalg.inv(stretched(q, deformation.free_strains))
+        np.testing.assert_allclose(np.einsum("ij,mij->m", stress, rates), 0, atol=1e-14)
+
+
+@pytest.mark.parametrize("gamma", [0.01, 0.1, 0.3])
+def test_honeycomb_from_its_transition(gamma):
+    # Uniform: two vertices a cell; the energy of three edges, minimal over the one relative position.
+    network = honeycomb_network(2, 2)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    for deformation in ("dilation", "simple_shear", "pure_shear", "uniaxial"):
+        path = strain_path(network, critical, [gamma], deformation=deformation).value
+        F = path.deformation.gradient(gamma)
+        directions = np.unique(np.round(critical.bond_vectors, 12), axis=0)
+        assert len(directions) == 3, "all edges point from one sublattice to the other"
+        length = critical.lengths[0]
+
+        def energy(u, edges=directions @ F.T, length=length):
+            return 0.5 * np.sum((np.linalg.norm(edges + u, axis=1) - length) ** 2)
+
+        found = minimize(energy, np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-16})
+        assert path.energy[0] == pytest.approx(network.n_edges / 3 * found.fun, rel=1e-8)
+
+
+def test_a_strain_that_loosens_is_floppy():
+    critical = critical_of(voronoi(12, seed=1))
+    solution = strain_path(critical.network, critical, [-0.01, -0.02], throw=False)
+    assert solution.status is Status.floppy
+    assert solution.value.status.tolist() == [Status.floppy, Status.missing]
+    assert np.isnan(solution.value.energy).all() and solution.stats.steps == 0
+
+
+def test_pins_follow_the_deformation():
+    # Two springs in series on a line of pins: each takes half of the elongation.
+    network = Network([[0, 1], [1, 2], [1, 3], [1, 4]], pins={0: [-1, 0], 2: [1, 0], 3: [0, 1], 4: [0, -1]})
+    state = spring_state(network, np.full(4, 0.5), np.array([[-1, 0], [0, 0], [1, 0], [0, 1], [0, -1.0]]))
+    path = strain_path(network, state, [0.0, 0.1, 0.2], deformation="uniaxial").value
+    np.testing.assert_allclose(path.energy, (0.5 + path.strains) ** 2 + 0.25, rtol=1e-14)
+    np.testing.assert_allclose(path.modulus, 2.0, rtol=1e-13)
+    assert np.isnan(path.bulk_modulus).all()
+
+
+def test_the_path_of_a_slack_configuration_is_that_of_its_taut_part():
+    network, lengths, critical = slack_lattice()
+    strains = [1e-4, 1e-3]
+    solution = strain_path(network, critical, strains)
+    part = backbone(critical)
+    assert solution.ok
+    assert f"{part.n_slack} of {network.n_edges} edges are slack" in solution.note
+    alone = strain_path(part.network, part.configuration, strains)
+    assert np.array_equal(solution.value.bulk_modulus, alone.value.bulk_modulus)
+    growth = stiffening(network, critical).value
+    assert solution.value.bulk_modulus[0] == pytest.approx(growth.bulk_0 + 1e-4 * growth.C_B, rel=1e-4)
+    # A solution with slack edges is a start as well; as cables all edges give the same as long as none becomes taut.
+    cables = strain_path(
+        network, critical_from_lengths(network, lengths, throw=False), strains, law=Cable(), rest_lengths=lengths
+    )
+    np.testing.assert_allclose(cables.value.bulk_modulus, alone.value.bulk_modulus, rtol=1e-9)
+    assert cables.value.states[0].network.n_edges == network.n_edges
+
+
+def test_a_slack_cable_becomes_taut_on_the_path():
+    # Two cables between a vertex and its image: one taut, one slack until the strain reaches 0.02; k = 1, V = 1.
+    network = Network([[0, 1], [1, 0], [0, 2], [2, 0]], [[0, 0], [1, 0], [0, 0], [1, 0]], np.eye(2))
+    sigma, x = np.array([1.0, 1, 0, 0]), np.array([[0, 0], [0.5, 0], [0.5, 0.01]])
+    critical = critical_configuration(network, sigma, x)
+    path = strain_path(
+        *(network, critical, [0.01, 0.03]),
+        deformation="uniaxial",
+        law=Cable(),
+        rest_lengths=np.array([0.5, 0.5, 0.51, 0.51]),
+    ).value
+    # Each cable of two springs has stiffness 1/2; V = 1 + γ.
+    np.testing.assert_allclose(path.modulus, [0.5 / 1.01, 1.0 / 1.03], rtol=1e-9)
+    np.testing.assert_allclose(path.energy, [0.25 * 0.01**2, 0.25 * (0.03**2 + 0.01**2)], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({}, "compressed"),
+        ({"law": Hookean()}, "compressed"),
+        ({"law": Cable(), "rest_lengths": np.linspace(1, 2, 4)}, "these rest lengths"),
+    ],
+    ids=["no law", "two-sided", "other lengths"],
+)
+def test_rest_lengths_of_slack_edges_need_cables(options, word):
+    critical = taut_rows(2)
+    n = critical.network.n_edges
+    lengths = np.linspace(1, 2, n) if "rest_lengths" in options else np.ones(n)
+    with pytest.raises(InputError, match=word):
+        strain_path(critical.network, critical, [0.1], **{**options, "rest_lengths": lengths})
+
+
+@pytest.mark.parametrize("length", [1e-9, 1e9])
+@pytest.mark.parametrize("stiffness", [1e-6, 1e6])
+def test_other_units_give_the_same_path(length, stiffness):
+    critical, strains = partly_compressed(16, 2), [0.001, 0.01, 0.1]
+    network = critical.network
+    scaled = Network(network.edges, network.offsets, network.cell * length, stiffness)
+    path = strain_path(network, critical, strains, throw=False).value
+    other = strain_path(scaled, CriticalManifold(scaled).configuration(critical.sigma), strains, throw=False).value
+    np.testing.assert_array_equal(other.status, path.status)
+    np.testing.assert_array_equal(other.steps, path.steps)
+    np.testing.assert_allclose(other.energy, path.energy * stiffness * length**2, rtol=1e-11)
+    np.testing.assert_allclose(other.modulus, path.modulus * stiffness, rtol=1e-12)

@@ -1,0 +1,71 @@
+"""Cutting edges: exact values against new factorisations, the closed form at the largest bulk modulus, bad input."""
+
+import numpy as np
+import pytest
+from problems import random_stress, with_random_stiffness
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    edge_leverage,
+    foam_network,
+    optimize,
+    transition_moduli,
+    voronoi_network,
+)
+from critflow.quantities.leverage import cut
+from critflow.rigidity.structure import length_variance, tension_variance
+
+NETWORKS = {
+    "plane": lambda: with_random_stiffness(voronoi_network(n_vertices=30, seed=1), seed=2),
+    "sheared": lambda: voronoi_network(n_vertices=30, seed=3).deformed([[1.0, 0.6], [0.0, 1.1]]),
+    "space": lambda: foam_network(n_vertices=60, seed=1),
+}
+
+
+@pytest.fixture(scope="module", params=NETWORKS)
+def network(request):
+    return NETWORKS[request.param]()
+
+
+VALUES = {
+    "bulk_modulus": lambda critical: transition_moduli(critical).bulk,
+    "shear_modulus": lambda critical: transition_moduli(critical).shear,
+    "length_variance": length_variance,
+    "tension_variance": tension_variance,
+}
+
+
+@pytest.mark.parametrize("objective", VALUES)
+def test_values_are_those_of_the_cut_networks(network, objective):
+    sigma = random_stress(network.n_edges, seed=4)
+    critical = CriticalManifold(network).configuration(sigma)
+    found = edge_leverage(critical, objective)
+    assert found.before == pytest.approx(VALUES[objective](critical), rel=1e-12)
+    for edge in (0, 7, network.n_edges - 1):
+        there = CriticalManifold(cut(network, edge)).configuration(np.delete(sigma, edge))
+        assert found.after[edge] == pytest.approx(VALUES[objective](there), rel=1e-9)
+    assert ((found.bypass > 0) & (found.bypass < 1)).all()
+
+
+def test_the_best_cut_of_the_stiffest_network_has_a_closed_form():
+    network = NETWORKS["plane"]()
+    best = optimize(network, "bulk_modulus").value
+    found = edge_leverage(best)
+    # ΔB_0 = −k|L|²/(d² V (1 − k r)), and the cut network is again the stiffest.
+    scale = best.sigma / network.stiffness
+    np.testing.assert_allclose(scale, scale[0], rtol=1e-12)
+    expected = -network.stiffness * best.lengths**2 / (4 * network.volume * found.bypass)
+    np.testing.assert_allclose(found.change, expected, rtol=1e-9, atol=0)
+    edge = int(found.change.argmax())
+    assert found.after[edge] == pytest.approx(optimize(cut(network, edge), "bulk_modulus").objective, rel=1e-10)
+
+
+def test_bad_input_is_one_sentence():
+    critical = CriticalManifold(NETWORKS["plane"]()).configuration(np.ones(45))
+    with pytest.raises(InputError, match="colour"):
+        edge_leverage(critical, "colour")
+    with pytest.raises(InputError, match="objective"):
+        edge_leverage(critical, "shear_modulus", threshold=0.1)
+    with pytest.raises(InputError, match="edge 45"):
+        cut(NETWORKS["plane"](), 45)

@@ -1,0 +1,204 @@
+"""Both splits of the Hessian, differences of forces, and the bond operator by its definition."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from problems import NETWORKS, random_stress, triangular_lattice, with_random_stiffness
+
+from critflow import (
+    CriticalManifold,
+    SolveError,
+    Status,
+    bond_operator,
+    geometric_split,
+    hookean_split,
+    rigidity,
+    spring_state,
+    three_bar_linkage,
+    voronoi_network,
+    zero_modes,
+)
+from critflow.linalg.matrices import block_laplacian
+from critflow.networks.network import Array
+from critflow.springs.state import SpringState
+
+NAMES = ["voronoi, random stiffness", "voronoi 3D", "own images", "oblique", "pinned star", "pinned grid"]
+
+
+def stressed(network, strength=0.3):
+    """Springs in equilibrium under a random stress: σ = k(|L| − ℓ)/|L| requires ℓ = |L|(1 − σ/k)."""
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
+    sigma = strength * network.stiffness.min() * critical.sigma / critical.sigma.max()
+    return spring_state(network, critical.lengths * (1 - sigma / network.stiffness), critical.coordinates)
+
+
+def moved(state, seed=2, size=0.05):
+    """The same springs out of equilibrium."""
+    return state.moved(size * np.random.default_rng(seed).standard_normal(state.forces.shape))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_both_splits_are_the_hessian(name):
+    # Also out of equilibrium, with tension and compression.
+    for state in (stressed(NETWORKS[name]()), moved(stressed(NETWORKS[name]()))):
+        geometric, hookean = geometric_split(state), hookean_split(state)
+        H = geometric.hessian.toarray()
+        scale = np.abs(H).max()
+        np.testing.assert_allclose(hookean.hessian.toarray(), H, rtol=0, atol=1e-13 * scale)
+        np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-14 * scale)
+        factor = state.factorize(block_laplacian(state.network))
+        np.testing.assert_allclose(factor.multiply(np.eye(len(H))), H, rtol=0, atol=1e-13 * scale)
+        # The two stiffnesses are K and k.
+        np.testing.assert_allclose(hookean.stiffness, state.network.stiffness, rtol=1e-13)
+        np.testing.assert_allclose(geometric.stiffness, state.modified_stiffness)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_hessian_is_the_derivative_of_the_forces(name):
+    state = moved(stressed(NETWORKS[name]()))
+    H = geometric_split(state).hessian
+    u = np.random.default_rng(3).standard_normal(state.forces.shape)
+    errors = []
+    for h in (1e-3, 1e-4):
+        slope = (state.moved(-h * u).forces - state.moved(h * u).forces) / (2 * h)
+        errors.append(np.abs(H @ u.ravel() - slope.ravel()).max())
+    # Central differences: the error falls a hundredfold for a tenth of the step.
+    assert errors[1] < 0.02 * errors[0]
+    assert errors[1] < 1e-5 * np.abs(H @ u.ravel()).max()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_responses_are_derivatives_of_squares_and_lengths(name):
+    state = moved(stressed(NETWORKS[name]()))
+    u, h = np.random.default_rng(3).standard_normal(state.forces.shape), 1e-5
+    there, back = state.moved(h * u).lengths, state.moved(-h * u).lengths
+    squares = geometric_split(state).response @ u.ravel()
+    np.testing.assert_allclose(squares, (there**2 - back**2) / (4 * h), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(hookean_split(state).response @ u.ravel(), (there - back) / (2 * h), rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "make", [NETWORKS["voronoi, random stiffness"], NETWORKS["voronoi 3D"], NETWORKS["oblique"], three_bar_linkage]
+)
+def test_both_splits_agree_on_zero_modes(make):
+    state = stressed(make())
+    network = state.network
+    modes = zero_modes(network, state.coordinates).value.modes
+    # The modes as displacements of the free vertices, with the ground vertex fixed.
+    Z = (modes - (0 if network.pins else modes[:, :1]))[:, network.free].reshape(len(modes), -1)
+    geometric, hookean = geometric_split(state), hookean_split(state)
+    for split in (geometric, hookean):
+        assert np.abs(split.response @ Z.T).max(initial=0.0) < 1e-12
+        assert np.linalg.matrix_rank(split.response.toarray(), tol=1e-9) == Z.shape[1] - len(Z)
+    P, P_hookean = Z @ (geometric.prestress @ Z.T), Z @ (hookean.prestress @ Z.T)
+    np.testing.assert_allclose(P, P_hookean, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(P, Z @ (geometric.hessian @ Z.T), rtol=0, atol=1e-13)
+    # Elsewhere they differ, by the part R̃ᵀσR̃.
+    assert np.abs((geometric.prestress - hookean.prestress).toarray()).max() > 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class StiffeningSprings(SpringState):
+    """E = Σ ½ k s² + ¼ k s⁴ with s = |L| − ℓ: another central-force law."""
+
+    @property
+    def sigma(self) -> Array:  # type: ignore[override]
+        return self.network.stiffness * (self.extension + self.extension**3) / self.lengths
+
+    @property
+    def modified_stiffness(self) -> Array:
+        return (self.network.stiffness * (1 + 3 * self.extension**2) - self.sigma) / self.lengths**2
+
+
+def test_general_central_force_law():
+    plain = moved(stressed(NETWORKS["voronoi, random stiffness"]()))
+
+    def at(u):
+        there = plain.moved(u)
+        return StiffeningSprings(there.network, there.rest_lengths, there.coordinates, there.bond_vectors)
+
+    zero = np.zeros(plain.forces.shape)
+    geometric, hookean = geometric_split(at(zero)), hookean_split(at(zero))
+    stiffness = plain.network.stiffness * (1 + 3 * plain.extension**2)
+    np.testing.assert_allclose(hookean.stiffness, stiffness, rtol=1e-12)
+    u, h = np.random.default_rng(3).standard_normal(zero.shape), 1e-5
+    slope = (at(-h * u).forces - at(h * u).forces).ravel() / (2 * h)
+    for split in (geometric, hookean):
+        np.testing.assert_allclose(split.hessian @ u.ravel(), slope, rtol=0, atol=1e-7)
+
+
+def relaxed_lengths(state, dipole_bond, strength):
+    """Lengths after a force dipole on one bond, by Newton's method on the dense Hessian."""
+    network = state.network
+    for _ in range(30):
+        unit = state.bond_vectors[dipole_bond] / state.lengths[dipole_bond]
+        pull = network.divergence[:, [dipole_bond]].toarray() * unit * strength
+        force = (state.forces + pull).ravel()
+        # The dipole turns with its bond, which is of second order in its strength.
+        step = np.linalg.solve(geometric_split(state).hessian.toarray(), force)
+        state = state.moved(step.reshape(state.forces.shape))
+        if np.abs(step).max() < 1e-14:
+            break
+    return state.lengths
+
+
+@pytest.mark.parametrize("name", ["voronoi, random stiffness", "pinned grid"])
+def test_force_dipole_changes_lengths_by_a_column(name):
+    state = stressed(NETWORKS[name]())
+    operator = bond_operator(state)
+    for bond in (0, 7):
+        dipole = np.zeros(state.network.n_edges)
+        dipole[bond] = 1.0
+        slope = (relaxed_lengths(state, bond, 1e-4) - relaxed_lengths(state, bond, -1e-4)) / 2e-4
+        np.testing.assert_allclose(operator @ dipole, slope, rtol=0, atol=1e-6 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_bond_operator_by_dense_matrices(name):
+    state = stressed(NETWORKS[name]())
+    operator = bond_operator(state)
+    X = operator @ np.eye(state.network.n_edges)
+    split = hookean_split(state)
+    R, H = split.response.toarray(), split.hessian.toarray()
+    expected = R @ np.linalg.solve(H, R.T)
+    np.testing.assert_allclose(X, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_allclose(X, X.T, rtol=0, atol=1e-12 * np.abs(X).max())
+    np.testing.assert_allclose(operator.rmatvec(np.ones(len(X))), X.sum(axis=0), rtol=0, atol=1e-11 * np.abs(X).max())
+
+
+def test_unstressed_bond_operator_is_a_projection():
+    # Rigid to first order with 18 self-stresses, and a critical network with 20 floppy motions.
+    lattice, x = triangular_lattice(4, 4)
+    voronoi = voronoi_network(40, seed=2)
+    there = CriticalManifold(voronoi).configuration(random_stress(60, 1)).coordinates
+    for plain, y in ((lattice, x), (voronoi, there)):
+        network = with_random_stiffness(plain, 3)
+        lengths = np.linalg.norm(network.bond_vectors(y), axis=1)
+        root = np.sqrt(network.stiffness)
+        X = bond_operator(spring_state(network, lengths, y)) @ np.diag(root)
+        projector = root[:, None] * X
+        counts = rigidity(network, y).value
+        np.testing.assert_allclose(projector @ projector, projector, rtol=0, atol=1e-11)
+        assert np.trace(projector) == pytest.approx(network.n_edges - counts.n_self_stresses, abs=1e-10)
+        # Tensions τ = σ|L| of self-stresses: no displacement results from them.
+        tensions = counts.self_stresses * lengths
+        assert np.abs(projector @ (tensions / root).T).max() < 1e-10
+
+
+def test_buckled_springs_have_no_bond_operator():
+    network = three_bar_linkage()
+    critical = CriticalManifold(network).configuration([1.0, 1.0, 1.0])
+    pushed = spring_state(network, 1.2 * critical.lengths, critical.coordinates)
+    with pytest.raises(SolveError, match="2 negative") as refusal:
+        bond_operator(pushed)
+    assert refusal.value.solution.status is Status.unstable
+
+
+def test_operators_are_independent():
+    state = stressed(NETWORKS["pinned grid"]())
+    dipoles = np.random.default_rng(1).standard_normal(state.network.n_edges)
+    operator = bond_operator(state)
+    before = operator @ dipoles
+    bond_operator(stressed(state.network, 0.1)) @ dipoles
+    np.testing.assert_array_equal(operator @ dipoles, before)

@@ -1,0 +1,227 @@
+"""Spring laws: closed forms to the last digits, derivatives, and user-defined laws."""
+
+import sys
+from dataclasses import dataclass
+from decimal import Decimal, localcontext
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from critflow import (
+    Cable,
+    CriticalManifold,
+    Hookean,
+    InputError,
+    PowerLaw,
+    SpringLaw,
+    WormLike,
+    elastic_moduli,
+    spring_state,
+    stiffening,
+    strain_path,
+    voronoi_network,
+)
+from critflow.springs.laws import checked_law
+
+LAWS = [Hookean(), *map(PowerLaw, (2, 2.5, 3, 4, 7.5)), *map(WormLike, (2.0, 0.3, 0.01))]
+REST, K = np.array([0.7, 1.0, 1.9]), np.array([0.5, 1.0, 3.0])
+
+
+def by_definition(law, e: Decimal, rest: Decimal, k: Decimal) -> tuple[Decimal, Decimal]:
+    """Energy and tension with forty digits, from formulas with cancellation near rest."""
+    if isinstance(law, WormLike):
+        m = Decimal(law.slack)
+        u, scale = e / (m * rest), 2 * k * m * rest / 3
+        return scale * m * rest * ((1 / (1 - u) - 1 - u) / 4 + u**2 / 2), scale * (
+            1 / (4 * (1 - u) ** 2) - 1 / Decimal(4) + u
+        )
+    n = Decimal(getattr(law, "exponent", 2))
+    stretch = 1 + e / rest
+    return k * rest**2 / (n - 1) * ((stretch**n - 1) / n - stretch + 1), k * rest / (n - 1) * (stretch ** (n - 1) - 1)
+
+
+@pytest.mark.parametrize("part", [-0.9, -0.3, -1e-3, -1e-9, 1e-12, 1e-6, 1e-2, 0.3, 0.8, 3.0])
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_full_accuracy_near_rest(law, part):
+    # Extensions as a fraction of the range of the law; a power law may shorten to zero length.
+    reach = law.slack if isinstance(law, WormLike) and part > 0 else 1.0
+    if isinstance(law, WormLike) and part > 1:
+        return
+    e = part * reach * REST
+    energies, tensions = law.energy(e, REST, K), law.tension(e, REST, K)
+    with localcontext() as context:
+        context.prec = 60
+        for i in range(3):
+            energy, tension = by_definition(law, *(Decimal(float(v[i])) for v in (e, REST, K)))
+            # The rounding of λ or 1 − u at part 0.8 counts thrice in (1 − u)⁻³, sevenfold in λ^7.5.
+            assert energies[i] == pytest.approx(float(energy), rel=2e-14, abs=0)
+            assert tensions[i] == pytest.approx(float(tension), rel=1e-14, abs=0)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_functions_are_successive_derivatives(law):
+    chain = (law.energy, law.tension, law.stiffness, law.stiffening)
+    reach = law.slack if isinstance(law, WormLike) else 1.0
+    for part in (-0.4, 0.0, 0.4):
+        e, h = part * reach * REST, 1e-3 * reach * REST
+        for function, derivative in pairwise(chain):
+            f = {n: function(e + n * h, REST, K) for n in (-2, -1, 1, 2)}
+            difference = (8 * (f[1] - f[-1]) - (f[2] - f[-2])) / (12 * h)
+            scale = np.abs(derivative(0.5 * reach * REST, REST, K))
+            assert (np.abs(derivative(e, REST, K) - difference) <= 1e-9 * scale + 1e-15).all()
+
+
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_every_law_is_hookean_at_rest(law):
+    nothing = np.zeros(3)
+    np.testing.assert_array_equal(law.energy(nothing, REST, K), 0)
+    np.testing.assert_array_equal(law.tension(nothing, REST, K), 0)
+    np.testing.assert_allclose(law.stiffness(nothing, REST, K), K, rtol=1e-15)
+
+
+def test_power_law_of_two_is_hookean():
+    e = np.array([-0.3, 1e-7, 0.8])
+    for name in ("energy", "tension", "stiffness", "stiffening"):
+        one, other = (getattr(law, name)(e, REST, K) for law in (PowerLaw(2), Hookean()))
+        np.testing.assert_allclose(one, other, rtol=1e-15)
+
+
+def test_worm_like_chains_diverge_at_the_contour_length():
+    law = WormLike(0.2)
+    # (1 − u)² E' → ⅙ k m ℓ, the strength of the divergence.
+    e = 0.2 * (1 - 1e-6) * REST
+    np.testing.assert_allclose(law.tension(e, REST, K) * 1e-12, K * 0.2 * REST / 6, rtol=1e-5)
+    for e in (0.2 * REST, 0.21 * REST, 0.4 * REST, 5 * REST):
+        assert (law.energy(e * (1 + 1e-12), REST, K) == np.inf).all()
+        assert (law.tension(e * (1 + 1e-12), REST, K) == np.inf).all()
+
+
+# User-defined laws
+
+
+@dataclass(frozen=True)
+class Quartic(SpringLaw):
+    """E = ½ k e² + ¼ q k e⁴/ℓ², with faults to choose from."""
+
+    q: float = 2.0
+    offset: float = 0.0
+    pull: float = 0.0
+    softness: float = 1.0
+    slope: float = 1.0
+
+    def energy(self, e, rest, k):
+        return self.offset + self.pull * k * e + self.softness * 0.5 * k * e**2 + 0.25 * self.q * k * e**4 / rest**2
+
+    def tension(self, e, rest, k):
+        return self.pull * k + self.softness * k * e + self.q * k * e**3 / rest**2
+
+    def stiffness(self, e, rest, k):
+        return self.softness * k + 3 * self.slope * self.q * k * e**2 / rest**2
+
+    def stiffening(self, e, rest, k):
+        return 6 * self.q * k * e / rest**2
+
+
+@dataclass(frozen=True)
+class Unsteady(Quartic):
+    def tension(self, e, rest, k):
+        return k * e + 0.1 * k * e * np.abs(e) / rest
+
+
+@dataclass(frozen=True)
+class Blind(Quartic):
+    def stiffness(self, e, rest, k):
+        return np.full_like(k, np.nan)
+
+
+@dataclass(frozen=True)
+class Tight(WormLike):
+    """A law of the user's own that reaches hardly anywhere."""
+
+
+def test_valid_laws_pass():
+    for law in (Quartic(), Quartic(-0.5), Tight(0.5), Tight(1e-3), *LAWS):
+        assert checked_law(law, REST, K) is law
+
+
+class ConvexQuartic(Quartic):
+    convex = True
+
+
+def test_library_laws_are_convex_and_new_laws_are_not_assumed_to_be():
+    assert all(law.convex for law in LAWS)
+    assert not Quartic().convex
+    assert checked_law(ConvexQuartic(2.0), REST, K).convex
+
+
+def test_a_false_claim_of_convexity_raises():
+    with pytest.raises(InputError, match="convex"):
+        checked_law(ConvexQuartic(-0.5), REST, K)
+
+
+def test_paths_of_convex_laws_are_not_checked_for_other_branches(monkeypatch):
+    network = voronoi_network(12, seed=1)
+    critical = CriticalManifold(network).configuration(np.ones(18))
+    paths = [strain_path(network, critical, [0.01, 0.1], law=law).value for law in (Quartic(), ConvexQuartic())]
+    np.testing.assert_array_equal(paths[0].energy, paths[1].energy)
+
+    def forbidden(*arguments):
+        raise AssertionError("the branch was checked")
+
+    monkeypatch.setattr(sys.modules["critflow.paths.continuation"].Continuation, "_returns", forbidden)
+    strain_path(network, critical, [0.01, 0.1], law=ConvexQuartic())
+    with pytest.raises(AssertionError, match="checked"):
+        strain_path(network, critical, [0.01, 0.1], law=Quartic())
+
+
+BAD = {
+    "class": (Hookean, "law must be a SpringLaw"),
+    "text": ("hookean", "law must be a SpringLaw"),
+    "energy at rest": (Quartic(offset=0.1), "no energy and no tension at rest"),
+    "tension at rest": (Quartic(pull=0.1), "no energy and no tension at rest"),
+    "negative stiffness": (Quartic(softness=-1.0), r"has -1 k as its stiffness at rest.*minimum at rest"),
+    "stiffness not k": (Quartic(softness=2.0), r"has 2 k as its stiffness at rest.*scale it"),
+    "stiffness NaN": (Blind(), "has nan k as its stiffness"),
+    "stiffness wrong": (Quartic(slope=2.0), "its stiffness is not the derivative of its tension"),
+    "tension wrong": (Unsteady(), "its tension is not the derivative of its energy"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_invalid_laws_raise_one_sentence(name):
+    law, pattern = BAD[name]
+    network = voronoi_network(12, seed=1)
+    critical = CriticalManifold(network).configuration(np.ones(18))
+    for call in (
+        lambda: spring_state(network, critical.lengths, critical.coordinates, law),
+        lambda: strain_path(network, critical, [0.01], law=law),
+        lambda: stiffening(network, critical, law=law),
+        lambda: elastic_moduli(network, critical.coordinates, law=law),
+    ):
+        with pytest.raises(InputError, match=pattern) as caught:
+            call()
+        assert "\n" not in str(caught.value) and len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize("make", [lambda: PowerLaw(1.9), lambda: PowerLaw(np.nan), lambda: PowerLaw(np.inf)])
+def test_bad_exponents(make):
+    with pytest.raises(InputError, match="at least 2"):
+        make()
+
+
+@pytest.mark.parametrize("slack", [0.0, -1.0, np.nan, np.inf])
+def test_bad_slack(slack):
+    with pytest.raises(InputError, match="positive"):
+        WormLike(slack)
+
+
+def test_a_cable_is_a_hookean_spring_that_resists_extension_only():
+    e, rest, k = np.array([-0.3, -1e-12, 0.0, 1e-12, 0.4]), np.ones(5), np.linspace(1, 2, 5)
+    pulled = e > 0
+    for name in ("energy", "tension"):
+        cable, spring = (getattr(law, name)(e, rest, k) for law in (Cable(), Hookean()))
+        assert np.array_equal(cable, np.where(pulled, spring, 0.0))
+    # At rest, where cables of a critical configuration are, it has its stiffness.
+    assert np.array_equal(Cable().stiffness(e, rest, k), np.where(e >= 0, k, 0.0))
+    assert not Cable().stiffening(e, rest, k).any()
