@@ -62,5 +62,5 @@ __version__ = version("critflow")
 def __getattr__(name: str) -> Any:
     """Import the function that draws at its first use: matplotlib takes most of the time of an import."""
     if name == "draw":
-        return import_module("critflow.drawing").draw
+        return import_module("critflow.figures.drawing").draw
     raise AttributeError(f"module 'critflow' has no attribute {name!r}")

@@ -1,6 +1,6 @@
 """The command, as a script and as `python -m critflow`."""
 
-from critflow.cli import main
+from critflow.command.main import main
 
 # Worker processes import this module again.
 if __name__ == "__main__":

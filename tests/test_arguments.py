@@ -64,7 +64,7 @@ RIGHT = {
     "s": np.zeros(5),
     "deformation": "dilation",
     "thing": CRITICAL,
-    "found": examine(NETWORK, CRITICAL.coordinates, deformations=()),
+    "examination": examine(NETWORK, CRITICAL.coordinates, deformations=()),
     "path": Path(tempfile.mkdtemp()) / "page.md",
 }
 OF_FUNCTION = {

@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 from distributed import Client
 
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow import workers
 
 TINY = str(Path(__file__).parent / "workflow" / "tiny_study.py")

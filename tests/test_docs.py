@@ -28,7 +28,7 @@ import pytest
 from PIL import Image
 
 import critflow
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.linalg import backends
 from workflows.pages.paper import EQUATIONS
 

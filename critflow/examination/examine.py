@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from os import PathLike
+from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.nearest import Nearest, nearest_critical
-from critflow.examination.report import UNFINISHED, Examination, advice_of
+from critflow.examination.reading import network_of_file
+from critflow.examination.report import UNFINISHED, Examination
 from critflow.exchange.boundaries import hull_volume
-from critflow.exchange.convert import network_from
 from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.checks import edge_values
 from critflow.networks.digits import Digits
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.onset.critical_strain import Onset, critical_strain
-from critflow.quantities.leverage import edge_leverage
+from critflow.quantities.leverage import EdgeLeverage, edge_leverage
 from critflow.response.elasticity import Elasticity
 from critflow.response.moduli import elasticity
 from critflow.result import CritflowError, InputError, Solution, SolveError, Status
@@ -59,8 +60,8 @@ def examine(
     Raises `InputError` where no positions are known; parts that fail are reported by a sentence, the others stand.
 
     >>> import critflow as cf
-    >>> found = cf.examine(cf.lattice("honeycomb", 2, 2), deformations=())
-    >>> found.order, found.n_self_stresses
+    >>> examination = cf.examine(cf.lattice("honeycomb", 2, 2), deformations=())
+    >>> examination.order, examination.rigidity.value.n_self_stresses
     ('critical', 1)
     """
     network, x, rest, notes, digits, names = _subject(network, coordinates, rest_lengths)
@@ -76,31 +77,30 @@ def examine(
     attempts = _Attempts()
     counted = rigidity(network, x, tolerance)
     counts = counted.value
-    tension = attempts.number("a self-stress in tension", lambda: _tension(network, x, counts))
+    tension = attempts.value("a self-stress in tension", lambda: _tension(network, x, counts))
     nearest = _nearest(network, x, counts, attempts)
-    critical_strains = _critical_strains(network, rest, deformations, attempts)
-    modes = attempts.value("the floppy motions", lambda: _participation(network, x, tolerance))
-    found = Examination(
+    strains = _critical_strains(network, rest, deformations, attempts)
+    motion = attempts.value("the floppy motions", lambda: _participation(network, x, tolerance))
+    # The configuration at the transition, where its moduli follow from one self-stress.
+    critical = nearest.value if nearest and counts.n_self_stresses <= 1 and network.dimension > 1 else None
+    return Examination(
         network=network,
         coordinates=x,
-        rest_lengths=rest,
-        notes=notes,
-        order=_order(network, x, counted, tension, tolerance, attempts),
-        counts=counts,
-        doubt=counted.note,
+        order=_order(network, x, counts, tension, tolerance, attempts),
+        rigidity=counted,
         tolerance=tolerance,
         tension=tension,
-        participation=np.full(network.n_vertices, np.nan) if modes is None else modes,
+        participation=motion,
         nearest=nearest,
-        critical_tensor=_critical_tensor(nearest, counts, attempts),
-        critical_strains=critical_strains,
-        tensor=_tensor(network, x, attempts),
-        weights=_weights(nearest),
-        cuts=_cuts(nearest, counts, attempts),
-        failures=tuple(attempts.failures),
+        critical_elasticity=attempts.value("B_0 and G_0", lambda: elasticity(critical)) if critical else None,
+        critical_strains=strains,
+        elasticity=_elasticity(network, x, attempts),
+        leverage=_leverage(critical, attempts),
+        rounding=rounding * float(rest.mean()),
+        notes=notes,
         names=names,
+        failures=tuple(attempts.failures),
     )
-    return replace(found, advice=advice_of(found, rounding * float(rest.mean())))
 
 
 class _Subject(NamedTuple):
@@ -118,14 +118,14 @@ def _subject(
     thing: Network | ImportedNetwork | str | PathLike, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None
 ) -> _Subject:
     """The subject of an examination: at the positions and with the lengths there, where none are given."""
-    read = network_from(thing) if isinstance(thing, str | PathLike) else thing
+    source = network_of_file(Path(thing)) if isinstance(thing, str | PathLike) else thing
     notes, names, digits = tuple[str, ...](), tuple[str, ...](), Digits(None, 0.0)
-    if isinstance(read, ImportedNetwork):
-        network, digits, names = read.network, read.data.digits, read.vertex_names
-        notes = (f"source: {read.data.source}", *read.notes)
-        rest_lengths = read.rest_lengths if rest_lengths is None else rest_lengths
+    if isinstance(source, ImportedNetwork):
+        network, digits, names = source.network, source.data.digits, source.vertex_names
+        notes = (f"source: {source.data.source}", *source.notes)
+        rest_lengths = source.rest_lengths if rest_lengths is None else rest_lengths
     else:
-        network = read
+        network = source
     given = network.positions if coordinates is None else coordinates
     if given is None:
         raise InputError("the network has no positions: give the coordinates at which it is examined")
@@ -136,7 +136,7 @@ def _subject(
         rest = edge_values(rest_lengths, network.n_edges, "rest_lengths")
     if not network.has_volume and network.dimension > 1:
         network = network.with_volume(hull_volume(x))
-        notes = (*notes, f"moduli refer to the convex hull, V = {network.volume:.6g}: name another by volume=")
+        notes = (*notes, f"moduli refer to the convex hull, V = {network.volume:.6g}, unless another volume is given")
     return _Subject(network, x, rest, notes, digits, names)
 
 
@@ -154,20 +154,15 @@ class _Attempts:
             self.failures.append(f"{part}: {error}")
             return None
 
-    def number(self, part: str, compute: Callable[[], float]) -> float:
-        """The number of a part, or NaN."""
-        value = self.value(part, compute)
-        return np.nan if value is None else float(value)
-
 
 def _nearest(network: Network, x: Array, counts: Rigidity, attempts: _Attempts) -> Nearest | None:
     """The nearest critical configuration; none where several self-stresses make the network rigid to first order."""
     if counts.first_order_rigid and counts.n_self_stresses > 1:
         return None
-    found = attempts.value("the nearest critical configuration", lambda: nearest_critical(network, x, throw=False))
-    if found is None or found.status in _USABLE:
-        return found
-    attempts.failures.append(f"the nearest critical configuration: {found.reason}")
+    nearest = attempts.value("the nearest critical configuration", lambda: nearest_critical(network, x, throw=False))
+    if nearest is None or nearest.status in _USABLE:
+        return nearest
+    attempts.failures.append(f"the nearest critical configuration: {nearest.reason}")
     return None
 
 
@@ -182,11 +177,10 @@ def _critical_strains(
     for name in deformations:
         try:
             onsets[name] = critical_strain(network, rest, name)
-        except SolveError as error:
-            if error.solution is not None and error.solution.status is Status.rigid:
-                return {}
-            attempts.failures.append(f"the critical strain in {name}: {error}")
         except CritflowError as error:
+            solution = error.solution if isinstance(error, SolveError) else None
+            if solution is not None and solution.status is Status.rigid:
+                return {}
             attempts.failures.append(f"the critical strain in {name}: {error}")
     return onsets
 
@@ -202,9 +196,9 @@ def _tension(network: Network, x: Array, counts: Rigidity) -> float:
 
 
 def _order(
-    network: Network, x: Array, counted: Solution[Rigidity], tension: float, tolerance: float, attempts: _Attempts
+    network: Network, x: Array, counts: Rigidity, tension: float | None, tolerance: float, attempts: _Attempts
 ) -> str:
-    counts = counted.value
+    """The order of rigidity, a word of `Examination`."""
     if np.isnan(counts.largest_zero):
         return "undecided"
     if counts.first_order_rigid:
@@ -212,7 +206,7 @@ def _order(
     if counts.n_self_stresses == 0:
         return "floppy"
     if counts.rigid and counts.n_self_stresses == 1:
-        return "critical" if tension > 0 else "prestress"
+        return "critical" if tension else "prestress"
     second = attempts.value("rigidity to second order", lambda: second_order_rigidity(network, x, tolerance))
     if second is None or second.value.second_order_rigid is None:
         return "undecided"
@@ -221,7 +215,7 @@ def _order(
     return "prestress" if second.value.prestress_stable else "second"
 
 
-def _tensor(network: Network, x: Array, attempts: _Attempts) -> Solution[Elasticity] | None:
+def _elasticity(network: Network, x: Array, attempts: _Attempts) -> Solution[Elasticity] | None:
     """Elasticity of the springs at rest at the positions."""
     if network.dimension < 2:
         attempts.failures.append("the moduli: in one dimension there is no shear")
@@ -229,33 +223,14 @@ def _tensor(network: Network, x: Array, attempts: _Attempts) -> Solution[Elastic
     return attempts.value("the moduli", lambda: elasticity(network, x))
 
 
-def _critical_tensor(nearest: Nearest | None, counts: Rigidity, attempts: _Attempts) -> Solution[Elasticity] | None:
-    """Elasticity of the nearest critical configuration, where it has one self-stress."""
-    if nearest is None or not nearest or counts.n_self_stresses > 1 or nearest.value.network.dimension < 2:
+def _leverage(critical: CriticalConfiguration | None, attempts: _Attempts) -> EdgeLeverage | None:
+    """B_0 after the cut of each edge; None for large networks."""
+    if critical is None or critical.network.n_edges > _MOST_CUTS:
         return None
-    return attempts.value("B_0 and G_0", lambda: elasticity(nearest.value))
-
-
-def _cuts(nearest: Nearest | None, counts: Rigidity, attempts: _Attempts) -> Array:
-    """Relative change of B_0 by cutting each edge."""
-    if nearest is None or not nearest or counts.n_self_stresses > 1 or nearest.value.network.dimension < 2:
-        return np.full(1, np.nan)
-    if nearest.value.network.n_edges > _MOST_CUTS:
-        return np.full(1, np.nan)
-    found = attempts.value("the cuts of edges", lambda: edge_leverage(nearest.value))
-    return np.full(1, np.nan) if found is None else found.change / found.before
+    return attempts.value("the cuts of edges", lambda: edge_leverage(critical))
 
 
 def _participation(network: Network, x: Array, tolerance: float) -> Array:
     """Σ over orthonormal floppy modes of |u_i|²/d, (N_v,)."""
     modes = zero_modes(network, x, tolerance).value.modes
     return np.asarray(np.einsum("mid,mid->i", modes, modes) / network.dimension)
-
-
-def _weights(nearest: Nearest | None) -> Array:
-    """σ²|L|²/k over its sum: the part of each edge in D, and so in the compliance at the transition."""
-    if nearest is None:
-        return np.full(1, np.nan)
-    critical = nearest.value
-    energy = critical.tensions**2 / critical.network.stiffness
-    return np.asarray(energy / energy.sum())

@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from critflow.critical.nearest import Nearest
+from critflow.exchange.data import counted
 from critflow.exchange.repair import described
 from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import Onset
-from critflow.response.elasticity import Elasticity, Moduli
+from critflow.quantities.leverage import EdgeLeverage
+from critflow.response.elasticity import Elasticity
 from critflow.result import Record, Solution, Status
 from critflow.rigidity.counts import Rigidity
 
@@ -19,13 +21,16 @@ _MOST_EDGES = 5
 UNFINISHED = (Status.stalled, Status.step_limit)
 # Moduli below this part of the largest component are printed as zero.
 _ZERO = 1e-12
-ORDERS = {
-    "floppy": "motions exist that change no length to second order",
-    "critical": "one self-stress, in tension on every edge, makes it rigid at the transition",
-    "first": "rigid to first order: no motion keeps all lengths",
-    "prestress": "rigid to second order: a self-stress stabilises every floppy motion",
-    "second": "rigid to second order, by several self-stresses of which none alone is enough",
-    "undecided": "undecided",
+# Tensors that agree to this are printed once.
+_SAME = 1e-6
+# Words for each order of rigidity, and what it means.
+_ORDERS = {
+    "floppy": ("floppy", "motions exist that change no length to second order"),
+    "critical": ("critical", "one self-stress, in tension on every edge, makes it rigid at the transition"),
+    "first": ("rigid to first order", "no motion keeps all lengths"),
+    "prestress": ("rigid to second order", "a self-stress stabilises every floppy motion"),
+    "second": ("rigid to second order", "several self-stresses, of which none alone is enough, stabilise every motion"),
+    "undecided": ("undecided", ""),
 }
 _STRAINS = {
     "dilation": "relative increase of the volume (area in 2D)",
@@ -34,50 +39,45 @@ _STRAINS = {
     "uniaxial": "x is stretched by 1 + γ, other sides fixed",
 }
 _UNITS = {2: "stiffness", 3: "stiffness/length"}
-# Tensors that agree to this are printed once.
-_SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Examination(Record):
-    """The answers to the questions about one network; parts that could not be computed are None with a sentence.
+    """The answers to the questions about one network; a part that could not be computed is None, with a sentence.
 
-    order        "floppy", "critical" (one self-stress, in tension on every edge), "first" (rigid to first order),
-                 "prestress" (a self-stress stabilises all floppy modes), "second" or "undecided"
-    counts       self-stresses, zero modes and the gap of singular values
-    tolerance    singular values below it count as zero
-    tension      least |σ| over the largest of the best self-stress in tension everywhere; 0: none exists
-    participation  (N_v,) part of each vertex in the floppy motions, at most 1; NaN where they were not computed
-    nearest      the nearest critical configuration, or that towards which the descent tends
-    critical_tensor  elasticity at the transition, of the nearest critical configuration
+    order         "floppy", "critical" (one self-stress, in tension on every edge), "first" (rigid to first order),
+                  "prestress" (a self-stress stabilises all floppy modes), "second" or "undecided"
+    rigidity      self-stresses, zero modes and the gap of singular values
+    tolerance     singular values below it count as zero
+    tension       least |σ| over the largest of the best self-stress in tension on every edge; 0 where none exists
+    participation  (N_v,) part of each vertex in the floppy motions, at most 1
+    nearest       the nearest critical configuration, or that towards which the descent tends
+    leverage      B_0 of that configuration after the cut of each edge
+    critical_elasticity  tensors of that configuration, at the transition
     critical_strains  by name of the deformation, for the rest lengths
-    tensor       elasticity at the positions
-    weights      (N_b,) part of each edge in the energy of the self-stress of the nearest critical configuration
-    cuts         (N_b,) relative change of B_0 of the nearest critical configuration by cutting each edge
-    names        (N_v,) names of the vertices in the source; empty: their numbers
-    failures     sentences on parts that could not be computed
-    advice       sentences on what to do next
+    elasticity    tensors at the coordinates, springs at rest
+    rounding      distance to a critical configuration that rounded coordinates may cause; 0 where they have all digits
+    notes         sentences on the source
+    names         (N_v,) names of the vertices in the source; empty: their numbers
+    failures      sentences on parts that could not be computed
     """
 
     network: Network
     coordinates: Array
-    rest_lengths: Array
-    notes: tuple[str, ...]
     order: str
-    counts: Rigidity
-    doubt: str
+    rigidity: Solution[Rigidity]
     tolerance: float
-    tension: float
-    participation: Array
+    tension: float | None
+    participation: Array | None
     nearest: Nearest | None
-    critical_tensor: Solution[Elasticity] | None
+    leverage: EdgeLeverage | None
+    critical_elasticity: Solution[Elasticity] | None
     critical_strains: dict[str, Onset]
-    tensor: Solution[Elasticity] | None
-    weights: Array
-    cuts: Array
-    failures: tuple[str, ...] = ()
-    advice: tuple[str, ...] = ()
+    elasticity: Solution[Elasticity] | None
+    rounding: float = 0.0
+    notes: tuple[str, ...] = ()
     names: tuple[str, ...] = field(default=(), repr=False)
+    failures: tuple[str, ...] = ()
 
     def vertex_name(self, vertex: int) -> str:
         """Name of a vertex in the source."""
@@ -91,49 +91,12 @@ class Examination(Record):
     @property
     def title(self) -> str:
         """The order of rigidity in words."""
-        return (
-            self.order
-            if self.order in ("floppy", "critical")
-            else ORDERS[self.order].partition(",")[0].partition(":")[0]
-        )
+        return _ORDERS[self.order][0]
 
     @property
-    def n_self_stresses(self) -> int:
-        return self.counts.n_self_stresses
-
-    @property
-    def n_floppy_modes(self) -> int:
-        """Zero modes other than translations."""
-        return self.counts.n_zero_modes - self.counts.n_trivial
-
-    @property
-    def distance(self) -> float:
-        """Root mean square distance to the nearest critical configuration; NaN where none was found."""
-        return np.nan if self.nearest is None else self.nearest.distance
-
-    @property
-    def moduli(self) -> Solution[Moduli] | None:
-        """Bulk and shear modulus at the positions."""
-        found = self.tensor
-        return None if found is None else Solution(found.value.moduli, found.status, found.stats, found.note)
-
-    @property
-    def critical_moduli(self) -> Moduli | None:
-        """B_0 and G_0 of the nearest critical configuration."""
-        return None if self.critical_tensor is None else self.critical_tensor.value.moduli
-
-    @property
-    def heaviest_edges(self) -> list[int]:
-        """The edges with the largest weights."""
-        if not np.isfinite(self.weights).all():
-            return []
-        return [int(edge) for edge in np.argsort(self.weights)[::-1][:_MOST_EDGES]]
-
-    @property
-    def most_loaded_cuts(self) -> list[int]:
-        """The edges whose cut lowers B_0 most, among those whose cut does not open the network."""
-        finite = np.flatnonzero(np.isfinite(self.cuts))
-        return [int(edge) for edge in finite[np.argsort(self.cuts[finite])][:_MOST_EDGES]]
+    def advice(self) -> tuple[str, ...]:
+        """Sentences on what to do next, in Python."""
+        return advice_of(self)
 
     @property
     def text(self) -> str:
@@ -144,79 +107,85 @@ class Examination(Record):
         return self.text
 
 
-def report_lines(found: Examination) -> list[str]:
-    """The report as lines of text, which are also Markdown: the answer first."""
-    lines = [*summary_lines(found), "## As read", "", *(f"- {note}" for note in found.notes), f"- {_units(found)}", ""]
-    lines += [*_rigidity(found), *_nearest(found), *_strains(found)]
-    if found.tensor is not None:
-        lines += ["## Moduli at these positions, springs at rest", "", *_moduli(found.tensor), ""]
-    if found.failures:
-        lines += ["## Not computed", "", *(f"- {sentence}" for sentence in found.failures), ""]
+def report_lines(examination: Examination, file: str = "") -> list[str]:
+    """The report as lines of text, which are also Markdown: the answer first.
+
+    file  name of the file that was examined, for advice that names commands in place of functions
+    """
+    source = [f"- {sentence}" for sentence in (*examination.notes, _units(examination))]
+    lines = [*_summary(examination, file), "## As read", "", *source, ""]
+    lines += [*_rigidity(examination), *_nearest(examination), *_strains(examination)]
+    if examination.elasticity is not None:
+        lines += ["## Moduli at these positions, springs at rest", "", *_moduli(examination.elasticity), ""]
+    if examination.failures:
+        lines += ["## Not computed", "", *(f"- {sentence}" for sentence in examination.failures), ""]
     return lines
 
 
-def summary_lines(found: Examination) -> list[str]:
+def _summary(examination: Examination, file: str) -> list[str]:
     """Title, answer and advice."""
-    answer = [f"- {_answer(found)}"]
-    known = found.tensor is not None and np.isfinite(found.tensor.value.energy).all()
-    if found.tensor is not None and known:
-        answer.append(f"- {_bulk_and_shear(found.tensor.value)}")
-    if found.critical_tensor is not None and not (known and (found.order == "critical" or _same(found))):
-        answer.append(f"- at the nearest critical configuration {_bulk_and_shear(found.critical_tensor.value, '_0')}")
-    return [f"# {described(found.network)}", "", *answer, *(f"- next: {sentence}" for sentence in found.advice), ""]
+    here, there = examination.elasticity, examination.critical_elasticity
+    known = here is not None and bool(np.isfinite(here.value.energy).all())
+    answer = [_answer(examination)]
+    if here is not None and known:
+        answer.append(_bulk_and_shear(here.value))
+    if there is not None and not (known and (examination.order == "critical" or _same(examination))):
+        answer.append(f"at the nearest critical configuration {_bulk_and_shear(there.value, '_0')}")
+    answer += [f"next: {sentence}" for sentence in advice_of(examination, file)]
+    return [f"# {described(examination.network)}", "", *(f"- {sentence}" for sentence in answer), ""]
 
 
-def _answer(found: Examination) -> str:
+def _answer(examination: Examination) -> str:
     """The order of rigidity with its meaning."""
-    meaning = ORDERS[found.order]
-    if found.order in ("floppy", "critical"):
-        meaning = f"{found.order}: {meaning}"
-    if found.order == "floppy":
-        meaning += (
-            "; the self-stresses stiffen a part of it only" if found.n_self_stresses else ", and every modulus is zero"
-        )
-    if found.order == "undecided" and found.doubt:
-        meaning += f": {found.doubt}"
-    name, colon, rest = meaning.partition(":")
-    return f"**{name}**{colon}{rest}"
+    rigidity, (title, meaning) = examination.rigidity, _ORDERS[examination.order]
+    if examination.order == "floppy":
+        part = rigidity.value.n_self_stresses > 0
+        meaning += "; the self-stresses stiffen a part of it only" if part else ", and every modulus is zero"
+    meaning = meaning or rigidity.note
+    return f"**{title}**" + (f": {meaning}" if meaning else "")
 
 
-def _units(found: Examination) -> str:
+def _units(examination: Examination) -> str:
     """A sentence on the units of the numbers."""
-    length = float(np.linalg.norm(found.network.bond_vectors(found.coordinates), axis=1).mean())
-    k = found.network.stiffness
+    network = examination.network
+    length = float(np.linalg.norm(network.bond_vectors(examination.coordinates), axis=1).mean())
+    k = network.stiffness
     stiffness = f"{k.min():.6g}" if k.min() == k.max() else f"from {k.min():.6g} to {k.max():.6g}"
-    modulus = _UNITS.get(found.network.dimension, "force")
     return (
         f"units: lengths as in the source, mean edge length {length:.6g}; stiffness {stiffness}; moduli in units of "
-        f"{modulus}"
+        f"{_UNITS.get(network.dimension, 'force')}"
     )
 
 
-def _rigidity(found: Examination) -> list[str]:
-    counts = found.counts
-    lines = ["## Rigidity", ""]
-    if found.doubt and found.order != "undecided":
-        lines.append(f"- {found.doubt}")
+def _rigidity(examination: Examination) -> list[str]:
+    """Counts, the gap behind them, and what moves."""
+    rigidity, tension, motion = examination.rigidity, examination.tension, examination.participation
+    counts, lines = rigidity.value, ["## Rigidity", ""]
     if np.isnan(counts.largest_zero):
         return []
+    if rigidity.note and examination.order != "undecided":
+        lines.append(f"- {rigidity.note}")
+    n_floppy_modes = counts.n_zero_modes - counts.n_trivial
     zero = f"{counts.largest_zero:.1e} counts as zero, " if counts.largest_zero else ""
     lines += [
-        f"- {_count(counts.n_self_stresses, 'self-stress', 'es')}, {_count(found.n_floppy_modes, 'floppy mode', 's')}",
+        f"- {counted(counts.n_self_stresses, 'self-stress')}, {counted(n_floppy_modes, 'floppy mode')}",
         f"- singular values: {zero}the least above zero is {counts.smallest_nonzero:.1e} (tolerance "
-        f"{found.tolerance:.0e})",
-        "- a self-stress in tension on every edge "
-        + (f"exists: its least σ is {found.tension:.2g} of the largest" if found.tension > 0 else "does not exist"),
+        f"{examination.tolerance:.0e})",
     ]
-    moving = found.participation
-    if found.n_floppy_modes and np.isfinite(moving).all():
-        most = np.argsort(moving)[::-1][:5]
-        lines.append(f"- vertices that move most in the floppy motions: {', '.join(map(found.vertex_name, most))}")
+    if tension is not None:
+        exists = f"exists: its least σ is {tension:.2g} of the largest" if tension else "does not exist"
+        lines.append(f"- a self-stress in tension on every edge {exists}")
+    if n_floppy_modes and motion is not None:
+        most = np.argsort(motion)[::-1][:_MOST_EDGES]
+        lines.append(
+            f"- vertices that move most in the floppy motions: {', '.join(map(examination.vertex_name, most))}"
+        )
     return [*lines, ""]
 
 
-def _nearest(found: Examination) -> list[str]:
-    near = found.nearest
+def _nearest(examination: Examination) -> list[str]:
+    """Distance, stresses, and the edges that matter most in the nearest critical configuration."""
+    near = examination.nearest
     if near is None:
         return []
     sigma, errors = near.value.sigma, near.stress_error
@@ -225,7 +194,6 @@ def _nearest(found: Examination) -> list[str]:
         # Squares of huge errors overflow.
         error = float(np.sqrt(np.mean(np.minimum(errors, errors.size) ** 2)))
         known = f", relative standard error {error:.1e}" if error < 1 else "; the positions hardly determine them"
-    shares = ", ".join(f"{found.edge_name(edge)} {100 * found.weights[edge]:.3g} %" for edge in found.heaviest_edges)
     limit = "at most " if near.status in UNFINISHED else ""
     lines = [
         "## Nearest critical configuration",
@@ -233,37 +201,54 @@ def _nearest(found: Examination) -> list[str]:
         f"- root mean square distance of the vertices {limit}{near.distance:.3e}, largest "
         f"{np.linalg.norm(near.displacement, axis=1).max():.3e}",
         f"- force densities σ from {float(sigma.min()):.3g} to {float(sigma.max()):.3g} (mean square 1){known}",
-        f"- edges with the largest shares of its compliance: {shares}",
     ]
-    if cuts := found.most_loaded_cuts:
-        named = ", ".join(f"{found.edge_name(edge)} by {-100 * found.cuts[edge]:.3g} %" for edge in cuts)
-        lines.append(f"- edges whose cut lowers B_0 most, with the stress of the others unchanged: {named}")
+    # σ²|L|²/k over its sum: the part of each edge in the compliance at the transition.
+    energy = near.value.tensions**2 / near.value.network.stiffness
+    lines += _edges(examination, "edges with the largest shares of its compliance", energy / energy.sum())
+    if examination.leverage is not None:
+        lowered = -examination.leverage.change / examination.leverage.before
+        lines += _edges(
+            examination, "edges whose cut lowers B_0 most, with the stress of the others unchanged", lowered
+        )
     if limit:
         lines.append("- the search ended before the minimum, so the distance is an upper limit")
     elif near.note:
         lines.append(f"- {near.status.name}: {near.note}")
-    if found.critical_tensor is not None:
-        lines += ["- moduli: those below"] if _same(found) else _moduli(found.critical_tensor, "_0")
+    if examination.critical_elasticity is not None:
+        same = _same(examination)
+        lines += ["- moduli: those below"] if same else _moduli(examination.critical_elasticity, "_0")
     return [*lines, ""]
 
 
-def _same(found: Examination) -> bool:
+def _edges(examination: Examination, what: str, parts: Array) -> list[str]:
+    """The edges of the largest parts (N_b,), of those that are finite, in per cent."""
+    finite = np.flatnonzero(np.isfinite(parts))
+    largest = finite[np.argsort(-parts[finite], kind="stable")][:_MOST_EDGES]
+    named = (f"{examination.edge_name(int(edge))} {100 * parts[edge]:.3g} %" for edge in largest)
+    return [f"- {what}: {', '.join(named)}"] if len(largest) else []
+
+
+def _same(examination: Examination) -> bool:
     """Whether the tensors at the positions and of the nearest critical configuration agree."""
-    if found.tensor is None or found.critical_tensor is None:
+    if examination.elasticity is None or examination.critical_elasticity is None:
         return False
-    here, there = found.tensor.value.energy, found.critical_tensor.value.energy
+    here, there = examination.elasticity.value.energy, examination.critical_elasticity.value.energy
     return bool(np.abs(here - there).max() <= _SAME * np.abs(there).max())
 
 
-def _strains(found: Examination) -> list[str]:
+def _strains(examination: Examination) -> list[str]:
     """The table of critical strains."""
-    if not found.critical_strains:
+    if not examination.critical_strains:
         return []
     lines = ["## Critical strains", "", "| deformation | γ_c | taut edges | exact for | γ |", "|---|---|---|---|---|"]
-    for name, onset in found.critical_strains.items():
+    for name, onset in examination.critical_strains.items():
         meaning = _STRAINS.get(name, "")
         lines.append(f"| {name} | {onset.strain:.8g} | {_taut(onset)} | {onset.value.exact_for} | {meaning} |")
     return [*lines, ""]
+
+
+def _taut(onset: Onset) -> str:
+    return f"{int(onset.value.taut.sum())} of {len(onset.value.taut)}"
 
 
 def _moduli(solution: Solution[Elasticity], index: str = "") -> list[str]:
@@ -271,75 +256,77 @@ def _moduli(solution: Solution[Elasticity], index: str = "") -> list[str]:
     tensor = solution.value
     if not np.isfinite(tensor.energy).all():
         return [f"- {solution.status.name}: {solution.reason}"]
-    state = "" if solution.ok else f"{solution.status.name}: "
-    size = float(np.abs(tensor.energy).max())
-    lines = [f"- {state}{_bulk_and_shear(tensor, index)}"]
+    lines = [f"- {'' if solution.ok else f'{solution.status.name}: '}{_bulk_and_shear(tensor, index)}"]
     if not tensor.energy.any():
         return lines
     x, y = np.eye(tensor.dimension)[:2]
     ratio = tensor.poissons_ratio(x, y)
     if np.isfinite(ratio):
-        lines.append(f"- along x: Young's modulus {_number(tensor.youngs_modulus(x))}, Poisson's ratio {ratio:.6g}")
-    names = tensor.components
-    rows = [
-        f"| {name} | {' | '.join(f'{0.0 if abs(c) < _ZERO * size else c:.6g}' for c in row)} |"
-        for name, row in zip(names, tensor.energy, strict=True)
-    ]
+        lines.append(f"- along x: Young's modulus {tensor.youngs_modulus(x):.8g}, Poisson's ratio {ratio:.6g}")
+    names, energy = tensor.components, _without_rounding(tensor, tensor.energy)
+    rows = [f"| {name} | {' | '.join(f'{c:.6g}' for c in row)} |" for name, row in zip(names, energy, strict=True)]
     return [*lines, "", f"| C | {' | '.join(names)} |", "|---" * (1 + len(names)) + "|", *rows]
 
 
 def _bulk_and_shear(tensor: Elasticity, index: str = "") -> str:
-    size = float(np.abs(tensor.energy).max())
-    bulk, shear = (_number(0.0 if abs(value) < _ZERO * size else value) for value in (tensor.bulk, tensor.shear))
-    return f"B{index} = {bulk}, G{index} = {shear}"
+    bulk, shear = _without_rounding(tensor, np.array([tensor.bulk, tensor.shear]))
+    return f"B{index} = {bulk:.8g}, G{index} = {shear:.8g}"
 
 
-def _count(number: int, noun: str, plural: str) -> str:
-    return f"{number} {noun}{plural if number != 1 else ''}"
+def _without_rounding(tensor: Elasticity, moduli: Array) -> Array:
+    """Moduli with zeros in place of what rounding leaves of them."""
+    return np.where(np.abs(moduli) < _ZERO * np.abs(tensor.energy).max(), 0.0, moduli)
 
 
-def _number(value: float) -> str:
-    return f"{value:.8g}"
+# What to do next in Python, and as commands.
+_FUNCTIONS = {
+    "restore": "nearest_critical(...).value restores it",
+    "strain": "strain_path follows it from there",
+    "stiffest": "nearest_critical(...).value is it, optimize(network, 'bulk_modulus') gives the stiffest one",
+    "critical": "transition_moduli and stiffening give its response; strain_path follows it past the transition",
+    "first": "it is rigid at rest: elasticity gives its tensor; diluted(...) leads to the transition",
+    "prestress": "elasticity gives its tensor at rest; signed_stress and strain_path follow it under stress",
+}
+_COMMANDS = {
+    "restore": "coordinates with more digits show it",
+    "strain": "others follow at the strains below",
+    "stiffest": "critflow make FILE --out OUT gives the stiffest one",
+    "critical": "critflow explore FILE strains it past the transition; critflow make FILE --out OUT --target C_B=0 "
+    "changes its stiffening",
+    "first": "it is rigid at rest, with the moduli below",
+    "prestress": "it is rigid at rest, with the moduli below; critflow make FILE --out OUT gives the stress of the "
+    "largest bulk modulus",
+}
 
 
-def _taut(onset: Onset) -> str:
-    return f"{int(onset.value.taut.sum())} of {len(onset.value.taut)}"
-
-
-def advice_of(found: Examination, margin: float) -> tuple[str, ...]:
-    """Sentences on what to do next.
-
-    margin  distance to a critical configuration that rounded coordinates may cause; 0 where they have all digits
-    """
-    near, advice = found.nearest, []
-    within = near is not None and margin > 0 and near.distance <= margin
-    if near is not None and within and found.order != "critical":
+def advice_of(examination: Examination, file: str = "") -> tuple[str, ...]:
+    """Sentences on what to do next: functions of Python, or with the name of a file, commands."""
+    words = {name: text.replace("FILE", file) for name, text in (_COMMANDS if file else _FUNCTIONS).items()}
+    near, order, strains = examination.nearest, examination.order, examination.critical_strains
+    advice = []
+    within = near is not None and 0 < examination.rounding >= near.distance
+    if near is not None and within and order != "critical":
         advice.append(
             f"the network is critical within its digits: the nearest critical configuration is {near.distance:.1e} "
-            f"away, and rounded coordinates explain {margin:.0e}; nearest_critical(...).value restores it"
+            f"away, and rounded coordinates explain {examination.rounding:.0e}; {words['restore']}"
         )
-    if found.order == "floppy" and found.critical_strains:
-        name, onset = min(found.critical_strains.items(), key=lambda item: abs(item[1].strain))
+    if order == "floppy" and strains:
+        name, onset = min(strains.items(), key=lambda item: abs(item[1].strain))
         advice.append(
             f"of the deformations below, {name} makes it rigid first, at γ = {onset.strain:.4g} ({_taut(onset)} edges "
-            "taut); strain_path follows it from there"
+            f"taut); {words['strain']}"
         )
-    if found.order == "floppy" and near is not None and not within:
+    if order == "floppy" and near is not None and not within:
         limit = "at most " if near.status in UNFINISHED else ""
         advice.append(
-            f"a critical configuration is {limit}{near.distance:.3g} away (root mean square): nearest_critical(...)"
-            ".value; critflow make, or optimize(network, 'bulk_modulus'), gives the stiffest one"
+            f"a critical configuration is {limit}{near.distance:.3g} away (root mean square): {words['stiffest']}"
         )
-    if found.order == "floppy" and near is None and not found.critical_strains:
+    if order == "floppy" and near is None and not strains:
         advice.append("add edges or fix vertices: neither a strain nor another configuration is known to make it rigid")
-    if found.order == "critical":
-        advice.append("transition_moduli and stiffening give its response; strain_path follows it past the transition")
-    if found.order == "first":
-        advice.append("it is rigid at rest: elasticity gives its tensor; diluted(...) leads to the transition")
-    if found.order in ("prestress", "second"):
-        advice.append("elasticity gives its tensor at rest; signed_stress and strain_path follow it under stress")
-    if found.order == "undecided" and np.isnan(found.counts.largest_zero):
+    if order in ("critical", "first", "prestress", "second"):
+        advice.append(words["prestress" if order == "second" else order])
+    if order == "undecided" and np.isnan(examination.rigidity.value.largest_zero):
         advice.append("correct the coordinates: the rigidity of edges without length is not defined")
-    elif found.order == "undecided":
+    elif order == "undecided":
         advice.append("give coordinates with more digits, or their number of decimals")
     return tuple(advice)

@@ -48,7 +48,7 @@ def read_tables(path: Path) -> NetworkData:
     columns: coordinates, with an optional first column of names.  Without a header columns are taken in this order.
     A comment line `# cell` with d² numbers in the vertex table gives the cell vectors, row by row.
     """
-    edges_path, vertices_path = _paths(path)
+    edges_path, vertices_path = table_paths(path)
     ids, positions, pinned = _vertices(vertices_path)
     table, d = _table(edges_path), positions.shape[1]
     ends = [_named(table, _TAIL), _named(table, _HEAD)]
@@ -75,7 +75,7 @@ def read_tables(path: Path) -> NetworkData:
 
 def write_tables(data: NetworkData, path: Path) -> None:
     """Write an edge table and a vertex table with headers and all digits, vertices counted from 0."""
-    edges_path, vertices_path = _paths(path)
+    edges_path, vertices_path = table_paths(path)
     frame, d = import_module("pandas").DataFrame, data.dimension
     mark = "\t" if path.suffix.lower() == ".tsv" else ","
     axes = dict(zip("xyz", data.positions.T, strict=False))
@@ -90,7 +90,7 @@ def write_tables(data: NetworkData, path: Path) -> None:
     frame(edges).to_csv(edges_path, sep=mark, index=False)
 
 
-def _paths(path: Path) -> tuple[Path, Path]:
+def table_paths(path: Path) -> tuple[Path, Path]:
     """The edge table and the vertex table: NAME_edges.csv and NAME_vertices.csv (or NAME_nodes.csv) of NAME.csv."""
     stem = path.stem.removesuffix("_edges").removesuffix("_vertices").removesuffix("_nodes")
     edges, vertices, nodes = (

@@ -8,9 +8,9 @@ import zipfile
 from io import BytesIO
 from pathlib import Path
 
-from critflow.drawing import draw, saved
 from critflow.exchange.convert import write_network
 from critflow.explore.session import Session
+from critflow.figures.drawing import draw, saved
 from critflow.result import InputError
 
 # matplotlib keeps the current figure in one place.
@@ -30,16 +30,9 @@ def picture_file(session: Session, suffix: str) -> tuple[str, bytes]:
 
 def network_file(session: Session, suffix: str) -> tuple[str, bytes]:
     """The network in the format of an ending, in an archive where the format has several files."""
-    critical = session.state.critical
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"critflow{suffix}"
-        write_network(
-            critical.network,
-            path,
-            critical.coordinates,
-            rest_lengths=critical.lengths,
-            force_densities=critical.sigma,
-        )
+        write_network(session.state.critical, path)
         written = sorted(Path(folder).iterdir())
         if len(written) == 1:
             return written[0].name, written[0].read_bytes()

@@ -1,4 +1,4 @@
-"""The numbers on the page: results of the library with their error bounds, to the digits that these leave."""
+"""The numbers on the page: results of the library with their errors, to the digits that these leave certain."""
 
 from __future__ import annotations
 
@@ -20,43 +20,49 @@ from critflow.rigidity.counts import certify
 
 T = TypeVar("T")
 PROOF, ESTIMATE = "proof", "estimate"
-# Digits of a number without a bound, and most decimals shown.
+# Digits of a number without an error, and most decimals shown.
 _PLAIN, _MOST = 6, 17
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number with its error bound, NaN if unknown, and the kind of the bound; `note` replaces a missing value."""
+    """A number with the largest error that it may have, NaN if unknown.
+
+    kind  `PROOF` or `ESTIMATE`, of the error
+    note  the reason where there is no value
+    """
 
     key: str
     value: float
-    bound: float = np.nan
+    error: float = np.nan
     kind: str = ""
     note: str = ""
 
     @property
     def text(self) -> str:
-        """The value to the digits that its bound leaves certain up to one unit in ten of the last one."""
+        """The value to the digits that its error leaves certain up to one unit in ten of the last one."""
         if not np.isfinite(self.value):
             return "—"
         if isinstance(self.value, int | np.integer):
             return f"{self.value:d}"
-        if not (np.isfinite(self.bound) and self.bound > 0):
+        if not (np.isfinite(self.error) and self.error > 0):
             return f"{self.value:.{_PLAIN}g}"
-        decimals = int(np.floor(-np.log10(self.bound))) - 1
+        decimals = int(np.floor(-np.log10(self.error))) - 1
         if abs(self.value) and decimals > _MOST:
             digits = decimals + 1 + int(np.floor(np.log10(abs(self.value))))
             return f"{self.value:.{min(max(digits - 1, 0), _MOST - 1)}e}"
         return f"{self.value:.{max(decimals, 0)}f}"
 
-    def shown(self) -> dict[str, str]:
+    @property
+    def row(self) -> dict[str, str]:
         """The texts of a row of the table."""
-        bound = f"± {self.bound:.1e}" if np.isfinite(self.bound) and self.bound > 0 else ""
-        return {"key": self.key, "text": self.text, "bound": bound, "kind": self.kind, "note": self.note}
+        known = np.isfinite(self.value) and np.isfinite(self.error) and self.error > 0
+        error = f"± {self.error:.1e} ({self.kind})" if known else ""
+        return {"key": self.key, "text": self.text, "error": error, "note": self.note}
 
 
 def quick(critical: CriticalConfiguration) -> list[Number]:
-    """Moduli, variances and residual, without bounds of the moduli: what follows the hand."""
+    """Moduli, variances and residual, without errors of the moduli: shown while a slider moves."""
     moduli, note = _attempt(lambda: transition_moduli(critical))
     numbers = [
         Number("B_0", moduli.bulk if moduli else np.nan, note=note),
@@ -66,19 +72,20 @@ def quick(critical: CriticalConfiguration) -> list[Number]:
 
 
 def precise(manifold: CriticalManifold, critical: CriticalConfiguration) -> list[Number]:
-    """The moduli with their bounds, and the stiffening coefficients with theirs."""
+    """The moduli with their errors, and the stiffening coefficients with theirs."""
     moduli, note = _attempt(lambda: transition_moduli(critical))
-    bounds, _ = _attempt(lambda: transition_bounds(critical))
-    growth, why = _attempt(lambda: stiffening(manifold, critical, throw=False))
+    errors, _ = _attempt(lambda: transition_bounds(critical))
+    stiffness, reason = _attempt(lambda: stiffening(manifold, critical, throw=False))
     numbers = []
     for key, name in (("B_0", "bulk"), ("G_0", "shear")):
-        value, bound = (np.nan if record is None else float(getattr(record, name)) for record in (moduli, bounds))
-        numbers.append(Number(key, value, bound, PROOF, note))
+        value, error = (np.nan if record is None else float(getattr(record, name)) for record in (moduli, errors))
+        numbers.append(Number(key, value, error, PROOF, note))
     for key in ("C_B", "C_G", "C_G_stress_corrected"):
-        value = np.nan if growth is None else getattr(growth.value, key)
-        bound = np.nan if growth is None else float(getattr(growth.stats.error_bound, key, np.nan))
-        reason = why or ("" if growth is None or growth.ok else growth.reason)
-        numbers.append(Number(key, float(value), bound, ESTIMATE, reason))
+        if stiffness is None:
+            numbers.append(Number(key, np.nan, note=reason))
+            continue
+        value, error = getattr(stiffness.value, key), getattr(stiffness.stats.error_bound, key, np.nan)
+        numbers.append(Number(key, float(value), float(error), ESTIMATE, "" if stiffness.ok else stiffness.reason))
     return numbers
 
 
@@ -88,11 +95,13 @@ def counts(critical: CriticalConfiguration) -> list[Number]:
     if certificate is None:
         return [Number(key, np.nan, note=note) for key in ("self-stresses", "zero modes")]
     low, high = certificate.gap
-    gap = f"singular values {low:.1e} | {high:.1e}"
-    rigid = "rigid to second order" if certificate.rigid else "not shown to be rigid"
     return [
-        Number("self-stresses", certificate.n_self_stresses, note=gap),
-        Number("zero modes", certificate.n_zero_modes, note=rigid),
+        Number("self-stresses", certificate.n_self_stresses, note=f"singular values {low:.1e} | {high:.1e}"),
+        Number(
+            "zero modes",
+            certificate.n_zero_modes,
+            note="rigid to second order" if certificate.rigid else "not shown to be rigid",
+        ),
     ]
 
 
@@ -110,11 +119,11 @@ def variances(critical: CriticalConfiguration) -> list[Number]:
         ("V_τ", "tension_variance", critical.tensions, np.abs(critical.sigma) * error),
     ):
         value = quantity(critical.network, name).evaluate(critical)[0]
-        numbers.append(Number(key, value, _variance_bound(value, values, change), PROOF))
+        numbers.append(Number(key, value, _variance_error(value, values, change), PROOF))
     return numbers
 
 
-def _variance_bound(variance: float, values: Array, change: Array) -> float:
+def _variance_error(variance: float, values: Array, change: Array) -> float:
     mean, shift = float(abs(values.mean())), float(change.mean())
     if not (np.isfinite(shift) and shift < mean):
         return np.nan

@@ -1,14 +1,14 @@
 "use strict";
-// The page draws what the server sends and reports what the hand does; every number is text from the server.
+// The page draws what the server sends and reports what the user does; every number is text from the server.
 const get = (id) => document.getElementById(id), token = document.body.dataset.token;
 const LABELS = { B_0: "B₀", G_0: "G₀", C_G_stress_corrected: "C_G, stress-corrected", V_L: "V_L", "V_τ": "V_τ", "force(γ)": "largest force at γ",
   "B(γ)": "B at γ", "G(γ)": "G at γ", "M(γ)": "modulus along γ", residual: "force residual / ⟨τ⟩" };
 const ROWS = ["B_0", "bound", "G_0", "C_B", "C_G", "C_G_stress_corrected", "V_L", "V_τ", "residual", "self-stresses", "zero modes", "B(γ)", "G(γ)", "M(γ)", "force(γ)"];
 let state = {}, welcome = {}, panels = {}, series = [], seriesKey = null, point = null, trail = [], curve = null;
-let legendOf = null, socket, waiting = false, queue = [], sequence = 0, sentAt = new Map(), drag = null, ready = false, picked = null, requested = null;
-const HINT = "Click an edge and drag it up or down, choose a population, or move γ past the transition. Every number below is exact to its error bound.";
+let legendOf = null, socket, waiting = false, queue = [], sequence = 0, sentAt = new Map(), drag = null, picked = null, requested = null;
+const HINT = "Click an edge and drag it up or down, choose a population, or move γ past the transition. Every number below is exact to its error.";
 const HELP = { edge: "Pick an edge, or type its number.", face: "Every edge keeps its direction and tension, so B₀ stands still." };
-const SLOW = "This network is large: at 10,000 vertices a change takes about 0.2 s, bounds half a second more, and counts another second.";
+const SLOW = "This network is large: at 10,000 vertices a change takes about 0.2 s, errors half a second more, and counts another second.";
 window.latencies = []; window.replies = 0;
 
 // Messages: one at a time; a later position of the same slider replaces one that waits.
@@ -34,7 +34,7 @@ function connect() {
   socket.onmessage = (event) => receive(event.data);
   socket.onclose = (event) => {
     waiting = false; queue = [];
-    say(event.reason || "The server has stopped: start critflow explore again, then open this page's link there. The picture here no longer changes.", true);
+    say(event.reason || "The server has stopped: start critflow explore again. The picture here no longer changes.", true);
     document.body.dataset.connected = "no";
     setTimeout(connect, 2000);
   };
@@ -61,13 +61,12 @@ function receive(buffer) {
   if ("point" in header) { point = header.point; trail = header.trail; curve = header.curve; }
   // The pixels are made at once: the browser may wait most of a frame before it calls back.
   if (full) drawPanels();
-  // The next request leaves when the pixels are made, with the newest position of the hand.
+  // The next request leaves when the pixels are made, with the newest position of the slider.
   if (full && "seq" in header) { waiting = false; pump(); }
   requestAnimationFrame(() => {
     if (full) controls(); else if ("edge" in header) sliders();
     numbers(header);
     if ("point" in header || (header.plane && header.plane.series)) plots();
-    if ("point" in header) history.replaceState(null, "", "#" + state.link);
     if (full) setTimeout(() => painted(header), 0);
     window.replies++;
   });
@@ -147,13 +146,13 @@ function numbers(header) {
       body.insertBefore(row, after || null); rows[number.key] = row;
     }
     if (row.className !== (due ? "due" : "")) row.className = due ? "due" : "";
-    if (number.text !== undefined) { text(row.cells[1], number.text); text(row.cells[2], [number.bound && `${number.bound} (${number.kind})`, number.note].filter(Boolean).join("; ")); }
+    if (number.text !== undefined) { text(row.cells[1], number.text); text(row.cells[2], [number.error, number.note].filter(Boolean).join("; ")); }
   };
   if (header.due) {
     for (const key of Object.keys(rows)) if (key.includes("γ") && !state.strain[1]) rows[key].remove();
     for (const key of header.due) put({ key }, true);
   }
-  if (header.bound) put({ key: "bound", text: header.bound, bound: "", note: "largest B₀ over all stresses (proof)" });
+  if (header.bound) put({ key: "bound", text: header.bound, error: "", note: "largest B₀ over all stresses (proof)" });
   const due = new Set(header.due || []);
   for (const number of header.numbers || []) put(number, due.has(number.key));
 }
@@ -174,16 +173,16 @@ function controls() {
 }
 function sliders() {
   const busy = waiting || queue.length;
-  slide("stress", state.edge, state.edge && [-state.edge.reach, state.edge.reach], busy); slide("size", state.face, state.face && [state.face.low, state.face.high], busy);
+  slide("stress", state.edge, busy); slide("size", state.face, busy);
   for (const [id, item] of [["edge", state.edge], ["face", state.face]]) {
     if (document.activeElement !== get(id)) get(id).value = item ? item.number : "";
     text(get(id + "text"), item ? item.text : HELP[id]);
   }
 }
-function slide(id, item, limits, busy) {
-  const input = get(id); input.disabled = !item || limits[0] === limits[1];
+function slide(id, item, busy) {
+  const input = get(id); input.disabled = !item || item.low === item.high;
   if (!item) adjust(input, { min: -1, max: 1, value: 0 });
-  else if (!busy) adjust(input, { min: limits[0], max: limits[1], value: item.value });
+  else if (!busy) adjust(input, { min: item.low, max: item.high, value: item.value });
   text(get(id + "value"), item ? item.value.toPrecision(3) : "0");
 }
 function bounds() { const limit = welcome.strains[get("deformation").value]; adjust(get("gamma"), { min: -limit / 5, max: limit / 5 }); }
@@ -206,9 +205,6 @@ function greet(found) {
   get("blend").replaceChildren(...sliders);
   get("scale").style.backgroundImage = `linear-gradient(to right, ${found.palette.slice(0, 32).join()})`;
   dataset(found.dataset);
-  const hash = location.hash.slice(1);
-  if (!ready && hash && hash !== state.link) send({ do: "restore", link: hash });
-  ready = true;
 }
 function dataset(found) {
   get("data").hidden = !found;
@@ -220,20 +216,18 @@ function dataset(found) {
   }));
   for (const id of ["x", "y"]) get(id).replaceChildren(option("", "automatic"), ...Object.entries(found.variables).map(([name, text]) => option(name, `${name}: ${text}`)));
   get("status").replaceChildren(option("", "all"), ...Object.entries(found.statuses).map(([name, count]) => option(name, `${name} (${count})`)));
-  get("claim").replaceChildren(option("", found.claims.length ? "all" : "no claims.json next to the dataset"), ...found.claims.map((claim) => option(claim.key, `${claim.verdict}: ${claim.statement}`)));
 }
 function chooseCase() {
   const index = welcome.dataset.axes.reduce((sum, axis, k) => sum * axis.labels.length + +get("axes").querySelectorAll("select")[k].value, 0);
   send({ do: "case", case: index });
 }
 function openPoint(item) {
-  if (state.plane.open === "cloud") { send({ do: "open", n_vertices: welcome.cloud_vertices, seed: item[0], population: item[1] }); return; }
   let rest = item;
   [...welcome.dataset.axes].map((axis, k) => [k, axis.labels.length]).reverse().forEach(([k, size]) => { get("axes").querySelectorAll("select")[k].value = rest % size; rest = Math.floor(rest / size); });
   send({ do: "case", case: item });
 }
 
-// The hand
+// Mouse and keys
 
 const tool = () => document.querySelector("input[name=tool]:checked").value;
 for (const name of ["network", "forces"]) {
@@ -255,7 +249,7 @@ for (const name of ["network", "forces"]) {
   canvas.onpointerup = () => { drag = null; };
   canvas.onkeydown = (event) => {
     const kind = tool() === "face" ? "face" : "edge", item = state[kind], step = { ArrowLeft: -1, ArrowRight: 1 }[event.key], sign = { ArrowUp: 1, ArrowDown: -1 }[event.key];
-    if (step) send({ do: "select", [kind]: item ? item.number + step : 0 });
+    if (step) send({ do: "select", [kind]: item ? (item.number + step + item.count) % item.count : 0 });
     else if (sign && item) move(kind, item, latest(kind, item) + sign * (kind === "edge" ? 0.1 : (item.high - item.low) / 40));
     else if (event.key === "x" && state.edge) change("cut", state.edge.number);
     else return;
@@ -263,8 +257,7 @@ for (const name of ["network", "forces"]) {
   };
 }
 function move(kind, item, value) {
-  const [low, high] = kind === "edge" ? [-item.reach, item.reach] : [item.low, item.high];
-  requested = [kind, item.number, Math.min(high, Math.max(low, value))];
+  requested = [kind, item.number, Math.min(item.high, Math.max(item.low, value))];
   change(...requested);
 }
 // Keys that repeat continue from the value requested last, which the server may not have shown yet.
@@ -277,11 +270,7 @@ for (const id of ["edge", "face"]) get(id).onchange = () => get(id).value !== ""
 get("undo").onclick = () => send({ do: "undo" });
 get("redo").onclick = () => send({ do: "redo" });
 get("stop").onclick = () => socket.send(JSON.stringify({ do: "stop" }));
-for (const id of ["x", "y", "status", "claim"]) get(id).onchange = () => {
-  const claim = welcome.dataset.claims.find((c) => c.key === get("claim").value);
-  get("claimtext").textContent = claim ? `${claim.verdict}: ${claim.statement}; measured: ${claim.value}` : "";
-  send({ do: "filter", [id]: get(id).value });
-};
+for (const id of ["x", "y", "status"]) get(id).onchange = () => send({ do: "filter", [id]: get(id).value });
 get("plane").onclick = (event) => {
   const box = get("plane").getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;
   const near = (get("plane").places || []).map((p) => [Math.hypot(p[0] - x, p[1] - y), p[2]]).sort((a, b) => a[0] - b[0])[0];
@@ -317,12 +306,10 @@ async function showScript() {
   if (reply) { get("script").textContent = await reply.text(); get("script").hidden = false; }
 }
 get("showscript").onclick = () => { if (get("script").hidden) showScript(); else get("script").hidden = true; };
-get("copylink").onclick = () => navigator.clipboard.writeText(location.href).then(() => say("The link is copied: it restores this state while the server runs; after that, give it to critflow explore --link."), () => say(location.href));
 document.addEventListener("keydown", (event) => {
   if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || event.target.type === "number") return;
   event.preventDefault(); send({ do: event.shiftKey ? "redo" : "undo" });
 });
-window.addEventListener("hashchange", () => { const hash = location.hash.slice(1); if (hash && hash !== state.link) send({ do: "restore", link: hash }); });
 // A reload finds its state under the name of the tab, which must be free by then.
 window.addEventListener("pagehide", () => { socket.onclose = null; socket.close(); });
 window.addEventListener("resize", () => { if (state.marks) { drawPanels(); plots(); } });

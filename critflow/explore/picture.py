@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from critflow.figures.plot import COMPRESSED, SLACK, TENSION_MAP, face_polygon, periodic_segments, polygon_images
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array, IntArray, Network
-from critflow.plot import COMPRESSED, SLACK, TENSION_MAP
 
 SHADES = 32
 # Numbers of the two colours after the shades of tension.
 _SLACK, _COMPRESSED = SHADES, SHADES + 1
 # Edges with less than this part of the mean |tension| carry none.
 _NO_TENSION = 1e-9
+_CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
 def _palette() -> list[str]:
@@ -62,49 +62,23 @@ def shades_of(tensions: Array) -> NDArray[np.uint8]:
     size = np.abs(tensions)
     scale = float(np.percentile(size, 99)) or 1.0
     shade = np.minimum(size / scale * SHADES, SHADES - 1).astype(np.uint8)
-    none = size <= _NO_TENSION * (float(size.mean()) or 1.0)
-    return np.where(none, _SLACK, np.where(tensions < 0, _COMPRESSED, shade)).astype(np.uint8)
+    slack = size <= _NO_TENSION * (float(size.mean()) or 1.0)
+    return np.where(slack, _SLACK, np.where(tensions < 0, _COMPRESSED, shade)).astype(np.uint8)
 
 
 def network_drawing(network: Network, coordinates: Array, tensions: Array) -> Drawing:
     """The network with its edges coloured by tension, each edge in all images that touch the cell."""
     if network.cell is not None:
-        corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ network.cell
-        return _ordered(*images(network.edges, network.offsets, network.cell, coordinates), tensions, corners)
+        return periodic_drawing(network.edges, network.offsets, network.cell, coordinates, tensions)
     low, high = coordinates.min(axis=0), coordinates.max(axis=0)
     margin = 0.03 * float(np.max(high - low))
-    low, high = low - margin, high + margin
-    corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
-    return _ordered(coordinates[network.edges], np.arange(network.n_edges), tensions, corners)
+    outline = low - margin + _CORNERS * (high - low + 2 * margin)
+    return _ordered(coordinates[network.edges], np.arange(network.n_edges), tensions, outline)
 
 
-def force_drawing(positions: Array, periods: Array, offsets: IntArray, ends: IntArray, tensions: Array) -> Drawing:
-    """The reciprocal force diagram with the colours of the network."""
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ periods
-    return _ordered(*images(ends, offsets, periods, positions), tensions, corners)
-
-
-def images(edges: IntArray, offsets: IntArray, cell: Array, coordinates: Array) -> tuple[Array, IntArray]:
-    """All images of the edges that touch the cell: end points (n, 2, 2), and the edge of each (n,).
-
-    As `critflow.plot.periodic_segments`, in another order; only edges that leave the cell have further images.
-    """
-    fraction = coordinates @ np.linalg.inv(cell)
-    tail = fraction[edges[:, 0]]
-    start = tail - np.floor(tail)
-    along = fraction[edges[:, 1]] - tail + offsets
-    low, high = np.minimum(start, start + along), np.maximum(start, start + along)
-    leaving = np.flatnonzero(((low < 0) | (high > 1)).any(axis=1))
-    starts, owners = [start], [np.arange(len(edges))]
-    low, high = low[leaving], high[leaving]
-    first, last = np.ceil(-high.max(axis=0, initial=0)), np.floor(1 - low.min(axis=0, initial=0))
-    for shift in product(*(range(int(a), int(b) + 1) for a, b in zip(first, last, strict=True))):
-        touching = ((high + shift > 0) & (low + shift < 1)).all(axis=1)
-        if any(shift):
-            starts.append(start[leaving[touching]] + shift)
-            owners.append(leaving[touching])
-    begin, owner = np.concatenate(starts), np.concatenate(owners)
-    return np.stack([begin, begin + along[owner]], axis=1) @ cell, owner
+def periodic_drawing(edges: IntArray, offsets: IntArray, cell: Array, coordinates: Array, tensions: Array) -> Drawing:
+    """A periodic graph, such as a network or its reciprocal force diagram, with its edges coloured by tension."""
+    return _ordered(*periodic_segments(edges, offsets, cell, coordinates), tensions, _CORNERS @ cell)
 
 
 def _ordered(segments: Array, edges: IntArray, tensions: Array, outline: Array) -> Drawing:
@@ -114,19 +88,7 @@ def _ordered(segments: Array, edges: IntArray, tensions: Array, outline: Array) 
     return Drawing(segments[order], shades[order], edges[order], outline)
 
 
-def face_outline(faces: Faces, face: int, network: Network, coordinates: Array, L: Array) -> list[Array]:
+def face_outlines(faces: Faces, face: int, network: Network, coordinates: Array, L: Array) -> list[Array]:
     """The corners (n_sides, 2) of a face, in all images that touch the cell."""
-    sides = slice(faces.starts[face], faces.starts[face + 1])
-    edges, signs = faces.edges[sides], faces.signs[sides]
-    first = network.edges[edges[0], 0 if signs[0] > 0 else 1]
-    walk = signs[:, None] * L[edges]
-    polygon = coordinates[first] + np.cumsum(walk, axis=0) - walk
-    if network.cell is None:
-        return [polygon]
-    fraction = polygon @ np.linalg.inv(network.cell)
-    low, high = np.ceil(-fraction.max(axis=0)).astype(int), np.floor(1 - fraction.min(axis=0)).astype(int)
-    return [
-        polygon + np.array([i, j]) @ network.cell
-        for i in range(low[0], high[0] + 1)
-        for j in range(low[1], high[1] + 1)
-    ]
+    polygon = face_polygon(faces, face, network.edges, coordinates, L)
+    return [polygon] if network.cell is None else polygon_images(polygon, network.cell)

@@ -14,9 +14,11 @@ function range(values) {
   const pad = 0.06 * (high - low); return [low - pad, high + pad];
 }
 function axes(canvas, xs, ys, xlabel, ylabel) {
-  const [c, width, height] = context(canvas), [x0, x1] = range(xs), [y0, y1] = range(ys), l = 62, b = 34, r = 8, t = 8;
+  const [c, width, height] = context(canvas), [x0, x1] = range(xs), [y0, y1] = range(ys), b = 34, r = 8, t = 8;
+  c.font = "12px system-ui, sans-serif";
+  const l = 28 + Math.max(...ticks(y0, y1).map((v) => c.measureText(v).width));
   const x = (v) => l + (v - x0) / (x1 - x0) * (width - l - r), y = (v) => height - b - (v - y0) / (y1 - y0) * (height - b - t);
-  c.font = "12px system-ui, sans-serif"; c.fillStyle = "#14202b"; c.strokeStyle = "#e3e7ea"; c.lineWidth = 1;
+  c.fillStyle = "#14202b"; c.strokeStyle = "#e3e7ea"; c.lineWidth = 1;
   c.textAlign = "center"; for (const v of ticks(x0, x1)) { c.beginPath(); c.moveTo(x(v), t); c.lineTo(x(v), height - b); c.stroke(); c.fillText(v, x(v), height - b + 14); }
   c.textAlign = "right"; for (const v of ticks(y0, y1)) { c.beginPath(); c.moveTo(l, y(v)); c.lineTo(width - r, y(v)); c.stroke(); c.fillText(v, l - 4, y(v) + 4); }
   c.textAlign = "center"; c.fillText(xlabel, (l + width) / 2, height - 4);
@@ -30,8 +32,7 @@ function mark(c, kind, x, y, r) {
   else if (shape === 3) polygon(4, 0); else { const a = shape === 4 ? 0 : Math.PI / 4; for (const t of [a, a + Math.PI / 2]) { c.moveTo(x - r * Math.cos(t) * 1.2, y - r * Math.sin(t) * 1.2); c.lineTo(x + r * Math.cos(t) * 1.2, y + r * Math.sin(t) * 1.2); } c.lineWidth = 2; c.stroke(); }
 }
 function plots() {
-  const here = state.plane && state.plane.open === "cloud" || !state.plane || /^bulk_modulus_0$/.test(state.plane.x) && /^C_B/.test(state.plane.y);
-  const own = here && point ? [...trail, point] : [];
+  const own = state.plane.own && point ? [...trail, point] : [];
   // The curve takes part of the width of the plane.
   get("curvebox").hidden = !curve;
   if (series.length || own.length) {
@@ -43,10 +44,10 @@ function plots() {
       const [px, py] = own[own.length - 1]; c.beginPath(); c.arc(x(px), y(py), 6.5, 0, 7); c.lineWidth = 4; c.strokeStyle = "#fff"; c.stroke(); c.lineWidth = 2.2; c.strokeStyle = "#14202b"; c.stroke();
     }
     if (legendOf !== Boolean(own.length)) legend(own.length);
-  }
+  } else { context(get("plane")); get("plane").places = []; }
   if (!curve) return;
-  get("curvename").textContent = `${curve.name} against ${curve.along}${curve.line ? "; the line is B₀ + C_B γ" : ""}`;
-  const line = curve.line || [[], []], [c, x, y] = axes(get("curve"), [...curve.x, ...line[0]], [...curve.y, ...line[1]], curve.along, curve.name);
+  get("curvename").textContent = `${curve.name} against γ${curve.line ? "; the line is B₀ + C_B γ" : ""}`;
+  const line = curve.line || [[], []], [c, x, y] = axes(get("curve"), [...curve.x, ...line[0]], [...curve.y, ...line[1]], "γ", curve.name);
   c.beginPath(); c.strokeStyle = "#56B4E9"; c.lineWidth = 2; line[0].forEach((v, i) => c.lineTo(x(v), y(line[1][i]))); c.stroke();
   c.beginPath(); c.strokeStyle = "#0072B2"; c.lineWidth = 1; curve.x.forEach((v, i) => c.lineTo(x(v), y(curve.y[i]))); c.stroke();
   curve.x.forEach((v, i) => mark(c, 0, x(v), y(curve.y[i]), 3.5));

@@ -1,36 +1,11 @@
-"""The lines of Python, and the link, that make a state again."""
+"""The lines of Python that make a state again."""
 
 from __future__ import annotations
 
-import base64
-import json
-import zlib
-from itertools import groupby
-from typing import Any
+from collections.abc import Callable
 
 from critflow.explore.model import OPTIMA, POPULATIONS, SPREAD
-from critflow.explore.session import Change, Session
-from critflow.result import InputError
-
-# A longer text is no link of this page.
-_LONGEST = 200_000
-
-
-def script(session: Session) -> str:
-    """Python that makes the state of a session with the same numbers to the last digit."""
-    body = session.source.lines()
-    for name, group in groupby(session.recipe(), key=lambda change: change[0]):
-        body += _LINES[name](list(group), session)
-    body.append("print(transition_moduli(critical), stiffening(manifold, critical).value)")
-    text = "\n".join(body)
-    names = [name for name in _IMPORTED if name + "(" in text]
-    heads = [f"from critflow import {', '.join(names)}"]
-    if "stable_rng(" in text:
-        heads.append("from critflow.workflow import stable_rng")
-    if "np." in text:
-        heads.insert(0, "import numpy as np\n")
-    return "\n".join(heads) + "\n\n" + text + "\n"
-
+from critflow.explore.session import Session
 
 _IMPORTED = (
     *("CriticalManifold", "critical_from_lengths", "face_modes", "network_from", "optimize", "pruned", "stiffening"),
@@ -38,7 +13,22 @@ _IMPORTED = (
 )
 
 
-def _population_stress(name: str, seed: int) -> str:
+def script(session: Session) -> str:
+    """Python that makes the state of a session with the same numbers to the last digit."""
+    body = session.source.lines(session.start.critical)
+    for name, *values in session.recipe():
+        body += _LINES[name](session.start.model.seed, *values)
+    body.append("print(transition_moduli(critical), stiffening(manifold, critical).value)")
+    text = "\n".join(body)
+    heads = ["import numpy as np"] * ("np." in text) + ["import xarray as xr"] * ("xr." in text)
+    heads += [""] * bool(heads)
+    heads.append(f"from critflow import {', '.join(name for name in _IMPORTED if f'{name}(' in text)}")
+    heads += ["from critflow.workflow import stable_rng"] * ("stable_rng(" in text)
+    return "\n".join([*heads, "", text, ""])
+
+
+def _stress(seed: int, name: str) -> str:
+    """The stress of a population."""
     noise = f'stable_rng({seed}, "{name}").standard_normal(network.n_edges)'
     if name in OPTIMA:
         return f'optimize(manifold, "{name}", throw=False).value.sigma'
@@ -47,48 +37,40 @@ def _population_stress(name: str, seed: int) -> str:
     return f"critical_from_lengths(manifold, 1 + {SPREAD} * {noise}, throw=False).value.sigma"
 
 
-def _populations(changes: list[Change], session: Session) -> list[str]:
-    stress = _population_stress(changes[-1][1], session.state.model.seed)
-    return [f"critical = manifold.configuration({stress})"]
+def _population(seed: int, name: str) -> list[str]:
+    return [f"critical = manifold.configuration({_stress(seed, name)})"]
 
 
-def _blends(changes: list[Change], session: Session) -> list[str]:
-    weights = {name: weight for name, weight in zip(POPULATIONS, changes[-1][1:], strict=True) if weight}
-    lines = [f"{name} = {_population_stress(name, session.state.model.seed)}" for name in weights]
-    total = " + ".join(f"{weight!r} * {name}" for name, weight in weights.items())
-    return [*lines, f"critical = manifold.configuration({total})"]
+def _blend(seed: int, *weights: float) -> list[str]:
+    parts = {name: weight for name, weight in zip(POPULATIONS, weights, strict=True) if weight}
+    total = " + ".join(f"{weight!r} * {name}" for name, weight in parts.items())
+    return [*(f"{name} = {_stress(seed, name)}" for name in parts), f"critical = manifold.configuration({total})"]
 
 
-def _edges(changes: list[Change], session: Session) -> list[str]:
-    pairs = ", ".join(f"({edge}, {change!r})" for _, edge, change in changes)
-    raised = "np.exp(change * (np.arange(network.n_edges) == edge))"
+def _edge(seed: int, edge: int, change: float) -> list[str]:
     return [
-        f"for edge, change in [{pairs}]:",
-        f"    critical = manifold.configuration(critical.sigma * {raised})",
+        f"raised = np.exp({change!r} * (np.arange(network.n_edges) == {edge}))",
+        "critical = manifold.configuration(critical.sigma * raised)",
     ]
 
 
-def _faces(changes: list[Change], session: Session) -> list[str]:
-    pairs = ", ".join(f"({face}, {amplitude!r})" for _, face, amplitude in changes)
+def _face(seed: int, face: int, amplitude: float) -> list[str]:
     return [
-        f"for face, amplitude in [{pairs}]:",
-        "    modes = face_modes(critical)",
-        "    amplitudes = amplitude * (np.arange(modes.elongations.shape[0]) == face)",
-        "    critical = manifold.configuration(modes.walk(amplitudes).sigma)",
+        "modes = face_modes(critical)",
+        f"amplitudes = {amplitude!r} * (np.arange(modes.elongations.shape[0]) == {face})",
+        "critical = manifold.configuration(modes.walk(amplitudes).sigma)",
     ]
 
 
-def _cuts(changes: list[Change], session: Session) -> list[str]:
+def _cut(seed: int, edge: int) -> list[str]:
     return [
-        f"for edge in {[edge for _, edge in changes]}:",
-        "    part = pruned(network, np.arange(network.n_edges) != edge)",
-        "    network, manifold = part.network, CriticalManifold(part.network)",
-        "    critical = manifold.configuration(critical.sigma[part.edges])",
+        f"part = pruned(network, np.arange(network.n_edges) != {edge})",
+        "network, manifold = part.network, CriticalManifold(part.network)",
+        "critical = manifold.configuration(critical.sigma[part.edges])",
     ]
 
 
-def _strains(changes: list[Change], session: Session) -> list[str]:
-    _, deformation, gamma = changes[-1]
+def _strain(seed: int, deformation: str, gamma: float) -> list[str]:
     if gamma == 0:
         return []
     return [
@@ -97,37 +79,11 @@ def _strains(changes: list[Change], session: Session) -> list[str]:
     ]
 
 
-_LINES = {
-    "population": _populations,
-    "blend": _blends,
-    "edge": _edges,
-    "face": _faces,
-    "cut": _cuts,
-    "strain": _strains,
+_LINES: dict[str, Callable[..., list[str]]] = {
+    "population": _population,
+    "blend": _blend,
+    "edge": _edge,
+    "face": _face,
+    "cut": _cut,
+    "strain": _strain,
 }
-
-
-def link_text(session: Session) -> str:
-    """The state of a session as the part of a link after #."""
-    record = {"source": session.source.recipe, "changes": session.recipe()}
-    packed = zlib.compress(json.dumps(record, separators=(",", ":")).encode(), 9)
-    return base64.urlsafe_b64encode(packed).decode().rstrip("=")
-
-
-def from_link(text: str) -> tuple[dict[str, Any], list[Any]]:
-    """The recipe of the source and the changes of a link.
-
-    Raises `InputError` for a text that is not the part after # of a link of this page.
-    """
-    try:
-        if len(text) > _LONGEST:
-            raise ValueError
-        packed = base64.urlsafe_b64decode(text + "=" * (-len(text) % 4))
-        unpacker = zlib.decompressobj()
-        record = json.loads(unpacker.decompress(packed, 50 * _LONGEST))
-        source, changes = record["source"], record["changes"]
-        if not isinstance(source, dict) or not isinstance(changes, list):
-            raise ValueError
-    except (ValueError, KeyError, TypeError, zlib.error):
-        raise InputError("this link is incomplete or of another version: copy it again from the page") from None
-    return source, changes

@@ -1,4 +1,4 @@
-"""The server of the page: loopback only, every request with the token, one page object a tab."""
+"""The server of the page: loopback only, every request with the token, one `Page` for each tab."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import asyncio
 import hmac
 import json
 import logging
+import os
 import secrets
 import socket
 import sys
@@ -29,10 +30,12 @@ from critflow.explore.view import packed
 from critflow.result import CritflowError, EnvironmentFailure
 
 LOOPBACK = "127.0.0.1"
-# Seconds after which the first numbers, and those with bounds, are shown although the hand does not rest.
-OVERDUE = (0.15, 0.5)
-# Pages of closed tabs that are kept for a reload, and the largest file that is accepted, in bytes.
-_KEPT, _LARGEST_FILE = 12, 50_000_000
+# Longest delays of the first numbers, and of those with errors, while the user keeps dragging, in seconds.
+LONGEST_DELAYS = (0.15, 0.5)
+# Pages of closed tabs that are kept for a reload.
+_KEPT = 12
+# Largest file that is accepted, and longest name of one, in bytes.
+_LARGEST_FILE, _LONGEST_NAME = 50_000_000, 200
 _STATIC = {"": "page.html", **{name: name for name in ("raster.js", "plots.js", "page.js", "page.css")}}
 _KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'"
@@ -41,23 +44,47 @@ _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'sel
 class Explorer:
     """All tabs of one server: pages by their name, and the source of a new page."""
 
-    def __init__(self, source: Source | Dataset, sentence: str = ""):
-        self.source, self.sentence = source, sentence
+    def __init__(self, source: Source | Dataset):
+        self.source = source
         self.token = secrets.token_urlsafe(18)
         self.pages: dict[str, Page] = {}
         self.open_tabs: dict[str, _Socket] = {}
         self.threads = ThreadPoolExecutor(4, thread_name_prefix="explore")
         self.folder = tempfile.TemporaryDirectory(prefix="critflow-explore-")
 
-    def page(self, name: str) -> tuple[str, Page]:
+    def page(self, name: str) -> Page:
         """The page of a tab that was reloaded, or a new one; a copied tab has another page."""
         if name not in self.pages or name in self.open_tabs:
-            name = secrets.token_urlsafe(9)
-            self.pages[name] = Page(self.source)
-        closed = [other for other in self.pages if other not in self.open_tabs and other != name]
-        for other in closed[:-_KEPT]:
-            del self.pages[other]
-        return name, self.pages[name]
+            page = Page(self.source)
+            page.name = name = secrets.token_urlsafe(9)
+            self.pages[name] = page
+        closed = [key for key in self.pages if key not in self.open_tabs and key != name]
+        for key in closed[:-_KEPT]:
+            del self.pages[key]
+        return self.pages[name]
+
+    def redirect_file(self, address: str) -> Path:
+        """A file that leads a browser to the address of the page, for this user only.
+
+        The address contains the token, and the arguments of a process are visible to all users of the machine.
+        """
+        path = Path(self.folder.name) / "open.html"
+        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+            file.write(f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">\n')
+        return path
+
+    def close(self) -> None:
+        """Stop the computations and delete the files of all tabs."""
+        for page in self.pages.values():
+            page.stopping = True
+        self.threads.shutdown(wait=False, cancel_futures=True)
+        self.folder.cleanup()
+
+
+def _require_token(handler: RequestHandler, explorer: Explorer) -> None:
+    """Refuse a request without the token."""
+    if not hmac.compare_digest(handler.get_query_argument("token", "").encode(), explorer.token.encode()):
+        raise HTTPError(403)
 
 
 class _Guarded(RequestHandler):
@@ -67,9 +94,7 @@ class _Guarded(RequestHandler):
         self.explorer = explorer
 
     def prepare(self) -> None:
-        given = self.get_query_argument("token", "")
-        if not hmac.compare_digest(given.encode(), self.explorer.token.encode()):
-            raise HTTPError(403)
+        _require_token(self, self.explorer)
 
     def set_default_headers(self) -> None:
         self.set_header("Content-Security-Policy", _POLICY)
@@ -127,29 +152,35 @@ class _Upload(_Guarded):
     """A file that a tab may open."""
 
     def post(self) -> None:
-        name = Path(self.get_query_argument("name", "network.json")).name
+        page = self._page()
+        # Without the replacement of control characters by `get_query_argument`.
+        given = self.request.query_arguments.get("name", [b""])[-1]
+        name = given.decode(errors="ignore")
+        is_name = name.encode() == given and name.isprintable() and Path(name).name == name and name != ".."
+        if not (is_name and 0 < len(given) <= _LONGEST_NAME):
+            raise HTTPError(400, reason="the file has no usable name, rename it")
         folder = Path(tempfile.mkdtemp(dir=self.explorer.folder.name))
         (folder / name).write_bytes(self.request.body)
-        self._page().inbox[name] = folder / name
+        page.uploads[name] = folder / name
 
 
 class _Socket(WebSocketHandler):
-    """Messages of one tab, in turn; bounds and counts follow when the hand rests."""
+    """Messages of one tab, in turn; errors and counts follow when the user pauses."""
 
     def initialize(self, explorer: Explorer) -> None:
         self.explorer, self.name = explorer, ""
 
     def prepare(self) -> None:
-        if not hmac.compare_digest(self.get_query_argument("token", "").encode(), self.explorer.token.encode()):
-            raise HTTPError(403)
+        _require_token(self, self.explorer)
 
     def open(self, *args: str, **kwargs: str) -> None:
         self.set_nodelay(True)
         try:
-            self.name, self.page = self.explorer.page(self.get_query_argument("tab", ""))
+            self.page = self.explorer.page(self.get_query_argument("tab", ""))
         except CritflowError as error:
             self.close(1011, str(error)[:100])
             return
+        self.name = self.page.name
         self.explorer.open_tabs[self.name] = self
         self.messages: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         self.loop = asyncio.get_running_loop()
@@ -187,51 +218,34 @@ class _Socket(WebSocketHandler):
 
     async def _work(self) -> None:
         """Answer messages in turn, and compute the stages that are due while none comes."""
-        shown = [self.loop.time()] * len(OVERDUE)
+        shown = [self.loop.time()] * len(LONGEST_DELAYS)
         while True:
-            rests = self.page.wait is None
+            complete = self.page.wait is None
             try:
                 # Waiting for no time at all would also leave a message that has arrived.
                 wait = self.page.wait if self.messages.empty() else None
                 message = await asyncio.wait_for(self.messages.get(), wait)
             except TimeoutError:
-                await self._refine()
+                await self._reply(self.page.refine)
                 continue
-            if rests:
-                shown = [self.loop.time()] * len(OVERDUE)
-            await self._answer(message)
-            late = [self.loop.time() - at > limit for at, limit in zip(shown, OVERDUE, strict=True)]
-            # The hand does not rest.  Numbers with bounds come after the first ones.
+            if complete:
+                shown = [self.loop.time()] * len(LONGEST_DELAYS)
+            await self._reply(self.page.handle, message)
+            late = [self.loop.time() - then > delay for then, delay in zip(shown, LONGEST_DELAYS, strict=True)]
+            # Numbers with errors come after the first ones.
             for stage in range(2 if late[1] else int(late[0])):
-                await self._refine()
+                await self._reply(self.page.refine)
                 shown[stage] = self.loop.time()
 
-    async def _answer(self, message: dict[str, Any]) -> None:
-        """Send the reply to a message; a fault of the program is a sentence too, and the tab stays usable."""
+    async def _reply(self, compute: Callable[..., Reply | None], *arguments: Any) -> None:
+        """Compute and send a reply; a fault of the program is a sentence too, and the tab stays usable."""
         try:
-            reply = await self._run(self.page.handle, message)
-            if message.get("do") in ("look", "file"):
-                reply.header["welcome"] = {**self.page.welcome(), "tab": self.name}
-            if message.get("do") == "look" and self.explorer.sentence:
-                reply.header.update(sentence=self.explorer.sentence, error=True)
-            if message.get("series") != reply.header["plane"]["key"]:
-                reply.header["plane"]["series"] = await self._run(self.page.series)
-            await self._send(reply)
-        except Exception as error:
-            logging.exception("a message failed")
-            await self._send(Reply({"fault": f"unexpected {type(error).__name__}, {error}: undo the last change"}))
-
-    async def _refine(self) -> None:
-        try:
-            reply = await self._run(self.page.refine)
+            reply = await self.loop.run_in_executor(self.explorer.threads, compute, *arguments)
             if reply is not None:
                 await self._send(reply)
         except Exception as error:
-            logging.exception("numbers failed")
+            logging.exception("a reply failed")
             await self._send(Reply({"fault": f"unexpected {type(error).__name__}, {error}: undo the last change"}))
-
-    async def _run(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        return await self.loop.run_in_executor(self.explorer.threads, function, *arguments)
 
     async def _send(self, reply: Reply) -> None:
         try:
@@ -242,13 +256,13 @@ class _Socket(WebSocketHandler):
 
 def application(explorer: Explorer) -> Application:
     """The routes of the page; an unknown address needs the token too."""
-    given = {"explorer": explorer}
+    shared = {"explorer": explorer}
     return Application(
         [
-            (r"/socket", _Socket, given),
-            (r"/export/([\w.]+)", _Export, given),
-            (r"/upload", _Upload, given),
-            (r"/(.*)", _Files, given),
+            (r"/socket", _Socket, shared),
+            (r"/export/([\w.]+)", _Export, shared),
+            (r"/upload", _Upload, shared),
+            (r"/(.*)", _Files, shared),
         ],
         websocket_max_message_size=1_000_000,
         websocket_ping_interval=20,
@@ -285,7 +299,4 @@ def serve(explorer: Explorer, port: int, announce: Callable[[str], None]) -> Non
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
     finally:
-        for page in explorer.pages.values():
-            page.stopping = True
-        explorer.threads.shutdown(wait=False, cancel_futures=True)
-        explorer.folder.cleanup()
+        explorer.close()

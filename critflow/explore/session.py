@@ -1,14 +1,14 @@
 """The state of a page: a critical configuration, the changes that led to it, undo and redo; no web.
 
-A change is a tuple of a name and plain numbers, so that the list of changes is a recipe: `replay` and the lines of
-Python of `script` repeat it to the last digit.  The stress is always the state: each change makes a new σ, and the
-configuration is the solve of that σ with its error bounds.
+A change is a tuple of a name and plain numbers, so that the list of changes is a recipe: the lines of Python of
+`script` repeat it to the last digit.  The stress is always the state: each change makes a new σ, and the configuration
+is the solve of that σ with its error bounds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,10 +29,6 @@ STEEPEST, LARGEST_STRAIN = 12.0, {"dilation": 0.5, "simple_shear": 1.0, "pure_sh
 _MEMORY = 200
 
 
-def _start_change() -> Change:
-    return ("start",)
-
-
 @dataclass(frozen=True, eq=False)
 class State:
     """One state of the page.
@@ -43,25 +39,17 @@ class State:
 
     model: Model
     critical: CriticalConfiguration
-    change: Change = field(default_factory=_start_change)
+    change: Change = ("start",)
     strain: tuple[str, float] | None = None
     springs: SpringState | None = None
-
-    @property
-    def shown(self) -> tuple[Any, Any, Any]:
-        """Network, coordinates and σ of the picture."""
-        if self.springs is not None:
-            return self.springs.network, self.springs.coordinates, self.springs.sigma
-        return self.critical.network, self.critical.coordinates, self.critical.sigma
 
     def path(self, moduli: bool) -> Solution[StrainPath] | None:
         """The path from the transition to the strain, or None at the transition."""
         if self.strain is None:
             return None
         deformation, gamma = self.strain
-        network = self.critical.network
         return strain_path(
-            network,
+            self.critical.network,
             self.critical,
             [gamma],
             deformation=deformation,
@@ -80,9 +68,12 @@ class Session:
 
     def __init__(self, source: Source, observe: Observer = lambda step: False):
         self.source, self.observe = source, observe
-        model, critical = source.open()
-        self._states, self._now = [State(model, critical)], 0
+        self._states, self._now = [State(*source.open())], 0
         self._modes: tuple[CriticalConfiguration, IsogonalModes] | None = None
+
+    @property
+    def start(self) -> State:
+        return self._states[0]
 
     @property
     def state(self) -> State:
@@ -108,20 +99,21 @@ class Session:
         self._now += self.can_redo
 
     def apply(self, change: Sequence[Any]) -> State:
-        """Make a change, or alter the last one if it has the same target: a slider that moves on.
+        """Make a change, or move the last one on if both are positions of one slider.
 
         Raises `InputError` or `SolveError` where the change has no configuration; the state is then as before.
         """
-        change = _checked(change)
-        continued = self.can_undo and _target(change) == _target(self.state.change)
-        base = self._states[self._now - 1] if continued else self.state
-        made = replace(_CHANGES[change[0]](self, base, *change[1:]), change=change)
-        keep = self._now if continued else self._now + 1
-        self._states = [*self._states[:keep], made]
+        change = _typed(change)
+        slider = _slider(change)
+        moves_on = slider is not None and slider == _slider(self.state.change)
+        base = self.before if moves_on else self.state
+        method, _ = _CHANGES[change[0]]
+        state = replace(method(self, base, *change[1:]), change=change)
+        self._states = [*self._states[: self._now + (not moves_on)], state]
         if len(self._states) > _MEMORY:
-            del self._states[1:2]
+            del self._states[1]
         self._now = len(self._states) - 1
-        return made
+        return state
 
     def modes(self, base: State) -> IsogonalModes:
         """The isogonal modes of a state, computed once while a face moves on from it."""
@@ -132,8 +124,7 @@ class Session:
     def recipe(self) -> list[Change]:
         """The changes that lead from the source to the state, without those that later ones overrule."""
         changes = [state.change for state in self._states[1 : self._now + 1]]
-        settings = [n for n, change in enumerate(changes) if change[0] in ("population", "blend")]
-        first = settings[-1] if settings else 0
+        first = max((n for n, change in enumerate(changes) if change[0] in ("population", "blend")), default=0)
         last = len(changes) - 1
         return [
             change
@@ -141,47 +132,41 @@ class Session:
             if (n >= first or change[0] == "cut") and (change[0] != "strain" or n == last)
         ]
 
-    def replay(self, changes: Iterable[Sequence[Any]]) -> None:
-        """Make the changes of a recipe."""
-        for change in changes:
-            self.apply(change)
-
     def _population(self, base: State, name: str) -> State:
-        stress = base.model.population(name, self.observe)
-        if not base.model.has_population(name):
-            raise InputError(f"{POPULATIONS[name]} was stopped: choose it again to compute it")
-        return self._solved(base, stress)
+        return _solved(base.model, base.model.population(name, self.observe))
 
     def _blend(self, base: State, *weights: float) -> State:
-        names = [name for name, weight in zip(POPULATIONS, weights, strict=True) if weight]
-        if not names:
+        parts = {
+            name: _within("a weight", weight, 0, 1) for name, weight in zip(POPULATIONS, weights, strict=True) if weight
+        }
+        if not parts:
             raise InputError("a blend needs a weight above zero: raise one of its sliders")
-        for name in names:
-            self._population(base, name)
-        total = sum(
-            weight * base.model.population(name) for name, weight in zip(POPULATIONS, weights, strict=True) if weight
-        )
-        return self._solved(base, total)
+        stresses = (part * base.model.population(name, self.observe) for name, part in parts.items())
+        return _solved(base.model, sum(stresses))
 
     def _edge(self, base: State, edge: int, change: float) -> State:
-        _check_index("edge", edge, base.critical.network.n_edges)
-        raised = np.exp(change * (np.arange(base.critical.network.n_edges) == edge))
-        return self._solved(base, base.critical.sigma * raised)
+        n_edges = base.critical.network.n_edges
+        check_index("edge", edge, n_edges)
+        _within("the change of log σ", change, -STEEPEST, STEEPEST)
+        return _solved(base.model, base.critical.sigma * np.exp(change * (np.arange(n_edges) == edge)))
 
     def _face(self, base: State, face: int, amplitude: float) -> State:
         modes = self.modes(base)
         n_faces = modes.elongations.shape[0]
-        _check_index("face", face, n_faces)
-        return self._solved(base, modes.walk(amplitude * (np.arange(n_faces) == face)).sigma)
+        check_index("face", face, n_faces)
+        _within("the amplitude", amplitude, -np.inf, np.inf)
+        return _solved(base.model, modes.walk(amplitude * (np.arange(n_faces) == face)).sigma)
 
     def _cut(self, base: State, edge: int) -> State:
         network = base.critical.network
-        _check_index("edge", edge, network.n_edges)
+        check_index("edge", edge, network.n_edges)
         part = pruned(network, np.arange(network.n_edges) != edge)
-        model = Model(part.network, base.model.seed)
-        return self._solved(State(model, base.critical), base.critical.sigma[part.edges])
+        return _solved(Model(part.network, base.model.seed), base.critical.sigma[part.edges])
 
     def _strain(self, base: State, deformation: str, gamma: float) -> State:
+        if deformation not in LARGEST_STRAIN:
+            raise InputError(f"the page knows no strain {deformation!r:.40}: choose from {', '.join(LARGEST_STRAIN)}")
+        _within("the strain", gamma, -LARGEST_STRAIN[deformation], LARGEST_STRAIN[deformation])
         if gamma == 0:
             return replace(base, strain=None, springs=None)
         strained = replace(base, strain=(deformation, gamma), springs=None)
@@ -190,57 +175,43 @@ class Session:
         path.or_raise("the strain path stopped")
         return replace(strained, springs=path.value.states[-1])
 
-    @staticmethod
-    def _solved(base: State, stress: Any) -> State:
-        return State(base.model, base.model.manifold.configuration(stress))
 
-
-_CHANGES: dict[str, Callable[..., State]] = {
-    "population": Session._population,
-    "blend": Session._blend,
-    "edge": Session._edge,
-    "face": Session._face,
-    "cut": Session._cut,
-    "strain": Session._strain,
+# The method of each change, with the types of its values.
+_CHANGES: dict[str, tuple[Callable[..., State], tuple[type, ...]]] = {
+    "population": (Session._population, (str,)),
+    "blend": (Session._blend, (float,) * len(POPULATIONS)),
+    "edge": (Session._edge, (int, float)),
+    "face": (Session._face, (int, float)),
+    "cut": (Session._cut, (int,)),
+    "strain": (Session._strain, (str, float)),
 }
 
 
-def _target(change: Change) -> Change:
-    """The object of a change: a slider that moves on has the same target."""
-    return change[:2] if change[0] in ("edge", "face") else change[:1] if change[0] in ("blend", "strain") else (None,)
+def _solved(model: Model, stress: Any) -> State:
+    return State(model, model.manifold.configuration(stress))
 
 
-def _checked(change: Sequence[Any]) -> Change:
-    """A change from a message or a link, its values checked."""
+def _slider(change: Change) -> Change | None:
+    """The slider that a change belongs to, or None for a button."""
+    return {"edge": change[:2], "face": change[:2], "blend": change[:1], "strain": change[:1]}.get(change[0])
+
+
+def _typed(change: Sequence[Any]) -> Change:
+    """A change from a message, its values as numbers and words."""
     try:
         name, *values = change
-        if name == "population":
-            (word,) = values
-            return name, str(word)
-        if name == "cut":
-            (edge,) = values
-            return name, int(edge)
-        if name == "strain":
-            deformation, gamma = str(values[0]), float(values[1])
-            return name, deformation, _within(gamma, LARGEST_STRAIN[deformation], "the strain")
-        if name == "blend":
-            return name, *(abs(_within(float(weight), 1.0, "a weight")) for weight in values[: len(POPULATIONS)])
-        if name == "edge":
-            return name, int(values[0]), _within(float(values[1]), STEEPEST, "the change of log σ")
-        if name == "face":
-            return name, int(values[0]), _within(float(values[1]), np.inf, "the amplitude")
-    except (TypeError, ValueError, KeyError, IndexError) as error:
-        if isinstance(error, InputError):
-            raise
-    raise InputError(f"{change!r:.80} is no change that this page knows: it may come from another version")
+        return name, *(kind(value) for kind, value in zip(_CHANGES[name][1], values, strict=True))
+    except (TypeError, ValueError, KeyError, OverflowError):
+        raise InputError(f"{change!r:.80} is no change that this page knows: reload the page") from None
 
 
-def _within(value: float, limit: float, what: str) -> float:
-    if not abs(value) <= limit or not np.isfinite(value):
-        raise InputError(f"{what} must be a number between {-limit:g} and {limit:g}, not {value:g}")
+def _within(what: str, value: float, low: float, high: float) -> float:
+    if not (low <= value <= high and np.isfinite(value)):
+        raise InputError(f"{what} must be a number between {low:g} and {high:g}, not {value:g}")
     return value
 
 
-def _check_index(what: str, number: int, count: int) -> None:
+def check_index(what: str, number: int, count: int) -> None:
+    """Raise `InputError` where there is no edge or face of a number."""
     if not 0 <= number < count:
         raise InputError(f"there is no {what} {number}: choose one from 0 to {count - 1}")

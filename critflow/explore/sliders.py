@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from critflow.explore.picture import face_outline
-from critflow.explore.session import STEEPEST, Session, State
+from critflow.explore.model import Dual, Model
+from critflow.explore.picture import face_outlines
+from critflow.explore.session import STEEPEST, Session, State, check_index
 from critflow.networks.network import Array, Network
 from critflow.result import CritflowError, InputError
 
@@ -31,13 +32,14 @@ class Picked:
         """Pick nothing: edges and faces have other numbers in another network."""
         self.edge = self.face = None
 
-    def select(self, session: Session, message: dict[str, Any]) -> None:
-        """Pick an edge or a face by its number, modulo their count, so that arrow keys can go round."""
-        model = session.state.model
-        if "edge" in message:
-            self.edge = int(message["edge"]) % model.network.n_edges
+    def pick(self, model: Model, kind: str, number: int) -> None:
+        """Pick an edge or a face by its number."""
+        if kind == "face":
+            check_index(kind, number, known_dual(model).faces.n_faces)
+            self.face = number
         else:
-            self.face = int(message["face"]) % known_dual(session).faces.n_faces
+            check_index(kind, number, model.network.n_edges)
+            self.edge = number
 
     def sliders(self, session: Session, exact: bool) -> dict[str, Any]:
         """Values, limits and texts of both sliders."""
@@ -47,43 +49,48 @@ class Picked:
         edge = self.edge
         if edge is None:
             return None
-        value = state.change[2] if state.change[:2] == ("edge", edge) else 0.0
         tension = float(state.critical.tensions[edge] / np.abs(state.critical.tensions).mean())
         length = float(state.critical.lengths[edge])
-        return {"number": edge, "value": value, "reach": STEEPEST / 2, "text": f"τ/⟨τ⟩ {tension:.4g}, |L| {length:.4g}"}
+        return {
+            "number": edge,
+            "count": state.model.network.n_edges,
+            "value": state.change[2] if state.change[:2] == ("edge", edge) else 0.0,
+            "low": -STEEPEST / 2,
+            "high": STEEPEST / 2,
+            "text": f"τ/⟨τ⟩ {tension:.4g}, |L| {length:.4g}",
+        }
 
     def _face_slider(self, session: Session, exact: bool) -> dict[str, Any] | None:
-        state, face = session.state, self.face
-        if face is None:
+        state, face, dual = session.state, self.face, session.state.model.dual
+        if face is None or dual is None:
             return None
-        continued = state.change[:2] == ("face", face)
-        base = session.before if continued else state
+        moves_on = state.change[:2] == ("face", face)
+        base = session.before if moves_on else state
         if self._limits[1] != face or (exact and self._limits[0] is not base):
             self._limits = (base, face, *_limits(session, base, face))
         low, high = self._limits[2]
-        sides = int(state.model.dual.faces.sizes[face]) if state.model.dual else 0
         return {
             "number": face,
-            "value": state.change[2] if continued else 0.0,
+            "count": dual.faces.n_faces,
+            "value": state.change[2] if moves_on else 0.0,
             "low": low,
             "high": high,
-            "text": self._limits[3] or f"{sides} sides",
+            "text": self._limits[3] or f"{int(dual.faces.sizes[face])} sides",
         }
 
-    def marks(self, state: State, network: Network, coordinates: Array, L: Array) -> dict[str, Any]:
+    def marks(self, dual: Dual | None, network: Network, coordinates: Array, L: Array) -> dict[str, Any]:
         """The picked edge, and outlines of the picked face in all images."""
-        dual, outlines = state.model.dual, []
+        outlines: list[Array] = []
         if self.face is not None and dual is not None:
-            outlines = [line.tolist() for line in face_outline(dual.faces, self.face, network, coordinates, L)]
-        return {"edge": self.edge, "face": outlines}
+            outlines = face_outlines(dual.faces, self.face, network, coordinates, L)
+        return {"edge": self.edge, "face": [outline.tolist() for outline in outlines]}
 
 
-def known_dual(session: Session) -> Any:
+def known_dual(model: Model) -> Dual:
     """The dual graph of the network; raises `InputError` where its faces are not known."""
-    dual = session.state.model.dual
-    if dual is None:
+    if model.dual is None:
         raise InputError("this network has no known faces: faces need a periodic planar network without crossings")
-    return dual
+    return model.dual
 
 
 def _limits(session: Session, base: State, face: int) -> tuple[tuple[float, float], str]:

@@ -1,4 +1,4 @@
-"""Where the networks of a page come from: random networks by size and seed, one file, or the cases of a dataset."""
+"""The network that a page starts from: a random one by size and seed, or that of a file."""
 
 from __future__ import annotations
 
@@ -8,25 +8,18 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from critflow.critical.manifold import CriticalConfiguration
-from critflow.exchange.convert import network_from
-from critflow.explore.model import Model, start_of
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.examination.reading import network_of_file
+from critflow.explore.model import Model
 from critflow.generators.random_networks import voronoi_network
-from critflow.result import CritflowError, InputError
+from critflow.result import InputError
 
-# Beyond this a change takes seconds.
+# Vertices beyond which a change takes seconds.
 LARGEST = 20_000
 
 
 class Source(Protocol):
-    """A source of networks.
-
-    recipe  the values of the source that a link contains
-    title   the network in a few words
-    """
-
-    @property
-    def recipe(self) -> dict[str, Any]: ...
+    """A network with its first configuration; `title` names it in a few words."""
 
     @property
     def title(self) -> str: ...
@@ -35,14 +28,14 @@ class Source(Protocol):
         """The network and its first configuration."""
         ...
 
-    def lines(self) -> list[str]:
-        """Lines of Python that make `network`, its manifold and the first configuration `critical`."""
+    def lines(self, start: CriticalConfiguration) -> list[str]:
+        """Lines of Python that make `network`, `manifold` and the first configuration, `critical`."""
         ...
 
 
 @dataclass(frozen=True)
 class Random:
-    """The standard disordered network of a size and a seed, at equal stress."""
+    """The Voronoi network of a size and a seed, at equal stress."""
 
     n_vertices: int = 1000
     seed: int = 0
@@ -52,22 +45,16 @@ class Random:
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool):
                 raise InputError(f"{name} must be a whole number, not {value!r:.40}")
-        if self.n_vertices > LARGEST:
-            raise InputError(f"the page shows at most {LARGEST:,} vertices, not {self.n_vertices:,}: choose fewer")
-
-    @property
-    def recipe(self) -> dict[str, Any]:
-        return {"n_vertices": self.n_vertices, "seed": self.seed}
+        check_size(self.n_vertices)
 
     @property
     def title(self) -> str:
         return f"Voronoi network of {self.n_vertices:,} vertices, seed {self.seed}"
 
     def open(self) -> tuple[Model, CriticalConfiguration]:
-        model = Model(voronoi_network(self.n_vertices, self.seed), self.seed)
-        return model, start_of(model, None)
+        return opened(Model(voronoi_network(self.n_vertices, self.seed), self.seed))
 
-    def lines(self) -> list[str]:
+    def lines(self, start: CriticalConfiguration) -> list[str]:
         return [
             f"network = voronoi_network(n_vertices={self.n_vertices}, seed={self.seed})",
             "manifold = CriticalManifold(network)",
@@ -82,46 +69,41 @@ class File:
     path: Path
 
     @property
-    def recipe(self) -> dict[str, Any]:
-        return {"file": self.path.name}
-
-    @property
     def title(self) -> str:
         return self.path.name
 
     def open(self) -> tuple[Model, CriticalConfiguration]:
-        try:
-            imported = network_from(self.path)
-        except CritflowError:
-            raise
-        except (OSError, ValueError, KeyError, IndexError) as error:
-            raise InputError(f"{self.path.name} could not be read, {error}: check that it is complete") from None
+        imported = network_of_file(self.path)
         check_size(imported.network.n_vertices)
-        model = Model(imported.network)
-        return model, start_of(model, _stress(imported.force_densities, model))
+        return opened(Model(imported.network), imported.force_densities)
 
-    def lines(self) -> list[str]:
-        return opened_lines(f"network_from({self.path.name!r})", self)
+    def lines(self, start: CriticalConfiguration) -> list[str]:
+        return imported_lines(f"network_from({self.path.name!r})", start)
 
 
-def opened_lines(source: str, opened: Source) -> list[str]:
-    """Lines that make a network of an expression, at its stress if it was used."""
-    model, critical = opened.open()
-    plain = np.array_equal(critical.sigma, model.manifold.configuration(model.network.stiffness).sigma)
-    start = "network.stiffness" if plain else "imported.force_densities"
+def opened(model: Model, stress: Any = None) -> tuple[Model, CriticalConfiguration]:
+    """A model with its configuration at a stress σ (N_b,) that is known, or else at its stiffnesses."""
+    network = model.network
+    if stress is not None and np.shape(stress) == (network.n_edges,) and np.isfinite(stress).all() and np.any(stress):
+        critical = model.manifold.solve(np.asarray(stress))
+        if critical.ok:
+            return model, critical.value
+    return model, model.manifold.configuration(network.stiffness)
+
+
+def imported_lines(expression: str, start: CriticalConfiguration) -> list[str]:
+    """Lines that make the network of an expression at its own stress, or at equal stress if `start` has that."""
+    network = start.network
+    equal = np.array_equal(start.sigma, CriticalManifold(network).configuration(network.stiffness).sigma)
     return [
-        f"imported = {source}",
+        f"imported = {expression}",
         "network = imported.network",
         "manifold = CriticalManifold(network)",
-        f"critical = manifold.configuration({start})",
+        f"critical = manifold.configuration({'network.stiffness' if equal else 'imported.force_densities'})",
     ]
-
-
-def _stress(found: Any, model: Model) -> Any:
-    return None if found is None or len(found) != model.network.n_edges else np.asarray(found)
 
 
 def check_size(n_vertices: int) -> None:
     """Raise `InputError` for networks that are too large for the page."""
     if n_vertices > LARGEST:
-        raise InputError(f"the page shows at most {LARGEST:,} vertices, and this network has {n_vertices:,}")
+        raise InputError(f"the page shows networks of at most {LARGEST:,} vertices, not {n_vertices:,}")

@@ -37,7 +37,8 @@ class Rigidity(Record):
     largest_zero, smallest_nonzero  singular values on both sides of the tolerance: the gap behind the count
     n_trivial                       zero modes that any configuration has: the translations of a periodic network
     prestress_stable                whether the single self-stress stabilises all zero modes; None for N_s ≠ 1
-    n_slack, n_floppy               slack edges, and vertices that no taut edge meets; they enter no other count
+    n_slack                         slack edges, which enter no other count
+    n_unstressed_vertices           vertices that no taut edge meets, which enter no other count
     """
 
     n_self_stresses: int
@@ -48,7 +49,7 @@ class Rigidity(Record):
     n_trivial: int
     prestress_stable: bool | None
     n_slack: int = 0
-    n_floppy: int = 0
+    n_unstressed_vertices: int = 0
 
     @property
     def first_order_rigid(self) -> bool:
@@ -153,13 +154,13 @@ def _rigidity_of_taut(
         sum(count.n_trivial for count in counts),
         None if None in stable else all(stable),
         n_slack=int(np.count_nonzero(~taut)),
-        n_floppy=network.n_vertices - len(np.unique(network.edges[taut])),
+        n_unstressed_vertices=network.n_vertices - len(np.unique(network.edges[taut])),
     )
     doubts = [solution.note for solution in found if solution.status is Status.singular]
     status = Status.singular if doubts else Status.ok if value.n_self_stresses else Status.floppy
     note = (
-        f"{value.n_slack} of {network.n_edges} edges are slack and {value.n_floppy} of {network.n_vertices} vertices "
-        "floppy: the counts are those of the taut part"
+        f"{value.n_slack} of {network.n_edges} edges are slack and {value.n_unstressed_vertices} of "
+        f"{network.n_vertices} vertices unstressed: the counts are those of the taut part"
     )
     if status is Status.floppy:
         note += ", which has no self-stress, so every modulus is zero"
@@ -241,7 +242,8 @@ class Certificate(Record):
     gap                the singular values on both sides of the count
     rigid              whether that stress stabilises the zero modes
     stressed_fraction  fraction of the edges that are stressed
-    n_slack, n_floppy  slack edges, and vertices that only slack edges meet
+    n_slack            slack edges
+    n_unstressed_vertices  vertices that only slack edges meet
     """
 
     residual: float
@@ -252,7 +254,7 @@ class Certificate(Record):
     rigid: bool
     stressed_fraction: float = 1.0
     n_slack: int = 0
-    n_floppy: int = 0
+    n_unstressed_vertices: int = 0
 
 
 @checked

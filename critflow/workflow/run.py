@@ -9,14 +9,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
-from datetime import timedelta
 from itertools import groupby
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Task as ProgressTask
-from rich.text import Text
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from critflow.result import IntegrityError, Status, StudyError
 from critflow.workflow.dataset import labelled_dataset, write_dataset
@@ -26,7 +23,7 @@ from critflow.workflow.plan import LONGEST, Case, Selection, spelled
 from critflow.workflow.provenance import code_version, environment, timestamp
 from critflow.workflow.report import Report, ReportError, write_report
 from critflow.workflow.store import delete_failure, read_shard
-from critflow.workflow.tasks import Interrupted, Job
+from critflow.workflow.tasks import HOUR, Interrupted, Job
 from critflow.workflow.workers import Task, Workers, compute, interruption
 
 _RESUME = "run the same command again to resume"
@@ -198,28 +195,19 @@ def _other_code(cases_code: str, code: str) -> list[str]:
     return [f"cases computed by other code than {code}: {'; '.join(other)}: {advice}"] if other else []
 
 
-class _TimeLeft(ProgressColumn):
-    """The time that the rest takes at the mean rate since the start: it grows while cases take longer than before."""
-
-    def render(self, task: ProgressTask) -> Text:
-        if not task.completed or task.elapsed is None or task.total is None:
-            return Text("-:--:--")
-        seconds = task.elapsed * (task.total - task.completed) / task.completed
-        return Text(str(timedelta(seconds=round(seconds))))
-
-
 class _RunProgress:
     """Number of finished cases: a bar on a terminal, ten lines elsewhere."""
 
     def __init__(self, title: str, total: int):
         self.title, self.total, self.done = title, total, 0
-        self.start = self.looked = time.monotonic()
+        self.looked = time.monotonic()
         self.before: int | None = None
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("cases"))
-        times = (TimeElapsedColumn(), TextColumn("left"), _TimeLeft())
+        times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
         off = not (self.console.is_terminal and total)
-        self.bar = Progress(*columns, *times, console=self.console, disable=off)
+        # A case may take many minutes, so the rate is that of the last hour.
+        self.bar = Progress(*columns, *times, console=self.console, disable=off, speed_estimate_period=HOUR)
         self.task = self.bar.add_task(title, total=total)
 
     def say(self, line: str) -> None:
@@ -235,7 +223,7 @@ class _RunProgress:
             self.before = present - stored if self.before is None else self.before
             done = min(max(done, present - self.before), self.total)
         if self.bar.disable and done * 10 // self.total > self.done * 10 // self.total:
-            elapsed = now - self.start
+            elapsed = self.bar.tasks[0].elapsed or 0.0
             left = elapsed / done * (self.total - done)
             ending = f"about {left:.0f} s left" if done < self.total else f"in {elapsed:.1f} s"
             self.say(f"{self.title}: {done}/{self.total} cases, {ending}")

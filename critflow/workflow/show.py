@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from critflow.critical.manifold import CriticalConfiguration
+from critflow.figures.plot import network_figure
 from critflow.networks.network import Network
-from critflow.plot import network_figure
 from critflow.quantities.largest_modulus import upper_bound
 from critflow.response.moduli import transition_moduli
 from critflow.result import InputError, Status

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow.example_data import ensemble_path
+from critflow.command.example_data import ensemble_path
 
 ensemble = xr.open_dataset(ensemble_path())
 print(ensemble)

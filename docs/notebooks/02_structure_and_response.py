@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow.example_data import ensemble_path
+from critflow.command.example_data import ensemble_path
 
 ensemble = xr.open_dataset(ensemble_path())
 names = [str(name) for name in ensemble.population.values]

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from critflow import CriticalManifold, Network, stiffening, strain_path, voronoi_network
-from critflow.example_data import ensemble_path
+from critflow.command.example_data import ensemble_path
 from critflow.mechanics.fits import fit_stiffening
 
 ensemble = xr.open_dataset(ensemble_path())

@@ -14,10 +14,10 @@ import numpy as np
 import xarray as xr
 
 from critflow import CriticalManifold, Network, bulk_modulus_bound, stiffening, strain_path
+from critflow.command.example_data import ensemble_path
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
-from critflow.example_data import ensemble_path
+from critflow.figures.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions
 from critflow.networks.faces import planar_faces
-from critflow.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions
 from critflow.response.moduli import transition_moduli
 from critflow.rigidity.structure import length_variance, tension_variance
 

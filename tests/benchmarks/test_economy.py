@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from critflow import Status
-from critflow.cli import main
+from critflow.command.main import main
 
 SETTINGS = ["--set=n_vertices=60", "--set=seeds=1:3", "--set=repeats=1"]
 

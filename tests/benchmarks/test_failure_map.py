@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from critflow import InputError, Status, voronoi_network
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.load import load_study
 from workflows.benchmarks.failure_map import percolation_report as percolation
 from workflows.benchmarks.failure_map import problems, quantities, report

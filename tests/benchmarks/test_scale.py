@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from critflow import Status, optimize, stiffening, upper_bound, voronoi_network
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.load import load_study
 
 SIZES = 100, 200

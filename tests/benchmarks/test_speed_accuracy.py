@@ -13,7 +13,7 @@ import scipy
 import xarray as xr
 
 from critflow import CriticalManifold, critical_from_lengths, voronoi_network
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.result import Status
 from critflow.workflow.load import load_study
 from workflows.benchmarks.speed_accuracy import curves

@@ -3,16 +3,7 @@
 import numpy as np
 import pytest
 
-from critflow import (
-    InputError,
-    SolveError,
-    Status,
-    delaunay_network,
-    design,
-    lattice,
-    spring_state,
-    voronoi_network,
-)
+from critflow import InputError, SolveError, Status, delaunay_network, design, lattice, spring_state, voronoi_network
 from critflow.design.limits import parse_targets
 from critflow.design.problem import Preference, TargetProblem
 from critflow.design.stiffnesses import Stiffnesses, isotropic_targets

@@ -2,14 +2,17 @@
 
 import asyncio
 import json
+import os
 import socket
-from urllib.parse import urlsplit
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pytest
 from tornado.httpclient import AsyncHTTPClient, HTTPClientError
 from tornado.websocket import websocket_connect
 
 from critflow import network_from
+from critflow.command.main import main
 from critflow.explore.server import Explorer, listening
 from critflow.explore.source import Random
 from critflow.result import EnvironmentFailure
@@ -57,8 +60,7 @@ def served(test):
             while server.explorer.open_tabs:
                 await asyncio.sleep(0.01)
             server.server.stop()
-            server.explorer.threads.shutdown()
-            server.explorer.folder.cleanup()
+            server.explorer.close()
 
     asyncio.run(run())
 
@@ -92,6 +94,42 @@ def test_nothing_listens_beyond_loopback():
     served(check)
 
 
+@pytest.mark.parametrize("name", ["..", ".", "", "%00", "a%00b", "a" * 300, "a/b", "%FF", None])
+def test_an_upload_without_a_usable_name_writes_nothing(name):
+    async def check(server):
+        tab = (await server.reply(await server.tab()))["welcome"]["tab"]
+        query = f"upload?tab={tab}" if name is None else f"upload?tab={tab}&name={name}"
+        assert (await server.get(query, method="POST", body="x")).code == 400
+        assert (await server.get("upload?tab=closed&name=a.csv", method="POST", body="x")).code == 404
+        assert list(Path(server.explorer.folder.name).iterdir()) == []
+        assert (await server.get(f"upload?tab={tab}&name=a.csv", method="POST", body="x")).code == 200
+        assert server.explorer.pages[tab].uploads["a.csv"].read_text() == "x"
+
+    served(check)
+
+
+def test_the_token_is_in_a_private_file_and_not_in_the_arguments_of_the_browser(monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+
+    def look(explorer, port, announce):
+        announce(f"http://127.0.0.1:1/?token={explorer.token}")
+        file = Path(unquote(urlsplit(opened[0]).path))
+        assert explorer.token not in opened[0] and explorer.token in file.read_text()
+        assert file.stat().st_mode & 0o777 == 0o600 and file.parent.stat().st_mode & 0o077 == 0
+        explorer.close()
+
+    monkeypatch.setattr("critflow.explore.server.serve", look)
+    assert main(["explore", "--n-vertices", "36"]) == 0 and len(opened) == 1
+
+
+def test_a_file_that_cannot_be_shown_is_one_sentence(tmp_path, capsys):
+    os.mkfifo(tmp_path / "pipe.json")
+    for name in ("pipe.json", "missing.csv", "missing.nc"):
+        assert main(["explore", str(tmp_path / name)]) == 2
+        assert name.split(".")[0] in capsys.readouterr().err
+
+
 def test_exports_are_the_state(tmp_path):
     async def check(server):
         connection = await server.tab()
@@ -101,7 +139,7 @@ def test_exports_are_the_state(tmp_path):
             pass
         state = server.explorer.pages[name].session.state
         script = await server.get(f"export/script.py?tab={name}")
-        assert "for edge, change in [(3, 0.5)]" in script.body.decode()
+        assert "np.exp(0.5 * (np.arange(network.n_edges) == 3))" in script.body.decode()
         picture = await server.get(f"export/picture.png?tab={name}")
         assert picture.body.startswith(b"\x89PNG") and "attachment" in picture.headers["Content-Disposition"]
         file = await server.get(f"export/network.json?tab={name}")

@@ -408,9 +408,9 @@ def test_counts_are_those_of_the_taut_part():
     solution = rigidity(PARALLEL, PARALLEL_COORDINATES, taut=PARALLEL_TAUT)
     counts = solution.value
     assert solution.ok
-    assert "2 of 6 edges are slack and 1 of 5 vertices floppy" in solution.note
+    assert "2 of 6 edges are slack and 1 of 5 vertices unstressed" in solution.note
     assert (counts.n_self_stresses, counts.n_zero_modes) == (2, 2)
-    assert (counts.n_slack, counts.n_floppy) == (2, 1)
+    assert (counts.n_slack, counts.n_unstressed_vertices) == (2, 1)
     assert counts.self_stresses.shape == (2, 6)
     assert not counts.self_stresses[:, 4:].any()
 
@@ -428,7 +428,7 @@ def test_the_certificate_describes_the_taut_part():
     certificate = certify(critical)
     assert certificate.rigid
     assert certificate.stressed_fraction == pytest.approx(2 / 3)
-    assert (certificate.n_slack, certificate.n_floppy) == (2, 1)
+    assert (certificate.n_slack, certificate.n_unstressed_vertices) == (2, 1)
     assert certificate.least_tension == pytest.approx(1.0)
 
 

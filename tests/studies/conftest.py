@@ -5,7 +5,7 @@ from contextlib import nullcontext
 import pytest
 import xarray as xr
 
-from critflow.cli import main
+from critflow.command.main import main
 
 SETTINGS = {
     "boundary": ("seeds=0:3", "n_vertices=40"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from critflow import Status
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.load import load_study
 
 STUDY = "boundary"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from critflow import Status
-from critflow.cli import main
+from critflow.command.main import main
 from workflows.design.study import PARTS, study
 
 STUDY = "design"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from critflow import CriticalManifold, Network, Status, upper_bound, voronoi_network
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.result import StudyError
 from critflow.workflow.load import load_study
 

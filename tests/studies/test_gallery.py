@@ -9,7 +9,7 @@ import pytest
 from matplotlib.collections import LineCollection, PolyCollection
 
 from critflow import CriticalManifold, Network, Status, isogonal_modes, voronoi_network
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.response.moduli import transition_moduli
 from critflow.workflow.load import load_study
 

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from critflow.example_data import ensemble_path
+from critflow.command.example_data import ensemble_path
 from critflow.workflow.load import named_studies
 
 ROOT = Path(__file__).parents[2]

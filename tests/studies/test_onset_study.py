@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.result import Status
 from workflows.onset.report import factors
 from workflows.onset.study import network_of

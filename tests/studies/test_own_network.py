@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from critflow import lattice, upper_bound, voronoi_network, write_network
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.result import StudyError
 from critflow.workflow.load import load_study
 from critflow.workflow.plan import select

@@ -7,7 +7,7 @@ import pytest
 from problems import modulus_by_formula
 
 from critflow import Network, upper_bound
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.result import Status
 from critflow.workflow.load import load_study

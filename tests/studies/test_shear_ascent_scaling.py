@@ -2,7 +2,7 @@
 
 import pytest
 
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.result import Status
 
 STUDY = "shear_ascent_scaling"

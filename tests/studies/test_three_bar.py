@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from critflow import Status
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.load import load_study
 from workflows.three_bar.surfaces import clipped_polygons, draw_surfaces, surface_quads
 

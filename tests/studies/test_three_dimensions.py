@@ -21,7 +21,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.mechanics.fits import fit_stiffening
 from critflow.response.moduli import elastic_moduli, transition_moduli
 

@@ -9,11 +9,11 @@ import dask.config
 import pytest
 from disturbed import contents_of, server, stamps_of
 
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.load import load_file
 
 HERE = Path(__file__).parent
-COMMAND = "import sys; from critflow.cli import main; sys.exit(main())"
+COMMAND = "import sys; from critflow.command.main import main; sys.exit(main())"
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import netCDF4
 
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
 from critflow.workflow.store import read_shard

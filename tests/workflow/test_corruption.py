@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from disturbed import PLAIN, STUDY, contents_of, stamps_of, words_of
 
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.plan import select
 from critflow.workflow.store import shard_path
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from disturbed import begun, ended, messages, stored_whole, words_of
 
-from critflow.cli import main
+from critflow.command.main import main
 
 pytestmark = pytest.mark.timeout(120)
 

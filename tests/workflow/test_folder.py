@@ -8,7 +8,7 @@ from hashlib import sha256
 import pytest
 from disturbed import PLAIN, STUDY, begun, ended, stamps_of, words_of
 
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.folder import Folder
 from critflow.workflow.plan import select
 from critflow.workflow.store import shard_path

@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.result import Status
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select

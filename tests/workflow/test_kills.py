@@ -11,7 +11,7 @@ import psutil
 import pytest
 from disturbed import SIGNALS, begun, contents_of, ended, messages, stamps_of, stored_whole, words_of
 
-from critflow.cli import main
+from critflow.command.main import main
 
 pytestmark = pytest.mark.timeout(300)
 

@@ -12,7 +12,7 @@ import xarray as xr
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
 from critflow.workflow.provenance import code_version, source_tree

@@ -5,7 +5,7 @@ import io
 import numpy as np
 from PIL import Image, ImageSequence
 
-from critflow.cli import main
+from critflow.command.main import main
 
 FILES = ("claims.md", "claims.json", "summary.json", "figures/modulus.png", "figures/growth.gif")
 

@@ -18,7 +18,7 @@ import xarray as xr
 from disturbed import STUDY, begun, ended, messages, stored_whole, words_of
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.result import Status, StudyError
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select

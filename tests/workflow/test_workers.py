@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow.cli import main
+from critflow.command.main import main
 from critflow.result import Status
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select

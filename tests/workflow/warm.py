@@ -6,7 +6,7 @@ import tempfile
 
 from disturbed import words_of
 
-from critflow.cli import main
+from critflow.command.main import main
 
 with (
     tempfile.TemporaryDirectory() as folder,

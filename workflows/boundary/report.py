@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from critflow.plot import COLOURS
+from critflow.figures.plot import COLOURS
 from critflow.workflow import Claim
 
 from ..shared.reports import parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow.plot import unit_pressure_tensions
+from critflow.figures.plot import unit_pressure_tensions
 from critflow.result import Status
 from critflow.workflow import Claim
 

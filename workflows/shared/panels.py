@@ -11,8 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from critflow.figures.plot import draw_network
 from critflow.networks.network import Array
-from critflow.plot import draw_network, violins
+
+from .violins import violins
 
 
 @dataclass(frozen=True, eq=False)

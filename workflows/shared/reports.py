@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from critflow.plot import COLOURS
+from critflow.figures.plot import COLOURS
 from critflow.result import Status
 
 PAPER = (

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from critflow.plot import COLOURS, COMPRESSED, draw_network
+from critflow.figures.plot import COLOURS, COMPRESSED, draw_network
 from critflow.result import Status
 from critflow.workflow import Claim
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from critflow.plot import COLOURS
+from critflow.figures.plot import COLOURS
 from critflow.workflow import Claim
 
 from ..shared.populations import LABELS

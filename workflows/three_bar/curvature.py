@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from critflow.plot import COLOURS
+from critflow.figures.plot import COLOURS
 from critflow.result import Status
 
 from .figures import CURVE, GREY, ORANGE, PURPLE, family, frame, sign_changes, singular_circle, span_of, title, to_chart

@@ -9,7 +9,7 @@ from matplotlib.patches import Rectangle
 from mpl_toolkits.mplot3d import proj3d
 from scipy.interpolate import RectBivariateSpline
 
-from critflow.plot import COLOURS, COMPRESSED
+from critflow.figures.plot import COLOURS, COMPRESSED
 from critflow.result import Status
 
 from ..shared.reports import parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from critflow.plot import draw_in_depth, unit_pressure_tensions, violins
+from critflow.figures.plot import draw_in_depth, unit_pressure_tensions
 from critflow.result import Status
 from critflow.workflow import Claim
 
@@ -22,6 +22,7 @@ from ..shared.population_reports import (
 )
 from ..shared.populations import LABELS, PAPER_POPULATIONS
 from ..shared.reports import parameters
+from ..shared.violins import violins
 
 PANELS = {
     "bulk_modulus_0": "bulk modulus $B_0$  [$k$ / length]",

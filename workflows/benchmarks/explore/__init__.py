@@ -1,1 +1,1 @@
-"""The page of `critflow explore` in a browser: its speed, its pictures, and the cloud of points behind it."""
+"""The page of `critflow explore` in a browser: its speed and its pictures."""

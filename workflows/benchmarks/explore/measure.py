@@ -22,7 +22,7 @@ from critflow.explore.source import Random
 
 from .chromium import Chromium, Tab
 
-# Milliseconds between events: a slow hand, a quick one, and every frame of a screen.
+# Milliseconds between events: a slow drag, a quick one, and every frame of a screen.
 _RATES = (200, 80, 16)
 _EVENTS = 120
 _SCRIPT = """
@@ -60,8 +60,7 @@ async def measured(n_vertices: int) -> None:
             for pause in _RATES:
                 await _sweep(tab, chromium.process.pid, kind, event, pause)
     server.stop()
-    explorer.threads.shutdown()
-    explorer.folder.cleanup()
+    explorer.close()
 
 
 async def _sweep(tab: Tab, browser: int, kind: str, event: str, pause: int) -> None:

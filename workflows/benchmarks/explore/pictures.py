@@ -61,8 +61,7 @@ async def taken(folder: Path) -> None:
         )
         await _still(tab, folder)
     server.stop()
-    explorer.threads.shutdown()
-    explorer.folder.cleanup()
+    explorer.close()
 
 
 async def _still(tab: Tab, folder: Path) -> None:

@@ -9,7 +9,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from critflow.plot import COLOURS
+from critflow.figures.plot import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
 

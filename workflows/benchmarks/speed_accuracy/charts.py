@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from critflow.plot import COLOURS
+from critflow.figures.plot import COLOURS
 
 from .curves import cases, gain
 from .tasks import TASKS

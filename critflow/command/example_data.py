@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-from critflow.cli import main
+from critflow.command.main import main
 
 _SMALL = ("n_vertices=100", "seeds=0:4", "strains=0.002,0.005,0.01")
 

@@ -19,13 +19,14 @@ from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike
 
 from critflow.networks.faces import Faces
-from critflow.networks.network import Array
+from critflow.networks.network import Array, IntArray
 
 # Okabe and Ito's colours, distinct for all common kinds of colour vision.
 COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F")
 COMPRESSED = "#D55E00"
 SHADE = "#FBE3B5"
 SLACK = "#BBBBBB"
+_CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 # From a light to a dark blue-black, so that strong edges stand out on white and print in grey.
 TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("tension", ["#b8d4ea", "#4f93c4", "#1c4f86", "#0b1530"])
@@ -48,9 +49,7 @@ def draw_network(
     width: float = 1.0,
     border: bool = True,
 ) -> LineCollection:
-    """Draw a periodic network once and whole, edges coloured by tension; compressed edges are orange and dashed.
-
-    Edges without tension are slack: thin and grey below the others.
+    """Draw a periodic network once and whole, edges coloured by tension as `add_edges` describes.
 
     Many parameters: figures read the arrays of a network from files, so each is an argument.
 
@@ -58,39 +57,68 @@ def draw_network(
     """
     segments, edge = periodic_segments(edges, offsets, cell, coordinates)
     values = np.ones(len(np.asarray(edges))) if tensions is None else np.asarray(tensions)
-    low, high = limits or (0.0, float(np.percentile(np.abs(values), 99)) or 1.0)
-    norm = Normalize(low, high, clip=True)
-    order = np.argsort(values[edge], kind="stable")
-    segments, strength = segments[order], values[edge][order]
-    loose = strength == 0 if values.any() else np.zeros(len(strength), bool)
-    tense = (strength >= 0) & ~loose
-    widths = width * (0.45 + 1.1 * norm(np.abs(strength)))
-    lines = LineCollection(segments[tense], cmap=TENSION_MAP, norm=norm, capstyle="round")
+    outline = add_cell(axes, cell, "0.6" if border else "none")
+    return add_edges(axes, segments, values[edge], limits or colour_limits(values), outline, width=width)
+
+
+def colour_limits(tensions: Array) -> tuple[float, float]:
+    """0 and the 99th percentile of the tensions: the ends of the colour map."""
+    return 0.0, float(np.percentile(np.abs(tensions), 99)) or 1.0
+
+
+def add_edges(
+    axes: Axes,
+    segments: Array,
+    tensions: Array,
+    limits: tuple[float, float],
+    outline: Polygon | None = None,
+    *,
+    width: float = 1.0,
+    cmap: str | Colormap = TENSION_MAP,
+) -> LineCollection:
+    """Add segments (n, 2, 2) with tensions (n,), cut at an outline, and return those in tension, for a colour bar.
+
+    Tension is shown by colour and width; compressed edges are orange and dashed, slack ones thin and grey below.
+    """
+    norm = Normalize(*limits, clip=True)
+    order = np.argsort(tensions, kind="stable")
+    segments, strength = segments[order], tensions[order]
+    slack, compressed, tense = strength == 0, strength < 0, strength > 0
+    widths = width * (0.45 + 1.1 * np.asarray(norm(np.abs(strength))))
+    lines = LineCollection(list(segments[tense]), cmap=cmap, norm=norm, capstyle="round")
     # The constructor would distribute widths three times.
-    lines.set_linewidth(widths[tense])
+    lines.set_linewidth(widths[tense].tolist())
     lines.set_array(strength[tense])
-    pushed = strength < 0
-    compressed = LineCollection(
-        segments[pushed], colors=COMPRESSED, linewidths=np.maximum(widths[pushed], width), linestyles=(0, (2, 1))
-    )
-    slack = LineCollection(segments[loose], colors=SLACK, linewidths=0.5 * width, zorder=1)
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ np.asarray(cell)
-    outline = Polygon(corners, closed=True, fill=False, edgecolor="0.6" if border else "none", linewidth=0.6)
-    axes.add_patch(outline)
-    for collection in (lines, compressed, slack) if loose.any() else (lines, compressed):
+    thick = np.maximum(widths[compressed], width)
+    collections = [
+        lines,
+        LineCollection(list(segments[compressed]), colors=COMPRESSED, linewidths=thick, linestyles=(0, (2, 1))),
+    ]
+    if slack.any():
+        collections.append(LineCollection(list(segments[slack]), colors=SLACK, linewidths=0.5 * width, zorder=1))
+    for collection in collections:
         axes.add_collection(collection)
-        collection.set_clip_path(outline)
-    span = np.ptp(corners, axis=0)
-    axes.set_xlim(corners[:, 0].min() - 0.01 * span[0], corners[:, 0].max() + 0.01 * span[0])
-    axes.set_ylim(corners[:, 1].min() - 0.01 * span[1], corners[:, 1].max() + 0.01 * span[1])
+        if outline is not None:
+            collection.set_clip_path(outline)
+    return lines
+
+
+def add_cell(axes: Axes, cell: ArrayLike, colour: str = "0.6") -> Polygon:
+    """Add the outline of a periodic cell, set the limits of the axes to it, and hide the axes."""
+    corners = _CORNERS @ np.asarray(cell)
+    outline = Polygon(corners, closed=True, fill=False, edgecolor=colour, linewidth=0.6)
+    axes.add_patch(outline)
+    margin = 0.01 * np.ptp(corners, axis=0)
+    axes.set_xlim(corners[:, 0].min() - margin[0], corners[:, 0].max() + margin[0])
+    axes.set_ylim(corners[:, 1].min() - margin[1], corners[:, 1].max() + margin[1])
     axes.set_aspect("equal")
     axes.set_axis_off()
-    return lines
+    return outline
 
 
 def periodic_segments(
     edges: ArrayLike, offsets: ArrayLike, cell: ArrayLike, coordinates: ArrayLike
-) -> tuple[Array, Array]:
+) -> tuple[Array, IntArray]:
     """All images of the edges that touch the cell: end points (n, 2, 2), and the edge of each (n,)."""
     edges, offsets, cell = np.asarray(edges), np.asarray(offsets), np.asarray(cell, dtype=float)
     fraction = np.asarray(coordinates) @ np.linalg.inv(cell)
@@ -111,26 +139,34 @@ def periodic_segments(
 
 def face_polygons(faces: Faces, edges: ArrayLike, coordinates: ArrayLike, bond_vectors: ArrayLike) -> list[Array]:
     """The corners (n_sides, 2) of every face, each whole even where it crosses the border of the cell."""
-    edges, coordinates = np.asarray(edges), np.asarray(coordinates)
-    sides = faces.signs[:, None] * np.asarray(bond_vectors)[faces.edges]
-    start = np.where(faces.signs > 0, edges[faces.edges, 0], edges[faces.edges, 1])[faces.starts[:-1]]
-    walks = np.split(sides, faces.starts[1:-1])
-    return [coordinates[first] + np.cumsum(walk, axis=0) - walk for first, walk in zip(start, walks, strict=True)]
+    arrays = np.asarray(edges), np.asarray(coordinates), np.asarray(bond_vectors)
+    return [face_polygon(faces, face, *arrays) for face in range(faces.n_faces)]
+
+
+def face_polygon(faces: Faces, face: int, edges: IntArray, coordinates: Array, bond_vectors: Array) -> Array:
+    """The corners (n_sides, 2) of one face."""
+    sides = slice(faces.starts[face], faces.starts[face + 1])
+    boundary, signs = faces.edges[sides], faces.signs[sides]
+    steps = signs[:, None] * bond_vectors[boundary]
+    first = edges[boundary[0], 0 if signs[0] > 0 else 1]
+    return coordinates[first] + np.cumsum(steps, axis=0) - steps
+
+
+def polygon_images(polygon: Array, cell: Array) -> list[Array]:
+    """The corners (n, 2) of a polygon in all periodic images that touch the cell."""
+    fraction = polygon @ np.linalg.inv(cell)
+    low, high = np.ceil(-fraction.max(axis=0)), np.floor(1 - fraction.min(axis=0))
+    shifts = product(*(range(int(a), int(b) + 1) for a, b in zip(low, high, strict=True)))
+    return [polygon + np.array(shift) @ cell for shift in shifts]
 
 
 def shade_faces(axes: Axes, polygons: Sequence[Array], cell: ArrayLike, colour: str = SHADE) -> PolyCollection:
     """Fill faces of a periodic network behind its edges, in all images that touch the cell and cut at its border."""
     cell = np.asarray(cell, dtype=float)
-    pieces = []
-    for polygon in polygons:
-        fraction = polygon @ np.linalg.inv(cell)
-        low, high = fraction.min(axis=0), fraction.max(axis=0)
-        images = (range(int(np.ceil(-high[k])), int(np.floor(1 - low[k])) + 1) for k in range(2))
-        pieces += [polygon + np.array(image) @ cell for image in product(*images)]
+    pieces = [image for polygon in polygons for image in polygon_images(polygon, cell)]
     shading = PolyCollection(pieces, facecolors=colour, edgecolors="none", zorder=0)
     axes.add_collection(shading)
-    outline = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ cell, closed=True, transform=axes.transData)
-    shading.set_clip_path(outline)
+    shading.set_clip_path(Polygon(_CORNERS @ cell, closed=True, transform=axes.transData))
     return shading
 
 
@@ -200,44 +236,3 @@ def draw_in_depth(
     axes.set_aspect("equal")
     axes.set_axis_off()
     return ScalarMappable(norm, TENSION_MAP)
-
-
-def violins(
-    axes: Axes, groups: Sequence[Array], labels: Sequence[str], *, colours: Sequence[str] = COLOURS, log: bool = False
-) -> None:
-    """Distributions side by side, each a violin with its median; few values are drawn as points.
-
-    A group without spread is drawn as a line; values that are not finite are omitted and counted under the label.
-    """
-    shown_labels = []
-    for place, (group, label) in enumerate(zip(groups, labels, strict=True)):
-        finite = group[np.isfinite(group)]
-        n_omitted = len(group) - len(finite)
-        shown_labels.append(f"{label}\n{n_omitted} undefined" if n_omitted else label)
-        if len(finite) == 0:
-            axes.text(place, 0.5, "none", transform=axes.get_xaxis_transform(), ha="center", fontsize=7, color="0.4")
-            continue
-        colour = colours[place % len(colours)]
-        values = np.log10(np.maximum(finite, 1e-300)) if log else finite
-        median = float(np.median(values))
-        if np.ptp(values) > 1e-9 * max(abs(median), 1e-300) and len(values) > 3:
-            parts = axes.violinplot([values], [place], widths=0.85, showextrema=False)
-            for body in parts["bodies"]:  # type: ignore[attr-defined]
-                body.set(facecolor=colour, edgecolor=colour, alpha=0.45, linewidth=0.8)
-        else:
-            axes.plot(np.full(len(values), place), values, "o", color=colour, markersize=2.5)
-        axes.plot([place - 0.2, place + 0.2], [median, median], color=colour, linewidth=2.0, solid_capstyle="butt")
-    axes.set_xticks(range(len(groups)), shown_labels, fontsize=8)
-    axes.set_xlim(-0.6, len(groups) - 0.4)
-    if log:
-        low, high = axes.get_ylim()
-        # Fewer than three decades need ticks within them to be readable.
-        marks = (1, 3) if high - low < 3 else (1,)
-        decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
-        ticks = [(decade + np.log10(mark), mark, decade) for decade in decades for mark in marks]
-        ticks = [tick for tick in ticks if low <= tick[0] <= high]
-        plain = high - low < 3 and low > -4
-        names = [f"{mark * 10.0**decade:g}" if plain else f"$10^{{{decade}}}$" for _, mark, decade in ticks]
-        axes.set_yticks([place for place, _, _ in ticks], names)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(axis="y", labelsize=8)

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from critflow.explore_cli import explore
-from critflow.network_cli import convert, examine_file, make
+from critflow.command.explore import explore
+from critflow.command.networks import convert, examine_file, make
+from critflow.exchange.data import counted
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
 from critflow.workflow.load import StudyFile, load_study, named_studies
@@ -94,8 +95,8 @@ def _warn(sentence: str) -> None:
     print("critflow:", " ".join(sentence.split()), file=sys.stderr)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         print(f"critflow {version('critflow')}")
         raise typer.Exit
 
@@ -187,8 +188,10 @@ def _print_result(requested: Selection, folder: Folder, result: RunResult) -> in
         return 0
     for case_id, reason in list(result.failed.items())[:_MOST_FAILURES]:
         print(f"  {case_id}: {reason}", file=sys.stderr)
-    bad = f"{len(result.failed)} case{'s' if len(result.failed) > 1 else ''}"
-    return _fail(f"{bad} failed, see {folder.failed}: correct the cause and add --retry-failed", FAILED_CASES)
+    return _fail(
+        f"{counted(len(result.failed), 'case')} failed, see {folder.failed}: correct the cause and add --retry-failed",
+        FAILED_CASES,
+    )
 
 
 @app.command("list")
@@ -201,13 +204,13 @@ def list_studies(
         return
     for name in named_studies():
         try:
-            found = load_study(name).study
+            known = load_study(name).study
         except CritflowError as error:
             reason = error.__cause__ if isinstance(error.__cause__, CritflowError) else error
             _warn(f"{name} is not available: {reason}")
             continue
-        sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in found.axes)
-        print(f"{name}: {found.title} ({sizes})")
+        sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in known.axes)
+        print(f"{name}: {known.title} ({sizes})")
     print("critflow list NAME prints the settings of a study")
 
 
@@ -271,14 +274,14 @@ def verify(folder: FolderArgument) -> int:
     from critflow.workflow.verify import verify_folder
 
     results = Folder(folder)
-    found = verify_folder(results)
-    for problem in found.problems:
+    outcome = verify_folder(results)
+    for problem in outcome.problems:
         _warn(problem)
-    if found.problems:
-        count = f"{len(found.problems)} problem{'s' if len(found.problems) > 1 else ''}"
+    if outcome.problems:
+        count = counted(len(outcome.problems), "problem")
         return _fail(f"{count} in {results.path}: run the study again to correct them", INTEGRITY)
-    physics = ", and their physics was recomputed" if found.recomputed else "; the study recomputes no physics"
-    print(f"{results.path}: {found.stored} stored cases agree with the dataset to the last byte{physics}")
+    physics = ", and their physics was recomputed" if outcome.recomputed else "; the study recomputes no physics"
+    print(f"{results.path}: {outcome.stored} stored cases agree with the dataset to the last byte{physics}")
     return 0
 
 
@@ -317,12 +320,8 @@ def show(
         print(show_configuration(case, out or file.parent / f"{case_title(case)}.png"))
 
 
-app.command(help="Read a network, report each repair, and write it in another format.")(convert)
-app.command("examine", help="Print whether and why a network is rigid, its critical strains, and what to do next.")(
-    examine_file
-)
-app.command(help="Read a network, find its best critical configuration, certify it and write it.")(make)
-app.command(help="Change critical configurations by hand on a page that only this machine can open.")(explore)
+for _name, _command in {"convert": convert, "examine": examine_file, "make": make, "explore": explore}.items():
+    app.command(_name)(_command)
 
 
 def _print_report(folder: Folder, report: Report) -> None:

@@ -8,7 +8,7 @@ from problems import oblique, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
 from critflow import CriticalManifold, foam_network, lattice, voronoi_network
-from critflow.plot import (
+from critflow.figures.plot import (
     draw_in_depth,
     draw_network,
     face_polygons,
@@ -16,8 +16,8 @@ from critflow.plot import (
     periodic_segments,
     shade_faces,
     unit_pressure_tensions,
-    violins,
 )
+from workflows.shared.violins import violins
 
 matplotlib.use("Agg")
 

@@ -1,13 +1,17 @@
 """The commands on a user's own network: arguments and messages only.
 
-A command imports inside its function the modules that draw, as in `critflow.cli`.
+A command imports inside its function the modules that draw, as in `critflow.command.main`.
 """
 
 from __future__ import annotations
 
 import inspect
+import math
+import re
+import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field, fields
+from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -19,6 +23,8 @@ from critflow.design.optimize import optimize
 from critflow.design.result import Design
 from critflow.design.targets import design
 from critflow.examination.examine import examine
+from critflow.examination.reading import network_of_file, require_regular
+from critflow.examination.report import report_lines
 from critflow.exchange.convert import network_from, write_network, writer_to
 from critflow.exchange.data import counted
 from critflow.exchange.formats import writable_format
@@ -56,31 +62,35 @@ class Hints:
         typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated."),
     ] = field(default_factory=list)
 
+    @property
+    def words(self) -> list[str]:
+        """The options that are given, as words of the command."""
+        words = [word for value in self.case for word in ("--set", value)]
+        for option in fields(self):
+            value = getattr(self, option.name)
+            if option.name != "case" and value:
+                words += [f"--{option.name.replace('_', '-')}", *([] if value is True else [value])]
+        return words
+
 
 def reading(command: Callable[..., int]) -> Callable[..., int]:
-    """The command with the options of `Hints` after the others, in place of its parameter `hints`."""
-    options = {
-        option.name: inspect.Parameter(
-            option.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=[] if option.default is MISSING else option.default,
-            annotation=kind,
-        )
-        for option, kind in zip(fields(Hints), get_type_hints(Hints, include_extras=True).values(), strict=True)
-    }
-    signature = inspect.signature(command, eval_str=True)
-    own = [
-        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for name, parameter in signature.parameters.items()
-        if name != "hints"
+    """The command with the options of `Hints` in place of its parameter `hints`; its refusals spell them as options."""
+    signature, defaults = inspect.signature(command, eval_str=True), Hints()
+    own = [parameter for name, parameter in signature.parameters.items() if name != "hints"]
+    options = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=getattr(defaults, name), annotation=kind)
+        for name, kind in get_type_hints(Hints, include_extras=True).items()
     ]
+    parameters = [*(one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own), *options]
 
-    def call(**given: Any) -> int:
-        hints = Hints(**{name: given.pop(name) for name in options})
-        return command(hints=hints, **given)
+    @wraps(command)
+    def call(**values: Any) -> int:
+        hints = Hints(**{option.name: values.pop(option.name) for option in options})
+        try:
+            return command(hints=hints, **values)
+        except InputError as error:
+            raise InputError(in_shell(str(error))) from None
 
-    call.__doc__, call.__name__ = command.__doc__, command.__name__
-    parameters = [*own, *options.values()]
     call.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return call
@@ -88,23 +98,30 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
 
 def read(file: Path, hints: Hints) -> ImportedNetwork:
     """The network of a file with the hints of the command line."""
-    source: Any = file
-    if file.suffix == ".nc":
-        from critflow.workflow.dataset import opened_dataset
-        from critflow.workflow.show import choose_case
+    values = {option.name: getattr(hints, option.name) for option in fields(hints) if option.name != "case"}
+    keywords = {name: _PARSERS.get(name, bool)(value) for name, value in values.items()}
+    require_regular(file)
+    if file.suffix != ".nc":
+        return network_of_file(file, **keywords)
+    from critflow.workflow.dataset import opened_dataset
+    from critflow.workflow.show import choose_case
 
-        with opened_dataset(file) as dataset:
-            source = choose_case(dataset, hints.case).load()
-    return network_from(
-        source,
-        cell=_cell(hints.cell),
-        pins=_pins(hints.pins),
-        volume=_volume(hints.volume),
-        nearest=hints.nearest,
-        strict=hints.strict,
-        contract=hints.contract,
-        join_crossings=hints.join_crossings,
-    )
+    with opened_dataset(file) as dataset:
+        return network_from(choose_case(dataset, hints.case).load(), **keywords)
+
+
+# A keyword of `network_from` in a sentence, such as pins='hull' or nearest=True.
+_KEYWORD = re.compile(r"\b(cell|pins|volume|nearest|strict|contract|join_crossings)=('?)([\w.]*)\2")
+
+
+def in_shell(sentences: str) -> str:
+    """Sentences of the library with options of the command in place of keywords: --pins hull for pins='hull'."""
+
+    def option(keyword: re.Match[str]) -> str:
+        name, _, value = keyword.groups()
+        return f"--{name.replace('_', '-')} {'' if value == 'True' else value}".strip()
+
+    return _KEYWORD.sub(option, sentences)
 
 
 @reading
@@ -121,7 +138,7 @@ def convert(
     """Read a network, report each repair, and write it in another format."""
     writable_format(out)
     imported = read(file, hints)
-    print(imported)
+    print(in_shell(str(imported)))
     options: dict[str, Any] = {"copies": _copies(copies)}
     if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
         options["size"] = size
@@ -145,10 +162,14 @@ def examine_file(
         from critflow.examination.page import require_page, write_page
 
         require_page(out)
-    found = examine(read(file, hints))
-    print(found)
+    imported = read(file, hints)
+    examination = examine(imported)
+    # What `make` needs too: it takes no volume by itself.
+    hull = [] if imported.network.has_volume or imported.network.dimension == 1 else ["--volume", "hull"]
+    words = shlex.join([str(file), *hints.words, *hull])
+    print(in_shell("\n".join(report_lines(examination, words))))
     if out is not None:
-        write_page(found, out)
+        write_page(examination, out, words)
         print(f"\nwritten to {out}")
     return 0
 
@@ -178,11 +199,11 @@ def make(
     # Before a long computation, whose result could not be written.
     writable_format(out)
     if picture is not None:
-        from critflow.drawing import draw, require_picture, saved
+        from critflow.figures.drawing import draw, require_picture, saved
 
         require_picture(picture)
     imported = read(file, hints)
-    print(imported)
+    print(in_shell(str(imported)))
     writer_to(out, imported)
     solution: Solution[CriticalConfiguration]
     if target:
@@ -191,19 +212,19 @@ def make(
         optimum = optimize(imported.network, objective, throw=False)
         solution, title = optimum, f"{objective} {optimum.objective:.6g}"
         print(f"  {objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})")
-    found = solution.value
-    certificate = certify(found)
+    critical = solution.value
+    certificate = certify(critical)
     rigid = "rigid to second order" if certificate.rigid else "not certified as rigid"
     print(
         f"  certificate: {rigid}, {counted(certificate.n_self_stresses, 'self-stress')}, unbalanced force "
         f"{certificate.residual:.1e} of the mean tension, least tension {certificate.least_tension:.2g} of it"
     )
-    if not np.isfinite(found.coordinates).all():
+    if not np.isfinite(critical.coordinates).all():
         return 3
-    write_network(found, out)
+    write_network(critical, out)
     print(f"  written to {out}")
     if picture is not None:
-        saved(draw(found, title=title).figure, picture)
+        saved(draw(critical, title=title).figure, picture)
         print(f"  drawn in {picture}")
     return 0 if solution.ok else 3
 
@@ -218,14 +239,14 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str]:
         if name in targets:
             raise InputError(f"--target {name} is given twice: give one value, or limits LOW:HIGH")
         targets[name] = _target(value)
-    made = design(network, targets, throw=False)
-    print(f"  {made.status.name}: {made.reason}")
-    for name, one in made.targets.items():
+    solution = design(network, targets, throw=False)
+    print(f"  {solution.status.name}: {solution.reason}")
+    for name, one in solution.targets.items():
         print(
             f"  {name} {one.value:.12g} ± {one.error:.1e}, requested {targets[name]}, "
             f"cost {one.multiplier + 0.0:.3g}, independence {one.independence:.3g}"
         )
-    return made, ", ".join(f"{name} {one.value:.4g}" for name, one in made.targets.items())
+    return solution, ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items())
 
 
 def _target(text: str) -> Any:
@@ -238,40 +259,42 @@ def _target(text: str) -> Any:
 
 
 def _cell(text: str) -> Any:
-    """Side lengths (d,), or vectors (d, d) row by row."""
-    if not text:
-        return None
+    """Side lengths (d,), or vectors (d, d) row by row; None without any."""
     try:
-        numbers = [float(word) for word in text.replace(",", " ").split()]
+        numbers = [float(word) for word in _words(text)]
     except ValueError:
         raise InputError(f"--cell must be numbers, such as '10 10' or '10 0 2 8', not {text!r}") from None
     if len(numbers) in (4, 9):
-        d = 2 if len(numbers) == 4 else 3
-        return [numbers[i * d : (i + 1) * d] for i in range(d)]
-    return numbers[0] if len(numbers) == 1 else numbers
+        return np.reshape(numbers, (math.isqrt(len(numbers)), -1)).tolist()
+    return numbers[0] if len(numbers) == 1 else numbers or None
 
 
 def _copies(text: str) -> list[int]:
     """One number, or one for each cell vector."""
-    words = text.replace(",", " ").replace("x", " ").split()
+    words = _words(text.replace("x", " "))
     if not words or not all(word.isdigit() for word in words):
         raise InputError(f"--copies must be whole numbers, such as '2' or '2 3', not {text!r}")
     return [int(word) for word in words]
 
 
 def _pins(text: str) -> Any:
-    """A rule, or vertices, as numbers where all are numbers."""
-    if not text:
-        return None
+    """A rule, or vertices, as numbers where all are numbers; None without any."""
     names = [name.strip() for name in text.split(",")]
     if all(name.lstrip("-").isdigit() for name in names):
         return [int(name) for name in names]
-    return names if len(names) > 1 else text
+    return names if len(names) > 1 else text or None
 
 
 def _volume(text: str) -> Any:
-    """A number, or the rule that is named."""
+    """A number, or the rule that is named; None without any."""
     try:
-        return float(text) if text else None
+        return float(text)
     except ValueError:
-        return text
+        return text or None
+
+
+_PARSERS: dict[str, Callable[[str], Any]] = {"cell": _cell, "pins": _pins, "volume": _volume}
+
+
+def _words(text: str) -> list[str]:
+    return text.replace(",", " ").split()

@@ -11,17 +11,26 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Colormap, Normalize
+from matplotlib.colors import Colormap
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.exchange.formats import require_folder
+from critflow.figures.plot import (
+    COLOURS,
+    TENSION_MAP,
+    add_cell,
+    add_edges,
+    colour_limits,
+    draw_in_depth,
+    periodic_segments,
+)
 from critflow.networks.network import Array, Network
-from critflow.plot import COLOURS, COMPRESSED, TENSION_MAP, draw_in_depth, periodic_segments
 from critflow.result import InputError, Solution
 
-_SLACK, _PLAIN = "0.8", "0.35"
+# Colour of edges without values.
+_PLAIN = "0.35"
 # Edges with less than this part of the mean |tension| carry none.
 _NO_TENSION = 1e-9
 # Largest part of the axes that discs of all vertices may cover.
@@ -34,7 +43,7 @@ def draw(
     ax: Axes | None = None,
     *,
     color: ArrayLike | None = None,
-    cmap: str | Colormap | None = None,
+    cmap: str | Colormap = TENSION_MAP,
     vertices: ArrayLike | None = None,
     width: float = 1.4,
     title: str = "",
@@ -94,62 +103,29 @@ def _parts(thing: Any) -> tuple[Network, Array, Array | None]:
     return network, x, tensions
 
 
-def _draw_plane(ax: Axes, network: Network, x: Array, values: Array | None, cmap: Any, width: float) -> None:
+def _draw_plane(ax: Axes, network: Network, x: Array, values: Array | None, cmap: str | Colormap, width: float) -> None:
+    """The edges in two dimensions, with the outline of the cell or the fixed vertices."""
+    outline = None
     if network.cell is not None:
-        segments, owners = periodic_segments(network.edges, network.offsets, network.cell, x)
+        segments, edges = periodic_segments(network.edges, network.offsets, network.cell, x)
+        outline = add_cell(ax, network.cell)
     else:
-        segments, owners = x[network.edges], np.arange(network.n_edges, dtype=float)
-    clip = _frame(ax, network, x)
-    if values is None:
-        collections = [LineCollection(list(segments), colors=_PLAIN, linewidths=width, capstyle="round")]
-    else:
-        collections = _coloured(segments, values[owners.astype(int)], cmap, width)
-    for collection in collections:
-        ax.add_collection(collection)
-        if clip is not None:
-            collection.set_clip_path(clip)
-    if network.pins:
-        fixed = x[list(network.pins)]
-        ax.plot(*fixed.T, "s", color="black", markersize=3.5, zorder=4)
-    ax.set_aspect("equal")
-    ax.set_axis_off()
-
-
-def _coloured(segments: Array, values: Array, cmap: Any, width: float) -> list[LineCollection]:
-    scale = float(np.abs(values).mean()) or 1.0
-    none, negative = np.abs(values) <= _NO_TENSION * scale, values < -_NO_TENSION * scale
-    positive = ~none & ~negative
-    norm = Normalize(0.0, float(np.percentile(np.abs(values), 99)) or 1.0, clip=True)
-    widths = width * (0.45 + 1.1 * np.asarray(norm(np.abs(values))))
-    order = np.flatnonzero(positive)[np.argsort(values[positive], kind="stable")]
-    slack = LineCollection(list(segments[none]), colors=_SLACK, linewidths=0.5 * width)
-    tense = LineCollection(
-        list(segments[order]), cmap=cmap or TENSION_MAP, norm=norm, linewidths=widths[order], capstyle="round"
-    )
-    tense.set_array(values[order])
-    compressed = LineCollection(
-        list(segments[negative]),
-        colors=COMPRESSED,
-        linewidths=np.maximum(widths[negative], width),
-        linestyles=(0, (2, 1)),
-    )
-    return [slack, tense, compressed]
-
-
-def _frame(ax: Axes, network: Network, x: Array) -> Any:
-    """Set the limits; the outline of the cell, or None."""
-    if network.cell is None:
+        segments, edges = x[network.edges], np.arange(network.n_edges)
         margin = 0.03 * float(np.ptp(x, axis=0).max())
         ax.set_xlim(x[:, 0].min() - margin, x[:, 0].max() + margin)
         ax.set_ylim(x[:, 1].min() - margin, x[:, 1].max() + margin)
-        return None
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ network.cell
-    outline = plt.Polygon(corners, closed=True, fill=False, edgecolor="0.6", linewidth=0.6)
-    ax.add_patch(outline)
-    margin = 0.01 * np.ptp(corners, axis=0)
-    ax.set_xlim(corners[:, 0].min() - margin[0], corners[:, 0].max() + margin[0])
-    ax.set_ylim(corners[:, 1].min() - margin[1], corners[:, 1].max() + margin[1])
-    return outline
+        ax.set_aspect("equal")
+        ax.set_axis_off()
+    if values is None:
+        lines = LineCollection(list(segments), colors=_PLAIN, linewidths=width, capstyle="round")
+        ax.add_collection(lines)
+        lines.set_clip_path(outline)
+    else:
+        slack = np.abs(values) <= _NO_TENSION * (float(np.abs(values).mean()) or 1.0)
+        shown = np.where(slack, 0.0, values)[edges]
+        add_edges(ax, segments, shown, colour_limits(values), outline, width=width, cmap=cmap)
+    if network.pins:
+        ax.plot(*x[list(network.pins)].T, "s", color="black", markersize=3.5, zorder=4)
 
 
 def _discs(ax: Axes, network: Network, x: Array, values: Array) -> None:
