@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from critflow.explore_cli import explore
+from critflow.linalg.backends import available_backends
 from critflow.network_cli import convert, examine_file, make
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
@@ -161,9 +162,14 @@ def run(
         return _print_plan(loaded, requested, folder, plan_run(folder, requested, retry_failed))
     # For `history`: no folder and no address of this machine.
     words = ["critflow", "run", Path(study).name, *(f"--set={word}" for word in settings)]
-    command = f"{shlex.join(words)} (in {place.place})"
-    result = run_study(loaded, requested, folder, place, retry_failed=retry_failed, command=command)
+    origin = _origin(f"{shlex.join(words)} (in {place.place})")
+    result = run_study(loaded, requested, folder, place, origin, retry_failed=retry_failed)
     return _print_result(requested, folder, result)
+
+
+def _origin(command: str) -> dict[str, str]:
+    """Attributes of a dataset about the command that writes it."""
+    return {"history": command, "sparse_solvers": " ".join(available_backends())}
 
 
 def _print_plan(loaded: StudyFile, requested: Selection, folder: Folder, plan: RunPlan) -> int:
@@ -294,7 +300,7 @@ def figures(
     results = Folder(folder)
     _, selection = results.selection()
     if not results.dataset(selection.study.name).exists():
-        _warn(write_partial_dataset(results))
+        _warn(write_partial_dataset(results, _origin("critflow figures")))
     _print_report(results, write_report(selection.study, results, format))
 
 
@@ -307,8 +313,8 @@ def show(
     ] = None,
 ) -> None:
     """Draw one configuration of a dataset, chosen by its labels, and print its certificate."""
+    from critflow.examination.show import case_title, choose_case, show_configuration
     from critflow.workflow.dataset import opened_dataset
-    from critflow.workflow.show import case_title, choose_case, show_configuration
 
     if file.is_dir():
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")

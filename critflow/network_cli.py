@@ -91,8 +91,8 @@ def read(file: Path, hints: Hints) -> ImportedNetwork:
     """The network of a file with the hints of the command line."""
     source: Any = file
     if file.suffix == ".nc":
+        from critflow.examination.show import choose_case
         from critflow.workflow.dataset import opened_dataset
-        from critflow.workflow.show import choose_case
 
         with opened_dataset(file) as dataset:
             source = choose_case(dataset, hints.case).load()
