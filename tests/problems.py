@@ -207,6 +207,15 @@ def grounded(network):
     return (g if network.pins else g[:, 1:]), b
 
 
+def dense_rigidity(network: Network, x: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    """The dense rigidity matrix, no vertex grounded, and the vertices of its columns."""
+    g, b = dense_free(network)
+    free = [i for i in range(network.n_vertices) if i not in network.pins]
+    L = g @ x[free] + b
+    unit = L / np.linalg.norm(L, axis=1)[:, None]
+    return np.einsum("ai,ad->aid", g, unit).reshape(len(g), -1), free
+
+
 def dense_bond_vectors(network: Network, sigma: np.ndarray) -> np.ndarray:
     """L(σ) = b − g P⁺ gᵀ(σ ∘ b) by a dense pseudo-inverse, which needs no ground."""
     g, b = dense_free(network)

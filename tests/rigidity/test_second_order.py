@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import dense_free, random_stress, relabelled, rewrapped, triangular_lattice, voronoi_3d
+from problems import dense_free, dense_rigidity, random_stress, relabelled, triangular_lattice, voronoi_3d
 
 from critflow import (
     CriticalManifold,
@@ -32,11 +32,8 @@ def decide(network, x, expected):
     value = solution.value
     answer = (value.first_order_rigid, value.prestress_stable, value.second_order_rigid)
     assert answer == ANSWERS[expected], str(value)
-    g, b = dense_free(network)
-    free = [i for i in range(network.n_vertices) if i not in network.pins]
+    (g, b), (R, free) = dense_free(network), dense_rigidity(network, x)
     L = g @ x[free] + b
-    unit = L / np.linalg.norm(L, axis=1)[:, None]
-    R = np.einsum("ai,ad->aid", g, unit).reshape(len(g), -1)
     left, s, right = np.linalg.svd(R)
     rank = int((s > 1e-8).sum())
     stresses = left.T[rank:] / np.linalg.norm(L, axis=1)
@@ -214,16 +211,6 @@ def test_two_strings_need_both_self_stresses():
     decide(*joined(chain([1, 1, 1]), chain([4, 1, -2], shift=1.0)), "flexible")
 
 
-def test_crossed_strings_in_space():
-    # Two strings that cross at a common vertex: each stabilises the middle, only both stabilise all.
-    pins = {0: [-2.0, 0, 0], 1: [2.0, 0, 0], 2: [0, -2.0, 0], 3: [0, 2.0, 0]}
-    x = np.array([*pins.values(), [0, 0, 0], [-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0]], float)
-    network = Network([[0, 5], [5, 4], [4, 6], [6, 1], [2, 7], [7, 4], [4, 8], [8, 3]], pins=pins)
-    value = decide(network, x, "prestress").value
-    assert value.counts.n_self_stresses == 2
-    assert value.counts.n_zero_modes == 9
-
-
 def test_best_combination_of_stresses():
     # Two free vertices on strings of lengths 1 + 1: energies 2σ z²; the best unit (a, b) has a = b.
     value = decide(*joined(chain([3, -1]), chain([3, -1], shift=1.0)), "prestress").value
@@ -276,16 +263,6 @@ def test_rigidity_is_invariant_under_relabelling(make):
         assert other.status is solution.status
         assert other.value.reason == value.reason
         np.testing.assert_allclose(other.value.least_stiffness, value.least_stiffness, rtol=1e-6)
-
-
-def test_rigidity_is_invariant_under_rewrapping():
-    network = voronoi_network(40, seed=1)
-    critical = CriticalManifold(network).configuration(random_stress(60, 3))
-    copy = rewrapped(network, 4)
-    # The same vertices by other images have other coordinates and the same stress.
-    there = CriticalManifold(copy).configuration(critical.sigma)
-    value = decide(copy, there.coordinates, "prestress").value
-    np.testing.assert_allclose(value.stress, critical.sigma / np.sqrt(60), rtol=0, atol=1e-12)
 
 
 def test_ambiguous_counts_decide_nothing():
