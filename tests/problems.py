@@ -7,6 +7,7 @@ the edges, offsets, cell and pins alone.
 from __future__ import annotations
 
 from collections import Counter
+from hashlib import sha256
 
 import numpy as np
 
@@ -39,6 +40,12 @@ HONEYCOMB_BULK_MODULUS = SQRT3 / 6
 
 # Triangular lattice of unit springs at rest: Lamé constants λ = μ = √3/4 k, so B = λ + μ and G = μ.
 TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS = SQRT3 / 2, SQRT3 / 4
+
+
+def digest(*arrays: np.ndarray) -> str:
+    """Hash of every bit of the arrays."""
+    bits = [array.astype("<i8" if array.dtype.kind == "i" else "<f8").tobytes() for array in arrays]
+    return sha256(b"".join(bits)).hexdigest()[:16]
 
 
 def random_stress(n_edges: int, seed: int) -> np.ndarray:

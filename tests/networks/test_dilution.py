@@ -6,7 +6,6 @@ from problems import pinned_grid, random_stress
 
 from critflow import (
     CriticalManifold,
-    InputError,
     diamond_network,
     diluted,
     honeycomb_network,
@@ -52,8 +51,3 @@ def test_pins_stay():
     network = diluted(whole, 2 * whole.n_edges / whole.n_vertices - 0.2, seed=1)
     assert set(map(tuple, network.pins.values())) <= set(map(tuple, whole.pins.values()))
     assert network.n_edges < whole.n_edges
-
-
-def test_out_of_reach_raises():
-    with pytest.raises(InputError, match="reach"):
-        diluted(triangular_network(8, 8), 2.01)

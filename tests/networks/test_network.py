@@ -7,7 +7,6 @@ import pytest
 from problems import (
     NETWORKS,
     PERIODIC,
-    dense_free,
     dense_incidence,
     oblique,
     pinned_grid,
@@ -16,7 +15,6 @@ from problems import (
 )
 
 from critflow import CriticalManifold, Network, NetworkError, honeycomb_network, three_bar_linkage, voronoi_network
-from critflow.networks.checks import edge_values
 from critflow.networks.faces import planar_faces
 
 
@@ -32,13 +30,6 @@ def test_bond_vectors_by_definition(name):
     # A periodic network is grounded at vertex 0, which the library may put at the origin.
     found = network.bond_vectors(x if network.pins else x - x[0])
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
-
-
-def test_bond_vectors_of_free_coordinates():
-    network = pinned_grid()
-    g, b = dense_free(network)
-    free = np.random.default_rng(1).standard_normal((g.shape[1], 2))
-    np.testing.assert_allclose(network.bond_vectors(network.all_coordinates(free)), g @ free + b, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", NETWORKS)
@@ -139,29 +130,6 @@ def test_faces_are_closed_left_handed_and_fill_the_cell(network, sizes):
     # Each edge is traversed once in each direction.
     for sign in (-1, 1):
         np.testing.assert_array_equal(np.sort(faces.edges[faces.signs == sign]), np.arange(network.n_edges))
-
-
-def test_consecutive_edges_of_a_face_share_a_vertex():
-    network = voronoi_network(60, seed=3)
-    faces = network.faces
-    for f in range(faces.n_faces):
-        walk = slice(faces.starts[f], faces.starts[f + 1])
-        ends = [
-            e if s > 0 else e[::-1] for e, s in zip(network.edges[faces.edges[walk]], faces.signs[walk], strict=True)
-        ]
-        for here, there in zip(ends, ends[1:] + ends[:1], strict=True):
-            assert here[1] == there[0]
-
-
-def test_volume_without_a_cell_raises():
-    with pytest.raises(NetworkError, match="cell"):
-        _ = three_bar_linkage().volume
-
-
-def test_message_names_the_first_bad_edge():
-    with pytest.raises(NetworkError, match=r"sigma\[2\]"):
-        edge_values([1, 1, -1, np.nan], 4, "sigma")
-    np.testing.assert_array_equal(edge_values([1, -1, 2], 3, "sigma", positive=False), [1.0, -1.0, 2.0])
 
 
 def test_faces_are_computed_lazily():
