@@ -151,21 +151,9 @@ def pinned_grid(n: int = 5) -> Network:
 
 
 def triangular_lattice(columns: int = 4, rows: int = 4) -> tuple[Network, np.ndarray]:
-    """The triangular lattice of unit springs in its oblique cell, and its coordinates."""
-    lattice = np.array([[1.0, 0.0], [0.5, SQRT3 / 2]])
-    column, row = (axis.ravel() for axis in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
-    edges, offsets = [], []
-    for step in ((1, 0), (0, 1), (-1, 1)):
-        there = np.stack([column + step[0], row + step[1]], axis=1)
-        image = np.floor_divide(there, [columns, rows])
-        there -= image * [columns, rows]
-        edges.append(np.stack([column * rows + row, there[:, 0] * rows + there[:, 1]], axis=1))
-        offsets.append(image)
-    positions = np.stack([column, row], axis=1) @ lattice
-    network = Network(
-        np.concatenate(edges), np.concatenate(offsets), lattice * [[columns], [rows]], positions=positions
-    )
-    return network, positions
+    """The triangular lattice of unit springs, and its coordinates."""
+    network = triangular_network(columns, rows)
+    return network, network.positions
 
 
 def rewrapped(network: Network, seed: int) -> Network:

@@ -48,16 +48,6 @@ def test_bond_vectors_are_translation_invariant(name):
     np.testing.assert_allclose(network.bond_vectors(shifted), network.bond_vectors(x), rtol=0, atol=1e-13)
 
 
-def test_edge_to_its_image_has_the_cell_vector():
-    edges, offsets = [[0, 0], [0, 1], [1, 0], [0, 1]], [[1, 0], [0, 0], [0, 1], [1, 0]]
-    network = Network(edges, offsets, [[2.0, 0.0], [0.5, 1.0]])
-    L = CriticalManifold(network).configuration([1.0, 3.0, 2.0, 1.0]).bond_vectors
-    np.testing.assert_array_equal(L[0], [2.0, 0.0])
-    # The forces of the self-image edge on its vertex cancel, so its stress changes nothing.
-    M = CriticalManifold(network).configuration([9.0, 3.0, 2.0, 1.0]).bond_vectors
-    np.testing.assert_allclose(M, L, rtol=0, atol=1e-14)
-
-
 def test_deformation_maps_boundary_and_pins():
     F = np.array([[1.1, 0.3], [-0.2, 0.9]])
     for network in (voronoi_network(20, seed=1), pinned_grid()):

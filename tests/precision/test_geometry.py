@@ -6,20 +6,12 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from problems import NETWORKS, random_stress
+from rationals import DIGITS, exact, fractions
 
 from critflow import CriticalManifold
 from critflow.precision.double_double import Extended, extended, lengths, multiply, two_sum
 from critflow.precision.geometry import ExtendedGeometry, exact_bond_vectors, exact_forces, exact_sums
 from workflows.benchmarks import reference
-
-# 2⁻¹⁰⁰: 30 digits, a few roundings of 32 digits.
-DIGITS = Fraction(1, 2**100)
-# Exact: sums and products of doubles are asserted without rounding.
-fractions = np.vectorize(Fraction, otypes=[object])
-
-
-def exact(a: Extended) -> np.ndarray:
-    return fractions(a.high) + fractions(a.low)
 
 
 @pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "own images", "pinned grid", "sheared"])

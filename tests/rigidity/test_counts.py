@@ -17,6 +17,7 @@ from critflow import (
     honeycomb_network,
     nearest_critical,
     rigidity,
+    second_order_rigidity,
     square_network,
     three_bar_linkage,
     voronoi_network,
@@ -280,7 +281,9 @@ def test_vectors_beyond_memory_raise():
 
 def test_bad_input_raises():
     network = three_bar_linkage()
-    for bad, count in itertools.product((network.positions[:3], np.full((4, 2), np.nan)), (rigidity, zero_modes)):
+    for bad, count in itertools.product(
+        (network.positions[:3], np.full((4, 2), np.nan)), (rigidity, zero_modes, second_order_rigidity)
+    ):
         with pytest.raises(InputError, match="coordinates"):
             count(network, bad)
     with pytest.raises(InputError, match="positive"):

@@ -6,7 +6,6 @@ from problems import dense_free, dense_rigidity, random_stress, relabelled, tria
 
 from critflow import (
     CriticalManifold,
-    InputError,
     Network,
     Status,
     honeycomb_network,
@@ -318,12 +317,6 @@ def test_proof_fails_with_an_escaping_mode():
     assert not second_order._none_escapes(forms, np.zeros(4))
     last = np.diag([-0.5, -0.5, 1.0])
     assert second_order._none_escapes(np.concatenate([forms, last[None]]), np.zeros(5))
-
-
-def test_bad_input_raises():
-    network, x = chain([1, 1, 1])
-    with pytest.raises(InputError, match="coordinates"):
-        second_order_rigidity(network, x[:-1])
 
 
 def nearly_in_line(distance):

@@ -16,6 +16,7 @@ from multiprocessing import forkserver
 from pathlib import Path
 
 import netCDF4
+import xarray as xr
 
 from critflow.cli import main
 from critflow.workflow.load import load_file
@@ -46,6 +47,17 @@ def contents_of(path):
             for name, variable in file.variables.items()
         }
         return {name: len(dim) for name, dim in file.dimensions.items()}, attributes, variables
+
+
+def numbers_of(folder):
+    """The bytes of the computed numbers of the algebra study, by case and name."""
+    with xr.load_dataset(folder / "algebra.nc") as ds:
+        return {
+            (seed, part, name): ds[name].sel(seed=seed, part=part).values.tobytes()
+            for name in ("product", "solution", "eigenvalues", "status")
+            for seed in ds.seed.values.tolist()
+            for part in ds.part.values.tolist()
+        }
 
 
 def stamps_of(folder):
