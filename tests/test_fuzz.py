@@ -21,16 +21,7 @@ from random_problems import a_problem, numbers
 from scipy.sparse.linalg import LinearOperator
 
 import critflow
-from critflow import (
-    CritflowError,
-    CriticalManifold,
-    Hookean,
-    Network,
-    PowerLaw,
-    Solution,
-    StereographicChart,
-    WormLike,
-)
+from critflow import CritflowError, CriticalManifold, Hookean, Network, PowerLaw, Solution, StereographicChart, WormLike
 from critflow.linalg.factor import FixedPattern
 from workflows.benchmarks import reference
 

@@ -4,15 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from problems import (
-    NETWORKS,
-    PERIODIC,
-    dense_incidence,
-    oblique,
-    pinned_grid,
-    random_stress,
-    square_octagon,
-)
+from problems import NETWORKS, PERIODIC, dense_incidence, oblique, pinned_grid, random_stress, square_octagon
 
 from critflow import CriticalManifold, Network, NetworkError, honeycomb_network, three_bar_linkage, voronoi_network
 from critflow.networks.faces import planar_faces

@@ -53,16 +53,6 @@ def test_fast_addition_has_the_statistics_of_plain_addition(hard_core):
         assert abs(fast.mean() - plain.mean()) < 4 * error
 
 
-def test_points_are_uniform_in_the_square():
-    # Fourier modes of the density vanish within four standard errors.
-    rng = np.random.default_rng(3)
-    packings = [random_sequential_addition(40, 0.6 / np.sqrt(40), rng) for _ in range(80)]
-    for mode in ([1, 0], [0, 1], [4, 0], [0, 4], [7, 7]):
-        phase = np.array([np.exp(2j * np.pi * (p @ mode)).sum() for p in packings])
-        for part in (phase.real, phase.imag):
-            assert abs(part.mean()) < 4 * part.std(ddof=1) / np.sqrt(len(part))
-
-
 @pytest.mark.parametrize(
     "n_points, hard_core, dimension, bits",
     [

@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 
-from critflow import (
-    InputError,
-    delaunay_network,
-    delaunay_of,
-    random_sequential_addition,
-    voronoi_network,
-    voronoi_of,
-)
+from critflow import InputError, delaunay_network, delaunay_of, random_sequential_addition, voronoi_network, voronoi_of
 from critflow.networks.cells import near_images, short_cell
 from critflow.networks.random_points import points_in_cell
 

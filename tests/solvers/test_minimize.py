@@ -41,11 +41,7 @@ def barrier():
     def value(x):
         return np.sum(x - np.log(x)) if (x > 0).all() else np.inf
 
-    return (
-        Analytic(value, lambda x: 1 - 1 / x, lambda x: np.diag(1 / x**2)),
-        np.array([0.05, 3.0, 0.5]),
-        np.ones(3),
-    )
+    return (Analytic(value, lambda x: 1 - 1 / x, lambda x: np.diag(1 / x**2)), np.array([0.05, 3.0, 0.5]), np.ones(3))
 
 
 PROBLEMS = {"quadratic": quadratic, "Rosenbrock": rosenbrock, "double well": double_well, "barrier": barrier}

@@ -140,8 +140,10 @@ def test_a_local_run_listens_on_loopback_and_answers_nobody_without_its_key(tmp_
     pages = [f"http://127.0.0.1:{port}/{page}" for _, port in found for page in ("status", "health")]
     assert {answer(page) for page in pages} <= {"404", "none"}
     assert not [port for _, port in found if accepts_a_stranger(port)]
-    for _ in range(2):
+    family = command.children(recursive=True)
+    for _ in range(2):  # the second one stops the workers at once
         process.send_signal(signal.SIGINT)
         time.sleep(0.5)
-    process.communicate()
+    assert "Traceback" not in process.communicate()[1]
     assert process.returncode == 130
+    assert psutil.wait_procs(family, timeout=60)[1] == []  # no worker outlives the command

@@ -2,12 +2,9 @@
 
 import os
 import signal
-import sys
 import time
-from functools import partial
 from pathlib import Path
 
-import psutil
 import pytest
 import xarray as xr
 from disturbed import begun, contents_of, ended, messages, numbers_of, stamps_of, stored_whole, words_of
@@ -27,7 +24,9 @@ def serial(tmp_path_factory):
     with threadpool_limits(limits=2):
         assert {library["num_threads"] for library in threadpool_info()} == {2}
         assert main(["run", str(study), "--out", str(folder), "--workers=0"]) == 0
-    assert (xr.load_dataset(folder / "algebra.nc").threads == 1).all()
+    with xr.load_dataset(folder / "algebra.nc") as ds:
+        assert (ds.threads == 1).all()
+        assert (ds.sockets == 0).all()  # without worker processes
     return folder
 
 
@@ -159,28 +158,6 @@ def test_a_second_interrupt_stops_at_once(tmp_path):
     assert "Traceback" not in messages(folder)
 
 
-@pytest.mark.sweep
-@pytest.mark.timeout(300)
-def test_a_second_interrupt_stops_the_workers_at_once(tmp_path, start):
-    process = start(tmp_path, workers=2, study="plain", environment={"CRITFLOW_TEST_PAUSE": "200"})
-    children = psutil.Process(process.pid).children
-    while "worker processes" not in (line := process.stderr.readline()):
-        assert line, "the run ended before it began"
-    while sum("spawn_main" in " ".join(p.cmdline()) for p in children(recursive=True)) < 2:
-        time.sleep(0.05)
-    time.sleep(1.0)
-    os.killpg(process.pid, signal.SIGINT)
-    while "stopping" not in (line := process.stderr.readline()):
-        assert line, "the first interrupt was not answered"
-    family, start_of_stop = children(recursive=True), time.monotonic()
-    os.killpg(process.pid, signal.SIGINT)
-    _, err = process.communicate()
-    assert time.monotonic() - start_of_stop < 60
-    assert process.returncode == 130
-    assert "Traceback" not in err
-    assert psutil.wait_procs(family, timeout=60)[1] == []  # no worker outlives the command
-
-
 def test_a_study_file_that_changed_since_the_run_began_is_refused(tmp_path, source):
     path = source(study="plain")
     job = Job(str(path), load_file(path).digest, str(tmp_path), {}, (), ())
@@ -188,22 +165,3 @@ def test_a_study_file_that_changed_since_the_run_began_is_refused(tmp_path, sour
     path.write_text(path.read_text() + "# changed")
     with pytest.raises(StudyError, match="changed"):
         job.study()
-
-
-def record_sockets(path):
-    """In the process of a run: record every socket that Python makes."""
-    Path(path).touch()
-
-    def audit(event, args):
-        if event.startswith("socket."):
-            with open(path, "a") as file:
-                file.write(f"{event}\n")
-
-    sys.addaudithook(audit)
-
-
-def test_without_worker_processes_a_run_opens_no_socket(tmp_path, serial):
-    path = tmp_path / "sockets.txt"
-    assert ended(begun(tmp_path / "out", prepare=partial(record_sockets, str(path)))) == 0
-    assert path.read_text() == ""
-    assert (xr.load_dataset(serial / "algebra.nc").sockets == 0).all()

@@ -55,11 +55,7 @@ def test_whatever_a_case_raises_or_returns_the_others_are_computed(tmp_path, run
         assert len(record(tmp_path, kind)) < 25_000
 
 
-DEADLY = {
-    "kills_itself": "SIGKILL|died|ended",
-    "leaks": "memory",
-    "hangs_in_compiled_code": "time limit",
-}
+DEADLY = {"kills_itself": "SIGKILL|died|ended", "leaks": "memory", "hangs_in_compiled_code": "time limit"}
 
 
 @pytest.mark.timeout(300)
