@@ -65,13 +65,7 @@ def test_periodic_images_cover_every_edge(name, moved):
     for ends, owner in zip(segments, edge, strict=True):
         drawn[owner] += clipped_length(ends, network.cell)
     np.testing.assert_allclose(drawn, critical.lengths, rtol=1e-10)
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_images_are_unique_and_inside_the_cell(name):
-    critical = configuration(name)
-    network = critical.network
-    segments, edge = periodic_segments(*of_network(network), critical.coordinates)
+    # None is drawn twice, and none outside the cell.
     keys = np.round(np.column_stack([edge, segments[:, 0]]), 8)
     assert len(np.unique(keys, axis=0)) == len(keys)
     fraction = segments @ np.linalg.inv(network.cell)

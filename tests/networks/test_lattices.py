@@ -107,16 +107,6 @@ def test_moduli(name, size, edge_length):
     assert optimize(network, "bulk_modulus").objective == pytest.approx(bulk * unit, rel=1e-12)
 
 
-def test_multiple_edges_between_two_vertices():
-    # In a kagome lattice of one unit cell each pair of vertices has an edge inside the cell and one across its border.
-    network = kagome_network(1, 1)
-    pairs = np.sort(network.edges, axis=1)
-    np.testing.assert_array_equal(np.unique(pairs, axis=0, return_counts=True)[1], [2, 2, 2])
-    configuration = CriticalManifold(network).configuration([1, 1, 1, 2, 2, 2])
-    # In series with stresses 1, 2, 1, 2 lengths are as 2 : 1.
-    np.testing.assert_allclose(configuration.lengths, [4 / 3] * 3 + [2 / 3] * 3, rtol=1e-14)
-
-
 @pytest.mark.parametrize("make", [row[0] for row in LATTICES.values()], ids=LATTICES)
 def test_bad_sizes_raise(make):
     for size in (0, -1, 1.5, True):

@@ -324,21 +324,3 @@ def test_proof_fails_with_an_escaping_mode():
     assert not second_order._none_escapes(forms, np.zeros(4))
     last = np.diag([-0.5, -0.5, 1.0])
     assert second_order._none_escapes(np.concatenate([forms, last[None]]), np.zeros(5))
-
-
-def nearly_in_line(distance):
-    """A vertex at a distance from the line on which its three pins lie; x (4, 2)."""
-    x = np.array([[0.0, distance], [-1.0, -distance / 3], [2.0, 0.0], [3.0, 0.0]])
-    return Network([[0, 1], [0, 2], [0, 3]], pins={vertex: x[vertex] for vertex in (1, 2, 3)}), x
-
-
-@pytest.mark.parametrize("distance", [1e-11, 1e-10, 1e-8, 1e-6])
-def test_next_to_a_special_position_nothing_is_decided(distance):
-    # Rigid to first order as given, with a singular value far above rounding and far below all others.
-    network, x = nearly_in_line(distance)
-    solution = second_order_rigidity(network, x)
-    assert solution.status is Status.undecided
-    assert solution.value.second_order_rigid is None
-    # A tolerance of the caller decides.
-    if distance < 1e-7:
-        assert second_order_rigidity(network, x, tolerance=1e-6).value.prestress_stable

@@ -87,18 +87,14 @@ def server():
     return SERVER
 
 
-def begun(
-    folder, settings=(), *, workers=0, step=0, action="kill", environment=None, prepare=None, log=None, study=PLAIN
-):
+def begun(folder, settings=(), *, workers=0, step=0, action="kill", environment=None, prepare=None, study=PLAIN):
     """The process of a run that has begun.
 
-    Its messages go to FOLDER.err or to `log`, the number of its steps to FOLDER.steps.
-
-    `prepare` is called in the process before the run.
+    Its messages go to FOLDER.err, the number of its steps to FOLDER.steps; `prepare` is called in it before the run.
     """
     process = server().Process(
         target=_run,
-        args=(words_of(folder, settings, workers, study), str(folder), step, action, environment or {}, prepare, log),
+        args=(words_of(folder, settings, workers, study), str(folder), step, action, environment or {}, prepare),
     )
     process.start()
     return process
@@ -172,11 +168,11 @@ class _Steps:
         sys.addaudithook(self.audit)
 
 
-def _run(words, folder, step, action, environment, prepare, log):
+def _run(words, folder, step, action, environment, prepare):
     os.environ.update(environment)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
-    with open(log or folder + ".err", "a") as file:
+    with open(folder + ".err", "a") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
     sys.stdout = sys.stderr = open(2, "w", closefd=False)
