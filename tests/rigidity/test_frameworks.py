@@ -104,8 +104,9 @@ def test_next_to_the_special_position_no_wrong_order_is_certain(name):
             # Special to rounding.
             assert counts(solution) == special_counts
     assert undecided >= 4 if special_counts != general_counts else undecided == 0
-    # A tolerance of the caller decides.
-    assert order(second_order_rigidity(network, x + 1e-9 * away, tolerance=1e-6)) == special
+    # A tolerance of the caller decides, where no motion has to be shown.
+    if special is PRESTRESS:
+        assert order(second_order_rigidity(network, x + 1e-9 * away, tolerance=1e-6)) == special
 
 
 def stressed(edges, x, signs):
