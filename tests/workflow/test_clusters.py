@@ -93,7 +93,7 @@ def test_jobs_give_the_same_bits_listen_on_loopback_only_and_end_with_the_run(tm
     )
     found, family, end = set(), [], time.monotonic() + 200
     while process.poll() is None and time.monotonic() < end:
-        with suppress(psutil.Error):
+        with suppress(psutil.Error, ProcessLookupError):  # a process ended meanwhile
             family = [p for p in psutil.process_iter() if os.getsid(p.pid) == process.pid] or family
         found |= listening(family)
         time.sleep(0.2)
