@@ -1,4 +1,4 @@
-"""What the engine costs: `python tests/benchmark_workflow.py [overhead] [efficiency]`, both by default.
+"""What the engine costs: `python tests/benchmark_workflow.py`.
 
 overhead     3,000 cases of 2 ms: the time of a whole `critflow run`, without and with one worker process, less that of
              a run of two cases and that of the cases.
@@ -10,7 +10,6 @@ Not part of the tests: times belong to a quiet machine.
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
@@ -73,18 +72,10 @@ def efficiency(study: Path, scratch: Path) -> None:
     print(f"{100 * independent / together:.0f} %")
 
 
-def main() -> None:
-    parts = {"overhead": overhead, "efficiency": efficiency}
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", choices=[*parts, []], help="what to measure")
-    os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    chosen = parser.parse_args().parts or list(parts)
-    with tempfile.TemporaryDirectory(prefix="critflow-") as scratch:
-        study = Path(scratch) / "timed.py"
-        study.write_text(STUDY)
-        for part in chosen:
-            parts[part](study, Path(scratch))
-
-
 if __name__ == "__main__":
-    main()
+    os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    with tempfile.TemporaryDirectory(prefix="critflow-") as folder:
+        study = Path(folder) / "timed.py"
+        study.write_text(STUDY)
+        overhead(study, Path(folder))
+        efficiency(study, Path(folder))

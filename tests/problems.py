@@ -7,6 +7,7 @@ the edges, offsets, cell and pins alone.
 from __future__ import annotations
 
 from collections import Counter
+from hashlib import sha256
 
 import numpy as np
 
@@ -39,6 +40,12 @@ HONEYCOMB_BULK_MODULUS = SQRT3 / 6
 
 # Triangular lattice of unit springs at rest: Lamé constants λ = μ = √3/4 k, so B = λ + μ and G = μ.
 TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS = SQRT3 / 2, SQRT3 / 4
+
+
+def digest(*arrays: np.ndarray) -> str:
+    """Hash of every bit of the arrays."""
+    bits = [array.astype("<i8" if array.dtype.kind == "i" else "<f8").tobytes() for array in arrays]
+    return sha256(b"".join(bits)).hexdigest()[:16]
 
 
 def random_stress(n_edges: int, seed: int) -> np.ndarray:
@@ -144,21 +151,9 @@ def pinned_grid(n: int = 5) -> Network:
 
 
 def triangular_lattice(columns: int = 4, rows: int = 4) -> tuple[Network, np.ndarray]:
-    """The triangular lattice of unit springs in its oblique cell, and its coordinates."""
-    lattice = np.array([[1.0, 0.0], [0.5, SQRT3 / 2]])
-    column, row = (axis.ravel() for axis in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
-    edges, offsets = [], []
-    for step in ((1, 0), (0, 1), (-1, 1)):
-        there = np.stack([column + step[0], row + step[1]], axis=1)
-        image = np.floor_divide(there, [columns, rows])
-        there -= image * [columns, rows]
-        edges.append(np.stack([column * rows + row, there[:, 0] * rows + there[:, 1]], axis=1))
-        offsets.append(image)
-    positions = np.stack([column, row], axis=1) @ lattice
-    network = Network(
-        np.concatenate(edges), np.concatenate(offsets), lattice * [[columns], [rows]], positions=positions
-    )
-    return network, positions
+    """The triangular lattice of unit springs, and its coordinates."""
+    network = lattice("triangular", columns, rows)
+    return network, network.positions
 
 
 def rewrapped(network: Network, seed: int) -> Network:
@@ -205,6 +200,15 @@ def grounded(network):
     """Dense free incidence and b as the library takes them: without pins, vertex 0 is the ground."""
     g, b = dense_free(network)
     return (g if network.pins else g[:, 1:]), b
+
+
+def dense_rigidity(network: Network, x: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    """The dense rigidity matrix, no vertex grounded, and the vertices of its columns."""
+    g, b = dense_free(network)
+    free = [i for i in range(network.n_vertices) if i not in network.pins]
+    L = g @ x[free] + b
+    unit = L / np.linalg.norm(L, axis=1)[:, None]
+    return np.einsum("ai,ad->aid", g, unit).reshape(len(g), -1), free
 
 
 def dense_bond_vectors(network: Network, sigma: np.ndarray) -> np.ndarray:

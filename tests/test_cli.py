@@ -35,7 +35,6 @@ def here(tmp_path, monkeypatch):
     (tmp_path / "workflows").mkdir()
     (tmp_path / "workflows" / "tiny.py").write_text(source)
     (tmp_path / "text.txt").write_text("no study\n")
-    (tmp_path / "broken.py").write_text("1 / 0")
     (tmp_path / "other.py").write_text(source.replace('name="tiny"', 'name="other"'))
     (tmp_path / "alone.py").write_text(source.replace("check=check,", "check=check, workers=1,"))
     (tmp_path / "damaged").mkdir()
@@ -73,19 +72,13 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "empty study": (["run", ""], 2, "name"),
     "two studies": (["run", TINY, TINY], 2, "extra"),
     "unknown study": (["run", "tinny"], 2, "'tiny'"),
-    "study of another case": (["run", "Tiny"], 2, "'tiny'"),
-    "missing file": (["run", "nowhere.py"], 2, "nowhere.py"),
     "folder as study": (["run", "folder/"], 2, "file"),
-    "device as study": (["run", "/dev/zero"], 2, "file"),
-    "text as study": (["run", "./text.txt"], 2, "text.txt"),
-    "study with an error": (["run", "broken.py"], 2, "ZeroDivisionError"),
     "empty --out": (["run", TINY, "--out", ""], 2, "--out"),
     "unprintable --out": (["run", TINY, "--out", "a\nb"], 2, "--out"),
     "--out is a file": (["run", TINY, "--out", "text.txt"], 6, "is a file"),
     "--out below a file": (["run", TINY, "--workers=0", "--out", "text.txt/x"], 6, "write"),
     "--out of another study": (["run", "other.py", "--out", "RESULTS"], 2, "'tiny'"),
     "--workers as a word": (["run", TINY, "--workers", "many"], 2, "--workers"),
-    "--workers a half": (["run", TINY, "--workers", "0.5"], 2, "--workers"),
     "--workers negative": (["run", TINY, "--workers", "-1"], 2, "--workers"),
     "--workers of a study that measures time": (["run", "alone.py", "--workers", "2"], 2, "at most 1"),
     "--workers with a cluster": (["run", TINY, "--cluster", "slurm", "--workers", "2"], 2, "--workers"),
@@ -94,29 +87,16 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "--cluster of a study that measures time": (["run", "alone.py", "--cluster", "slurm"], 2, "measures"),
     "--cluster and --scheduler": (["run", TINY, "--cluster", "slurm", "--scheduler", "tls://a:1"], 2, "exclude"),
     "--jobs none": (["run", TINY, "--cluster", "slurm", "--jobs", "0"], 2, "--jobs"),
-    "--jobs as a word": (["run", TINY, "--jobs", "x"], 2, "--jobs"),
     "--scheduler plain": (["run", TINY, "--scheduler", "tcp://127.0.0.1:9"], 2, "--insecure"),
-    "--scheduler without protocol": (["run", TINY, "--scheduler", "127.0.0.1:9"], 2, "--insecure"),
     "--scheduler without certificates": (["run", TINY, "--scheduler", "tls://127.0.0.1:9"], 2, "certificates"),
     "--scheduler that does not answer": (["run", TINY, "--scheduler", "tcp://127.0.0.1:9", "--insecure"], 6, "answers"),
     "--time-limit zero": (["run", TINY, "--workers=1", "--time-limit", "0"], 2, "--time-limit"),
     "--time-limit NaN": (["run", TINY, "--workers=1", "--time-limit", "nan"], 2, "--time-limit"),
-    "--time-limit as a word": (["run", TINY, "--workers=1", "--time-limit", "x"], 2, "--time-limit"),
     "--time-limit without workers": (["run", TINY, "--workers=0", "--time-limit", "5"], 2, "--workers"),
     "--memory-limit negative": (["run", TINY, "--workers=1", "--memory-limit=-1"], 2, "--memory-limit"),
-    "--memory-limit with a scheduler": (
-        ["run", TINY, "--memory-limit=5", "--scheduler", "tls://a:1"],
-        2,
-        "--memory-limit",
-    ),
+    "--memory-limit with a cluster": (["run", TINY, "--memory-limit=5", "--cluster", "slurm"], 2, "--memory-limit"),
     "--set unknown": (["run", TINY, "--set", "sedes=3"], 2, "'seeds'"),
-    "--set without value": (["run", TINY, "--set", "seeds"], 2, "value"),
-    "--set twice": (["run", TINY, "--set=seeds=0:2", "--set=seeds=0:3"], 2, "twice"),
     "--set as an option of nothing": (["run", "--set", "seeds=1"], 2, "Missing"),
-    "--set unknown word": (["run", TINY, "--set", "populations=flopy"], 2, "'floppy'"),
-    "--set against the check": (["run", TINY, "--set", "n_edges=7"], 2, "even"),
-    "--set too many": (["run", TINY, "--set=seeds=0:600000"], 2, "at most"),
-    "list something": (["list", "tiny", "plain"], 2, "extra"),
     "list an unknown study": (["list", "plane"], 2, "no study"),
     "status of nothing": (["status", "nowhere"], 2, "results folder"),
     "status of a file": (["status", "text.txt"], 2, "results folder"),

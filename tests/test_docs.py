@@ -183,14 +183,6 @@ def test_the_pages_on_theory_name_the_function_of_every_equation():
     assert sorted(rows) == sorted(functions.items())
 
 
-@pytest.mark.parametrize("script", sorted((ROOT / "docs" / "pictures").glob("*.py")), ids=name_of)
-def test_a_picture_is_made_by_its_script(script, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path / "made.png")])
-    runpy.run_path(str(script))
-    assert (tmp_path / "made.png").exists()
-    assert script.with_suffix(".png").exists()
-
-
 # Modules that define the bounds of these functions.
 DELEGATES = {
     "CriticalManifold": ("precision/refinement.py",),
@@ -237,7 +229,6 @@ def reduced(picture: Path) -> np.ndarray:
     return np.asarray(tiles, float)
 
 
-@pytest.mark.sweep
 @pytest.mark.parametrize("script", sorted((DOCS / "pictures").glob("*.py")), ids=lambda script: script.stem)
 def test_a_committed_picture_is_the_one_of_its_script(script, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path / "made.png")])

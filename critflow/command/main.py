@@ -21,6 +21,7 @@ import typer
 from critflow.command.explore import explore
 from critflow.command.networks import convert, examine_file, make
 from critflow.exchange.data import counted
+from critflow.linalg.backends import available_backends
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
 from critflow.workflow.load import StudyFile, load_study, named_studies
@@ -162,9 +163,14 @@ def run(
         return _print_plan(loaded, requested, folder, plan_run(folder, requested, retry_failed))
     # For `history`: no folder and no address of this machine.
     words = ["critflow", "run", Path(study).name, *(f"--set={word}" for word in settings)]
-    command = f"{shlex.join(words)} (in {place.place})"
-    result = run_study(loaded, requested, folder, place, retry_failed=retry_failed, command=command)
+    origin = _origin(f"{shlex.join(words)} (in {place.place})")
+    result = run_study(loaded, requested, folder, place, origin, retry_failed=retry_failed)
     return _print_result(requested, folder, result)
+
+
+def _origin(command: str) -> dict[str, str]:
+    """Attributes of a dataset about the command that writes it."""
+    return {"history": command, "sparse_solvers": " ".join(available_backends())}
 
 
 def _print_plan(loaded: StudyFile, requested: Selection, folder: Folder, plan: RunPlan) -> int:
@@ -297,7 +303,7 @@ def figures(
     results = Folder(folder)
     _, selection = results.selection()
     if not results.dataset(selection.study.name).exists():
-        _warn(write_partial_dataset(results))
+        _warn(write_partial_dataset(results, _origin("critflow figures")))
     _print_report(results, write_report(selection.study, results, format))
 
 
@@ -310,8 +316,8 @@ def show(
     ] = None,
 ) -> None:
     """Draw one configuration of a dataset, chosen by its labels, and print its certificate."""
+    from critflow.examination.show import case_title, choose_case, show_configuration
     from critflow.workflow.dataset import opened_dataset
-    from critflow.workflow.show import case_title, choose_case, show_configuration
 
     if file.is_dir():
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")

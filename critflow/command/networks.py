@@ -103,8 +103,8 @@ def read(file: Path, hints: Hints) -> ImportedNetwork:
     require_regular(file)
     if file.suffix != ".nc":
         return network_of_file(file, **keywords)
+    from critflow.examination.show import choose_case
     from critflow.workflow.dataset import opened_dataset
-    from critflow.workflow.show import choose_case
 
     with opened_dataset(file) as dataset:
         return network_from(choose_case(dataset, hints.case).load(), **keywords)

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from critflow.linalg.backends import available_backends
 from critflow.result import IntegrityError, Status, StudyError
 from critflow.workflow.plan import SEED_ENTROPY, Case, Selection
 from critflow.workflow.provenance import code_version, dataset_versions, source_tree, timestamp
@@ -59,10 +58,13 @@ def labelled_dataset(selection: Selection, shards: Iterable[tuple[Case, Shard]],
     return dataset
 
 
-def write_dataset(dataset: xr.Dataset, path: Path, command: str) -> None:
-    """Write the file; its `history` is the only attribute that differs between equal runs."""
+def write_dataset(dataset: xr.Dataset, path: Path, origin: Mapping[str, str]) -> None:
+    """Write the file; its `history` is the only attribute that differs between equal runs.
+
+    origin: attributes about the command that writes it, which is its `history`
+    """
     with replacing(path) as partial:
-        stamped = dataset.assign_attrs(history=f"{timestamp()} {command}")
+        stamped = dataset.assign_attrs({**origin, "history": f"{timestamp()} {origin['history']}"})
         stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4")
         with xr.open_dataset(partial, engine="netcdf4") as written:
             if not written.equals(dataset):
@@ -149,14 +151,14 @@ def _origin_attributes(selection: Selection, origins: Sequence[tuple[str, str, s
     """
     whole = sum(int.from_bytes(sha256(f"{case} {checksum}\n".encode()).digest()) for case, checksum, *_ in origins)
     each = " ".join(sorted(f"{case}:{checksum}" for case, checksum, *_ in origins))
-    found = {
+    attributes = {
         "cases_code": _counted(code for _, _, code, _ in origins),
         "cases_environment": _counted(environment for *_, environment in origins),
         "shards_sha256": f"{whole % 2**256:064x}",
         "shards_sha256_each": each if len(origins) <= _MOST_CHECKSUMS else "",
     }
     volatile = ["shards_sha256", "shards_sha256_each"] if any(v.volatile for v in selection.study.variables) else []
-    return found | {"volatile_attributes": " ".join(["history", *volatile])}
+    return attributes | {"volatile_attributes": " ".join(["history", *volatile])}
 
 
 def _counted(texts: Iterable[str]) -> str:
@@ -189,7 +191,6 @@ def _global_attributes(selection: Selection) -> dict[str, Any]:
         "comment": _COMMENT,
         "code": code_version(study),
         **source_tree(),
-        "sparse_solvers": " ".join(available_backends()),
         "seed_entropy": SEED_ENTROPY,
         "versions": json.dumps(versions),
         "study": study.name,

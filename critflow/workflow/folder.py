@@ -61,8 +61,8 @@ class Note:
     def selects_like(self, selection: Selection) -> bool:
         """Whether cases of both have the same ids: the same parameters, version and variables."""
         study = selection.study
-        ours = (study.version, dict(selection.parameters), study.selected, study.axis_names)
-        return (self.version, self.parameters, self.variables, tuple(self.axes)) == ours
+        settings = (study.version, dict(selection.parameters), study.selected, study.axis_names)
+        return (self.version, self.parameters, self.variables, tuple(self.axes)) == settings
 
 
 class Folder:
@@ -111,8 +111,8 @@ class Folder:
     def _delete_temporary(self) -> None:
         for folder in (self.path, self.shards, self.failed, self.figures):
             for pattern in (f".*{PARTIAL}", ".*.trace", ".stop", ".dask-jobqueue.*"):
-                for left_over in folder.glob(pattern):
-                    left_over.unlink(missing_ok=True)
+                for file in folder.glob(pattern):
+                    file.unlink(missing_ok=True)
 
     def check_owner(self, loaded: StudyFile) -> None:
         """Raise unless the folder is new or belongs to this study."""
@@ -149,8 +149,8 @@ class Folder:
             note = json.loads(text)
             if text != _note_text({key: value for key, value in note.items() if key != "sha256"}):
                 raise ValueError("it does not match its checksum")
-            if (found := note.pop("schema_version")) != SCHEMA_VERSION:
-                raise ValueError(f"its schema_version is {found}, not {SCHEMA_VERSION}")
+            if (version := note.pop("schema_version")) != SCHEMA_VERSION:
+                raise ValueError(f"its schema_version is {version}, not {SCHEMA_VERSION}")
         except OSError as error:
             raise EnvironmentFailure(f"cannot read {self.note}: {error.strerror}: correct this first") from error
         except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
@@ -178,15 +178,15 @@ class Folder:
         Without `read` file names decide; with it every shard is read and verified to the last byte.
         """
         shards, failed = _names(self.shards, ".nc"), _names(self.failed, ".txt")
-        found = []
+        states = []
         for case in selection.cases():
             if case.id in shards:
-                found.append(self._read_state(selection, case) if read else CaseState(case, DONE))
+                states.append(self._read_state(selection, case) if read else CaseState(case, DONE))
             elif case.id in failed and (reason := failure_reason(self.failed, case)):
-                found.append(CaseState(case, FAILED, reason))
+                states.append(CaseState(case, FAILED, reason))
             else:
-                found.append(CaseState(case, MISSING, "not computed yet"))
-        return found
+                states.append(CaseState(case, MISSING, "not computed yet"))
+        return states
 
     def count_stored(self) -> int:
         """Number of shards and records of failures, of any settings."""
@@ -194,12 +194,12 @@ class Folder:
 
     def _read_state(self, selection: Selection, case: Case) -> CaseState:
         try:
-            found = read_shard(self.shards, selection.study, case)
+            shard = read_shard(self.shards, selection.study, case)
         except OtherTable:
             return CaseState(case, CHANGED, "stored with another table of variables")
         except IntegrityError as error:
             return CaseState(case, DAMAGED, str(error).rpartition(" is damaged: ")[2])
-        return CaseState(case, DONE) if found else CaseState(case, MISSING, "not computed yet")
+        return CaseState(case, DONE) if shard else CaseState(case, MISSING, "not computed yet")
 
 
 def reason_lines(states: list[CaseState], most: int = 20) -> list[str]:

@@ -38,13 +38,13 @@ _numbers = itertools.count()  # every execution has a unique module name, so tha
 def named_studies() -> dict[str, Path]:
     """Every study that can be run by name: in ./workflows, in the installed package, in the source checkout."""
     package = Path(__file__).parents[1]
-    found: dict[str, Path] = {}
+    studies: dict[str, Path] = {}
     for folder in (Path("workflows"), package / "studies", package.parent / "workflows"):
         for path in sorted([*folder.glob("*/study.py"), *folder.glob("benchmarks/*/study.py")]):
-            found.setdefault(path.parent.name, path)
+            studies.setdefault(path.parent.name, path)
         for path in sorted(folder.glob("[!_]*.py")):
-            found.setdefault(path.stem, path)
-    return found
+            studies.setdefault(path.stem, path)
+    return studies
 
 
 def load_study(word: str) -> StudyFile:
@@ -85,8 +85,8 @@ def load_file(path: Path) -> StudyFile:
             _loaded[path] = module, files
     study = getattr(module, "study", None)
     if not isinstance(study, Study):
-        found = f"is {study!r:.60}" if hasattr(module, "study") else "is missing"
-        raise StudyError(f"{path} is not a study file: `study` {found}: write study = Study(...) at its top level")
+        state = f"is {study!r:.60}" if hasattr(module, "study") else "is missing"
+        raise StudyError(f"{path} is not a study file: `study` {state}: write study = Study(...) at its top level")
     lines = "".join(f"{file.name} {digest}\n" for file, digest in sorted(files.items()))
     return StudyFile(study, path, _digest(lines.encode()))
 

@@ -86,8 +86,8 @@ def _versions() -> dict[str, str]:
 
 def _environment() -> dict[str, str]:
     blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
-    found = {"python": platform.python_version(), "processor": platform.machine()}
-    return found | _versions() | {"BLAS": f"{blas['name']} {blas.get('version', '')}".strip()}
+    machine = {"python": platform.python_version(), "processor": platform.machine()}
+    return machine | _versions() | {"BLAS": f"{blas['name']} {blas.get('version', '')}".strip()}
 
 
 def _git(folder: Path, *words: str) -> str:

@@ -7,23 +7,32 @@ replace the dataset; the cases of the former settings stay stored, and a run wit
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from critflow.result import IntegrityError, Status, StudyError
 from critflow.workflow.dataset import labelled_dataset, write_dataset
-from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, MISSING, CaseState, Folder, reason_lines
+from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, MISSING, CaseState, Folder, Note, reason_lines
 from critflow.workflow.load import StudyFile
 from critflow.workflow.plan import LONGEST, Case, Selection, spelled
 from critflow.workflow.provenance import code_version, environment, timestamp
 from critflow.workflow.report import Report, ReportError, write_report
 from critflow.workflow.store import delete_failure, read_shard
-from critflow.workflow.tasks import HOUR, Interrupted, Job
+from critflow.workflow.tasks import Interrupted, Job
 from critflow.workflow.workers import Task, Workers, compute, interruption
 
 _RESUME = "run the same command again to resume"
@@ -53,10 +62,14 @@ class RunResult:
 
 def plan_run(folder: Folder, requested: Selection, retry_failed: bool) -> RunPlan:
     """The cases to compute; every stored shard is read and verified."""
-    selection, messages = _joined_selection(folder, requested)
+    selection, messages = _dataset_selection(folder, requested)
     states = folder.states(selection, read=True)
-    wanted = {MISSING, FAILED} if retry_failed else {MISSING}
-    todo = [c for c, state, _ in states if state in (DAMAGED, CHANGED) or (state in wanted and _among(requested, c))]
+    todo = [
+        case
+        for case, state, _ in states
+        if state in (DAMAGED, CHANGED)
+        or (_selects(requested, case) and (state == MISSING or (state == FAILED and retry_failed)))
+    ]
     return RunPlan(requested, selection, states, todo, messages)
 
 
@@ -65,12 +78,12 @@ def run_study(
     requested: Selection,
     folder: Folder,
     workers: Workers,
+    origin: Mapping[str, str],
     retry_failed: bool = False,
-    command: str = "",
 ) -> RunResult:
     """Compute the cases that are not stored, then write the dataset and its report.
 
-    command: stored in the attribute `history`.  Raises `Interrupted` if the run is stopped.
+    origin: attributes of the dataset, as in `write_dataset`.  Raises `Interrupted` if the run is stopped.
     """
     with folder.locked(loaded):
         plan = plan_run(folder, requested, retry_failed)
@@ -79,10 +92,10 @@ def run_study(
             delete_failure(folder.failed, case)
         progress = _RunProgress(plan.selection.study.name, len(plan.todo))
         _compute(loaded, plan, folder, workers, progress)
-        return _finish(plan, folder, command, progress)
+        return _finish(plan, folder, origin, progress)
 
 
-def write_partial_dataset(folder: Folder) -> str:
+def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
     """Write a dataset of the values of the first axis whose cases are all stored; the number of them in a sentence.
 
     Raises `StudyError` where none is complete.
@@ -97,41 +110,53 @@ def write_partial_dataset(folder: Folder) -> str:
             raise StudyError(f"no dataset and {sizes} complete in {folder.path}: {_RESUME}")
         partial = replace(selection, axes={**selection.axes, axis.name: complete})
         shards = ((c, s) for c, _, _ in folder.states(partial) if (s := read_shard(folder.shards, partial.study, c)))
-        write_dataset(labelled_dataset(partial, shards, []), folder.dataset(partial.study.name), "critflow figures")
+        write_dataset(labelled_dataset(partial, shards, []), folder.dataset(partial.study.name), origin)
     return f"{sizes} are complete: {_RESUME}"
 
 
-def _joined_selection(folder: Folder, requested: Selection) -> tuple[Selection, list[str]]:
-    """The requested cases and all that are stored with the same settings, with messages about the dataset before."""
+def _dataset_selection(folder: Folder, requested: Selection) -> tuple[Selection, list[str]]:
+    """The cases of the dataset, and messages about the dataset that it replaces.
+
+    note of the last run     dataset of it    cases                      message
+    none                     -                requested                  -
+    damaged                  -                requested                  the damage
+    with other settings      none             requested                  -
+    with other settings      exists           requested                  its settings
+    with the same settings   -                requested and stored       how many, if more than requested
+    """
     try:
         note = folder.read_note()
     except IntegrityError as error:
         return requested, [f"{error}; the dataset will contain the requested cases only"]
     except StudyError:
         return requested, []
-    if not note.selects_like(requested):
-        if not folder.dataset(requested.study.name).exists():
-            return requested, []
-        settings = [f"{k}={spelled(v)}" for k, v in note.parameters.items() if requested.parameters.get(k) != v]
-        settings += [f"{a.key}={spelled(note.axes[a.name])}" for a in requested.study.axes if a.name in note.axes]
-        settings += [f"variables={spelled(note.variables) or 'all'}"] * (note.variables != requested.study.selected)
-        settings += [f"version {note.version} of the study"] * (note.version != requested.study.version)
-        restore = "its cases stay stored, and a run with these settings restores it"
-        return requested, [f"replaces the dataset of {'; '.join(settings)}: {restore}"]
-    stored = folder.states(replace(requested, axes=note.axes))
-    present = [case for case, state, _ in stored if state in (DONE, FAILED)]
-    values = {name: {*chosen, *(case.values[name] for case in present)} for name, chosen in requested.axes.items()}
-    axes = {axis.name: axis.ordered(values[axis.name]) for axis in requested.study.axes}
-    joined = replace(requested, axes=axes)
+    if note.selects_like(requested):
+        return _with_stored_cases(folder, requested, note)
+    if not folder.dataset(requested.study.name).exists():
+        return requested, []
+    settings = [f"{k}={spelled(v)}" for k, v in note.parameters.items() if requested.parameters.get(k) != v]
+    settings += [f"{a.key}={spelled(note.axes[a.name])}" for a in requested.study.axes if a.name in note.axes]
+    settings += [f"variables={spelled(note.variables) or 'all'}"] * (note.variables != requested.study.selected)
+    settings += [f"version {note.version} of the study"] * (note.version != requested.study.version)
+    restore = "its cases stay stored, and a run with these settings restores it"
+    return requested, [f"replaces the dataset of {'; '.join(settings)}: {restore}"]
+
+
+def _with_stored_cases(folder: Folder, requested: Selection, note: Note) -> tuple[Selection, list[str]]:
+    """The requested cases and all that the folder stores with the same settings, with a message if these are more."""
+    states = folder.states(replace(requested, axes=note.axes))
+    stored = [case for case, state, _ in states if state in (DONE, FAILED)]
+    values = {name: {*chosen, *(case.values[name] for case in stored)} for name, chosen in requested.axes.items()}
+    joined = replace(requested, axes={axis.name: axis.ordered(values[axis.name]) for axis in requested.study.axes})
     if joined.count > LONGEST:
         raise StudyError(f"the dataset would have {joined.count:,} cases: choose another folder with --out")
-    if axes == requested.axes:
+    if joined.axes == requested.axes:
         return joined, []
     return joined, [f"dataset contains {joined.sizes}: {requested.sizes} requested, the others were stored before"]
 
 
-def _among(requested: Selection, case: Case) -> bool:
-    return all(case.values[name] in values for name, values in requested.axes.items())
+def _selects(selection: Selection, case: Case) -> bool:
+    return all(case.values[name] in values for name, values in selection.axes.items())
 
 
 def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers, progress: _RunProgress) -> None:
@@ -140,8 +165,8 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
     word = study.name if loaded.by_name else str(loaded.path)
     command = (word, f"--out={folder.path}-alone", "--retry-failed", *workers.options)
     seconds = workers.case_seconds if workers.processes or workers.remote else None
-    parameters, where = dict(plan.selection.parameters), str(folder.path.absolute())
-    job = Job(str(loaded.path), loaded.digest, where, parameters, study.selected, command, seconds)
+    parameters, path = dict(plan.selection.parameters), str(folder.path.absolute())
+    job = Job(str(loaded.path), loaded.digest, path, parameters, study.selected, command, seconds)
     groups = groupby(plan.todo, lambda case: case.values[first])
     tasks: list[Task] = [[case.values for case in group] for _, group in groups]
     stored = 0
@@ -165,7 +190,7 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
         raise Interrupted(f"interrupted after {stored} of {len(plan.todo)} cases: {_RESUME}")
 
 
-def _finish(plan: RunPlan, folder: Folder, command: str, progress: _RunProgress) -> RunResult:
+def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: _RunProgress) -> RunResult:
     """Write the dataset of all stored cases, and its report."""
     study, states = plan.selection.study, folder.states(plan.selection)
     path = folder.dataset(study.name)
@@ -173,9 +198,9 @@ def _finish(plan: RunPlan, folder: Folder, command: str, progress: _RunProgress)
     failed = [(case, reason) for case, state, reason in states if state == FAILED]
     progress.say(f"{study.name}: writing the dataset of {len(states)} cases")
     dataset = labelled_dataset(plan.selection, shards, [case for case, _ in failed])
-    write_dataset(dataset, path, command)
-    requested = {case.id: reason for case, reason in failed if _among(plan.requested, case)}
-    messages = _other_code(dataset.attrs.get("cases_code", ""), code_version(study))
+    write_dataset(dataset, path, origin)
+    requested = {case.id: reason for case, reason in failed if _selects(plan.requested, case)}
+    messages = _messages_of_changed_code(dataset.attrs.get("cases_code", ""), code_version(study))
     progress.say(f"{study.name}: drawing the figures and testing the claims")
     try:
         report = write_report(study, folder)
@@ -184,15 +209,15 @@ def _finish(plan: RunPlan, folder: Folder, command: str, progress: _RunProgress)
             raise
         report = Report()
         messages.append(str(error))
-    kept = plan.requested.count - sum(_among(plan.requested, case) for case in plan.todo)
+    kept = plan.requested.count - sum(_selects(plan.requested, case) for case in plan.todo)
     return RunResult(path, kept, requested, report, messages)
 
 
-def _other_code(cases_code: str, code: str) -> list[str]:
+def _messages_of_changed_code(cases_code: str, code: str) -> list[str]:
     """A message if other code than the present one computed some of the cases."""
-    other = [text for text in cases_code.split("; ") if text and not text.startswith(f"{code}:")]
+    counts = [text for text in cases_code.split("; ") if text and not text.startswith(f"{code}:")]
     advice = "they are kept; raise the study's version to compute them again"
-    return [f"cases computed by other code than {code}: {'; '.join(other)}: {advice}"] if other else []
+    return [f"cases computed by other code than {code}: {'; '.join(counts)}: {advice}"] if counts else []
 
 
 class _RunProgress:
@@ -200,14 +225,14 @@ class _RunProgress:
 
     def __init__(self, title: str, total: int):
         self.title, self.total, self.done = title, total, 0
-        self.looked = time.monotonic()
-        self.before: int | None = None
+        self.start = self.last_count = time.monotonic()
+        self.stored_before: int | None = None  # cases in the folder at the start
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("cases"))
         times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
         off = not (self.console.is_terminal and total)
-        # A case may take many minutes, so the rate is that of the last hour.
-        self.bar = Progress(*columns, *times, console=self.console, disable=off, speed_estimate_period=HOUR)
+        # The time left is that at the mean rate since the start: cases can last longer than the half minute by default.
+        self.bar = Progress(*columns, *times, console=self.console, disable=off, speed_estimate_period=math.inf)
         self.task = self.bar.add_task(title, total=total)
 
     def say(self, line: str) -> None:
@@ -218,10 +243,10 @@ class _RunProgress:
         """Show the cases of finished tasks, and on a terminal each second those that running tasks have stored."""
         now = time.monotonic()
         done = max(stored, self.done)
-        if not self.bar.disable and (self.before is None or now - self.looked >= 1):
-            self.looked, present = now, folder.count_stored()
-            self.before = present - stored if self.before is None else self.before
-            done = min(max(done, present - self.before), self.total)
+        if not self.bar.disable and (self.stored_before is None or now - self.last_count >= 1):
+            self.last_count, in_folder = now, folder.count_stored()
+            self.stored_before = in_folder - stored if self.stored_before is None else self.stored_before
+            done = min(max(done, in_folder - self.stored_before), self.total)
         if self.bar.disable and done * 10 // self.total > self.done * 10 // self.total:
             elapsed = self.bar.tasks[0].elapsed or 0.0
             left = elapsed / done * (self.total - done)

@@ -148,9 +148,9 @@ def _read(path: Path, study: Study, case: Case) -> Shard:
         with _netcdf, netCDF4.Dataset(path) as file:
             file.set_auto_maskandscale(False)
             for name, expected in _identity(study, case).items():
-                if (found := file.getncattr(name)) != expected:
+                if (value := file.getncattr(name)) != expected:
                     kind = OtherTable if name == "table" else IntegrityError  # compared last
-                    raise kind(f"{path} is damaged: its {name} is {found}, not {expected}")
+                    raise kind(f"{path} is damaged: its {name} is {value}, not {expected}")
             arrays = {name: np.asarray(variable[...]) for name, variable in file.variables.items()}
             origin = {name: str(file.getncattr(name)) for name in ("code", "environment")}
             return Shard(Status(int(file.getncattr("status"))), arrays, checksum, **origin)

@@ -69,9 +69,9 @@ class Job:
         loaded = load_file(Path(self.study_path))
         if loaded.digest != self.study_digest:
             raise StudyError(f"{self.study_path} changed during the run: run it again")
-        found = libraries()
-        if different := [name for name in {**self.libraries, **found} if self.libraries.get(name) != found.get(name)]:
-            words = ", ".join(f"{n} {found.get(n, 'missing')} (not {self.libraries.get(n)})" for n in different)
+        here = libraries()
+        if different := [name for name in {**self.libraries, **here} if self.libraries.get(name) != here.get(name)]:
+            words = ", ".join(f"{n} {here.get(n, 'missing')} (not {self.libraries.get(n)})" for n in different)
             raise EnvironmentFailure(f"the worker on {socket.gethostname()} has {words}: install the same versions")
         return loaded.study.storing(self.variables)
 

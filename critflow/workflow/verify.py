@@ -81,10 +81,10 @@ def _differences(expected: xr.Dataset, dataset: xr.Dataset) -> Iterator[str]:
             yield f"its {name} is {dataset.attrs.get(name)!r:.200}, not {expected.attrs.get(name)!r:.200}"
 
 
-def _equal(expected: xr.Variable, found: xr.Variable) -> bool:
-    same_kind = expected.dtype == found.dtype or expected.dtype.kind == "U"  # words are stored as characters
+def _equal(expected: xr.Variable, stored: xr.Variable) -> bool:
+    same_kind = expected.dtype == stored.dtype or expected.dtype.kind == "U"  # words are stored as characters
     equal_nan = expected.dtype.kind == "f"
-    return expected.dims == found.dims and same_kind and np.array_equal(expected.values, found.values, equal_nan)
+    return expected.dims == stored.dims and same_kind and np.array_equal(expected.values, stored.values, equal_nan)
 
 
 def _plain(attributes: dict[Any, Any]) -> dict[str, list]:

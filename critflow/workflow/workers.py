@@ -298,7 +298,7 @@ def _scheduler_client(workers: Workers) -> Client:
 
 def _jobs_cluster(workers: Workers, folder: Path) -> Any:
     """Jobs of a batch system, kept at their number, over TLS with temporary credentials of this run."""
-    name, where = workers.cluster, f"jobqueue.{workers.cluster} in dask's configuration"
+    name, settings = workers.cluster, f"jobqueue.{workers.cluster} in dask's configuration"
     try:
         interrupt = signal.getsignal(signal.SIGINT)
         classes = vars(importlib.import_module(f"dask_jobqueue.{name}"))
@@ -322,7 +322,7 @@ def _jobs_cluster(workers: Workers, folder: Path) -> Any:
     except ImportError as error:
         raise EnvironmentFailure("batch systems need dask-jobqueue: pip install dask-jobqueue") from error
     except Exception as error:
-        raise EnvironmentFailure(f"cannot prepare jobs of {name}: {error}: set {where}") from error
+        raise EnvironmentFailure(f"cannot prepare jobs of {name}: {error}: set {settings}") from error
     try:
         cluster.scale(jobs=workers.jobs)
         cluster.sync(asyncio.wait_for, cluster, None)  # raises the errors of the submission
@@ -330,7 +330,7 @@ def _jobs_cluster(workers: Workers, folder: Path) -> Any:
     except Exception as error:
         cluster.close(timeout=10)
         reason = f"there is no {error.filename} here" if isinstance(error, FileNotFoundError) else str(error)
-        raise EnvironmentFailure(f"cannot submit jobs of {name}: {reason}: look at {where}") from error
+        raise EnvironmentFailure(f"cannot submit jobs of {name}: {reason}: look at {settings}") from error
     return cluster
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import pinned_grid, random_stress
 
-from critflow import CriticalManifold, InputError, diluted, lattice, pruned
+from critflow import CriticalManifold, diluted, lattice, pruned
 
 PARENTS = {
     "triangular": (lambda: lattice("triangular", 12, 9), (3.0, 3.9, 5.5)),
@@ -43,8 +43,3 @@ def test_pins_stay():
     network = diluted(whole, 2 * whole.n_edges / whole.n_vertices - 0.2, seed=1)
     assert set(map(tuple, network.pins.values())) <= set(map(tuple, whole.pins.values()))
     assert network.n_edges < whole.n_edges
-
-
-def test_out_of_reach_raises():
-    with pytest.raises(InputError, match="reach"):
-        diluted(lattice("triangular", 8, 8), 2.01)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from critflow import InputError, packing_network, pruned
+from critflow import packing_network, pruned
 from critflow.generators.packings import _Packing
 
 
@@ -45,8 +45,6 @@ def test_coordination_of_packings():
     particles, contacts = network.note.split()[0], int(network.note.split("without ")[1].split()[2])
     assert 2 * contacts / int(particles) == pytest.approx(5.0, abs=0.25)
     assert network.volume == pytest.approx(120)
-    with pytest.raises(InputError, match="z must"):
-        packing_network(60, z=6.0)
 
 
 def test_spheres():

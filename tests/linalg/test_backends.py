@@ -37,6 +37,7 @@ definite = sparse_symmetric(60, 1)
 REGULAR = {
     "one number": np.array([[-2.0]]),
     "diagonal": np.diag([3.0, -1.0, 2.0, 5.0]),
+    "small pivot": np.diag([1.0, 1e-10]),
     "dense and definite": definite[:8, :8] @ definite[:8, :8] + np.eye(8),
     "sparse and definite": definite + np.diag(1.0 + np.abs(definite).sum(axis=1)),
     "indefinite, dominant": definite + np.diag((-1.0) ** np.arange(60) * (1.0 + np.abs(definite).sum(axis=1))),
@@ -107,34 +108,11 @@ def test_a_lost_pivot_is_told(backend, matrix):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_small_pivots_are_not_lost(backend):
-    assert not factor_of(np.diag([1.0, 1e-10]), backend).singular
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
 def test_a_vanishing_pivot_of_a_regular_matrix(backend):
-    A = WITHOUT_PIVOTS["zero diagonal"]
-    pattern, values = pattern_of(A, backend)
+    pattern, values = pattern_of(WITHOUT_PIVOTS["zero diagonal"], backend)
     factor = pattern.factorize_signed(values)
-    right = np.array([2.0, 3.0])
     assert not factor.singular and factor.n_negative == 1
-    np.testing.assert_allclose(factor.solve(right), [3.0, 2.0], rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_a_new_factorisation_equals_a_first_one(backend):
-    network = voronoi_network(300, seed=2)
-    first, second = random_stress(network.n_edges, 1), random_stress(network.n_edges, 2)
-    second[::9] *= -0.5
-    used, fresh = laplacian(network, backend), laplacian(network, backend)
-    used.factorize(-first)
-    older = used.factorize(first)
-    right = np.random.default_rng(3).standard_normal((used.size, 2))
-    again = used.factorize(second)
-    # The same input gives the same bits, whatever came before.
-    np.testing.assert_array_equal(again.solve(right), fresh.factorize(second).solve(right))
-    np.testing.assert_array_equal(again.pivots, used.factorize(second).pivots)
-    np.testing.assert_array_equal(older.solve(right), fresh.factorize(first).solve(right))
+    np.testing.assert_allclose(factor.solve(np.array([2.0, 3.0])), [3.0, 2.0], rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -8,7 +8,6 @@ from problems import random_stress
 
 from critflow import voronoi_network
 from critflow.linalg.backends import available_backends
-from critflow.linalg.factor import Entries, FixedPattern
 from critflow.linalg.matrices import laplacian
 
 NETWORK = voronoi_network(300, seed=2)
@@ -83,32 +82,6 @@ def test_two_factors_in_use_do_not_displace_each_other(backend, monkeypatch):
     pattern.factorize(sigma)
     newest.solve(RIGHT)
     assert len(pattern._solvers) == 2 and order[-1] is pattern._solvers[1]
-
-
-def test_factors_of_two_patterns_do_not_mix():
-    network = voronoi_network(20, seed=1)
-    first, second = laplacian(network), laplacian(network)
-    one, two = first.factorize(np.ones(30)), second.factorize(np.full(30, 2.0))
-    right = np.ones(first.size)
-    np.testing.assert_allclose(one.solve(right), 2 * two.solve(right), rtol=1e-13)
-
-
-@pytest.mark.parametrize(
-    "matrix, singular",
-    [
-        (np.array([[1.0, 1.0], [1.0, 1.0]]), True),
-        (np.array([[0.0, 1.0], [1.0, 0.0]]), True),
-        (np.array([[1.0, 1.0], [1.0, 1.0 + 1e-16]]), True),
-        (np.array([[1.0, 0.5], [0.5, 1.0]]), False),
-        (np.array([[1.0, 2.0], [2.0, 1.0]]), False),
-        (np.diag([1.0, 1e-10]), False),
-        (np.array([[1.0, np.nan], [np.nan, 1.0]]), True),
-    ],
-)
-def test_singular_matrices_are_flagged(matrix, singular):
-    rows, cols = np.triu_indices(2)
-    factor = FixedPattern(2, 3, [Entries(rows, cols, np.arange(3), 1.0)]).factorize(matrix[rows, cols])
-    assert factor.singular == singular
 
 
 @pytest.mark.parametrize("backend", available_backends())

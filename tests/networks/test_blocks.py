@@ -5,6 +5,7 @@ import pytest
 
 from critflow import CriticalManifold, Network
 from critflow.networks.blocks import blocks, opened_edges
+from critflow.networks.pruning import carrying_part
 from critflow.result import NetworkError
 
 CELL = np.array([[2.0, 0.0], [0.5, 1.0]])
@@ -44,10 +45,15 @@ def opened_lengths(edges, offsets, cell, pins, n, rng):
 def test_collapsing_edges_have_no_length_and_the_others_do():
     rng, mixed = np.random.default_rng(3), 0
     for _ in range(150):
-        graph = random_graph(rng)
-        found = ~opened_edges(*blocks(*graph))
-        np.testing.assert_array_equal(found, opened_lengths(*graph, rng) < 1e-9)
-        mixed += found.any() and not found.all()
+        graph = edges, offsets, cell, pins, n_vertices = random_graph(rng)
+        collapsed = ~opened_edges(*blocks(*graph))
+        np.testing.assert_array_equal(collapsed, opened_lengths(*graph, rng) < 1e-9)
+        mixed += collapsed.any() and not collapsed.all()
+        # Pruning keeps the others.
+        part = carrying_part(edges, offsets, pins, n_vertices, cell)
+        assert not collapsed[part.edges].any()
+        assert len(part.edges) + part.separate == (~collapsed).sum()
+        assert part.bridges + part.closed == collapsed.sum()
     assert mixed > 30
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from derivatives import assert_derivative
 
 from critflow import Deformation, InputError
 from critflow.examination.examine import DEFORMATIONS
@@ -28,10 +29,9 @@ PATHS = {
 @pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
 @pytest.mark.parametrize("strain", [-0.2, 0.0, 0.3])
 def test_derivatives_are_those_of_the_gradient(path, strain):
-    step = 1e-4
-    ahead, here, behind = (path.gradient(strain + n * step) for n in (1, 0, -1))
-    np.testing.assert_allclose(path.rate(strain), (ahead - behind) / (2 * step), rtol=0, atol=1e-7)
-    np.testing.assert_allclose(path.second_rate(strain), (ahead - 2 * here + behind) / step**2, rtol=0, atol=1e-6)
+    here = path.gradient(strain)
+    assert_derivative(path.gradient, lambda u: u * path.rate(strain), strain, [1.0], atol=1e-9)
+    assert_derivative(path.rate, lambda u: u * path.second_rate(strain), strain, [1.0], atol=1e-9)
     np.testing.assert_allclose(path.velocity(strain) @ here, path.rate(strain), rtol=0, atol=1e-14)
     np.testing.assert_allclose(path.acceleration(strain) @ here, path.second_rate(strain), rtol=0, atol=1e-13)
     assert path.linear_in_strain <= (np.abs(path.second_rate(strain)).max() == 0)

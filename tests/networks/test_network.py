@@ -4,19 +4,9 @@ import pickle
 
 import numpy as np
 import pytest
-from problems import (
-    NETWORKS,
-    PERIODIC,
-    dense_free,
-    dense_incidence,
-    oblique,
-    pinned_grid,
-    random_stress,
-    square_octagon,
-)
+from problems import NETWORKS, PERIODIC, dense_incidence, oblique, pinned_grid, random_stress, square_octagon
 
 from critflow import CriticalManifold, Network, lattice, three_bar_linkage, voronoi_network
-from critflow.networks.checks import edge_values
 from critflow.networks.faces import planar_faces
 from critflow.result import NetworkError
 
@@ -35,13 +25,6 @@ def test_bond_vectors_by_definition(name):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
 
 
-def test_bond_vectors_of_free_coordinates():
-    network = pinned_grid()
-    g, b = dense_free(network)
-    free = np.random.default_rng(1).standard_normal((g.shape[1], 2))
-    np.testing.assert_allclose(network.bond_vectors(network.all_coordinates(free)), g @ free + b, rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize("name", NETWORKS)
 def test_incidence_by_definition(name):
     network = NETWORKS[name]()
@@ -56,16 +39,6 @@ def test_bond_vectors_are_translation_invariant(name):
     x = np.random.default_rng(2).standard_normal((network.n_vertices, network.dimension))
     shifted = x + np.arange(1.0, 1 + network.dimension)
     np.testing.assert_allclose(network.bond_vectors(shifted), network.bond_vectors(x), rtol=0, atol=1e-13)
-
-
-def test_edge_to_its_image_has_the_cell_vector():
-    edges, offsets = [[0, 0], [0, 1], [1, 0], [0, 1]], [[1, 0], [0, 0], [0, 1], [1, 0]]
-    network = Network(edges, offsets, [[2.0, 0.0], [0.5, 1.0]])
-    L = CriticalManifold(network).configuration([1.0, 3.0, 2.0, 1.0]).bond_vectors
-    np.testing.assert_array_equal(L[0], [2.0, 0.0])
-    # The forces of the self-image edge on its vertex cancel, so its stress changes nothing.
-    M = CriticalManifold(network).configuration([9.0, 3.0, 2.0, 1.0]).bond_vectors
-    np.testing.assert_allclose(M, L, rtol=0, atol=1e-14)
 
 
 def test_deformation_maps_boundary_and_pins():
@@ -140,29 +113,6 @@ def test_faces_are_closed_left_handed_and_fill_the_cell(network, sizes):
     # Each edge is traversed once in each direction.
     for sign in (-1, 1):
         np.testing.assert_array_equal(np.sort(faces.edges[faces.signs == sign]), np.arange(network.n_edges))
-
-
-def test_consecutive_edges_of_a_face_share_a_vertex():
-    network = voronoi_network(60, seed=3)
-    faces = network.faces
-    for f in range(faces.n_faces):
-        walk = slice(faces.starts[f], faces.starts[f + 1])
-        ends = [
-            e if s > 0 else e[::-1] for e, s in zip(network.edges[faces.edges[walk]], faces.signs[walk], strict=True)
-        ]
-        for here, there in zip(ends, ends[1:] + ends[:1], strict=True):
-            assert here[1] == there[0]
-
-
-def test_volume_without_a_cell_raises():
-    with pytest.raises(NetworkError, match="cell"):
-        _ = three_bar_linkage().volume
-
-
-def test_message_names_the_first_bad_edge():
-    with pytest.raises(NetworkError, match=r"sigma\[2\]"):
-        edge_values([1, 1, -1, np.nan], 4, "sigma")
-    np.testing.assert_array_equal(edge_values([1, -1, 2], 3, "sigma", positive=False), [1.0, -1.0, 2.0])
 
 
 def test_faces_are_computed_lazily():

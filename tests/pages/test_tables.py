@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,14 +9,6 @@ import pytest
 from workflows.pages.tables import REFERENCE, TABLES, filled, pages
 
 ROOT = Path(__file__).parents[2]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-
-
-def test_the_example_runs(tmp_path):
-    code = re.search(r"<!-- example -->\n```python\n(.*?)```", README, re.S)[1]
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "n_self_stresses=1" in done.stdout and "rigid=True" in done.stdout
 
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: str(page.relative_to(ROOT)))

@@ -4,6 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from rationals import DIGITS, exact, fractions
 
 from critflow.precision.double_double import (
     Extended,
@@ -19,11 +20,6 @@ from critflow.precision.double_double import (
     two_sum,
 )
 
-# 2⁻¹⁰⁰: 30 digits, a few roundings of 32 digits.
-DIGITS = Fraction(1, 2**100)
-# Exact: sums and products of doubles are asserted without rounding.
-fractions = np.vectorize(Fraction, otypes=[object])
-
 
 def numbers(seed: int, n: int = 200) -> np.ndarray:
     """Numbers of both signs over twelve decades."""
@@ -35,10 +31,6 @@ def pairs(seed: int) -> Extended:
     """Numbers whose low parts count."""
     high = numbers(seed)
     return two_sum(high, 2.0**-54 * high * np.random.default_rng(seed + 100).uniform(-1, 1, len(high)))
-
-
-def exact(a: Extended) -> np.ndarray:
-    return fractions(a.high) + fractions(a.low)
 
 
 @pytest.mark.parametrize("seed", range(3))

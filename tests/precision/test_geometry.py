@@ -6,20 +6,11 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from problems import NETWORKS, random_stress
+from rationals import DIGITS, exact, fractions
 
-from critflow import CriticalManifold
 from critflow.precision.double_double import Extended, extended, lengths, multiply, two_sum
 from critflow.precision.geometry import ExtendedGeometry, exact_bond_vectors, exact_forces, exact_sums
 from workflows.benchmarks import reference
-
-# 2⁻¹⁰⁰: 30 digits, a few roundings of 32 digits.
-DIGITS = Fraction(1, 2**100)
-# Exact: sums and products of doubles are asserted without rounding.
-fractions = np.vectorize(Fraction, otypes=[object])
-
-
-def exact(a: Extended) -> np.ndarray:
-    return fractions(a.high) + fractions(a.low)
 
 
 @pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "own images", "pinned grid", "sheared"])
@@ -43,20 +34,6 @@ def test_bond_vectors_and_residuals(name):
     assert (np.abs(exact(force) - g.T @ (fractions(sigma)[:, None] * expected)) <= DIGITS * size * weight).all()
     found = exact(lengths(L)) ** 2
     assert (np.abs(found - (expected**2).sum(axis=1)) <= DIGITS * (found + size * size)).all()
-
-
-def test_a_residual_says_how_far_a_solution_is():
-    # P⁻¹ gᵀ(σ ∘ L) at rounded coordinates is their error, to leading order.
-    network = NETWORKS["tiny"]()
-    sigma = random_stress(network.n_edges, 1)
-    manifold = CriticalManifold(network)
-    balance = manifold.balance(sigma)
-    x, factor = balance.coordinates, balance.factor
-    geometry = ExtendedGeometry(network)
-    L = geometry.bond_vectors(extended(x), network.boundary_vectors)
-    error = factor.solve(geometry.divergence(multiply(extended(sigma[:, None]), L)).high)
-    true = reference.numbers(x) - reference.configuration(network, sigma).coordinates[network.free]
-    np.testing.assert_allclose(error, true.astype(float), rtol=0, atol=1e-10 * reference.largest(true))
 
 
 @pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "own images", "pinned grid"])

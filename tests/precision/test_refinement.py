@@ -23,8 +23,6 @@ from critflow import (
 )
 from critflow.precision.double_double import extended
 from critflow.precision.refinement import Refinement
-from critflow.response.moduli import transition_moduli
-from critflow.response.moduli_bounds import transition_bounds
 from workflows.benchmarks import reference
 
 NETWORK = voronoi_network(12, seed=1)
@@ -134,15 +132,8 @@ def test_bounds_are_close():
 
 
 # Beyond these strengths the condition of P exceeds double precision.
-ILL_CONDITIONED = [
-    "wide 10",
-    "wide 14",
-    "wide 20",
-    "signed 10",
-    "small edges 1e-16",
-    "small edges 1e-30",
-    "symmetric 1e-14",
-]
+ILL_CONDITIONED = ["wide 10", "wide 14", "wide 20", "signed 10", "small edges 1e-16", "small edges 1e-30"]
+ILL_CONDITIONED += ["symmetric 1e-14"]
 ILL_CONDITIONED += [f"singular {sign}1e-{q}" for q in (13, 14, 15, 16) for sign in "+-"]
 
 
@@ -184,10 +175,8 @@ def test_short_edges_have_small_relative_errors():
     value = CriticalManifold(NETWORK).configuration(sigma)
     assert value.lengths[7] < 1e-8
     assert value.bond_errors[7] < 3e-16 * value.lengths[7]
-    assert (
-        reference.largest_error(value.bond_vectors[7], exact_configuration(NETWORK, sigma).bond_vectors[7])
-        < 3e-16 * value.lengths[7]
-    )
+    true = exact_configuration(NETWORK, sigma).bond_vectors[7]
+    assert reference.largest_error(value.bond_vectors[7], true) < 3e-16 * value.lengths[7]
 
 
 @pytest.mark.parametrize("signed", [False, True])
@@ -218,20 +207,6 @@ def test_wrong_factor_is_refined_or_rejected():
             assert reference.largest_error(refined.x, true.coordinates[NETWORK.free]) <= refined.error
             assert refined.error < 1e-15
             assert reference.largest_error(refined.L, true.bond_vectors) < 3e-16
-
-
-def test_moduli_at_the_transition_have_bounds():
-    ratios = []
-    for name in ("wide 0.5", "wide 4", "signed 2", "singular +1e-4", "singular -1e-11", "small edges 1e-8", "shear"):
-        for network, sigma in DIFFICULTIES[name]:
-            critical = CriticalManifold(network).configuration(sigma)
-            found, bounds = transition_moduli(critical), transition_bounds(critical)
-            bulk, shear = reference.transition_moduli(network, exact_configuration(network, sigma))
-            pairs = ((found.bulk, bounds.bulk, bulk), (found.shear, bounds.shear, shear))
-            for value, bound, true in pairs:
-                assert abs(value - true) <= bound
-                ratios.append(float(bound / abs(value - true)))
-    assert np.median(ratios) < 30
 
 
 @pytest.mark.parametrize("spread, seed", [(0.0, 0), (0.05, 1), (0.1, 2), (0.3, 0)])

@@ -11,14 +11,12 @@ from critflow import (
     Status,
     lattice,
     optimize,
-    stiffening,
     stresses_of,
     three_bar_linkage,
-    voronoi_network,
 )
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.transition import pure_shear, transition_modulus
-from critflow.response.moduli import elastic_moduli, transition_moduli
+from critflow.response.moduli import elastic_moduli
 
 
 def braced_grid() -> Network:
@@ -80,6 +78,10 @@ def test_many_stresses_of_one_configuration(name):
         assert space.distance(other) < 1e-11
         there = manifold.configuration(other)
         np.testing.assert_allclose(there.bond_vectors, critical.bond_vectors, rtol=0, atol=1e-10)
+    there = space.walk(rng.standard_normal(space.dimension))
+    assert there.coordinates is critical.coordinates
+    assert there.residual < 1e-12
+    assert np.sum(there.sigma**2) == pytest.approx(network.n_edges, rel=1e-13)
     # A step out of the space changes the configuration in proportion.
     away = rng.standard_normal(network.n_edges)
     away -= (space.basis @ away) @ space.basis
@@ -89,16 +91,6 @@ def test_many_stresses_of_one_configuration(name):
     ]
     assert moved[0] > 1e-7
     assert moved[1] / moved[0] == pytest.approx(2, rel=0.02)
-
-
-def test_steps_in_the_space_preserve_configuration_and_balance():
-    critical = CriticalManifold(lattice("triangular", 3, 3)).configuration(random_stress(27, 2))
-    space = stresses_of(critical).value
-    amplitudes = np.random.default_rng(3).standard_normal(space.dimension)
-    there = space.walk(amplitudes)
-    assert there.coordinates is critical.coordinates
-    assert there.residual < 1e-12
-    assert np.sum(there.sigma**2) == pytest.approx(27, rel=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -150,15 +142,6 @@ def test_modulus_is_the_maximum_over_the_space(name):
     assert modulus.evaluate(one.sigma, L)[0] < 0.9 * most
 
 
-def test_modulus_of_a_unique_stress():
-    network = voronoi_network(40, seed=1)
-    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
-    assert stresses_of(critical).value.one_to_one
-    assert transition_moduli(critical).bulk == pytest.approx(
-        elastic_moduli(network, critical.coordinates).value.bulk, rel=1e-9
-    )
-
-
 def test_edge_between_pins_has_any_stress():
     network = Network([[0, 1], [1, 2], [2, 3], [0, 3]], pins={0: [0.0, 0.0], 3: [3.0, 0.0]})
     critical = CriticalManifold(network).configuration([1, 2, 3, 4])
@@ -192,25 +175,6 @@ def test_bad_input():
             space.walk(amplitudes)
 
 
-# Several self-stresses: moduli of one stress are undefined
-
-
-def test_moduli_of_several_self_stresses_raise():
-    network = lattice("triangular", 4, 4)
-    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
-    for ask in (
-        lambda: transition_moduli(critical),
-        lambda: stiffening(network, critical),
-        lambda: optimize(network, "shear_modulus"),
-    ):
-        with pytest.raises(InputError, match="one self-stress"):
-            ask()
-
-
-def test_stiffest_overconstrained_configuration():
-    # The true modulus is the largest single-stress value over the stresses of a configuration; σ = k has it.
-    network = lattice("triangular", 4, 4)
-    solution = optimize(network, "bulk_modulus")
-    true = elastic_moduli(network, solution.value.coordinates).value
-    assert solution.objective == pytest.approx(true.bulk, rel=1e-12)
-    assert true.bulk == pytest.approx(np.sqrt(3) / 2, rel=1e-12)
+def test_a_modulus_of_several_self_stresses_is_not_optimised():
+    with pytest.raises(InputError, match="one self-stress"):
+        optimize(lattice("triangular", 4, 4), "shear_modulus")

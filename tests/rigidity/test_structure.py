@@ -29,20 +29,19 @@ def by_eigenvalues(corners):
     return 2 * np.sum(squares**2) / np.sum(squares) ** 2 - 1
 
 
-@pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 12])
-def test_regular_polygons_have_zero_anisotropy(n):
+def regular(n):
     angle = 2 * np.pi * np.arange(n) / n + 0.3
-    assert kappa(np.stack([np.cos(angle), np.sin(angle)], axis=1)) == pytest.approx(0, abs=1e-28)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def test_lines_have_unit_anisotropy():
-    assert kappa([[0, 0], [1, 2], [3, 6]]) == pytest.approx(1, rel=1e-12)
-    assert kappa([[0, 0], [1, 0]]) == 1
+# Regular polygons, lines, and a rectangle: λ² ∝ a² and b², so κ = ((a² − b²)/(a² + b²))².
+SHAPES = [(regular(n), 0.0) for n in (3, 4, 5, 6, 7, 12)]
+SHAPES += [([[0, 0], [1, 2], [3, 6]], 1.0), ([[0, 0], [1, 0]], 1.0), ([[0, 0], [3, 0], [3, 1], [0, 1]], 0.64)]
 
 
-def test_anisotropy_of_a_rectangle():
-    # λ² ∝ a² and b²: κ = ((a² − b²)/(a² + b²))².
-    assert kappa([[0, 0], [3, 0], [3, 1], [0, 1]]) == pytest.approx((8 / 10) ** 2, rel=1e-13)
+@pytest.mark.parametrize("corners, anisotropy", SHAPES)
+def test_shapes_with_known_anisotropy(corners, anisotropy):
+    assert kappa(corners) == pytest.approx(anisotropy, rel=1e-12, abs=1e-28)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -82,48 +81,28 @@ def test_faces_of_a_network():
         assert found[f] == pytest.approx(by_eigenvalues(corners), rel=1e-9)
 
 
-def test_honeycomb_faces_and_force_triangles():
-    critical = CriticalManifold(lattice("honeycomb", 3, 3)).configuration(np.ones(27))
-    np.testing.assert_allclose(face_anisotropy(critical), 0, atol=1e-24)
-    np.testing.assert_allclose(force_anisotropy(critical), 0, atol=1e-24)
+def test_faces_and_force_polygons_of_symmetric_networks():
+    honeycomb = CriticalManifold(lattice("honeycomb", 3, 3)).configuration(np.ones(27))
+    octagons = CriticalManifold(square_octagon(2.0, 2.0)).configuration(np.ones(6))
+    octagons = CriticalManifold(with_faces(octagons.network, octagons.bond_vectors)).configuration(np.ones(6))
+    # Hexagons, triangles of forces, and polygons that are symmetric under rotation by a right angle.
+    for found in (face_anisotropy(honeycomb), force_anisotropy(honeycomb), face_anisotropy(octagons)):
+        np.testing.assert_allclose(found, 0, atol=1e-24)
 
 
-def test_square_octagon_faces():
-    network = square_octagon(2.0, 2.0)
-    critical = CriticalManifold(network).configuration(np.ones(6))
-    critical = CriticalManifold(with_faces(network, critical.bond_vectors)).configuration(np.ones(6))
-    # Square and octagon are symmetric under rotation by a right angle.
-    np.testing.assert_allclose(face_anisotropy(critical), 0, atol=1e-24)
-
-
-def test_force_triangles_by_the_eigenvalue_formula():
-    network = voronoi_network(60, seed=2)
-    critical = CriticalManifold(network).configuration(random_stress(90, 1))
+@pytest.mark.parametrize("make", [lambda: voronoi_network(60, seed=2), pinned_grid], ids=["three sides", "four sides"])
+def test_force_polygons_by_the_eigenvalue_formula(make):
+    network = make()
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
     found = force_anisotropy(critical)
-    assert found.shape == (60,)
-    for vertex in range(60):
-        pulls = []
-        for edge, (tail, head) in enumerate(network.edges):
-            force = critical.sigma[edge] * critical.bond_vectors[edge]
-            if tail == vertex:
-                pulls.append(force)
-            if head == vertex:
-                pulls.append(-force)
-        np.testing.assert_allclose(np.sum(pulls, axis=0), 0, atol=1e-12)
-        # Three sides form one triangle in any order.
-        assert found[vertex] == pytest.approx(by_eigenvalues(np.cumsum(pulls, axis=0)), rel=1e-8)
-
-
-def test_force_polygons_of_pinned_networks():
-    network = pinned_grid()
-    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
-    found = force_anisotropy(critical)
-    assert found.shape == (len(network.free),)
-    for value, vertex in zip(found, network.free, strict=True):
+    vertices = network.free if network.pins else np.arange(network.n_vertices)
+    assert found.shape == vertices.shape
+    for value, vertex in zip(found, vertices, strict=True):
         ends = [(e, 1.0) for e in np.flatnonzero(network.edges[:, 0] == vertex)]
         ends += [(e, -1.0) for e in np.flatnonzero(network.edges[:, 1] == vertex)]
         pulls = np.array([s * critical.sigma[e] * critical.bond_vectors[e] for e, s in ends])
-        # Four sides ordered by angle form the convex polygon.
+        np.testing.assert_allclose(np.sum(pulls, axis=0), 0, atol=1e-12)
+        # Sides ordered by angle form the convex polygon.
         pulls = pulls[np.argsort(np.arctan2(pulls[:, 1], pulls[:, 0]))]
         assert value == pytest.approx(by_eigenvalues(np.cumsum(pulls, axis=0)), rel=1e-8)
 

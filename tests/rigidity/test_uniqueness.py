@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import NETWORKS, random_stress, voronoi_3d
+from problems import NETWORKS, random_stress
 
 from critflow import CriticalManifold, InputError, Network, critical_from_lengths, rigidity, stiffening, voronoi_network
 from critflow.critical.manifold import CriticalConfiguration
@@ -51,14 +51,6 @@ def test_criterion_agrees_with_the_count(name, seed):
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
     count = rigidity(network, critical.coordinates).value.n_self_stresses
     assert only_self_stress(critical) == (count == 1)
-
-
-@pytest.mark.parametrize("make", [lambda: voronoi_network(60, seed=1), voronoi_3d], ids=["2D", "3D"])
-def test_standard_networks_satisfy_the_criterion(make):
-    network = make()
-    for signs in (1.0, np.where(np.arange(network.n_edges) % 7, 1.0, -0.1)):
-        sigma = signs * random_stress(network.n_edges, 3)
-        assert only_self_stress(CriticalManifold(network).configuration(sigma))
 
 
 def test_slack_edges_add_no_self_stress():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import dask.config
 import pytest
-from disturbed import contents_of, server, stamps_of
+from disturbed import server
 
 from critflow.command.main import main
 from critflow.workflow.load import load_file
@@ -87,18 +87,6 @@ def start():
     for process in started:
         process.kill()
         process.communicate()
-
-
-@pytest.fixture
-def contents():
-    """`contents(file)`: everything in a netCDF file that must not differ between two runs."""
-    return contents_of
-
-
-@pytest.fixture
-def stamps():
-    """`stamps(folder)`: the stored cases of a folder, and when each was put in place."""
-    return stamps_of
 
 
 @pytest.fixture

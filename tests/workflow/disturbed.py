@@ -16,6 +16,7 @@ from multiprocessing import forkserver
 from pathlib import Path
 
 import netCDF4
+import xarray as xr
 
 from critflow.command.main import main
 from critflow.workflow.load import load_file
@@ -48,6 +49,17 @@ def contents_of(path):
         return {name: len(dim) for name, dim in file.dimensions.items()}, attributes, variables
 
 
+def numbers_of(folder):
+    """The bytes of the computed numbers of the algebra study, by case and name."""
+    with xr.load_dataset(folder / "algebra.nc") as ds:
+        return {
+            (seed, part, name): ds[name].sel(seed=seed, part=part).values.tobytes()
+            for name in ("product", "solution", "eigenvalues", "status")
+            for seed in ds.seed.values.tolist()
+            for part in ds.part.values.tolist()
+        }
+
+
 def stamps_of(folder):
     """Which stored cases a folder contains, and when each was put in place."""
     return {path.name: (path.stat().st_ino, path.stat().st_mtime_ns) for path in (folder / "shards").glob("*.nc")}
@@ -75,18 +87,14 @@ def server():
     return SERVER
 
 
-def begun(
-    folder, settings=(), *, workers=0, step=0, action="kill", environment=None, prepare=None, log=None, study=PLAIN
-):
+def begun(folder, settings=(), *, workers=0, step=0, action="kill", environment=None, prepare=None, study=PLAIN):
     """The process of a run that has begun.
 
-    Its messages go to FOLDER.err or to `log`, the number of its steps to FOLDER.steps.
-
-    `prepare` is called in the process before the run.
+    Its messages go to FOLDER.err, the number of its steps to FOLDER.steps; `prepare` is called in it before the run.
     """
     process = server().Process(
         target=_run,
-        args=(words_of(folder, settings, workers, study), str(folder), step, action, environment or {}, prepare, log),
+        args=(words_of(folder, settings, workers, study), str(folder), step, action, environment or {}, prepare),
     )
     process.start()
     return process
@@ -160,11 +168,11 @@ class _Steps:
         sys.addaudithook(self.audit)
 
 
-def _run(words, folder, step, action, environment, prepare, log):
+def _run(words, folder, step, action, environment, prepare):
     os.environ.update(environment)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
-    with open(log or folder + ".err", "a") as file:
+    with open(folder + ".err", "a") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
     sys.stdout = sys.stderr = open(2, "w", closefd=False)

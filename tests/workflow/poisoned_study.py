@@ -6,8 +6,6 @@ import signal
 import sys
 import time
 
-import numpy as np
-
 from critflow.result import Status
 from critflow.workflow import Axis, Study, Variable
 
@@ -46,16 +44,9 @@ POISONS = {
     "exits": lambda: sys.exit(3),
     "returns_function": lambda: {"status": Status.ok, "number": lambda: 0},
     "returns_list": lambda: [1, 2],
-    "returns_generator": lambda: {"status": Status.ok, "number": (i for i in range(3))},
-    "wrong_status": lambda: {"status": 77},
-    "wrong_shape": lambda: {"status": Status.ok, "number": np.zeros(3)},
-    "wrong_dtype": lambda: {"status": Status.ok, "number": 0.5},
-    "more_variables": lambda: {"status": Status.ok, "number": 1, "more": 2},
     "recurses": lambda: POISONS["recurses"](),
     "kills_itself": lambda: os.kill(os.getpid(), signal.SIGKILL),
-    "segfaults": lambda: ctypes.string_at(0),
     "leaks": leak,
-    "hangs": lambda: time.sleep(HANG),
     "hangs_in_compiled_code": lambda: ctypes.PyDLL(None).sleep(HANG),  # with the interpreter's lock
     "until_fixed": lambda: fail(FileNotFoundError("not fixed")),
     "kills_itself_once": lambda: os.kill(os.getpid(), signal.SIGKILL),

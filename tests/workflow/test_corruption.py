@@ -74,14 +74,6 @@ def another_run(path):
     shutil.rmtree(other)
 
 
-def dataset_of_another_run(path):
-    """A complete file that does not agree with the stored cases."""
-    other = path.parent / "other"
-    assert main(words_of(other, ["scale=2"])) == 0
-    shutil.copy(other / path.name, path)
-    shutil.rmtree(other)
-
-
 def edited(change):
     """Changed by a program that knows how netCDF files are written."""
 
@@ -111,7 +103,6 @@ KINDS = {
     "dataset": ANY
     | {
         "number": flip_number,
-        "another run": dataset_of_another_run,
         "edited number": edited(change_number),
         "edited unit": edited(lambda file: file["total"].setncattr("units", "m")),
         "edited parameters": edited(lambda file: file.setncattr("parameters", "{}")),

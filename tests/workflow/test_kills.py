@@ -2,7 +2,6 @@
 
 import itertools
 import os
-import random
 import signal
 import time
 from pathlib import Path
@@ -80,23 +79,6 @@ def test_a_run_disturbed_at_any_step_is_resumed(tmp_path, assert_resumed, action
         assert_resumed(folder, FEW, f"step {step}")
     assert len(seen) > 40 // stride
     assert {"kill": -9, "terminate": 130, "interrupt": 130, "full": 6}[action] in seen
-
-
-@pytest.mark.parametrize(
-    "kills", [1, 2, *(pytest.param(kills, marks=pytest.mark.sweep) for kills in (1, 1, 1, 1, 2, 3))]
-)
-def test_a_run_killed_at_random_times_is_resumed(tmp_path, assert_resumed, request, kills):
-    dice, folder = random.Random(request.node.name), tmp_path / "out"
-    for _ in range(kills):
-        stored = len(stamps_of(folder))
-        enough = dice.randint(stored, 4)
-        process = begun(folder, environment={"CRITFLOW_TEST_PAUSE": "0.03"})
-        while len(stamps_of(folder)) < enough and process.exitcode is None:
-            time.sleep(0.001)
-        time.sleep(dice.uniform(0.0, 0.05))
-        process.kill()
-        ended(process)
-    assert_resumed(folder)
 
 
 def is_worker(process):

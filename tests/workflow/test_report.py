@@ -60,13 +60,6 @@ def test_parts_that_need_missing_variables_are_left_out_and_their_old_files_dele
     assert [name for name in FILES if (out / name).exists()] == ["claims.md", "claims.json", "summary.json"]
 
 
-def test_figures_in_another_format_are_kept(tmp_path, run):
-    assert run(tmp_path) == 0
-    assert main(["figures", str(tmp_path), "--format", "svg"]) == 0
-    assert (tmp_path / "figures" / "modulus.svg").read_text().count("<svg") == 1
-    assert (tmp_path / "figures" / "modulus.png").exists()
-
-
 def test_deleted_figures_are_no_damage_and_are_drawn_again(tmp_path, run):
     assert run(tmp_path) == 0
     before = (tmp_path / "figures" / "modulus.png").read_bytes()

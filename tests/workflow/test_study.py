@@ -51,10 +51,7 @@ def small_study(**changes):
         (lambda: small_study(coordinates=[Coordinate("strain", "strain", "s")]), "parameter"),
         (lambda: small_study(coordinates=[Coordinate("strain", "n", "s")]), "parameter"),
         (lambda: small_study(workers=0), "one"),
-        (
-            lambda: small_study(variables=[STATUS, Variable("s", (), "f8", long_name="s", volatile=True)]),
-            "axis",
-        ),
+        (lambda: small_study(variables=[STATUS, Variable("s", (), "f8", long_name="s", volatile=True)]), "axis"),
     ],
 )
 def test_an_inconsistent_declaration_is_refused(declare, word):

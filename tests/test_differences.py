@@ -1,0 +1,50 @@
+"""The check of derivatives passes right ones and fails wrong ones."""
+
+import numpy as np
+import pytest
+from derivatives import assert_derivative, second_derivative
+
+X, DIRECTIONS = np.array([0.3, -0.8, 1.1]), np.eye(3)
+
+
+def value(x):
+    return np.sum(np.exp(x)) + x[0] * x[1] ** 2
+
+
+GRADIENT = np.exp(X) + np.array([X[1] ** 2, 2 * X[0] * X[1], 0.0])
+
+
+def test_right_derivatives_pass():
+    assert_derivative(value, GRADIENT, X, DIRECTIONS, rtol=1e-10)
+    assert_derivative(np.sin, lambda u: np.cos(X) * u, X, [np.ones(3), X], rtol=1e-10)
+    assert_derivative(np.sin, np.cos(0.4), 0.4, [1.0], rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [-GRADIENT, GRADIENT[::-1], GRADIENT * (1 + 1e-6), GRADIENT + np.array([0, 0, 1e-6])],
+    ids=["sign", "order", "factor", "one entry"],
+)
+def test_wrong_derivatives_fail(wrong):
+    with pytest.raises(AssertionError, match="Not equal"):
+        assert_derivative(value, wrong, X, DIRECTIONS)
+
+
+@pytest.mark.parametrize(
+    ("f", "gradient", "x", "directions", "message"),
+    [
+        # A kink between the two steps: the differences are -0.6 and -1.
+        (lambda x: np.abs(x - 6e-4), -1.0, 0.0, [1.0], "Not equal"),
+        (value, GRADIENT, X, [], "no direction"),
+        (value, GRADIENT, X, [1.0], "shape"),
+        (np.sin, lambda u: np.cos(X[:1]), X, DIRECTIONS, "shape"),
+    ],
+    ids=["no convergence", "no direction", "shape of a direction", "shape of the derivative"],
+)
+def test_what_cannot_be_compared_fails(f, gradient, x, directions, message):
+    with pytest.raises(AssertionError, match=message):
+        assert_derivative(f, gradient, x, directions)
+
+
+def test_second_derivatives():
+    assert second_derivative(np.exp) == pytest.approx(1.0, rel=1e-9)
