@@ -69,11 +69,15 @@ def opposed_ranks(ds, populations):
 
 def linear_change(ds, populations):
     """The error of C_B from a straight line over the window of strains."""
+    key, statement = "ModulusStrainScaling", "moduli grow linearly with strain near the transition"
+    window = f"γ = {parameters(ds)['fit_window']:g}"
     off = 100 * finite(np.abs(ds.C_B / ds.C_B_exact - 1).sel(population=list(populations)).values)
+    if not len(off):
+        return Claim(key, statement, "linear", f"undefined: no path has three strains up to {window}", "measured")
     return Claim.tested(
-        "ModulusStrainScaling", "moduli grow linearly with strain near the transition", "linear",
-        f"a straight line to γ = {parameters(ds)['fit_window']:g} misses the exact C_B by {np.median(off):.1f} % "
-        f"(median), {np.quantile(off, 0.9):.0f} % (90th percentile)", np.median(off) < 20,
+        key, statement, "linear",
+        f"a straight line to {window} misses the exact C_B by {np.median(off):.1f} % (median), "
+        f"{np.quantile(off, 0.9):.0f} % (90th percentile)", np.median(off) < 20,
         "the window is too wide for a straight line",
     )  # fmt: skip
 
