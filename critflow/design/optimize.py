@@ -208,7 +208,7 @@ def _cone_program_pays(problem: _Problem) -> bool:
     """Whether the cone program finds equal lengths in less time than a descent to the tolerance.
 
     Its time does not depend on the tolerance, and the lengths are then equal to the last digit.  L-BFGS takes the same
-    time at 5e-6, 1e-7 and 1e-9 for 100, 1,000 and 10,000 vertices (study `speed_accuracy`).
+    time at 5e-6, 1e-7 and 1e-9 for 100, 1,000 and 10,000 vertices (study `speed`).
     """
     enough = max(0.2 / problem.manifold.network.n_edges**2, 1e-11)
     return problem.start is None and problem.signs == "positive" and problem.tolerance < enough

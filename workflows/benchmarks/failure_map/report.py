@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -13,8 +11,8 @@ from critflow.plot import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ...shared.reports import parameters
 from .outcomes import Outcome, Violation
-from .percolation_report import half_point, percolation_claims, percolation_curve
 from .problems import DIFFICULTIES, METHODS, OBJECTIVES
 
 # One cell of the map: colour, sign and text of the legend.
@@ -243,7 +241,7 @@ def assembly_figure(ds):
 
 
 def claims(ds):
-    """Silent wrong answers, bounds against errors, assemblies, and percolation of stress."""
+    """Silent wrong answers, bounds against errors, and assemblies."""
     wrong = _violations(ds)
     places = ", ".join(f"{count} {where}" for where, count in wrong.items())
     points = int((ds.outcome != Outcome.absent).sum())
@@ -260,8 +258,6 @@ def claims(ds):
         f"{share:.0f} %; the reference fails in {unknown}", "measured",
     )  # fmt: skip
     yield from _assembly_claims(ds)
-    if (curve := percolation_curve(ds)) is not None:
-        yield from percolation_claims(*curve)
 
 
 def _violations(ds):
@@ -287,12 +283,11 @@ def _bound_claims(ds):
         f"below it in {above} of {len(error)} points", "differs" if above else "holds",
         "these bounds are too small" if above else "",
     )  # fmt: skip
-    names = np.broadcast_to(ds.quantity.values[:, None], ds.bound.transpose(..., "quantity", "step").shape)
-    ratios = np.maximum(ds.bound, ULP) / np.maximum(ds.error, ULP)
-    ratios = ratios.transpose(..., "quantity", "step").values
-    claimed = (np.isfinite(ds.bound) & (ds.bound > 0)).transpose(..., "quantity", "step").values
-    for quantity in dict.fromkeys(names[claimed].tolist()):
-        ratio = float(np.median(ratios[claimed & (names == quantity)]))
+    ratios = (np.maximum(ds.bound, ULP) / np.maximum(ds.error, ULP)).where(np.isfinite(ds.bound) & (ds.bound > 0))
+    # In the order of the difficulties that first have such a bound.
+    present = ratios.notnull().any(("seed", "step")).transpose("difficulty", "quantity")
+    for quantity in dict.fromkeys(str(present.quantity.values[n]) for _, n in np.argwhere(present.values)):
+        ratio = float(ratios.sel(quantity=quantity).median())
         yield Claim(
             f"bounds-{quantity}", f"the bound of {quantity} is within {WIDEST:g} times of the error (median)",
             "not stated", f"{ratio:.3g} times", "holds" if ratio <= WIDEST else "differs",
@@ -301,27 +296,24 @@ def _bound_claims(ds):
 
 
 def _assembly_claims(ds):
-    """Accuracy and time of three assemblies of a configuration."""
+    """Accuracy of three assemblies of a configuration."""
     if "stress_spread" not in ds.difficulty.values or not {"plain factor", *_RIVALS} <= set(ds.assembly.values):
         return
     one = ds.sel(difficulty="stress_spread")
     strengths, error = one.strength.values, one.assembly_error.max("seed")
     wrong = strengths[(error.sel(assembly="plain factor") > _LOST).values]
     reach = [np.nanmax(strengths[(error.sel(assembly=name) < _LOST).values], initial=0.0) for name in _RIVALS]
-    took = [float(one.assembly_seconds.sel(assembly=name).median()) for name in _RIVALS]
-    size = json.loads(ds.attrs["parameters"])["timed_vertices"]
     yield Claim(
-        "assembly", "accuracy and time of an assembly without subtraction", "not stated",
+        "assembly", "accuracy of an assembly without subtraction", "not stated",
         f"σ over 10^±p: accurate up to p = {reach[1]:g}, a refined factor up to p = {reach[0]:g} with a status beyond; "
         + (f"without refinement, accuracy is lost from p = {wrong.min():g} without warning" if len(wrong) else
-           "accurate without refinement")
-        + f"; it takes {took[1] / took[0]:.0f} times the time of a refined factor at N_v = {size}",
-        "measured", "its time grows as N_v³, so the library does not use it",
+           "accurate without refinement"),
+        "measured", "its time grows as N_v³ (study `speed`), so the library does not use it",
     )  # fmt: skip
 
 
 def summary(ds):
-    """Scalars for tables: violations, outcomes by quantity, the percolation curve."""
+    """Scalars for tables: violations, and outcomes by quantity."""
     counts = {
         str(q): {
             Outcome(o).name: int((ds.outcome.sel(quantity=q) == o).sum())
@@ -330,16 +322,9 @@ def summary(ds):
         }
         for q in ds.quantity.values
     }
-    found = {
+    return {
         "violations": sum(_violations(ds).values()),
         "violations_by_place": _violations(ds),
         "outcomes": counts,
-        "parameters": json.loads(ds.attrs["parameters"]),
+        "parameters": parameters(ds),
     }
-    if (curve := percolation_curve(ds)) is not None:
-        full, slack, sizes, spreads, counts_ = curve
-        found["percolation"] = {
-            "sizes": sizes, "spreads": spreads, "networks": counts_[:, 0], "percolating": full, "slack": slack,
-            "half": [half_point(spreads, row) for row in full],
-        }  # fmt: skip
-    return found
