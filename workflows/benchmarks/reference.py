@@ -309,8 +309,8 @@ def _response(network, L, K, sigma):
     relaxed = solve(H, np.stack(force, axis=1))
     boundary = -(sigma * dot(L, L)).sum() / 4, 0
     direct = [(K * rate**2).sum() + (sigma * dot(AL, AL)).sum() for rate, AL in zip(hdot, affine, strict=True)]
-    found = [(direct[a] + boundary[a] - force[a] @ relaxed[:, a]) / volume(network) for a in range(2)]
-    return np.array(found, dtype=object)
+    moduli = [(direct[a] + boundary[a] - force[a] @ relaxed[:, a]) / volume(network) for a in range(2)]
+    return np.array(moduli, dtype=object)
 
 
 @precise

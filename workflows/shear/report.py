@@ -119,8 +119,9 @@ def _exponents(ds):
     ):
         for label, values in ascent_ends(ds, name):
             fit = exponent(sizes, values, np.nanmedian)
+            algorithm, end = label.lower().split(", ")
             yield Claim.tested(
-                f"ShearModulusSteepestDescent-{key}-{label.split(' ')[0].rstrip(',').lower()}-{_place(label)}",
+                f"ShearModulusSteepestDescent-{key}-{algorithm}-{end.split()[0]}",
                 f"{words} ({label})", f"exponent {printed:g}", f"exponent {shown(fit)}",
                 fit[1] - 0.05 <= printed <= fit[2] + 0.05, _REASON,
             )  # fmt: skip
@@ -135,14 +136,10 @@ def _bounds(ds):
         for algorithm in map(str, ds.algorithm.values)
         for size in sizes
     )
-    yield Claim(
-        "ShearModulusSteepestDescent-end",
-        "how much of the bound the ascents reach",
-        "not stated",
-        ", ".join(reached),
-        "measured",
-    )
-    fit, least = exponent(sizes, by_size(ds.least_compressed_length)), by_size(ds.least_compressed_length)
+    statement = "how much of the bound the ascents reach"
+    yield Claim("ShearModulusSteepestDescent-end", statement, "not stated", ", ".join(reached), "measured")
+    least = by_size(ds.least_compressed_length)
+    fit = exponent(sizes, least)
     yield Claim(
         "ShearModulusSteepestDescent-G-bound",
         "at the bound itself a compressed length ∝ N_v cannot be avoided (linear program over all configurations)",
@@ -154,10 +151,6 @@ _REASON = (
     "the exponent depends on the method and on how far it climbs: FIRE, the paper's method, has the first row; L-BFGS "
     "climbs farther and compresses more and shorter edges, whose total length grows as N_v"
 )
-
-
-def _place(label):
-    return label.split(", ")[1].split(" ")[0]
 
 
 def _scaling_claims(ds):

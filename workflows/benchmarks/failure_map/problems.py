@@ -299,9 +299,9 @@ def _extra_edges(strength, seed, n_vertices):
 
     def make():
         network = voronoi_network(n_vertices, seed)
-        rng, wanted = _draw(seed, "extra"), 2 * (n_vertices - 1) + int(strength)
+        rng, n_edges = _draw(seed, "extra"), 2 * (n_vertices - 1) + int(strength)
         edges, offsets = network.edges, network.offsets
-        while len(edges) < wanted:
+        while len(edges) < n_edges:
             tail, head = rng.choice(n_vertices, 2, replace=False)
             # To the nearest image, as the positions have it.
             apart = (network.positions[head] - network.positions[tail]) @ np.linalg.inv(network.cell)

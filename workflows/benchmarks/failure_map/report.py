@@ -15,22 +15,17 @@ from ...shared.reports import parameters
 from .outcomes import Outcome, Violation
 from .problems import DIFFICULTIES, METHODS, OBJECTIVES
 
-# One cell of the map: colour, sign and text of the legend.
+# One cell of the map: colour, sign and text of the legend.  Of several methods or networks in a cell the last is shown.
 CELLS = {
     Outcome.absent: ("#ffffff", "", ""),
     Outcome.exact: ("#0B3C6F", "", "correct to rounding"),
     Outcome.bounded: ("#4F93C4", "", "correct within its claimed bound"),
     Outcome.tolerated: ("#B8D9EF", "", "correct within tolerance, no bound claimed"),
-    Outcome.reported: ("#E3E3E3", "s", "status with the reason"),
     Outcome.refused: ("#E3E3E3", "r", "refused with the reason"),
+    Outcome.reported: ("#E3E3E3", "s", "status with the reason"),
     Outcome.unknown: ("#FFFFFF", "?", "reference fails"),
     Outcome.violation: ("#D55E00", "✗", "SILENT WRONG ANSWER"),
 }
-# Of several methods or networks in one cell the last of these is shown.
-ORDER = (
-    Outcome.absent, Outcome.exact, Outcome.bounded, Outcome.tolerated, Outcome.refused, Outcome.reported,
-    Outcome.unknown, Outcome.violation,
-)  # fmt: skip
 RIGHT = (Outcome.exact, Outcome.bounded, Outcome.tolerated)
 # Difficulties and quantities whose error and bound are drawn.
 SHOWN = (
@@ -73,13 +68,11 @@ def map_figure(ds):
             line += len(rows) + 2.4
             _draw_table(axes, ds, name, rows, cells, colours)
     wrong, points = int((ds.outcome == Outcome.violation).sum()), int((ds.outcome != Outcome.absent).sum())
-    found = "no silent wrong answer" if not wrong else f"{wrong} SILENT WRONG ANSWERS"
-    figure.text(0.01, 0.975, f"Where methods fail: {found} in {points:,} points", fontsize=15, fontweight="bold")
+    verdict = "no silent wrong answer" if not wrong else f"{wrong} SILENT WRONG ANSWERS"
+    figure.text(0.01, 0.975, f"Where methods fail: {verdict} in {points:,} points", fontsize=15, fontweight="bold")
     worst = f"a cell is the worst of {ds.sizes['seed']} networks and of all methods in its row"
     figure.text(0.99, 0.975, worst, fontsize=10, ha="right")
-    kinds = [
-        o for o in Outcome if o is not Outcome.absent and (bool((ds.outcome == o).any()) or o is Outcome.violation)
-    ]
+    kinds = [o for o in list(Outcome)[1:] if (ds.outcome == o).any() or o is Outcome.violation]
     handles = [Patch(facecolor=CELLS[o][0], edgecolor="0.5") for o in kinds]
     labels = [f"{CELLS[o][1]}  {CELLS[o][2]}".strip() for o in kinds]
     figure.legend(
@@ -102,7 +95,8 @@ def _columns(tables, number):
 def _rows(ds, name):
     """Names of the rows of one difficulty, and outcomes (row, step): the methods of an objective in one row."""
     outcomes = ds.outcome.sel(difficulty=name).transpose("quantity", "seed", "step").values
-    rank = np.array([ORDER.index(Outcome(code)) for code in range(len(Outcome))])
+    order = list(CELLS)
+    rank = np.array([order.index(outcome) for outcome in Outcome])
     rows, cells = [], []
     groups: dict[str, list[int]] = {}
     for place, quantity in enumerate(map(str, ds.quantity.values)):
@@ -111,7 +105,7 @@ def _rows(ds, name):
         worst = rank[outcomes[places]].max(axis=(0, 1))
         if worst.any():
             rows.append(group)
-            cells.append([int(ORDER[r]) for r in worst])
+            cells.append([int(order[r]) for r in worst])
     return rows, np.array(cells)
 
 
@@ -131,11 +125,8 @@ def _draw_table(axes, ds, name, rows, cells, colours):
         if outcome is Outcome.violation:
             axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, fill=False, edgecolor="black", linewidth=1.0))
         if sign := CELLS[outcome][1]:
-            bold = outcome is Outcome.violation
-            look = (
-                {"fontsize": 9, "color": "white", "fontweight": "bold"} if bold else {"fontsize": 6.5, "color": "0.5"}
-            )
-            axes.text(column, row, sign, ha="center", va="center", **look)
+            size, ink, weight = (9, "white", "bold") if outcome is Outcome.violation else (6.5, "0.5", "normal")
+            axes.text(column, row, sign, ha="center", va="center", fontsize=size, color=ink, fontweight=weight)
     axes.set_xticks(np.arange(n), [_number(s) for s in strengths[:n]], fontsize=7.5, rotation=0 if n < 11 else 45)
     axes.set_yticks(np.arange(len(rows)), rows, fontsize=8)
     axes.set_xticks(np.arange(-0.5, n), minor=True)
@@ -314,14 +305,10 @@ def _assembly_claims(ds):
 
 def summary(ds):
     """Scalars for tables: violations, and outcomes by quantity."""
-    counts = {
-        str(q): {
-            Outcome(o).name: int((ds.outcome.sel(quantity=q) == o).sum())
-            for o in Outcome
-            if o is not Outcome.absent and bool((ds.outcome.sel(quantity=q) == o).any())
-        }
-        for q in ds.quantity.values
-    }
+    counts = {}
+    for quantity in map(str, ds.quantity.values):
+        numbers = {o.name: int((ds.outcome.sel(quantity=quantity) == o).sum()) for o in list(Outcome)[1:]}
+        counts[quantity] = {name: number for name, number in numbers.items() if number}
     return {
         "violations": sum(_violations(ds).values()),
         "violations_by_place": _violations(ds),

@@ -80,11 +80,11 @@ def task_figure(ds, word):
 def message(curves, default):
     """The default against other packages, or against its alternatives where none takes part."""
     peers = [c for c in curves if not c.own]
-    others = peers or [c for c in curves if c is not default]
-    if default is None or not others:
+    rivals = peers or [c for c in curves if c is not default]
+    if default is None or not rivals:
         return "No other method takes part."
     kind = "packages" if peers else "methods"
-    ratios = {curve.name: gain(default, curve) for curve in others}
+    ratios = {curve.name: gain(default, curve) for curve in rivals}
     if more := [name for name, ratio in ratios.items() if not ratio]:
         return f"{more[0]} is more accurate than {default.name}"
     least = _number(min(ratios.values()))
@@ -93,10 +93,10 @@ def message(curves, default):
 
 def _by_task(ds):
     """Size, curves and default of each case, by task and size."""
-    found: dict[str, dict] = {}
+    tasks: dict[str, dict] = {}
     for word, size, curves, default in cases(ds):
-        found.setdefault(word, {})[size] = size, curves, default
-    return found
+        tasks.setdefault(word, {})[size] = size, curves, default
+    return tasks
 
 
 def _middle(sizes):
@@ -176,7 +176,7 @@ def _legend(axes, curves, default, styles, place, title="", everyone=(), left=0.
     heading = "\n".join(part for part in (title, compared) if part)
     return axes.legend(
         handles=handles, loc=place, fontsize=_SMALL, title=heading, title_fontsize=_SMALL, alignment="left",
-        frameon=False, borderaxespad=0, handlelength=2.6, labelspacing=0.35,
+        frameon=False, borderaxespad=0, handlelength=2.0, labelspacing=0.35,
         bbox_to_anchor=(left, 0, 1 - left, 1),
     )  # fmt: skip
 

@@ -39,15 +39,15 @@ class Curve(NamedTuple):
 
 def curves(one) -> list[Curve]:
     """The methods of a task at a size that have a time and an error."""
-    found = []
+    timed = []
     for name, presence in zip(map(str, one.contestant.values), one.presence.values, strict=True):
         at = one.sel(contestant=name)
         known = np.isfinite(at.seconds.values) & np.isfinite(at.error.values)
         if known.any():
             values = (at[v].values[known] for v in ("seconds", "seconds_low", "seconds_high", "error"))
             cut = (np.isfinite(at.level_value) & (at.outcome == Status.missing)).any()
-            found.append(Curve(name, presence == OWN, bool(cut), *values))
-    return found
+            timed.append(Curve(name, presence == OWN, bool(cut), *values))
+    return timed
 
 
 def pareto_front(seconds, errors):
@@ -69,19 +69,19 @@ def time_to(curve_list, error):
     return min((float(t.min()) for t in times if len(t)), default=np.inf)
 
 
-def behind(some, others, useful):
-    """Ratio of the times of some methods to those of others on the front of the others: (ratios, points).
+def behind(methods, rivals, useful):
+    """Ratio of the times of methods to those of their rivals on the front of the rivals: (ratios, points).
 
     The points are (method, point).  Errors above `useful` are left out, and errors that the methods may reach at levels
     that were cut.
     """
-    points = [(c, n) for c in others for n in range(len(c.errors)) if c.errors[n] < useful]
+    points = [(c, n) for c in rivals for n in range(len(c.errors)) if c.errors[n] < useful]
     if not points:
         return np.empty(0), []
     seconds, errors = (np.array([getattr(c, part)[n] for c, n in points]) for part in ("seconds", "errors"))
     front = pareto_front(seconds, errors)
-    ratios = np.array([time_to(some, errors[n]) / seconds[n] for n in front])
-    known = np.isfinite(ratios) | (not any(curve.cut for curve in some))
+    ratios = np.array([time_to(methods, errors[n]) / seconds[n] for n in front])
+    known = np.isfinite(ratios) | (not any(curve.cut for curve in methods))
     return ratios[known], [points[n] for n in front[known]]
 
 

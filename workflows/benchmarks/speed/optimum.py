@@ -29,7 +29,9 @@ from scipy.optimize import minimize
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
 from critflow.critical.derivatives import evaluate
 from critflow.critical.objectives import named_objective
+from critflow.design.stress_objective import StressObjective
 from critflow.solvers.cone import fit_lengths
+from critflow.solvers.minimize import Point
 from critflow.workflow import stable_rng
 
 from ..timing import Answer, Method, Task, installed, peer
@@ -48,35 +50,25 @@ Gradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
 Run = Callable[[float], Answer]
 
 
-class _StressObjective:
-    """An objective to be minimised over θ = log σ, with gradients and products with its Hessian, for SciPy."""
+def _for_scipy(objective: StressObjective) -> tuple[Gradient, Callable]:
+    """Value with gradient over θ = log σ, and the product of the Hessian at the last θ with a direction."""
+    latest: list[Point] = []
 
-    def __init__(self, manifold: CriticalManifold, word: str):
-        self._manifold, self._goal = manifold, named_objective(manifold.network, word)
-        self._sign = -1.0 if self._goal.maximise else 1.0
-        self._last: tuple = ()
+    def function(theta: np.ndarray) -> tuple[float, np.ndarray]:
+        latest[:] = [objective.at(theta.copy())]
+        return latest[0].value, latest[0].gradient
 
-    def at(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
-        sigma = _stress(theta)
-        evaluation = evaluate(self._manifold, self._goal, sigma)
-        self._last = theta.copy(), evaluation
-        return self._sign * evaluation.value, self._sign * sigma * evaluation.gradient
+    def curvature(theta: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        if not np.array_equal(theta, latest[0].x):
+            function(theta)
+        return objective.hessian_product(latest[0], direction)
 
-    def curvature(self, theta: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        if not np.array_equal(theta, self._last[0]):
-            self.at(theta)
-        evaluation = self._last[1]
-        sigma = evaluation.balance.sigma
-        product = evaluation.hessian_product(sigma * direction)
-        return self._sign * sigma * (direction * evaluation.gradient + product)
+    return function, curvature
 
 
-def _stress(theta: np.ndarray) -> np.ndarray:
-    sigma = np.exp(theta - theta.max())
-    return sigma * np.sqrt(len(sigma) / (sigma @ sigma))
-
-
-def _by_scipy(function: Gradient, start: np.ndarray, method: str, curvature: Callable | None = None) -> Run:
+def _by_scipy(
+    objective: StressObjective, function: Gradient, start: np.ndarray, method: str, curvature: Callable | None = None
+) -> Run:
     """Levels are the largest component of the gradient; L-BFGS-B is not to stop by the value."""
     max_steps = SCIPY_STEPS[method]
     own = {"ftol": 0.0, "maxcor": 15, "maxfun": 2 * max_steps} if method == "L-BFGS-B" else {}
@@ -87,7 +79,7 @@ def _by_scipy(function: Gradient, start: np.ndarray, method: str, curvature: Cal
             end = minimize(function, np.log(start), jac=True, hessp=curvature, method=method, options=options)
         steps = int(end.nit)
         status = Status.ok if end.success else Status.step_limit if steps >= max_steps else Status.stalled
-        return Answer(_stress(end.x), status, steps)
+        return Answer(objective.sigma(end.x), status, steps)
 
     return run
 
@@ -132,7 +124,8 @@ def _methods(n_vertices: int, seed: int, word: str, pinned: bool = False) -> lis
     start = np.ones(manifold.network.n_edges)
     if word == "bulk_modulus":
         start = np.exp(0.5 * stable_rng(seed, "contest", "start").standard_normal(len(start)))
-    error, objective = _error(manifold, word), _StressObjective(manifold, word)
+    objective = StressObjective(manifold, named_objective(manifold.network, word))
+    error, (function, curvature) = _error(manifold, word), _for_scipy(objective)
     curved = FINE if n_vertices <= SHORT else TOLERANCES
     # A closed form has one accuracy.
     levels = {"auto": (1e-12,) if word == "bulk_modulus" else FINE, "newton": curved, "lbfgs": FINE, "fire": STEPS}
@@ -142,14 +135,14 @@ def _methods(n_vertices: int, seed: int, word: str, pinned: bool = False) -> lis
     ]
     if word == "length_variance":
         methods.append(Method("cone", partial(_by_cone, manifold), error, CONE))
-    lbfgs = _by_scipy(objective.at, start, "L-BFGS-B")
-    krylov = _by_scipy(objective.at, start, "trust-krylov", objective.curvature)
+    lbfgs = _by_scipy(objective, function, start, "L-BFGS-B")
+    krylov = _by_scipy(objective, function, start, "trust-krylov", curvature)
     methods += [
         Method("SciPy L-BFGS-B", lbfgs, error, FINE, "scipy"),
         Method("SciPy trust-krylov", krylov, error, curved, "scipy"),
     ]
     if pinned:
-        run = _by_jax(manifold.network, word, start) if installed("jax-fdm") else lbfgs
+        run = _by_jax(objective, word, start) if installed("jax-fdm") else lbfgs
         methods.append(Method("jax_fdm", run, error, FINE, "jax-fdm"))
     return methods
 
@@ -176,8 +169,9 @@ def hung(network: Network) -> Network:
     return Network(edges.reshape(-1, 2), pins=pins, n_vertices=len(vertices), positions=x[vertices])
 
 
-def _by_jax(network: Network, word: str, start: np.ndarray) -> Run:
+def _by_jax(objective: StressObjective, word: str, start: np.ndarray) -> Run:
     """Value and gradient by jax_fdm's sparse model in double precision."""
+    network = objective.manifold.network
     fdm, jax, jnp = peer("jax_fdm.equilibrium"), peer("jax"), peer("jax.numpy")
     n, fixed = network.n_vertices, np.array(sorted(network.pins))
     supports = np.zeros(n, int)
@@ -203,7 +197,7 @@ def _by_jax(network: Network, word: str, start: np.ndarray) -> Run:
         value, gradient = compiled(theta)
         return float(value), np.asarray(gradient)
 
-    return _by_scipy(function, start, "L-BFGS-B")
+    return _by_scipy(objective, function, start, "L-BFGS-B")
 
 
 _NAMES = ("auto", "newton", "lbfgs", "fire", "SciPy L-BFGS-B", "SciPy trust-krylov")

@@ -114,11 +114,11 @@ def stress_of_lengths(manifold: CriticalManifold, rest_lengths: Array) -> Extend
 
     Newton's method on gᵀ(σ ∘ L) = 0 and |L|² = t ℓ², with these residuals in double-double arithmetic.
     """
-    found = critical_from_lengths(manifold, rest_lengths, throw=False)
-    if not found.ok:
+    solution = critical_from_lengths(manifold, rest_lengths, throw=False)
+    if not solution.ok:
         return None
     network, geometry = manifold.network, ExtendedGeometry(manifold.network)
-    x, sigma = extended(found.value.coordinates[network.free]), extended(found.value.sigma)
+    x, sigma = extended(solution.value.coordinates[network.free]), extended(solution.value.sigma)
     target = multiply(extended(rest_lengths), extended(0.5 * rest_lengths))
     for _ in range(_LENGTH_STEPS):
         L = geometry.bond_vectors(x, network.boundary_vectors)
