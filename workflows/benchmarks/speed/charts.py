@@ -32,7 +32,7 @@ def overview_figure(ds):
     shown = {word: sizes[_middle(sizes)] for word, sizes in _by_task(ds).items() if word in FIRST}
     shown = {word: shown[word] for word in FIRST if word in shown}
     if not shown:
-        return _nothing()
+        return nothing()
     figure = Figure(figsize=(_WIDTH, 6.0), dpi=_RESOLUTION, layout="constrained")
     panels = figure.subplots(2, len(shown), squeeze=False, height_ratios=(1.3, 1))
     titles = [fill(_capital(TASKS[word].title), 26) for word in shown]
@@ -53,7 +53,7 @@ def task_figure(ds, word):
     """All sizes of one task in panels, with one legend."""
     sizes = _by_task(ds.sel(task=[word]) if word in ds.task.values else ds.isel(task=slice(0))).get(word)
     if not sizes:
-        return _nothing()
+        return nothing()
     cells = len(sizes) + 1
     columns = {1: 2, 2: 3, 3: 2, 4: 3}.get(len(sizes), 3)
     rows = -(-cells // columns)
@@ -103,9 +103,10 @@ def _middle(sizes):
     return min(sizes, key=lambda size: abs(np.log(size / MAIN_SIZE)))
 
 
-def _nothing():
+def nothing(text="nothing was timed"):
+    """A figure without data, with the reason."""
     figure = Figure(figsize=(_WIDTH, 3), dpi=_RESOLUTION)
-    figure.text(0.5, 0.5, "nothing was timed", ha="center")
+    figure.text(0.5, 0.5, text, ha="center")
     return figure
 
 

@@ -12,6 +12,7 @@ from critflow.workflow import Claim
 from ...shared.power_laws import exponent
 from ...shared.reports import MARKERS, duration, lettered
 from ..timing import Backend
+from .charts import nothing
 from .stages import STAGES, WORD
 
 # The stages that are drawn, their parts, and their names.
@@ -60,11 +61,10 @@ def share(stages, n):
 
 def sizes_figure(ds):
     """Time against size with exponents, memory against size, and the shares of the stages at the ends."""
-    figure = Figure(figsize=(13, 5.2), dpi=110, layout="constrained")
     stages = stages_of(ds)
     if stages is None:
-        figure.text(0.5, 0.5, "no stage was timed", ha="center")
-        return figure
+        return nothing("no stage was timed")
+    figure = Figure(figsize=(13, 5.2), dpi=110, layout="constrained")
     by_time, by_memory, by_share = figure.subplots(1, 3, width_ratios=(1.25, 0.75, 1.1))
     _draw_times(by_time, stages)
     _draw_memory(by_memory, stages)
