@@ -1,8 +1,7 @@
-"""Times of the library at N_v = 1,000 with their accuracy: `python tests/benchmark.py`.
+"""Times at N_v = 1,000 over those of the bare refactorisations and solves in them: `python tests/benchmark.py`.
 
-The argument `step` selects strain steps alone.
-
-One process, one thread of numerics; each row is the median of repeats, and what is compared is compared in this run.
+Times and errors of all methods are those of the study `speed`.  One process, one thread of numerics; each row is the
+median of repeats, and what is compared is compared in this run.
 """
 
 from __future__ import annotations
@@ -13,22 +12,17 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")  # before NumPy is loaded
 
 import statistics
-import sys
 import time
 
 import numpy as np
 
 from critflow import (
     CriticalManifold,
-    critical_from_lengths,
     optimize,
     quantity,
-    stiffening,
     strain_path,
     voronoi_network,
 )
-from critflow.springs.equilibrium import equilibrium
-from critflow.springs.state import SpringState
 
 SEEDS = range(5)
 
@@ -89,12 +83,6 @@ def row(name, milliseconds, said):
 def main():
     networks = [voronoi_network(1000, seed) for seed in SEEDS]
     manifolds = [CriticalManifold(network) for network in networks]
-    if "step" in sys.argv[1:]:
-        rng = np.random.default_rng(1)
-        strain_rows(networks, manifolds, [m.configuration(np.abs(rng.standard_normal(1500))) for m in manifolds])
-        return
-    row("network", median_ms(lambda seed: voronoi_network(1000, seed), 3), "generation, faces included")
-
     rng = np.random.default_rng(1)
     sigma = np.abs(rng.standard_normal(1500))
     goal = quantity(networks[0], "bulk_modulus")
@@ -116,56 +104,7 @@ def main():
         least.append(median_ms(bare, 20, (0,)))
     ratio = statistics.median(a / b for a, b in zip(whole, least, strict=True))
     row("configuration + gradient", statistics.median(whole), f"{ratio:.2f} x the bare refactor and four solves")
-
-    for objective, method in (
-        ("length_variance", "conic"),
-        ("length_variance", "newton"),
-        ("tension_variance", "auto"),
-        ("bulk_modulus", "auto"),
-        ("shear_modulus", "auto"),
-    ):
-        found = []
-
-        def solve(seed, objective=objective, method=method, found=found):
-            found.append(optimize(manifolds[seed], objective, method, throw=False))
-
-        spent = median_ms(solve)
-        worst = max(s.stats.residual for s in found if s.ok)
-        row(f"{objective}, {method}", spent, f"largest gradient {worst:.0e}, {sum(s.ok for s in found)} of 5 attained")
-
-    lengths = [1 + 0.1 * np.random.default_rng(seed).standard_normal(1500) for seed in SEEDS]
-    fitted = []
-    spent = median_ms(lambda seed: fitted.append(critical_from_lengths(manifolds[seed], lengths[seed], throw=False)))
-    row(
-        "rest lengths, conic",
-        spent,
-        f"relative error of the lengths {max(s.stats.residual for s in fitted if s.ok):.0e}",
-    )
-
-    stressed = [m.configuration(np.abs(rng.standard_normal(1500))) for m in manifolds]
-    patterns = [m.hessian for m in manifolds]
-    strain_rows(networks, manifolds, stressed)
-
-    spent = median_ms(lambda seed: stiffening(manifolds[seed], stressed[seed]), 3)
-    row("exact C_B and C_G", spent, "from the transition alone")
-
-    # The same step by both methods, in turn, to the same force.
-    tolerance, times = 1e-13, {"newton": [], "fire": []}
-    steps, ends = {}, {}
-    for seed in SEEDS[:3]:
-        critical = stressed[seed]
-        start = SpringState(networks[seed], critical.lengths, critical.coordinates, critical.bond_vectors)
-        start = start.deformed(np.sqrt(1.001) * np.eye(2))
-        for method, spent_on in times.items():
-            begin = time.perf_counter()
-            ends[method] = equilibrium(start, method, tolerance, pattern=patterns[seed])
-            spent_on.append(1e3 * (time.perf_counter() - begin))
-            steps.setdefault(method, []).append(ends[method].stats.steps)
-    ratio = statistics.median(f / n for f, n in zip(times["fire"], times["newton"], strict=True))
-    apart = np.abs(ends["fire"].value.coordinates - ends["newton"].value.coordinates).max()
-    row("strain step by Newton", statistics.median(times["newton"]), f"{steps['newton']} steps to force {tolerance:g}")
-    row("strain step by FIRE", statistics.median(times["fire"]), f"{steps['fire']} steps, {apart:.0e} off in position")
-    print(f"\nNewton is {ratio:.0f} times faster than FIRE at the same force tolerance.")
+    strain_rows(networks, manifolds, [m.configuration(np.abs(rng.standard_normal(1500))) for m in manifolds])
 
 
 if __name__ == "__main__":

@@ -15,18 +15,15 @@ from critflow import (
     CriticalConfiguration,
     CriticalManifold,
     Network,
-    Quantity,
     Status,
     critical_from_lengths,
     diluted,
     equilibrium,
     lattice,
-    quantity,
     spring_state,
     voronoi_network,
 )
 from critflow.critical.manifold import critical_configuration
-from critflow.critical.transition import PenalisedModulus
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.faces import planar_faces
 from critflow.solvers.minimize import Function, Point
@@ -221,12 +218,6 @@ def dense_bond_vectors(network: Network, sigma: np.ndarray) -> np.ndarray:
 def at(network: Network, sigma: np.ndarray, L: np.ndarray) -> CriticalConfiguration:
     """A stress and bond vectors on which quantities are evaluated; the coordinates are not used."""
     return CriticalConfiguration(network, sigma, np.zeros((network.n_vertices, network.dimension)), L)
-
-
-def objective_of(network: Network, name: str, threshold: float = 0.1) -> Quantity:
-    """The quantity that `optimize` descends for a name: G_0 with its penalty."""
-    goal = quantity(network, name)
-    return PenalisedModulus(goal, threshold) if goal.name == "G_0" else goal
 
 
 OBJECTIVES = ("V_L", "V_tau", "B_0", "G_0")

@@ -80,9 +80,7 @@ def optimize(
     manifold = CriticalManifold.of(network)
     if signs not in ("positive", "any"):
         raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
-    goal = quantity(manifold.network, objective)
-    if isinstance(objective, str) and goal.name == "G_0" and signs == "positive":
-        goal = PenalisedModulus(goal, threshold)  # type: ignore[arg-type]
+    goal = objective_of(manifold.network, objective, threshold if signs == "positive" else None)
     if method not in METHODS:
         raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
     if method == "newton" and not goal.has_differential:
@@ -99,6 +97,17 @@ def optimize(
         require_one_self_stress(manifold.network, "only its bulk modulus and its variances can be optimised")
     optimum = METHODS[method](problem, method)
     return optimum.or_raise("no optimum") if throw else optimum
+
+
+def objective_of(network: Network, objective: str | Quantity, threshold: float | None = 0.1) -> Quantity:
+    """What `optimize` minimises or maximises: the quantity, and for the name G_0 the modulus with its penalty.
+
+    threshold  r of the penalty; None without it
+    """
+    goal = quantity(network, objective)
+    if isinstance(objective, str) and goal.name == "G_0" and threshold is not None:
+        return PenalisedModulus(goal, threshold)  # type: ignore[arg-type]
+    return goal
 
 
 def _check_limits(tolerance: float, max_steps: int | None) -> None:
@@ -208,7 +217,7 @@ def _cone_program_pays(problem: _Problem) -> bool:
     """Whether the cone program finds equal lengths in less time than a descent to the tolerance.
 
     Its time does not depend on the tolerance, and the lengths are then equal to the last digit.  L-BFGS takes the same
-    time at 5e-6, 1e-7 and 1e-9 for 100, 1,000 and 10,000 vertices (study `speed_accuracy`).
+    time at 5e-6, 1e-7 and 1e-9 for 100, 1,000 and 10,000 vertices (study `speed`).
     """
     enough = max(0.2 / problem.manifold.network.n_edges**2, 1e-11)
     return problem.start is None and problem.signs == "positive" and problem.tolerance < enough

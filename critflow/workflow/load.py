@@ -17,7 +17,7 @@ from critflow.result import EnvironmentFailure, StudyError
 from critflow.workflow.provenance import STUDY_MODULE
 from critflow.workflow.study import Study, nearest
 
-_BENCHMARKS = ("economy", "failure_map", "scale", "speed_accuracy")  # not part of the installed package
+_BENCHMARKS = ("failure_map", "speed")  # not part of the installed package
 _loading = threading.Lock()
 
 

@@ -9,18 +9,14 @@ from critflow import (
     CriticalManifold,
     Network,
     critical_from_lengths,
-    equilibrium,
     lattice,
-    stiffening,
     upper_bound,
     voronoi_network,
 )
 from critflow.precision.double_double import extended, lengths
-from critflow.response.response import linear_response
-from critflow.springs.state import SpringState
 from workflows.benchmarks import reference
 from workflows.benchmarks.reference import MP
-from workflows.benchmarks.speed_accuracy import references
+from workflows.benchmarks.speed import references
 
 # Digits in which energies are differentiated.
 DIGITS = 70
@@ -113,19 +109,6 @@ def test_configurations_agree_with_dense_numpy(network, exact):
     cost = network.volume * np.sum(sigma**2 * np.sum(L**2, axis=1))
     expected = np.sum(sigma * np.sum(L**2, axis=1)) ** 2 / (4 * cost), np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / cost
     np.testing.assert_allclose(reference.transition_moduli(network, exact).astype(float), expected, rtol=1e-12)
-
-
-def test_stiffening_and_response_agree_with_the_library(network, manifold, exact):
-    critical = manifold.configuration(random_stress(network.n_edges, 1))
-    easy = stiffening(network, critical).value
-    np.testing.assert_allclose(reference.stiffening(network, exact).astype(float), list(vars(easy).values()), rtol=1e-9)
-    start = SpringState(network, critical.lengths, critical.coordinates, critical.bond_vectors)
-    state = equilibrium(start.deformed(1.05 * np.eye(2))).value
-    there = reference.equilibrium(state.network, state.rest_lengths, state.coordinates)
-    assert reference.largest_error(state.coordinates, there.coordinates) < 1e-12
-    found = reference.linear_response(state.network, there.bond_vectors, state.rest_lengths)
-    easy = linear_response(state).value
-    np.testing.assert_allclose(found.astype(float), list(vars(easy).values()), rtol=1e-9)
 
 
 def test_critical_lengths_are_proportional_and_balanced(network, manifold):
@@ -252,7 +235,7 @@ def test_initial_derivatives_of_polynomials():
 
 def test_double_double_configurations_and_gradients(network, manifold, exact):
     sigma = random_stress(network.n_edges, 1)
-    x, L = references.configuration(manifold, sigma)
+    x, L, _ = references.configuration(manifold, sigma)
     assert error(x, exact.coordinates[network.free]) < 1e-28
     assert error(L, exact.bond_vectors) < 1e-28
     # V is a double there.
@@ -260,25 +243,25 @@ def test_double_double_configurations_and_gradients(network, manifold, exact):
     L, gradient = references.bulk_modulus_gradient(manifold, sigma)
     assert error(L, exact.bond_vectors) < 1e-28
     assert error(gradient, reference.bulk_modulus_gradient(network, exact) * volume) < 1e-28
-    found, truth = references.transition_moduli(manifold, sigma), reference.transition_moduli(network, exact)
-    assert error(found.bulk, truth[:1] * volume) < 1e-28
-    assert error(found.shear, truth[1:] * volume) < 1e-26
+    (bulk, shear), truth = references.transition_moduli(manifold, sigma), reference.transition_moduli(network, exact)
+    assert error(bulk, truth[:1] * volume) < 1e-28
+    assert error(shear, truth[1:] * volume) < 1e-26
 
 
 @pytest.mark.parametrize("strain", [1e-3, 1e-5])
 def test_double_double_equilibria_and_moduli(network, manifold, exact, strain):
-    x, L = references.configuration(manifold, random_stress(network.n_edges, 1))
+    x, L, _ = references.configuration(manifold, random_stress(network.n_edges, 1))
     rest = references.strained_rest_lengths(lengths(L), strain)
     state, factor = references.equilibrium(network, rest, x.high, manifold.hessian)
     rest_lengths = reference.lengths(exact.bond_vectors) / MP.sqrt(1 + MP.mpf(strain))
     truth = reference.equilibrium(network, rest_lengths, exact.coordinates)
     # Rounding of 1e-31 in forces, over the softness 1/γ of the springs.
     assert error(state.x, truth.coordinates[network.free]) < 1e-26 / strain
-    found = references.moduli(state, factor)
+    moduli = references.moduli(state, factor)
     response = reference.linear_response(network, truth.bond_vectors, rest_lengths)
     volume = reference.volume(network) / reference.numbers(network.volume)
-    assert error(found.bulk, response[:1] * volume) < 1e-26 / strain
-    assert error(found.shear, response[1:2] * volume) < 1e-26 / strain
+    for n, modulus in enumerate(moduli):
+        assert error(modulus, response[n : n + 1] * volume) < 1e-26 / strain
 
 
 def test_double_double_stiffening_coefficients(network, manifold, exact):

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from problems import dense_bond_vectors, modulus_by_formula, objective_of, oblique, random_start, square_octagon
+from problems import dense_bond_vectors, modulus_by_formula, oblique, random_start, square_octagon
 from scipy.optimize import minimize
 
 from critflow import CriticalManifold, InputError, Network, Quantity, SolveError, Status, optimize, voronoi_network
 from critflow.critical.derivatives import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.critical.variances import LengthVariance
+from critflow.design.optimize import objective_of
 from critflow.design.stress_objective import StressObjective
 from critflow.solvers.minimize import LBFGS, minimise
 

@@ -8,7 +8,6 @@ from problems import (
     at,
     dense_bond_vectors,
     modulus_by_formula,
-    objective_of,
     oblique,
     random_start,
     random_stress,
@@ -20,6 +19,7 @@ from critflow import CriticalManifold, InputError, Status, lattice, optimize, up
 from critflow.critical.derivatives import evaluate
 from critflow.critical.transition import dilation, pure_shear, transition_modulus
 from critflow.critical.variances import LengthVariance
+from critflow.design.optimize import objective_of
 from critflow.response.moduli import transition_moduli
 
 NETWORK = voronoi_network(100, seed=1)

@@ -4,9 +4,9 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from problems import objective_of
 
 from critflow import Solution, Status, optimize, upper_bound, voronoi_network
+from critflow.design.optimize import objective_of
 from critflow.quantities.optimum import Optimum
 
 NETWORK = voronoi_network(60, seed=1)

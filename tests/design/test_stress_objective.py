@@ -8,7 +8,6 @@ from problems import (
     PERIODIC_KINDS,
     at,
     dense_bond_vectors,
-    objective_of,
     random_stress,
     taylor_orders,
 )
@@ -17,6 +16,7 @@ from critflow import CriticalManifold, InputError, Quantity, Status, optimize, v
 from critflow.critical.derivatives import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.critical.variances import LengthVariance, TensionVariance
+from critflow.design.optimize import objective_of
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
 
 

@@ -4,16 +4,7 @@ import numpy as np
 import pytest
 from problems import NETWORKS, dense_free, pinned_grid, random_stress, square_octagon, with_random_stiffness
 
-from critflow import (
-    CriticalManifold,
-    InputError,
-    Network,
-    Status,
-    lattice,
-    optimize,
-    stresses_of,
-    three_bar_linkage,
-)
+from critflow import CriticalManifold, InputError, Network, Status, lattice, optimize, stresses_of, three_bar_linkage
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.response.moduli import elastic_moduli

@@ -58,9 +58,11 @@ SETTINGS = {
     "reference_numbers": (
         *("seeds=0:1", "n_vertices=40", "n_vertices_cells=40", "onsets=0.05,0.1", "columns=3", "candidates=2"),
     ),
-    "shear_ascent": ("seeds=0:2", "n_vertices=60", "steps=0,1,3,10,40,200"),
-    "shear_ascent_scaling": ("seeds=0:3", "n_vertices=40,80", "n_steps=400", "fractions=0.3,0.6"),
-    "shear_scaling": ("seeds=0:3", "n_vertices=40,80", "detailed_seeds=2", "n_starts=3", "thresholds=0.1,0.3"),
+    "percolation": ("seeds=0:3", "n_vertices=20,40", "spreads=0.02,0.1,0.5"),
+    "shear": (
+        *("seeds=0:3", "n_vertices=40,80", "ascent_vertices=60", "steps=0,1,3,10,40,200", "n_steps=400"),
+        *("fractions=0.3,0.6", "detailed_seeds=2", "n_starts=3", "thresholds=0.1,0.3"),
+    ),
     "three_bar": ("s=-2.1:2.1:0.3", "span=2.0"),
     "three_dimensions": ("seeds=0:2", "n_vertices=60"),
 }

@@ -106,7 +106,7 @@ def test_a_benchmark_that_a_wheel_does_not_contain_is_named_with_its_place(tmp_p
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("critflow.workflow.load.named_studies", lambda: {})
     with pytest.raises(StudyError, match="checkout") as caught:
-        load_study("speed_accuracy")
+        load_study("speed")
     assert "\n" not in str(caught.value)
 
 

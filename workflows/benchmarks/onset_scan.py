@@ -25,8 +25,8 @@ WIDTH, EXCESS, FORCE, MOST_STEPS = 1e-6, 1.05, 1e-12, 400_000
 
 def by_critflow(state):
     """Energy, coordinates and steps of FIRE."""
-    found = equilibrium(state, "fire", tolerance=FORCE, max_steps=MOST_STEPS, throw=False)
-    return found.value.energy, found.value.coordinates, found.stats.steps
+    solution = equilibrium(state, "fire", tolerance=FORCE, max_steps=MOST_STEPS, throw=False)
+    return solution.value.energy, solution.value.coordinates, solution.stats.steps
 
 
 def by_lammps(state):

@@ -2,7 +2,7 @@
 
 Of a `Network` only data are read: edges, free vertices, boundary vectors, stiffness, cell and pins.  Floating-point
 input is exact input; an answer has at least `WANTED` correct digits, or `Unknown` is raised (`high_precision.py`).
-References of large networks are in double-double arithmetic (`speed_accuracy/references.py`), which tests compare with
+References of large networks are in double-double arithmetic (`speed/references.py`), which tests compare with
 this module on small ones.
 
 Symbols: g incidence (N_b, n_free), b boundary vectors, L = g x + b, σ stress, k stiffness, ℓ rest lengths, R = ∂h/∂x
@@ -309,8 +309,8 @@ def _response(network, L, K, sigma):
     relaxed = solve(H, np.stack(force, axis=1))
     boundary = -(sigma * dot(L, L)).sum() / 4, 0
     direct = [(K * rate**2).sum() + (sigma * dot(AL, AL)).sum() for rate, AL in zip(hdot, affine, strict=True)]
-    found = [(direct[a] + boundary[a] - force[a] @ relaxed[:, a]) / volume(network) for a in range(2)]
-    return np.array(found, dtype=object)
+    moduli = [(direct[a] + boundary[a] - force[a] @ relaxed[:, a]) / volume(network) for a in range(2)]
+    return np.array(moduli, dtype=object)
 
 
 @precise

@@ -1,7 +1,7 @@
 """Processor times and errors of methods for one problem, in one process on one core, in random order.
 
-A task is one chart.  The modules of `speed_accuracy` define them as `TASKS = (Task(...), ...)`.  Other packages are
-imported by `peer` when a method runs; a method whose `package` is not installed is not run.
+A task is one chart.  Other packages are imported by `peer` when a method runs; a method whose `package` is not
+installed is not run.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from enum import IntEnum
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -20,11 +21,25 @@ import numpy as np
 from critflow import Status
 
 
-@dataclass(frozen=True)
-class Accuracy:
-    """Accuracy of an answer: error against the reference, status, iterations and error bound returned by the method."""
+class Backend(IntEnum):
+    """The linear solver of a method or stage, as stored in data files: append, never renumber."""
 
-    error: float
+    none = 0
+    qdldl = 1
+    pardiso = 2
+    metis = 3
+    superlu = 4
+    single = 5
+    dense = 6
+    multigrid = 7
+    other = 8
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer of a method: values for the error function of the method, status, iterations and error bound."""
+
+    values: Any
     status: Status = Status.ok
     iterations: int = 0
     bound: float = np.nan
@@ -34,16 +49,16 @@ class Accuracy:
 class Method:
     """A method for one problem, which its functions contain.
 
-    run       the answer at a level, timed
-    accuracy  the accuracy of an answer, not timed
-    levels    tolerances or other parameters of the accuracy, from rough to fine
-    package   distribution whose version is stored with the time
-    backend   linear solver, if the method has a choice
+    run      the answer at a level, timed
+    error    the error of the values of an answer against the reference, not timed
+    levels   tolerances or other parameters of the accuracy, from rough to fine
+    package  distribution whose version is stored with the time
+    backend  linear solver, if the method has a choice
     """
 
     name: str
-    run: Callable[[float], Any]
-    accuracy: Callable[[Any], Accuracy]
+    run: Callable[[float], Answer]
+    error: Callable[[Any], float]
     levels: tuple[float, ...] = (0.0,)
     package: str = "critflow"
     backend: str = ""
@@ -56,7 +71,7 @@ class Task:
     word     value of the axis, as in "strain_step"
     title    the computed quantity, as in "σ → configuration, with its gradient"
     error    definition of the error, for the axis of the chart, as in "largest relative error of a bond vector"
-    sizes    sizes N_v of the task; larger ones are left out
+    sizes    sizes N_v of the task
     names    its methods at all sizes; methods of other packages begin with the name of the package
     default  the method of critflow without options
     methods  (n_vertices, seed) -> the methods at this size, with problem and reference in their closures; the
@@ -76,22 +91,32 @@ class Task:
 
 @dataclass(frozen=True)
 class Timing:
-    """Processor seconds of every repeat at one level of one method, and the accuracy of the answer."""
+    """Processor and wall seconds of every repeat at one level of one method, and the answer with its error.
+
+    size    bytes of the arrays of an answer that is a table of arrays
+    memory  peak resident memory in MB, of stages alone
+    """
 
     method: Method
     level: int
+    status: Status = Status.missing
+    error: float = np.nan
+    iterations: int = 0
+    bound: float = np.nan
     seconds: tuple[float, ...] = ()
-    accuracy: Accuracy = field(default_factory=lambda: Accuracy(np.nan, Status.missing))
+    wall: tuple[float, ...] = ()
+    size: int = 0
+    memory: float = np.nan
     note: str = ""
 
     @property
-    def median(self) -> float:
-        return float(np.median(self.seconds)) if self.seconds else np.nan
+    def quartiles(self) -> tuple[float, float, float]:
+        """Median, lower and upper quartile of the processor seconds."""
+        return tuple(np.quantile(self.seconds, (0.5, 0.25, 0.75))) if self.seconds else (np.nan,) * 3
 
-    @property
-    def quartiles(self) -> tuple[float, float]:
-        """Lower and upper quartile of the seconds."""
-        return tuple(np.quantile(self.seconds, (0.25, 0.75))) if self.seconds else (np.nan, np.nan)
+    def repeated(self, wall: float, busy: float) -> Timing:
+        """The timing with one more repeat."""
+        return replace(self, seconds=(*self.seconds, busy), wall=(*self.wall, wall))
 
 
 def installed(package: str) -> str:
@@ -121,10 +146,20 @@ def one_core() -> Iterator[None]:
         os.sched_setaffinity(0, before)
 
 
+def stopwatch(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float, float]:
+    """The result of a call, its wall seconds and its processor seconds.
+
+    Processor time is the time of a run where nothing else uses the core, and is nearly the same where something does.
+    """
+    begin, begin_busy = time.perf_counter(), time.process_time()
+    result = work(*arguments)
+    return result, time.perf_counter() - begin, time.process_time() - begin_busy
+
+
 def benchmark(
     methods: Sequence[Method], repeats: int = 7, patience: float = 2.0, budget: float = np.inf
 ) -> list[Timing]:
-    """Time all levels of all methods in repeated rounds; the first round yields the accuracy and is not timed.
+    """Time all levels of all methods in repeated rounds; the first round yields the errors and is not timed.
 
     Each round has a random order, so that effects of a method on caches and threads are spread over all methods.  A
     method ends after `repeats` rounds or `patience` seconds; no round begins after `budget` seconds.  If the first run
@@ -132,47 +167,47 @@ def benchmark(
     is `failed`; that of a method whose package is not installed is `missing`.
     """
     begin, rng = time.perf_counter(), np.random.default_rng(0)
-    timings: dict[tuple[str, int], Timing] = {}
     with one_core():
-        for method in methods:
-            for timing in _first_round(method, patience):
-                timings[method.name, timing.level] = timing
-        keys = list(timings)
+        timings = [timing for method in methods for timing in _first_round(method, patience)]
         for n_round in range(repeats):
-            for key in (keys[n] for n in rng.permutation(len(keys))):
-                known = timings[key]
-                over = sum(known.seconds) > patience or known.accuracy.status in (Status.failed, Status.missing)
+            for n in rng.permutation(len(timings)):
+                known = timings[n]
+                over = sum(known.seconds) > patience or known.status in (Status.failed, Status.missing)
                 late = n_round and time.perf_counter() - begin > budget
                 if not over and not late:
-                    spent, _ = _timed(known.method, known.level)
-                    timings[key] = replace(known, seconds=(*known.seconds, spent))
-    return list(timings.values())
+                    _, *spent = stopwatch(known.method.run, known.method.levels[known.level])
+                    timings[n] = known.repeated(*spent)
+    return timings
 
 
 def _first_round(method: Method, patience: float) -> Iterator[Timing]:
     """The first round of one method, from rough to fine levels."""
-    nothing = Accuracy(np.nan, Status.missing)
-    if not installed(method.package):
-        note = f"{method.package} is not installed: `pip install 'critflow[peers]'`"
-        yield from (Timing(method, n, accuracy=nothing, note=note) for n in range(len(method.levels)))
-        return
-    spent = 0.0
-    for n in range(len(method.levels)):
-        if spent > patience:
-            yield Timing(method, n, accuracy=nothing, note=f"the previous level took {spent:.2g} s")
-            continue
-        try:
-            spent, answer = _timed(method, n)
-            accuracy = method.accuracy(answer)
-        except Exception as error:  # other packages may raise any exception
-            note = f"{type(error).__name__}: {error}"
-            yield Timing(method, n, accuracy=Accuracy(np.nan, Status.failed), note=note)
-            continue
-        yield Timing(method, n, (spent,) if spent > patience else (), accuracy)
+    missing = not installed(method.package)
+    busy = 0.0
+    for n, level in enumerate(method.levels):
+        timing = Timing(method, n)
+        if missing:
+            yield replace(timing, note=f"{method.package} is not installed: `pip install 'critflow[peers]'`")
+        elif busy > patience:
+            yield replace(timing, note=f"the previous level took {busy:.2g} s")
+        else:
+            try:
+                answer, wall, busy = stopwatch(method.run, level)
+                timing = _judged(timing, answer)
+            except Exception as error:  # other packages may raise any exception
+                yield replace(timing, status=Status.failed, note=f"{type(error).__name__}: {error}")
+                continue
+            yield timing.repeated(wall, busy) if busy > patience else timing
 
 
-def _timed(method: Method, level: int) -> tuple[float, Any]:
-    # Processor time is the time of a run where nothing else uses the core, and is nearly the same where something does.
-    begin = time.process_time()
-    answer = method.run(method.levels[level])
-    return time.process_time() - begin, answer
+def _judged(timing: Timing, answer: Answer) -> Timing:
+    """The timing with the error and the outcome of an answer."""
+    arrays = answer.values.values() if isinstance(answer.values, dict) else ()
+    return replace(
+        timing,
+        status=answer.status,
+        error=timing.method.error(answer.values),
+        iterations=answer.iterations,
+        bound=answer.bound,
+        size=sum(array.nbytes for array in arrays),
+    )

@@ -39,6 +39,7 @@ REASONS = {
     "strain_step": "Newton's method: the softness grows as 1/γ, and no other method reaches these errors",
     "moduli": "linear response with the factor of the last Newton step",
     "transition_moduli": "sums over edges, without a factorisation",
+    "member": "only the requested variables are computed",
     "coefficients": "exact, from the transition alone; fits have a bias and need a strain path",
 }
 
@@ -121,7 +122,7 @@ def speed(reference: Path) -> str:
     lines = _head(
         "task", "N_v", "default", "time", "error", "over the fastest", "others at their best accuracy", "reason"
     )
-    for word, task in _read(reference, "speed_accuracy", "summary")["tasks"].items():
+    for word, task in _read(reference, "speed", "summary")["tasks"].items():
         for size, cells in task["sizes"].items():
             if "auto" in cells:
                 first = size == next(iter(task["sizes"]))
@@ -162,7 +163,7 @@ def _number(value: float) -> str:
 
 def sizes(reference: Path) -> str:
     """One row a stage: seconds at every size, and the exponent of the large sizes."""
-    summary = _read(reference, "scale", "summary")
+    summary = _read(reference, "speed", "summary")["stages"]
     powers = summary["exponents_from_10000"]
     lines = _head("seconds at N_v = ", *(f"{n:,}" for n in summary["n_vertices"]), "exponent from 10⁴")
     for stage, seconds in summary["seconds"].items():

@@ -253,14 +253,6 @@ def _rest_lengths(strength, seed, n_vertices):
     return Problem(_standard(n_vertices, seed), lengths=lambda network: np.maximum(1 + strength * normal, 1e-3))
 
 
-def _poisson(strength, seed, n_vertices):
-    return Problem(lambda: voronoi_network(n_vertices, seed, hard_core=strength), _generic(seed))
-
-
-def _threshold(strength, seed, n_vertices):
-    return Problem(_standard(n_vertices, seed), threshold=strength or None)
-
-
 def _smallest(strength, seed, n_vertices):
     if strength == 2:
         return Problem(lambda: lattice("honeycomb", 1, 1), _generic(seed))
@@ -293,9 +285,9 @@ def _extra_edges(strength, seed, n_vertices):
 
     def make():
         network = voronoi_network(n_vertices, seed)
-        rng, wanted = _draw(seed, "extra"), 2 * (n_vertices - 1) + int(strength)
+        rng, n_edges = _draw(seed, "extra"), 2 * (n_vertices - 1) + int(strength)
         edges, offsets = network.edges, network.offsets
-        while len(edges) < wanted:
+        while len(edges) < n_edges:
             tail, head = rng.choice(n_vertices, 2, replace=False)
             # To the nearest image, as the positions have it.
             apart = (network.positions[head] - network.positions[tail]) @ np.linalg.inv(network.cell)
@@ -334,10 +326,6 @@ def _subdivided(n):
             offsets += [(0, 0), (int(column + 1 == n), 0), (0, 0), (0, int(row + 1 == n))]
             positions += [(column, row), (column + 0.5, row), (column, row + 0.5)]
     return Network(np.array(edges), np.array(offsets), n * np.eye(2), positions=np.array(positions, dtype=float))
-
-
-def _slack_backbone(strength, seed, n_vertices):
-    return SlackProblem(taut=Problem(_standard(n_vertices, seed), _generic(seed)), ratio=strength)
 
 
 def _deformed(gradient):
@@ -408,10 +396,13 @@ DIFFICULTIES = {
             (0, 0.02, 0.05, 0.08, 0.1, 0.12, 0.15, 0.18, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5),
             _rest_lengths, LENGTHS,
         ),
-        Difficulty("hard_core", "hard core ρ", (0.82, 0.8, 0.75, 0.7, 0.6, 0.5, 0.35, 0.2, 0.05), _poisson, ALL),
         Difficulty(
-            "threshold", "threshold r, 0 without any", (0.5, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 0), _threshold,
-            OPTIMA[12:],
+            "hard_core", "hard core ρ", (0.82, 0.8, 0.75, 0.7, 0.6, 0.5, 0.35, 0.2, 0.05),
+            lambda rho, seed, n: Problem(lambda: voronoi_network(n, seed, hard_core=rho), _generic(seed)), ALL,
+        ),
+        Difficulty(
+            "threshold", "threshold r, 0 without any", (0.5, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 0),
+            lambda r, seed, source: Problem(_standard(source, seed), threshold=r or None), OPTIMA[12:],
         ),
         Difficulty("smallest", "number of vertices", (16, 14, 12, 10, 8, 6, 4, 2), _smallest, ALL),
         Difficulty("contrast", "largest over least stiffness", (1, 10, 100, 1e3, 1e4, 1e5, 1e6, 1e8), _contrast, ALL),
@@ -424,7 +415,8 @@ DIFFICULTIES = {
             (*CONFIGURATION, "elastic_moduli", "length_variance_auto", "bulk_modulus_auto", "shear_modulus_auto"),
         ),
         Difficulty(
-            "slack_backbone", "slack edges per taut edge", (0, 0.1, 0.3, 1, 3, 10, 24), _slack_backbone,
+            "slack_backbone", "slack edges per taut edge", (0, 0.1, 0.3, 1, 3, 10, 24),
+            lambda x, seed, source: SlackProblem(taut=Problem(_standard(source, seed), _generic(seed)), ratio=x),
             ("transition_moduli", "stiffening"),
         ),
         Difficulty(

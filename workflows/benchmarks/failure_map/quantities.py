@@ -15,6 +15,7 @@ from critflow.response.moduli_bounds import transition_bounds
 from critflow.response.response import linear_response
 
 from .. import reference
+from ..elimination import subtraction_free_solve
 from ..reference import Unknown
 from .outcomes import Answer, Finding, Unavailable, assessed
 from .problems import METHODS, OBJECTIVES
@@ -177,21 +178,21 @@ def _linear_error(problem, answer):
 def _lengths(method):
     def compute(problem):
         solution = critical_from_lengths(problem.manifold, problem.rest_lengths, method, throw=False)
-        problem.found = solution
+        problem.answer = solution
         return _coordinates(solution)
 
     return compute
 
 
 def _conic_error(problem, answer):
-    found = problem.found.value
-    exact = reference.critical_from_lengths(problem.network, problem.rest_lengths, found.sigma, found.coordinates)
+    value = problem.answer.value
+    exact = reference.critical_from_lengths(problem.network, problem.rest_lengths, value.sigma, value.coordinates)
     return _off(problem, answer, exact)
 
 
 def _strain_error(problem, answer):
     """Against the equilibrium of the rest lengths that the protocol came to, a little past the transition."""
-    rest_lengths = problem.found.rest_lengths
+    rest_lengths = problem.answer.rest_lengths
     return _off(problem, answer, reference.equilibrium(problem.network, rest_lengths, answer.values))
 
 
@@ -202,7 +203,7 @@ def _optimum(objective, method):
     def compute(problem):
         limit = _FIRE_STEPS if method == "fire" else None
         solution = optimize(problem.manifold, _goal(problem, objective), method, max_steps=limit, throw=False)
-        problem.found = solution
+        problem.answer = solution
         return Answer(solution.status, solution.objective, solution.objective_error)
 
     return compute
@@ -217,7 +218,7 @@ def _goal(problem, name):
 def _optimum_error(name):
     def compare(problem, answer):
         """Against the best value where it is known, else against the gain left by Newton's method."""
-        sigma = problem.found.value.sigma
+        sigma = problem.answer.value.sigma
         exact = reference.configuration(problem.network, sigma, digits=reference.digits_for(sigma))
         there = reference.objective(problem.network, name, exact, problem.threshold)
         scale = 1.0 if name.endswith("variance") else abs(float(there))
@@ -237,14 +238,13 @@ def _optimum_error(name):
 def _equal_lengths(problem):
     """Whether the network has a critical configuration with all lengths equal, and so no length variance at all."""
     if not hasattr(problem, "equal"):
-        found = critical_from_lengths(problem.manifold, np.ones(problem.network.n_edges), throw=False)
-        problem.equal = found.ok
+        problem.equal = critical_from_lengths(problem.manifold, np.ones(problem.network.n_edges), throw=False).ok
     return problem.equal
 
 
 def _remaining_gain(problem, name):
     """The gain in the objective left by Newton's method at the σ that was found; infinite at a saddle."""
-    value = problem.found.value
+    value = problem.answer.value
     goal = _goal(problem, name)
     sigma = problem.manifold.solve(value.sigma).value.sigma
     slope = evaluate(problem.manifold, goal, sigma).gradient
@@ -273,3 +273,27 @@ QUANTITIES = {
     "lengths_strain": (_lengths("strain"), _strain_error),
     **{f"{name}_{method}": (_optimum(name, method), _optimum_error(name)) for name in OBJECTIVES for method in METHODS},
 }
+
+
+# Configurations of positive stresses of any range
+
+
+ASSEMBLIES = {
+    "plain factor": lambda manifold, sigma: manifold.network.all_coordinates(manifold.balance(sigma).coordinates),
+    # The solution of the library: NaN where its status is not ok.
+    "refined factor": lambda manifold, sigma: manifold.solve(sigma).value.coordinates,
+    "without subtraction": lambda manifold, sigma: subtraction_free_solve(manifold.network, sigma),
+}
+# Difficulties of positive stresses.
+ASSEMBLED = ("stress_spread", "faint_edge", "faint_cut", "short_edge")
+
+
+def assembly_errors(problem, assemblies):
+    """Largest coordinate error of each assembly, relative to the largest coordinate; NaN where no answer is given."""
+    exact, errors = problem.exact.coordinates, []
+    for name in assemblies:
+        with np.errstate(all="ignore"):
+            x = ASSEMBLIES[name](problem.manifold, problem.sigma)
+        known = np.isfinite(x).all()
+        errors.append(reference.largest_error(x, exact, moved=True) / reference.largest(exact) if known else np.nan)
+    return errors

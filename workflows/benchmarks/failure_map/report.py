@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -13,26 +11,21 @@ from critflow.figures.plot import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ...shared.reports import parameters
 from .outcomes import Outcome, Violation
-from .percolation_report import half_point, percolation_claims, percolation_curve
 from .problems import DIFFICULTIES, METHODS, OBJECTIVES
 
-# One cell of the map: colour, sign and text of the legend.
+# One cell of the map: colour, sign and text of the legend.  Of several methods or networks in a cell the last is shown.
 CELLS = {
     Outcome.absent: ("#ffffff", "", ""),
     Outcome.exact: ("#0B3C6F", "", "correct to rounding"),
     Outcome.bounded: ("#4F93C4", "", "correct within its claimed bound"),
     Outcome.tolerated: ("#B8D9EF", "", "correct within tolerance, no bound claimed"),
-    Outcome.reported: ("#E3E3E3", "s", "status with the reason"),
     Outcome.refused: ("#E3E3E3", "r", "refused with the reason"),
+    Outcome.reported: ("#E3E3E3", "s", "status with the reason"),
     Outcome.unknown: ("#FFFFFF", "?", "reference fails"),
     Outcome.violation: ("#D55E00", "✗", "SILENT WRONG ANSWER"),
 }
-# Of several methods or networks in one cell the last of these is shown.
-ORDER = (
-    Outcome.absent, Outcome.exact, Outcome.bounded, Outcome.tolerated, Outcome.refused, Outcome.reported,
-    Outcome.unknown, Outcome.violation,
-)  # fmt: skip
 RIGHT = (Outcome.exact, Outcome.bounded, Outcome.tolerated)
 # Difficulties and quantities whose error and bound are drawn.
 SHOWN = (
@@ -75,13 +68,11 @@ def map_figure(ds):
             line += len(rows) + 2.4
             _draw_table(axes, ds, name, rows, cells, colours)
     wrong, points = int((ds.outcome == Outcome.violation).sum()), int((ds.outcome != Outcome.absent).sum())
-    found = "no silent wrong answer" if not wrong else f"{wrong} SILENT WRONG ANSWERS"
-    figure.text(0.01, 0.975, f"Where methods fail: {found} in {points:,} points", fontsize=15, fontweight="bold")
+    verdict = "no silent wrong answer" if not wrong else f"{wrong} SILENT WRONG ANSWERS"
+    figure.text(0.01, 0.975, f"Where methods fail: {verdict} in {points:,} points", fontsize=15, fontweight="bold")
     worst = f"a cell is the worst of {ds.sizes['seed']} networks and of all methods in its row"
     figure.text(0.99, 0.975, worst, fontsize=10, ha="right")
-    kinds = [
-        o for o in Outcome if o is not Outcome.absent and (bool((ds.outcome == o).any()) or o is Outcome.violation)
-    ]
+    kinds = [o for o in list(Outcome)[1:] if (ds.outcome == o).any() or o is Outcome.violation]
     handles = [Patch(facecolor=CELLS[o][0], edgecolor="0.5") for o in kinds]
     labels = [f"{CELLS[o][1]}  {CELLS[o][2]}".strip() for o in kinds]
     figure.legend(
@@ -104,7 +95,8 @@ def _columns(tables, number):
 def _rows(ds, name):
     """Names of the rows of one difficulty, and outcomes (row, step): the methods of an objective in one row."""
     outcomes = ds.outcome.sel(difficulty=name).transpose("quantity", "seed", "step").values
-    rank = np.array([ORDER.index(Outcome(code)) for code in range(len(Outcome))])
+    order = list(CELLS)
+    rank = np.array([order.index(outcome) for outcome in Outcome])
     rows, cells = [], []
     groups: dict[str, list[int]] = {}
     for place, quantity in enumerate(map(str, ds.quantity.values)):
@@ -113,7 +105,7 @@ def _rows(ds, name):
         worst = rank[outcomes[places]].max(axis=(0, 1))
         if worst.any():
             rows.append(group)
-            cells.append([int(ORDER[r]) for r in worst])
+            cells.append([int(order[r]) for r in worst])
     return rows, np.array(cells)
 
 
@@ -133,11 +125,8 @@ def _draw_table(axes, ds, name, rows, cells, colours):
         if outcome is Outcome.violation:
             axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, fill=False, edgecolor="black", linewidth=1.0))
         if sign := CELLS[outcome][1]:
-            bold = outcome is Outcome.violation
-            look = (
-                {"fontsize": 9, "color": "white", "fontweight": "bold"} if bold else {"fontsize": 6.5, "color": "0.5"}
-            )
-            axes.text(column, row, sign, ha="center", va="center", **look)
+            size, ink, weight = (9, "white", "bold") if outcome is Outcome.violation else (6.5, "0.5", "normal")
+            axes.text(column, row, sign, ha="center", va="center", fontsize=size, color=ink, fontweight=weight)
     axes.set_xticks(np.arange(n), [_number(s) for s in strengths[:n]], fontsize=7.5, rotation=0 if n < 11 else 45)
     axes.set_yticks(np.arange(len(rows)), rows, fontsize=8)
     axes.set_xticks(np.arange(-0.5, n), minor=True)
@@ -243,7 +232,7 @@ def assembly_figure(ds):
 
 
 def claims(ds):
-    """Silent wrong answers, bounds against errors, assemblies, and percolation of stress."""
+    """Silent wrong answers, bounds against errors, and assemblies."""
     wrong = _violations(ds)
     places = ", ".join(f"{count} {where}" for where, count in wrong.items())
     points = int((ds.outcome != Outcome.absent).sum())
@@ -260,8 +249,6 @@ def claims(ds):
         f"{share:.0f} %; the reference fails in {unknown}", "measured",
     )  # fmt: skip
     yield from _assembly_claims(ds)
-    if (curve := percolation_curve(ds)) is not None:
-        yield from percolation_claims(*curve)
 
 
 def _violations(ds):
@@ -287,12 +274,11 @@ def _bound_claims(ds):
         f"below it in {above} of {len(error)} points", "differs" if above else "holds",
         "these bounds are too small" if above else "",
     )  # fmt: skip
-    names = np.broadcast_to(ds.quantity.values[:, None], ds.bound.transpose(..., "quantity", "step").shape)
-    ratios = np.maximum(ds.bound, ULP) / np.maximum(ds.error, ULP)
-    ratios = ratios.transpose(..., "quantity", "step").values
-    claimed = (np.isfinite(ds.bound) & (ds.bound > 0)).transpose(..., "quantity", "step").values
-    for quantity in dict.fromkeys(names[claimed].tolist()):
-        ratio = float(np.median(ratios[claimed & (names == quantity)]))
+    ratios = (np.maximum(ds.bound, ULP) / np.maximum(ds.error, ULP)).where(np.isfinite(ds.bound) & (ds.bound > 0))
+    # In the order of the difficulties that first have such a bound.
+    present = ratios.notnull().any(("seed", "step")).transpose("difficulty", "quantity")
+    for quantity in dict.fromkeys(str(present.quantity.values[n]) for _, n in np.argwhere(present.values)):
+        ratio = float(ratios.sel(quantity=quantity).median())
         yield Claim(
             f"bounds-{quantity}", f"the bound of {quantity} is within {WIDEST:g} times of the error (median)",
             "not stated", f"{ratio:.3g} times", "holds" if ratio <= WIDEST else "differs",
@@ -301,45 +287,31 @@ def _bound_claims(ds):
 
 
 def _assembly_claims(ds):
-    """Accuracy and time of three assemblies of a configuration."""
+    """Accuracy of three assemblies of a configuration."""
     if "stress_spread" not in ds.difficulty.values or not {"plain factor", *_RIVALS} <= set(ds.assembly.values):
         return
     one = ds.sel(difficulty="stress_spread")
     strengths, error = one.strength.values, one.assembly_error.max("seed")
     wrong = strengths[(error.sel(assembly="plain factor") > _LOST).values]
     reach = [np.nanmax(strengths[(error.sel(assembly=name) < _LOST).values], initial=0.0) for name in _RIVALS]
-    took = [float(one.assembly_seconds.sel(assembly=name).median()) for name in _RIVALS]
-    size = json.loads(ds.attrs["parameters"])["timed_vertices"]
     yield Claim(
-        "assembly", "accuracy and time of an assembly without subtraction", "not stated",
+        "assembly", "accuracy of an assembly without subtraction", "not stated",
         f"σ over 10^±p: accurate up to p = {reach[1]:g}, a refined factor up to p = {reach[0]:g} with a status beyond; "
         + (f"without refinement, accuracy is lost from p = {wrong.min():g} without warning" if len(wrong) else
-           "accurate without refinement")
-        + f"; it takes {took[1] / took[0]:.0f} times the time of a refined factor at N_v = {size}",
-        "measured", "its time grows as N_v³, so the library does not use it",
+           "accurate without refinement"),
+        "measured", "its time grows as N_v³ (study `speed`), so the library does not use it",
     )  # fmt: skip
 
 
 def summary(ds):
-    """Scalars for tables: violations, outcomes by quantity, the percolation curve."""
-    counts = {
-        str(q): {
-            Outcome(o).name: int((ds.outcome.sel(quantity=q) == o).sum())
-            for o in Outcome
-            if o is not Outcome.absent and bool((ds.outcome.sel(quantity=q) == o).any())
-        }
-        for q in ds.quantity.values
-    }
-    found = {
+    """Scalars for tables: violations, and outcomes by quantity."""
+    counts = {}
+    for quantity in map(str, ds.quantity.values):
+        numbers = {o.name: int((ds.outcome.sel(quantity=quantity) == o).sum()) for o in list(Outcome)[1:]}
+        counts[quantity] = {name: number for name, number in numbers.items() if number}
+    return {
         "violations": sum(_violations(ds).values()),
         "violations_by_place": _violations(ds),
         "outcomes": counts,
-        "parameters": json.loads(ds.attrs["parameters"]),
+        "parameters": parameters(ds),
     }
-    if (curve := percolation_curve(ds)) is not None:
-        full, slack, sizes, spreads, counts_ = curve
-        found["percolation"] = {
-            "sizes": sizes, "spreads": spreads, "networks": counts_[:, 0], "percolating": full, "slack": slack,
-            "half": [half_point(spreads, row) for row in full],
-        }  # fmt: skip
-    return found

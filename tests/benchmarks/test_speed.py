@@ -1,0 +1,365 @@
+"""Speed against accuracy: how methods are timed and judged, how fronts are read, and the study end to end, small.
+
+No test asks how long anything took on this machine.
+"""
+
+import json
+import os
+import time
+
+import numpy as np
+import pytest
+import scipy
+import xarray as xr
+
+from critflow import CriticalManifold, critical_from_lengths, optimize, stiffening, upper_bound, voronoi_network
+from critflow.command.main import main
+from critflow.result import Status
+from critflow.workflow.load import load_study
+from workflows.benchmarks.speed import curves, savings, sizes
+from workflows.benchmarks.speed.lengths import error_of_stress
+from workflows.benchmarks.speed.references import stress_of_lengths
+from workflows.benchmarks.speed.stages import STAGES
+from workflows.benchmarks.speed.tasks import TASKS
+from workflows.benchmarks.timing import Answer, Method, benchmark, installed
+
+study = load_study("speed").study
+
+CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+
+# Timing
+
+
+def fake(name, run, levels=(0.0, 1.0, 2.0), **more):
+    return Method(name, lambda level: Answer(run(level), iterations=3), lambda values: values, levels, **more)
+
+
+def broken(level):
+    if level == 1.0:
+        raise ZeroDivisionError("by a peer")
+    return 0.1
+
+
+def slow(level):
+    end = time.process_time() + 0.02
+    while time.process_time() < end:
+        pass
+    return 0.1
+
+
+def test_who_raises_has_failed_and_who_is_slow_stops():
+    runs = []
+
+    def steady(level):
+        runs.append(level)
+        return 10.0**-level
+
+    selected = [
+        fake("steady", steady),
+        fake("broken", broken),
+        fake("slow", slow),
+        fake("gone", broken, package="no-x"),
+    ]
+    timings = {(t.method.name, t.level): t for t in benchmark(selected, repeats=4, patience=0.01)}
+    assert len(timings) == 12
+    for level in range(3):
+        timing = timings["steady", level]
+        assert (timing.error, timing.status, timing.iterations) == (10.0**-level, Status.ok, 3)
+        assert len(timing.seconds) == len(timing.wall) == 4
+        median, low, high = timing.quartiles
+        assert low <= median <= high
+        assert timings["gone", level].status is Status.missing
+        assert "pip install 'critflow[peers]'" in timings["gone", level].note
+    # One round is judged and not timed.
+    assert sorted(runs) == [0.0] * 5 + [1.0] * 5 + [2.0] * 5
+    assert [timings["broken", level].status for level in range(3)] == [Status.ok, Status.failed, Status.ok]
+    assert timings["broken", 1].note == "ZeroDivisionError: by a peer"
+    assert np.isnan(timings["broken", 1].quartiles).all()
+    assert [len(timings["slow", level].seconds) for level in range(3)] == [1, 0, 0]
+    assert timings["slow", 0].quartiles[0] >= 0.02
+    assert [timings["slow", level].status for level in (1, 2)] == [Status.missing] * 2
+
+
+def test_no_round_begins_after_the_budget():
+    (timing,) = benchmark([fake("slow", slow, (0.0,))], repeats=9, patience=9.0, budget=0.0)
+    assert len(timing.seconds) == 1
+
+
+@pytest.mark.skipif(not CORES, reason="only Linux keeps a process on a core")
+def test_all_runs_are_on_one_core_and_none_is_taken_away():
+    within = []
+    benchmark([fake("any", lambda level: within.append(len(os.sched_getaffinity(0))) or 0.0, (0.0,))], repeats=1)
+    assert within == [1, 1]
+    assert os.sched_getaffinity(0) == CORES
+
+
+def test_times_are_of_the_processor():
+    (timing,) = benchmark([fake("waits", lambda level: time.sleep(0.03) or 0.0, (0.0,))], repeats=1)
+    assert 0 <= timing.quartiles[0] < 0.01 < timing.wall[0]
+
+
+# Reading fronts
+
+
+def curve(name, points, own=True, cut=False):
+    seconds, errors = np.array(points, dtype=float).T
+    return curves.Curve(name, own, cut, seconds, seconds, seconds, errors)
+
+
+def test_the_front_is_what_no_point_beats():
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        # Few values, so that there are ties.
+        seconds, errors = rng.integers(1, 6, (2, 12)).astype(float)
+        front = curves.pareto_front(seconds, errors)
+        points = set(zip(seconds, errors, strict=True))
+        beaten = {p for p in points if any(q != p and q[0] <= p[0] and q[1] <= p[1] for q in points)}
+        assert [(seconds[n], errors[n]) for n in front] == sorted(points - beaten)
+
+
+@pytest.mark.parametrize(
+    "own, rival, ratios",
+    [
+        ([(1, 1e-9)], [(2, 1e-4), (8, 1e-8)], [0.5, 0.125]),
+        ([(1, 1e-4), (9, 1e-9)], [(3, 1e-6)], [3.0]),
+        # Within a digit of the best is as good as the best; further away is not.
+        ([(1, 5e-9)], [(2, 1e-9)], [0.5]),
+        ([(1, 5e-8)], [(2, 1e-9)], [np.inf]),
+        # A digit is not given away where one's best is better.
+        ([(1, 5e-9), (4, 1e-12)], [(2, 1e-9)], [2.0]),
+        # Points below the better ones of the same method, and failures, do not count.
+        ([(1, 1e-9)], [(0.1, 0.5), (2, 1e-8), (3, 1e-7)], [0.5]),
+    ],
+)
+def test_how_far_one_is_behind_another(own, rival, ratios):
+    found, _ = curves.behind([curve("own", own)], [curve("rival", rival, own=False)], 1e-2)
+    np.testing.assert_allclose(found, ratios, rtol=1e-12)
+
+
+def test_who_was_not_asked_for_more_is_not_behind():
+    rival = curve("rival", [(3, 1e-5), (4, 1e-15)], own=False)
+    for cut, ratios in ((False, [1 / 3, np.inf]), (True, [1 / 3])):
+        found, points = curves.behind([curve("own", [(1, 1e-9)], cut=cut)], [rival], 1e-2)
+        np.testing.assert_allclose(found, ratios, rtol=1e-12)
+        assert [n for _, n in points] == [0, 1][: len(ratios)]
+
+
+def test_a_choice_is_measured_at_every_accuracy_that_it_reaches():
+    chosen, other = curve("auto", [(4, 1e-12)]), curve("lbfgs", [(1, 1e-4), (3, 1e-7), (9, 1e-15)])
+    assert curves.detour(chosen, [chosen, other], 1e-2) == 4.0
+    assert curves.detour(other, [chosen, other], 1e-2) == pytest.approx(9 / 4)
+    # What is of no use is not waited for.
+    assert curves.detour(chosen, [chosen, other], 1e-6) == pytest.approx(4 / 3)
+    assert curves.gain(chosen, other) == 0.0
+    assert curves.gain(other, chosen) == pytest.approx(4 / 9)
+
+
+def test_stresses_of_rest_lengths_are_compared_without_their_scale():
+    manifold = CriticalManifold(voronoi_network(16, 3))
+    lengths = 1 + 0.05 * np.random.default_rng(1).standard_normal(24)
+    error = error_of_stress(stress_of_lengths(manifold, lengths))
+    found = critical_from_lengths(manifold, lengths).value.sigma
+    assert error(7 * found) < 1e-12
+    worse = found.copy()
+    worse[5] += 1e-6 * found.mean()
+    # The comparison of scales returns a part of one edge in 24.
+    assert error(worse) == pytest.approx(1e-6, rel=0.3)
+
+
+# The study
+
+ASKED = (
+    *("auto", "newton", "lbfgs", "cone", "solve", "splu", "dense Cholesky", "SciPy L-BFGS-B", "pyamg CG", "jax_fdm"),
+    *("Hessian of springs", "exact", "line through 16", "closed form", "linear response at γ → 0"),
+    *("C_B alone", "all numbers", "all variables"),
+)
+
+
+@pytest.mark.parametrize("word", [word for word in TASKS if not word.endswith("pinned")])
+def test_tasks_name_their_methods(word):
+    task = TASKS[word]
+    selected = task.methods(min(40, task.sizes[0]), 1)
+    names = [method.name for method in selected]
+    assert max(len(method.levels) for method in selected) <= len(study.parameters["levels"])
+    assert len(names) == len(set(names))
+    # Small boxes have edges longer than half of them, which LAMMPS cannot take.
+    assert set(names) <= set(task.names)
+    assert task.default in names
+    assert task.title and task.error
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("speed")
+    words = [
+        "tasks=configuration,gradient,length_variance,tension_variance,bulk_modulus,rest_lengths,length_variance_pinned,"
+        "coefficients,member,transition_moduli,stages",
+        "n_vertices=40,2000000", f"contestants={','.join((*ASKED, *STAGES))}", "levels=0,3,7,10", "repeats=1",
+        "budget=0.01", "least_time=0.01",
+    ]  # fmt: skip
+    settings = [part for word in words for part in ("--set", word)]
+    assert main(["run", "speed", "--workers", "0", "--out", str(folder), *settings]) == 0
+    with xr.open_dataset(folder / "speed.nc") as dataset:
+        return dataset.load(), folder
+
+
+def test_every_point_has_its_time_error_and_outcome(small):
+    dataset = small[0].sel(n_vertices=40).drop_sel(task="stages")
+    ran = dataset.outcome != Status.missing
+    assert (ran == np.isfinite(dataset.error)).all()
+    assert (ran == np.isfinite(dataset.seconds)).all()
+    assert ((dataset.repeats_done > 0) == ran).all()
+    assert (dataset.seconds_low <= dataset.seconds).where(ran, True).all()
+    assert (dataset.seconds <= dataset.seconds_high).where(ran, True).all()
+    best = dataset.error.sel(contestant="auto").min("level")
+    limits = {
+        "configuration": 1e-12, "gradient": 1e-12, "length_variance": 1e-24, "tension_variance": 1e-8,
+        "bulk_modulus": 1e-28, "rest_lengths": 1e-12, "length_variance_pinned": 1e-24,
+    }  # fmt: skip
+    for word, limit in limits.items():
+        assert 0 <= float(best.sel(task=word)) < limit, word
+    # Tighter tolerances leave smaller errors.
+    newton = dataset.error.sel(contestant="newton", task="tension_variance")
+    assert (newton.diff("level") < 0).all()
+    assert dataset.iterations.sel(contestant="newton", task="tension_variance").diff("level").min() > 0
+
+
+def test_who_takes_part_and_who_is_missing(small):
+    dataset = small[0]
+    parts = dataset.sel(n_vertices=40)
+    assert (parts.presence.sel(contestant="auto", task=["configuration", "bulk_modulus"]) == 1).all()
+    assert parts.presence.sel(contestant="splu", task="configuration") == 2
+    assert parts.presence.sel(contestant="splu", task="bulk_modulus") == 0
+    numbers = parts.package_version.sel(contestant="splu", task="configuration").values
+    assert list(numbers) == [int(number) for number in scipy.__version__.split(".")[:3]]
+    for name, word, package in (("pyamg CG", "gradient", "pyamg"), ("jax_fdm", "length_variance_pinned", "jax-fdm")):
+        version = installed(package)
+        part = parts.sel(contestant=name, task=word)
+        assert int(part.presence) == (2 if version else 3)
+        assert (part.outcome != Status.missing).any() == bool(version)
+        known = [claim["key"] for claim in json.loads((small[1] / "claims.json").read_text())]
+        assert (f"speed-accuracy-missing-{name.replace(' ', '-')}" in known) == (not version)
+    # Beyond the sizes of a task nothing is run, and nothing takes time.
+    beyond = dataset.sel(n_vertices=2_000_000)
+    assert (beyond.status == Status.ok).all()
+    assert (beyond.outcome == Status.missing).all()
+    assert (beyond.presence == 0).all()
+
+
+def test_it_has_its_charts_claims_and_fronts(small, assert_picture):
+    dataset, folder = small
+    for name in ("speed", "sizes", "savings", *dataset.drop_sel(task=["stages", "member"]).task.values):
+        assert_picture(folder / "figures" / f"{name}.png", 20_000)
+    claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
+    words = set(dataset.task.values) - {"stages"}
+    assert {f"speed-accuracy-{word}" for word in words} < set(claims)
+    assert claims["speed-accuracy-auto"]["verdict"] in ("holds", "differs")
+    tasks = json.loads((folder / "summary.json").read_text())["tasks"]
+    assert set(tasks) == words
+    for of_task in tasks.values():
+        front = of_task["sizes"]["40"]["front"]
+        assert [point[1] for point in front] == sorted(point[1] for point in front)
+        assert of_task["sizes"]["40"]["auto_over_front"] >= 1
+
+
+# Stages
+
+
+def test_every_stage_is_timed_and_ends_well(small):
+    stages = sizes.stages_of(small[0])
+    assert list(stages.n_vertices) == [40]
+    assert (stages.seconds < 60).all() and (stages.wall_seconds > 0).all()
+    assert (stages.memory > 10).all() and (stages.memory < 1e5).all()
+    assert (stages.outcome == Status.ok).all()
+    # Repeated until the least time is spent.
+    assert (stages.repeats_done.sel(contestant="gradient") > 1).all()
+    checked = ["configuration", "gradient", "checked", "optimum", "moduli", "coefficients"]
+    assert (stages.error.sel(contestant=checked) < 1e-11).all()
+    assert (stages.backend.sel(contestant=["points", "tessellation"]) == 0).all()
+    assert (stages.backend.sel(contestant=["configuration", "coefficients"]) > 0).all()
+
+
+def test_the_stages_are_those_of_the_standard_network(small):
+    one = small[0].sel(task="stages", n_vertices=40)
+    network = voronoi_network(40, seed=0)
+    exact = stiffening(network, optimize(network, "bulk_modulus").value).value
+    assert float(one.bulk_modulus) == pytest.approx(upper_bound(network, "B_0"), rel=1e-12)
+    assert float(one.shear_modulus) == pytest.approx(exact.shear_0, rel=1e-10)
+    assert float(one.C_B) == pytest.approx(exact.C_B, rel=1e-11)
+    assert float(one.C_G) == pytest.approx(exact.C_G, rel=1e-11)
+    assert float(one.error.sel(contestant="optimum", level=0)) < 1e-13
+    assert float(one.change_by_refinement) < 1e-12
+
+
+@pytest.mark.parametrize(
+    "power, memory, differ",
+    [(0.8, 1000.0, set()), (1.1, 9000.0, {"memory", "generation"}), (1.3, 1000.0, {"configuration", "generation"})],
+)
+def test_claims_on_sizes_are_judged_by_what_is_required(small, power, memory, differ):
+    """As if the networks had 10⁴ and 10⁶ vertices and the times grew with a power of that."""
+    one = small[0].sel(n_vertices=[40])
+    dataset = xr.concat([one, one], "n_vertices", data_vars="all").assign_coords(n_vertices=[10_000, 1_000_000])
+    for name in ("seconds", "wall_seconds"):
+        dataset[name].loc[{"task": "stages", "n_vertices": 10_000}] = 0.1
+        dataset[name].loc[{"task": "stages", "n_vertices": 1_000_000}] = 0.1 * 100**power
+    dataset.memory.loc[{"task": "stages"}] = memory
+    assert sizes.fitted(sizes.stages_of(dataset), "configuration") == pytest.approx(power, rel=1e-12)
+    claims = {claim.key.removeprefix("Scale-"): claim for claim in sizes.size_claims(dataset)}
+    assert {key for key, claim in claims.items() if claim.verdict == "differs"} == differ
+    assert {"memory", "generation", "configuration", "status", "certificate"} <= claims.keys()
+    assert sizes.sizes_figure(dataset).axes
+
+
+def test_small_runs_say_nothing_of_a_million_vertices(small):
+    claims = {claim["key"] for claim in json.loads((small[1] / "claims.json").read_text())}
+    assert {"Scale-memory", "Scale-certificate", "Scale-status"} <= claims
+    assert not {"Scale-generation", "Scale-configuration"} & claims
+    stages = json.loads((small[1] / "summary.json").read_text())["stages"]
+    for shares in stages["share_of_time"].values():
+        assert sum(shares.values()) == pytest.approx(1.0, rel=1e-12)
+    assert stages["solver"]["coefficients"] == ["qdldl"]
+
+
+# Savings
+
+# How far apart the two answers may be: rounding, the value at γ = 1e-6 against that at 0, the curvature of B(γ) over
+# strains up to 0.01.
+APART = {"member": 0.0, "configuration": 1e-12, "optimum": 1e-12, "moduli": 1e-2, "growth": 1.0}
+
+
+def test_both_routes_give_one_answer(small):
+    found = {name: saving for name, _, saving in savings.savings(small[0])}
+    assert set(found) == set(APART)
+    for name, saving in found.items():
+        assert list(saving.sizes) == [40] and (saving.difference <= APART[name]).all()
+    keys = [claim.key for claim in savings.saving_claims(small[0])]
+    assert keys == [*savings.QUESTIONS, "bytes"]
+    # σ, lengths and coordinates alone are 60 + 60 + 80 numbers.
+    numbers, everything = savings.stored_bytes(small[0])
+    assert everything > 8 * 200 and numbers < 8 * 25
+
+
+# Settings
+
+
+@pytest.mark.parametrize(
+    "setting, sentence",
+    [
+        ("contestants=auto,lammps", "no method 'lammps'"),
+        ("repeats=0", "repeats=0 must be positive"),
+        ("patience=0", "must be positive"),
+        ("budget=-1", "must"),
+        ("n_vertices=7", "n_vertices"),
+        ("n_vertices=20", "at least 40"),
+        ("least_time=0", "must be positive"),
+    ],
+)
+def test_bad_settings_are_refused_before_anything_runs(setting, sentence, tmp_path, capsys):
+    assert main(["run", "speed", "--out", str(tmp_path / "out"), "--set", setting]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_it_runs_with_one_worker_at_most(tmp_path, capsys):
+    assert main(["run", "speed", "--workers", "2", "--out", str(tmp_path / "out")]) == 2
+    assert "give at most 1" in capsys.readouterr().err

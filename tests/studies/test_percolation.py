@@ -1,0 +1,38 @@
+"""The percolation study end to end, small: the curve, its half points and their power of the size."""
+
+import json
+
+import numpy as np
+import pytest
+
+from critflow import Status
+from critflow.command.main import main
+from workflows.percolation.report import curve, half_point, threshold_power
+
+STUDY = "percolation"
+
+
+def test_narrow_rest_lengths_stress_every_edge(dataset, folder, assert_picture):
+    full, slack, counts = curve(dataset)
+    assert (counts == 3).all()
+    assert (full[:, 0] == 1).all() and np.abs(slack[:, 0]).max() < 1e-12
+    assert (slack[:, -1] > 0).all() and (full[:, -1] < 1).all()
+    assert (dataset.solve_status.isel(spread=0) == Status.ok).all()
+    assert_picture(folder / "figures" / "percolation.png")
+    claims = {claim["key"] for claim in json.loads((folder / "claims.json").read_text())}
+    assert claims == {"percolation-threshold", "percolation-size"}
+
+
+def test_the_half_point_and_its_power_are_recovered():
+    spreads, sizes = np.linspace(0.05, 0.5, 46), np.array([50, 500])
+    half = 0.8 * sizes**-0.25
+    full = np.exp(-np.log(2) * (spreads / half[:, None]) ** 4)
+    np.testing.assert_allclose([half_point(spreads, row) for row in full], half, atol=1e-3)
+    assert threshold_power(sizes, half) == pytest.approx(-0.25, rel=1e-12)
+    assert np.isnan(half_point(spreads, np.ones(46)))
+    assert np.isnan(threshold_power(sizes, np.array([0.2, np.nan])))
+
+
+def test_sizes_without_a_network_are_refused(tmp_path, capsys):
+    assert main(["run", STUDY, "--out", str(tmp_path / "out"), "--set", "n_vertices=7"]) == 2
+    assert "n_vertices" in capsys.readouterr().err

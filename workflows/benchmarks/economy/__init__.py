@@ -1,1 +1,0 @@
-"""Cost of computing fewer variables."""

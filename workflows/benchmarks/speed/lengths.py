@@ -1,0 +1,123 @@
+"""Task rest lengths → critical configuration: the box is expanded until the network is rigid, or a cone program solved.
+
+All edges are stressed, so there is one answer.  The strain protocol of the paper stops at the first step past the
+transition that has the energy of a threshold, and its error is its distance past it: its levels are strain steps, with
+thresholds of half a step's energy.  Bisection halves the interval of strains from floppy to rigid down to its level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state, voronoi_network
+from critflow.onset.proportional_lengths import polish
+from critflow.precision.double_double import Extended
+from critflow.solvers.cone import fit_lengths
+from critflow.workflow import stable_rng
+
+from ...shared.populations import random_lengths
+from ..timing import Answer, Method, Task
+from . import references
+
+SIZES = (100, 1_000, 10_000)
+# Spreads of the rest lengths, the first one taken for which all edges are stressed.
+SPREADS = (0.1, 0.05, 0.02)
+# FIRE needs 10⁴ steps and more a strain step.
+FIRE_SIZE = 200
+STRAIN_STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
+WIDTHS = (1e-2, 1e-4, 1e-6, 1e-8)
+CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+
+
+def error_of_stress(best: Extended) -> Callable[[np.ndarray], float]:
+    """Largest error of a stress over the mean stress; scales are compared by their projection."""
+
+    def error(sigma: np.ndarray) -> float:
+        scaled = sigma * ((sigma @ best.high) / (sigma @ sigma))
+        return float(np.abs((scaled - best.high) - best.low).max() / best.high.mean())
+
+    return error
+
+
+def _problem(n_vertices: int, seed: int) -> tuple[CriticalManifold, np.ndarray, Extended]:
+    manifold = CriticalManifold(voronoi_network(n_vertices, seed))
+    noise = stable_rng(seed, "contest", "lengths")
+    for spread in SPREADS:
+        lengths = random_lengths(noise, manifold.network.n_edges, spread)
+        best = references.stress_of_lengths(manifold, lengths)
+        if best is not None:
+            return manifold, lengths, best
+    raise ValueError("some edges are slack at every spread of the rest lengths")
+
+
+def _methods(n_vertices: int, seed: int) -> list[Method]:
+    manifold, lengths, best = _problem(n_vertices, seed)
+    network, error, saddle = manifold.network, error_of_stress(best), manifold.saddle
+
+    def auto(level: float) -> Answer:
+        solution = critical_from_lengths(manifold, lengths, throw=False)
+        return Answer(solution.value.sigma, solution.status, solution.stats.steps + solution.polish_steps)
+
+    def cone(level: float, polished: bool) -> Answer:
+        fit = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, level)
+        sigma, steps = fit.sigma, fit.steps
+        if polished:
+            _, sigma, _, more = polish(saddle, network, lengths, network.all_coordinates(fit.coordinates), sigma)
+            steps += more
+        solved = fit.solved and (not polished or (sigma > 0).all())
+        return Answer(sigma, Status.ok if solved else Status.stalled, steps)
+
+    def strain(level: float, relaxation: str) -> Answer:
+        # An energy of springs stretched by half a step beyond the transition.
+        threshold = 0.5 * float(np.sum((0.5 * level * lengths) ** 2))
+        solution = critical_from_lengths(
+            manifold, lengths, "strain", relaxation=relaxation, strain_step=level, energy_threshold=threshold,
+            throw=False,
+        )  # fmt: skip
+        return Answer(solution.value.sigma, solution.status, solution.stats.steps)
+
+    methods = [
+        Method("auto", auto, error),
+        Method("cone + Newton", partial(cone, polished=True), error, CONE),
+        Method("cone", partial(cone, polished=False), error, CONE),
+        Method("strain Newton", partial(strain, relaxation="newton"), error, STRAIN_STEPS),
+        Method("bisection", partial(_bisected, manifold, lengths), error, WIDTHS),
+    ]
+    if n_vertices <= FIRE_SIZE:
+        methods.append(Method("strain FIRE", partial(strain, relaxation="fire"), error, STRAIN_STEPS[:2]))
+    return methods
+
+
+def _bisected(manifold: CriticalManifold, lengths: np.ndarray, width: float) -> Answer:
+    """The stress of the last rigid state, when the strain of the transition is known to `width`."""
+    network, pattern = manifold.network, manifold.hessian
+    x = manifold.configuration(network.stiffness).coordinates
+    low, high, steps = -1.0, 1.0, 0
+    sigma = network.stiffness
+    while high - low > width:
+        strain = 0.5 * (low + high)
+        state = spring_state(network, lengths * (1 - strain), x)
+        solution = equilibrium(state, pattern=pattern, throw=False)
+        steps += solution.stats.steps
+        # Springs that are stretched by the width of the interval have this energy.
+        if solution.ok and solution.value.energy > 1e-4 * float(np.sum((width * lengths) ** 2)):
+            high, x, sigma = strain, solution.value.coordinates, solution.value.sigma
+        else:
+            low = strain
+    return Answer(sigma, Status.ok if (sigma > 0).all() else Status.slack_edges, steps)
+
+
+TASKS = (
+    Task(
+        "rest_lengths",
+        "rest lengths → critical configuration",
+        "largest error of a stress over the mean stress",
+        SIZES,
+        ("auto", "cone + Newton", "cone", "strain Newton", "bisection", "strain FIRE"),
+        "auto",
+        _methods,
+    ),
+)

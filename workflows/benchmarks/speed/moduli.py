@@ -1,0 +1,166 @@
+"""Tasks: bulk and shear modulus past the transition and at it, by differences, by linear response, in closed form.
+
+Differences relax the springs again at each strain, to a force of 1e-14, and difference the energy twice or the stress
+once; levels are their steps.  A step too large has a bias of its square, a step too small leaves rounding: of energies
+over h², of stresses over h.  matscipy has Born's constants, stress and non-affine forces from our Hessian and solves
+for the latter by its conjugate gradients, to a relative residual that is its level; its Birch coefficients C are
+changes of the Cauchy stress, so that B = (C_xxxx + C_yyyy + 2 C_xxyy)/4 and G = C_xyxy − ½ dE/dV.
+
+At the transition the energy is zero and grows on one side only: 2E/(Vγ²) → B_0 and linear response at γ → 0 are limits,
+levels the strains.  The self-stress of a network at rest, by `rigidity`, needs no strain and no stress to be given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from critflow import equilibrium, strain_path
+from critflow.critical.transition import pure_shear
+from critflow.networks.network import Array
+from critflow.response.moduli import elastic_moduli, transition_moduli
+from critflow.response.response import linear_response
+
+from ..timing import Answer, Method, Task, installed, peer
+from . import references
+from .ase import atoms_of, matscipy_springs
+from .springs import StrainedSprings, answer_of, random_critical, relative
+
+SIZES = (100, 1_000, 10_000)
+# Steps of the differences; half the strain still keeps both sides past the transition.
+STEPS = (5e-4, 2e-4, 1e-4, 1e-5, 1e-6, 1e-7)
+RESIDUALS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+# Strains that approach the transition.
+STRAINS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+# From here on methods that relax again run at their best level only.
+LARGE = 10_000
+# `rigidity` finds self-stresses by dense algebra, which takes too long beyond this.
+AT_REST = 1_000
+MOST_STEPS = 100_000
+# Options of SciPy's `spilu`; with more dropped entries the free translations are undefined.
+_NEARLY_EXACT = {"drop_tol": 1e-10, "fill_factor": 50.0}
+# It is then there at once; residuals that rounding does not allow would keep it going for hours.
+_FIRST = RESIDUALS[:4]
+
+
+def _dilated(strain: float) -> tuple[Array, Array]:
+    """F and Ḟ F⁻¹ of a change of the volume."""
+    return np.sqrt(1 + strain) * np.eye(2), np.eye(2) / (2 * (1 + strain))
+
+
+def _sheared(strain: float) -> tuple[Array, Array]:
+    """F and Ḟ F⁻¹ of a pure shear."""
+    F = np.eye(2) + strain * pure_shear(2)
+    return F, pure_shear(2) @ np.linalg.inv(F)
+
+
+def _differences(springs: StrainedSprings, order: int, h: float) -> Answer:
+    """d²E of relaxed springs by central differences of E (order 2) or of dE, the work of the stress (order 1)."""
+    moduli, ends = [], []
+    for deformed in (_dilated, _sheared):
+        terms = []
+        for strain in (-h, h):
+            F, rate = deformed(strain)
+            end = equilibrium(springs.relaxed.deformed(F), pattern=springs.pattern, throw=False)
+            L = end.value.bond_vectors
+            work = float(end.value.sigma @ np.einsum("ad,de,ae->a", L, rate, L))
+            terms.append(end.value.energy if order == 2 else work)
+            ends.append(end)
+        below, above = terms
+        second = (below + above - 2 * springs.relaxed.energy) / h**2 if order == 2 else (above - below) / (2 * h)
+        moduli.append(second / springs.relaxed.network.volume)
+    return Answer(moduli, max(end.status for end in ends), sum(end.stats.steps for end in ends))
+
+
+def _matscipy(springs: StrainedSprings) -> list[tuple]:
+    """With plain conjugate gradients, and with an incomplete LU factorisation that drops next to nothing."""
+
+    def run(preconditioner: dict[str, float] | None, residual: float) -> Answer:
+        atoms = start.copy()
+        atoms.calc = calculator
+        # Forces out of the plane are rounding, which no displacement balances.
+        options = {"x0": None, "rtol": residual, "atol": 1e-12, "maxiter": MOST_STEPS, "M": None, "callback": None}
+        C = calculator.get_birch_coefficients(atoms)
+        C += peer("matscipy.elasticity").nonaffine_elastic_contribution(
+            atoms, pc_parameters=preconditioner, cg_parameters=options
+        )
+        bulk = (C[0, 0, 0, 0] + C[1, 1, 1, 1] + C[0, 0, 1, 1] + C[1, 1, 0, 0]) / 4
+        stress = calculator.get_property("stress", atoms)
+        # From the change of the Cauchy stress to the second derivative of the energy.
+        return Answer([float(bulk), float(C[0, 1, 0, 1] - (stress[0] + stress[1]) / 4)])
+
+    if installed("matscipy"):
+        start, calculator = atoms_of(springs.relaxed), matscipy_springs(springs.relaxed)
+    return [
+        ("matscipy", partial(run, None), RESIDUALS, "matscipy"),
+        ("matscipy LU", partial(run, _NEARLY_EXACT), _FIRST, "matscipy", "SuperLU"),
+    ]
+
+
+def _stressed(n_vertices: int, seed: int) -> list[Method]:
+    springs = StrainedSprings.of(n_vertices, seed)
+    error = partial(relative, references.moduli(*springs.exact))
+    steps = STEPS if n_vertices < LARGE else (1e-5,)
+
+    def respond(level: float) -> Answer:
+        return answer_of(linear_response(replace(springs.relaxed), springs.pattern), "bulk", "shear")
+
+    return [
+        Method("linear response", respond, error, backend="qdldl"),
+        Method("differences of stress", partial(_differences, springs, 1), error, steps),
+        Method("differences of energy", partial(_differences, springs, 2), error, steps),
+        *(Method(name, run, error, *rest) for name, run, *rest in _matscipy(springs)),
+    ]
+
+
+def _at_transition(n_vertices: int, seed: int) -> list[Method]:
+    manifold, critical = random_critical(n_vertices, seed)
+    strains = STRAINS if n_vertices < LARGE else STRAINS[-1:]
+    error = partial(relative, references.transition_moduli(manifold, critical.sigma)[:1])
+
+    def closed(level: float) -> Answer:
+        return Answer([transition_moduli(replace(critical)).bulk])
+
+    def past(strain: float, moduli: bool) -> Answer:
+        solution = strain_path(
+            manifold.network, replace(critical), [strain], moduli=moduli, pattern=manifold.hessian, throw=False
+        )
+        path = solution.value
+        bulk = path.bulk_modulus[0] if moduli else 2 * path.energy[0] / (manifold.network.volume * strain**2)
+        return Answer([float(bulk)], solution.status, int(path.steps[0]))
+
+    def at_rest(level: float) -> Answer:
+        return answer_of(elastic_moduli(manifold.network, critical.coordinates), "bulk")
+
+    methods = [
+        Method("closed form", closed, error),
+        Method("linear response at γ → 0", partial(past, moduli=True), error, strains, backend="qdldl"),
+        Method("energy at γ → 0", partial(past, moduli=False), error, strains, backend="qdldl"),
+    ]
+    if n_vertices <= AT_REST:
+        methods.append(Method("self-stress at rest", at_rest, error))
+    return methods
+
+
+TASKS = (
+    Task(
+        "moduli",
+        "bulk and shear modulus at γ = 0.001",
+        "larger of the relative errors of B and G",
+        SIZES,
+        ("linear response", "differences of stress", "differences of energy", "matscipy", "matscipy LU"),
+        "linear response",
+        _stressed,
+    ),
+    Task(
+        "transition_moduli",
+        "bulk modulus at the transition",
+        "relative error of B₀",
+        SIZES,
+        ("closed form", "linear response at γ → 0", "energy at γ → 0", "self-stress at rest"),
+        "closed form",
+        _at_transition,
+    ),
+)

@@ -1,0 +1,228 @@
+"""Figure, claims and summary of the cost of every stage against size, from the dataset alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from critflow.figures.plot import COLOURS
+from critflow.result import Status
+from critflow.workflow import Claim
+
+from ...shared.power_laws import exponent
+from ...shared.reports import MARKERS, duration, lettered
+from ..timing import Backend
+from .charts import nothing
+from .stages import STAGES, WORD
+
+# The stages that are drawn, their parts, and their names.
+SHOWN = {
+    "generation": (("points", "tessellation"), "generation"),
+    "analysis": (("analysis",), "first analysis"),
+    "configuration": (("configuration",), "configuration"),
+    "checked": (("checked",), "… with error bound"),
+    "gradient": (("gradient",), "gradient"),
+    "optimum": (("optimum", "moduli"), "best $B_0$, certified"),
+    "coefficients": (("coefficients",), "exact $C_B$, $C_G$"),
+}
+COLOUR_OF = dict(zip(SHOWN, COLOURS, strict=False))
+# Exponents are fitted from this size on, where fixed costs are negligible.
+FIRST_FITTED = 10_000
+GENERATION, MEMORY, EXPONENT, GAP, MILLION = 10.0, 8000.0, 1.2, 1e-10, 1_000_000
+
+
+def stages_of(ds):
+    """The stages at the sizes where they were timed, (contestant, n_vertices); None if there are none."""
+    if WORD not in ds.task.values or not set(STAGES) <= set(ds.contestant.values):
+        return None
+    one = ds.sel(task=WORD, contestant=list(STAGES)).isel(level=0)
+    one = one.isel(n_vertices=np.isfinite(one.wall_seconds).all("contestant").values)
+    return one if one.sizes["n_vertices"] else None
+
+
+def seconds(stages, name):
+    """Wall time of a stage that is drawn, (n_sizes,)."""
+    return stages.wall_seconds.sel(contestant=list(SHOWN[name][0])).sum("contestant").values
+
+
+def fitted(stages, name, first=FIRST_FITTED):
+    """Exponent of the time of a stage over the sizes from `first` on, NaN for fewer than two."""
+    large = stages.isel(n_vertices=stages.n_vertices.values >= first)
+    if large.sizes["n_vertices"] < 2:
+        return np.nan
+    return exponent(large.n_vertices.values, seconds(large, name)[:, None])[0]
+
+
+def share(stages, n):
+    """Part of the time of all stages that each takes at the n-th size."""
+    times = {name: float(seconds(stages, name)[n]) for name in SHOWN}
+    return {name: taken / sum(times.values()) for name, taken in times.items()}
+
+
+def sizes_figure(ds):
+    """Time against size with exponents, memory against size, and the shares of the stages at the ends."""
+    stages = stages_of(ds)
+    if stages is None:
+        return nothing("no stage was timed")
+    figure = Figure(figsize=(13, 5.2), dpi=110, layout="constrained")
+    by_time, by_memory, by_share = figure.subplots(1, 3, width_ratios=(1.25, 0.75, 1.1))
+    _draw_times(by_time, stages)
+    _draw_memory(by_memory, stages)
+    _draw_shares(by_share, stages)
+    lettered(figure.axes)
+    by_share.spines["left"].set_visible(False)
+    power, largest = fitted(stages, "configuration"), int(stages.n_vertices[-1])
+    figure.suptitle(
+        f"{largest:,} vertices: made in {duration(seconds(stages, 'generation')[-1], 2)}, a configuration in "
+        f"{duration(seconds(stages, 'configuration')[-1], 2)}"
+        + ("" if np.isnan(power) else f", which grows as $N_v^{{{power:.2f}}}$"),
+        fontsize=11,
+    )
+    return figure
+
+
+def _draw_times(axes, stages):
+    sizes = stages.n_vertices.values
+    slowest_first = sorted(SHOWN, key=lambda name: -seconds(stages, name)[-1])
+    for name in slowest_first:
+        power = fitted(stages, name)
+        axes.plot(
+            sizes, seconds(stages, name), marker=MARKERS[list(SHOWN).index(name)], color=COLOUR_OF[name], markersize=5,
+            linewidth=2.6 if name == "configuration" else 1.4,
+            label=SHOWN[name][1] + ("" if np.isnan(power) else f": {power:.2f}"),
+        )  # fmt: skip
+    axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="wall time  [s]")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * 60)
+    axes.legend(
+        fontsize=8.5, frameon=False, loc="upper left", ncols=2, columnspacing=1.0, handletextpad=0.4,
+        title_fontsize=8.5,
+        title=f"exponent of $N_v$ from {FIRST_FITTED:,} on, slowest first" if sizes[-1] > FIRST_FITTED else None,
+    )  # fmt: skip
+
+
+def _draw_memory(axes, stages):
+    sizes, memory = stages.n_vertices.values, stages.memory.max("contestant").values / 1e3
+    axes.plot(sizes, memory, marker="o", color=COLOURS[0], linewidth=2)
+    axes.axhline(MEMORY / 1e3, color="0.25", linestyle="--", linewidth=1.2)
+    axes.text(sizes[0], 1.08 * MEMORY / 1e3, f"allowed: {MEMORY / 1e3:g} GB", fontsize=9)
+    last = (sizes[-1], memory[-1])
+    axes.annotate(f"{memory[-1]:.2g} GB", last, xytext=(-6, 6), textcoords="offset points", ha="right", fontsize=9)
+    axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="peak resident memory  [GB]")
+    axes.set_ylim(None, 2.2 * MEMORY / 1e3)
+
+
+def _draw_shares(axes, stages):
+    sizes = stages.n_vertices.values
+    ends = list(dict.fromkeys((0, len(sizes) - 1)))
+    for row, n in enumerate(ends):
+        left = 0.0
+        for name, part in share(stages, n).items():
+            middle, colour = 100 * (left + part / 2), COLOUR_OF[name]
+            axes.barh(row, 100 * part, left=100 * left, height=0.55, color=colour, edgecolor="white")
+            if part > 0.045:
+                ink = "white" if _dark(colour) else "black"
+                axes.text(middle, row, f"{100 * part:.0f}", ha="center", va="center", fontsize=9, color=ink)
+            if part > 0.1:
+                slanted = {"rotation": 35, "rotation_mode": "anchor", "fontsize": 8.5}
+                axes.text(middle, row + 0.31, SHOWN[name][1], ha="left", va="bottom", **slanted)
+            left += part
+        total = duration(sum(seconds(stages, name)[n] for name in SHOWN), 2)
+        axes.text(0, row - 0.31, f"$N_v$ = {sizes[n]:,}: {total} in all", va="top", fontsize=9.5)
+    axes.set(xlim=(0, 100), ylim=(-0.6, len(ends) - 0.1), yticks=[], xlabel="part of the time of all stages  [%]")
+
+
+def size_claims(ds):
+    """The required and the measured exponents, times, memory and certificates."""
+    stages = stages_of(ds)
+    if stages is None:
+        return
+    sizes, last = stages.n_vertices.values, stages.isel(n_vertices=-1)
+    most = int(sizes[-1])
+    if not np.isnan(power := fitted(stages, "configuration")):
+        solvers = ", ".join(dict.fromkeys(_solvers(stages, "configuration")))
+        yield Claim.tested(
+            "Scale-configuration", "the time of a configuration grows at most as N_v^1.2",
+            f"at most {EXPONENT} required", f"exponent {power:.2f} from {sizes[sizes >= FIRST_FITTED][0]:,} to "
+            f"{most:,} vertices ({solvers})", power <= EXPONENT, f"the factorisation fills in more with {solvers}",
+        )  # fmt: skip
+    if most == MILLION:
+        points, tessellation = (float(last.wall_seconds.sel(contestant=name)) for name in SHOWN["generation"][0])
+        busy = float(last.seconds.sel(contestant=list(SHOWN["generation"][0])).sum())
+        yield Claim.tested(
+            "Scale-generation", "a network of a million vertices is made in ten seconds", f"{GENERATION:g} s required",
+            f"{points + tessellation:.1f} s, of which points {points:.1f} s and tessellation {tessellation:.1f} s; "
+            f"{busy:.1f} s of the processor", points + tessellation <= GENERATION,
+            "the trials of random sequential addition and one call of Qhull take most of it, in addition to "
+            "other work of the machine",
+        )  # fmt: skip
+    memory, stage = float(stages.memory.max()), STAGES[int(last.memory.values.argmax())]
+    yield Claim.tested(
+        "Scale-memory", f"all stages up to {most:,} vertices fit in memory", f"{MEMORY / 1e3:g} GB required",
+        f"{memory / 1e3:.2g} GB, most of it for {stage}", memory <= MEMORY, "the factor of that stage is too large",
+    )  # fmt: skip
+    gap = float(stages.error.sel(contestant="optimum").max())
+    yield Claim.tested(
+        "Scale-certificate", "the optimum of B_0 meets its closed-form bound at every size", "equal",
+        f"largest gap {gap:.1g}", gap < GAP, "rounding keeps them apart",
+    )  # fmt: skip
+    wrong = [name for name in STAGES if (stages.outcome.sel(contestant=name) != Status.ok).any()]
+    yield Claim.tested(
+        "Scale-status", "every stage ends well at every size", "ok",
+        f"not so: {', '.join(wrong)}" if wrong else "all ok", not wrong, "some stages return another status",
+    )  # fmt: skip
+    bounds = stages.claimed_bound.sel(contestant="checked")
+    yield Claim(
+        "Scale-digits", "the error of a configuration by rounding", "not stated",
+        "bond vectors of the plain solve differ from the checked ones by at most "
+        + _at_sizes(stages.change_by_refinement)
+        + ("" if np.isnan(bounds).all() else f", whose coordinates are bounded to {_at_sizes(bounds)}"),
+        "measured",
+    )  # fmt: skip
+    for n in dict.fromkeys((0, len(sizes) - 1)):
+        ranked = sorted(share(stages, n).items(), key=lambda item: -item[1])
+        yield Claim(
+            f"Scale-profile-{sizes[n]}", f"shares of the stages at {sizes[n]:,} vertices", "not stated",
+            ", ".join(f"{name} {100 * part:.1f} %" for name, part in ranked), "measured",
+        )  # fmt: skip
+
+
+def size_summary(ds):
+    """Seconds, MB and solvers of each stage and size, exponents, and moduli."""
+    stages = stages_of(ds)
+    if stages is None:
+        return {}
+    numbers = ("bulk_modulus", "shear_modulus", "C_B", "C_G", "change_by_refinement")
+    columns = {"seconds": "wall_seconds", "processor_seconds": "seconds", "memory_MB": "memory", "error": "error"}
+    return {
+        "n_vertices": stages.n_vertices.values,
+        **{
+            word: {name: stages[column].sel(contestant=name).values for name in STAGES}
+            for word, column in columns.items()
+        },
+        "solver": {name: _solvers(stages, name) for name in STAGES if stages.backend.sel(contestant=name).any()},
+        "share_of_time": {str(size): share(stages, n) for n, size in enumerate(stages.n_vertices.values)},
+        **{
+            f"exponents_from_{first}": {
+                name: power for name in SHOWN if np.isfinite(power := fitted(stages, name, first))
+            }
+            for first in (1000, FIRST_FITTED)
+        },
+        **{name: stages[name].values for name in numbers},
+        "error_bound": stages.claimed_bound.sel(contestant="checked").values,
+        "gap": stages.error.sel(contestant="optimum").values,
+    }
+
+
+def _at_sizes(values):
+    return ", ".join(f"{value:.1g} at {size:,}" for size, value in values.to_series().items())
+
+
+def _solvers(stages, name):
+    """Name of the solver behind a stage at every size."""
+    return [Backend(int(code)).name for code in stages.backend.sel(contestant=name).values]
+
+
+def _dark(colour):
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    return 0.3 * red + 0.59 * green + 0.11 * blue < 150

@@ -1,0 +1,196 @@
+"""Speed against accuracy of every method of critflow and of other packages, and time and memory against size.
+
+Each point of a task has the error against a much more accurate reference, the median of the times with quartiles, the
+status, the iterations and the version of the package.  Other packages are optional, `pip install 'critflow[peers]'`; a
+missing one is recorded.  The task `stages` takes one network of up to a million vertices through all that is known in
+closed form.  Times are on one core and depend on the machine: compare ratios within one case.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import replace
+from enum import IntEnum
+from functools import partial
+
+import numpy as np
+
+from critflow import Status
+from critflow.generators.random_networks import check_voronoi
+from critflow.result import StudyError
+from critflow.workflow import Axis, Coordinate, Study, Variable
+
+from ...shared.checks import check_network, check_positive
+from ..timing import Backend, Method, Timing, benchmark, installed, one_core
+from . import stages
+from .charts import overview_figure, task_figure
+from .report import claims, summary
+from .savings import savings_figure
+from .sizes import sizes_figure
+from .tasks import ALL_SIZES, METHODS, SIZES, TASKS, has_size
+
+
+class Presence(IntEnum):
+    """Whether a method belongs to critflow or to another package, and whether it was run."""
+
+    absent = 0
+    critflow = 1
+    peer = 2
+    not_installed = 3
+
+
+# Numbers of the network of the stages, and arrays of numbers for every level and for every method.
+NUMBERS = {
+    "change_by_refinement": "largest difference of bond vectors, plain and checked",
+    "bulk_modulus": "largest bulk modulus at the transition [k]",
+    "shear_modulus": "shear modulus there [k]",
+    "C_B": "change of the bulk modulus with strain, exact [k]",
+    "C_G": "change of the shear modulus with strain, exact [k]",
+}
+SECONDS = {
+    "seconds": "processor time of a run, median",
+    "seconds_low": "processor time of a run, lower quartile",
+    "seconds_high": "processor time of a run, upper quartile",
+    "wall_seconds": "wall time of a run, median",
+}
+LEVEL = {
+    "error": "error against the reference, as defined by the task",
+    "claimed_bound": "error bound returned by the method",
+    "level_value": "tolerance, step limit or other parameter of the level",
+}
+
+
+def case(parameters, *, task, n_vertices):
+    """All methods of one task, or all stages, at one size; empty at sizes that are not of the task."""
+    names = parameters["contestants"]
+    shape = len(names), len(parameters["levels"])
+    arrays = {name: np.full(shape, np.nan) for name in (*SECONDS, *LEVEL)}
+    arrays |= {"outcome": np.full(shape, int(Status.missing))}
+    arrays |= {name: np.zeros(shape, int) for name in ("iterations", "repeats_done")}
+    arrays |= {name: np.zeros(shape[0], int) for name in ("presence", "backend", "answer_bytes")}
+    arrays |= {"package_version": np.full((shape[0], 3), -1), "memory": np.full(shape[0], np.nan)}
+    timings, numbers = _timings(parameters, task, n_vertices)
+    for timing in timings:
+        if timing.method.name in names:
+            row = names.index(timing.method.name)
+            for name, value in _point(timing).items():
+                arrays[name][row, timing.level] = value
+            for name, value in _origin(timing).items():
+                arrays[name][row] = value
+    return {"status": Status.ok, **arrays, **dict.fromkeys(NUMBERS, np.nan), **numbers}
+
+
+def _timings(parameters, task, n_vertices) -> tuple[list[Timing], dict[str, float]]:
+    """Timings of the requested methods and levels, and the numbers of the stages."""
+    if not has_size(task, n_vertices):
+        return [], {}
+    if task == stages.WORD:
+        return stages.measured(n_vertices, parameters["seed"], parameters["least_time"])
+    # Other packages warn and start threads; only their answers on one core are compared.
+    with one_core(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        chosen = [
+            replace(m, levels=tuple(m.levels[level] for level in parameters["levels"] if level < len(m.levels)))
+            for m in TASKS[task].methods(n_vertices, parameters["seed"])
+            if m.name in parameters["contestants"]
+        ]
+        return benchmark(chosen, parameters["repeats"], parameters["patience"], parameters["budget"]), {}
+
+
+def _point(timing: Timing) -> dict[str, float]:
+    """Numbers of one level of a method."""
+    median, low, high = timing.quartiles
+    return {
+        "seconds": median,
+        "seconds_low": low,
+        "seconds_high": high,
+        "wall_seconds": np.median(timing.wall) if timing.wall else np.nan,
+        "error": timing.error,
+        "claimed_bound": timing.bound,
+        "level_value": timing.method.levels[timing.level],
+        "outcome": timing.status,
+        "iterations": timing.iterations,
+        "repeats_done": len(timing.seconds),
+    }
+
+
+def _origin(timing: Timing) -> dict[str, object]:
+    """Package, version and solver of a method, and its memory."""
+    method: Method = timing.method
+    version = installed(method.package)
+    numbers = [int(number) for number in re.findall(r"\d+", version)[:3]]
+    own = Presence.critflow if method.package == "critflow" else Presence.peer
+    return {
+        "presence": own if version else Presence.not_installed,
+        "backend": Backend.__members__.get(method.backend or "none", Backend.other),
+        "package_version": numbers + [-1] * (3 - len(numbers)),
+        "memory": timing.memory,
+        "answer_bytes": timing.size,
+    }
+
+
+def check(parameters, axes):
+    """Refuse settings that could only fail, before anything runs."""
+    check_positive(parameters, "repeats", "patience", "budget", "least_time")
+    if unknown := sorted(set(parameters["contestants"]) - set(METHODS)):
+        raise StudyError(f"there is no method {unknown[0]!r}: choose among {', '.join(METHODS)}")
+    for n_vertices in axes["n_vertices"]:
+        if stages.WORD in axes["task"] and (n_vertices % 2 or n_vertices < 40):
+            raise StudyError(f"n_vertices={n_vertices} must be even and at least 40: every Voronoi cell brings two")
+        if n_vertices < 1_000:
+            check_network(check_voronoi, n_vertices)
+
+
+EACH = ("task", "n_vertices")
+# The dimension of the methods is not called `method`, which is an argument of xarray's `sel`.
+METHOD = (*EACH, "contestant")
+POINT = (*METHOD, "level")
+
+study = Study(
+    name="speed",
+    title="Speed against accuracy of every method, and time and memory up to a million vertices",
+    references="methods and problems of Hain, Santangelo and Manning, arXiv:2407.13939",
+    axes=(
+        Axis("task", tuple(SIZES), "computed quantity, or the stages of one network"),
+        Axis("n_vertices", ALL_SIZES, "number of vertices", key="n_vertices"),
+    ),
+    parameters={
+        "contestants": METHODS,
+        "levels": tuple(range(14)),
+        "repeats": 15,
+        "patience": 1.5,
+        "budget": 10.0,
+        "least_time": 0.3,
+        "seed": 0,
+    },
+    coordinates=(
+        Coordinate("contestant", "contestants", "method, or stage"),
+        Coordinate("level", "levels", "requested accuracy, from rough to fine"),
+    ),
+    case=case,
+    check=check,
+    workers=1,
+    variables=(
+        *(Variable(name, POINT, "f8", units="s", long_name=text, volatile=True) for name, text in SECONDS.items()),
+        *(Variable(name, POINT, "f8", long_name=text) for name, text in LEVEL.items()),
+        Variable("outcome", POINT, "i1", long_name="status returned by the method", flags=Status),
+        Variable("iterations", POINT, "i4", long_name="iterations of the method"),
+        Variable("repeats_done", POINT, "i4", long_name="number of timed runs", volatile=True),
+        Variable("presence", METHOD, "i1", long_name="package of the method", flags=Presence),
+        Variable("backend", METHOD, "i1", long_name="linear solver", flags=Backend),
+        Variable(
+            "package_version", (*METHOD, "part"), "i4", fill=-2,
+            long_name="version of the package, its first three numbers",
+        ),
+        Variable("memory", METHOD, "f8", long_name="peak resident memory in a stage", units="MB", volatile=True),
+        Variable("answer_bytes", METHOD, "i8", long_name="bytes of an answer that is a table of arrays, else 0"),
+        *(Variable(name, EACH, "f8", long_name=text) for name, text in NUMBERS.items()),
+        Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status),
+    ),
+    figures={"speed": overview_figure, "sizes": sizes_figure, "savings": savings_figure}
+    # The methods of `member` differ in time alone, which is drawn with the savings.
+    | {word: partial(task_figure, word=word) for word in TASKS if word != "member"},
+    claims=claims,
+    summary=summary,
+)  # fmt: skip

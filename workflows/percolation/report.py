@@ -1,0 +1,100 @@
+"""The percolation curve: figure, half points and claims on the spread of rest lengths at which edges fall slack."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from critflow.result import Status
+from critflow.workflow import Claim
+
+from ..shared.reports import lettered, parameters, series
+
+# The spread that the paper prints as the largest with every edge stressed.
+PRINTED_SPREAD = 0.3
+
+
+def curve(ds):
+    """Part of the networks with every edge stressed, mean part of slack edges and networks, (size, spread) each."""
+    stressed = ds.stressed_fraction.transpose("n_vertices", "spread", "seed")
+    full = (ds.solve_status == Status.ok).where(ds.stressed_fraction.notnull()).transpose(*stressed.dims)
+    return full.mean("seed").values, 1 - stressed.mean("seed").values, stressed.count("seed").values
+
+
+def half_point(spreads, full):
+    """The spread at which half of the networks have every edge stressed, between two that were run; else NaN."""
+    below = np.flatnonzero(full < 0.5)
+    if not len(below) or below[0] == 0:
+        return np.nan
+    last = below[0] - 1
+    part = (full[last] - 0.5) / (full[last] - full[last + 1])
+    return float(spreads[last] + part * (spreads[last + 1] - spreads[last]))
+
+
+def threshold_power(sizes, halves):
+    """The power of N_v with which the half point falls, by least squares of logarithms; NaN for less than two."""
+    known = np.isfinite(halves)
+    if known.sum() < 2:
+        return np.nan
+    return float(np.polyfit(np.log(sizes[known]), np.log(halves[known]), 1)[0])
+
+
+def percolation_figure(ds):
+    """Part of the networks with every edge stressed, part of slack edges, and the curves of all sizes rescaled."""
+    figure = Figure(figsize=(13.5, 4.4), dpi=110, layout="constrained")
+    whole, edges, collapse = figure.subplots(1, 3)
+    full, slack, counts = curve(ds)
+    sizes, spreads = ds.n_vertices.values, ds.spread.values
+    halves = np.array([half_point(spreads, row) for row in full])
+    for row, (size, half) in enumerate(zip(sizes, halves, strict=True)):
+        style = {**series(row), "markersize": 4, "linewidth": 1.3}
+        label = f"$N_v$ = {size}" + (f":  $s_{{1/2}}$ = {half:.3f}" if np.isfinite(half) else "")
+        error = np.sqrt(np.maximum(full[row] * (1 - full[row]), 0.25 / counts[row]) / counts[row])
+        whole.fill_between(spreads, full[row] - error, full[row] + error, color=style["color"], alpha=0.12, linewidth=0)
+        whole.plot(spreads, full[row], label=label, **style)
+        edges.plot(spreads, np.where(slack[row] > 0, slack[row], np.nan), **style)
+        collapse.plot(spreads / half, full[row], **style)
+    whole.axvline(PRINTED_SPREAD, color="0.3", linestyle="--", linewidth=1)
+    whole.text(PRINTED_SPREAD + 0.005, 0.97, "printed in\nthe paper", fontsize=8.5, va="top")
+    whole.set(xlabel="spread of rest lengths $s$", ylabel="networks with every edge stressed", ylim=(-0.03, 1.05))
+    edges.set(xlabel="spread of rest lengths $s$", ylabel="part of slack edges", yscale="log")
+    lines = whole.get_legend_handles_labels()
+    figure.legend(*lines, fontsize=9, frameon=False, loc="center right", bbox_to_anchor=(1, 0.55))
+    collapse.axvline(1, color="0.6", linestyle=":", linewidth=1)
+    collapse.set(xlabel="$s / s_{1/2}(N_v)$", ylabel="networks with every edge stressed", xlim=(0, 2.5))
+    if np.isfinite(power := threshold_power(sizes, halves)):
+        law = rf"$s_{{1/2}} \propto N_v^{{{power:.2f}}}$"
+        collapse.text(0.97, 0.95, law, ha="right", va="top", fontsize=10, transform=collapse.transAxes)
+    lettered(figure.axes)
+    figure.suptitle(
+        "Full percolation of stress is lost at ever smaller spreads of rest lengths as networks grow",
+        fontsize=11,
+    )
+    return figure
+
+
+def claims(ds):
+    """The largest spread with every edge stressed, and its dependence on size."""
+    sizes = ds.n_vertices.values
+    halves = np.array([half_point(ds.spread.values, row) for row in curve(ds)[0]])
+    text = ", ".join(f"s = {half:.3f} at N_v = {size}" for half, size in zip(halves, sizes, strict=True))
+    yield Claim.tested(
+        "percolation-threshold", "every edge is stressed up to a spread of rest lengths of 0.3",
+        f"s = {PRINTED_SPREAD}", f"half of the networks lose it at {text}", halves[-1] >= PRINTED_SPREAD,
+        "the text describes full percolation, which ends far below the spread it prints",
+    )  # fmt: skip
+    yield Claim(
+        "percolation-size", "how full percolation depends on size", "not stated",
+        f"the spread at which half of the networks lose it changes as N_v^{threshold_power(sizes, halves):.2f}",
+        "measured",
+    )  # fmt: skip
+
+
+def summary(ds):
+    """The curves and their half points."""
+    full, slack, counts = curve(ds)
+    halves = [half_point(ds.spread.values, row) for row in full]
+    return {
+        "parameters": parameters(ds), "n_vertices": ds.n_vertices.values, "spreads": ds.spread.values,
+        "networks": counts[:, 0], "percolating": full, "slack": slack, "half": halves,
+    }  # fmt: skip

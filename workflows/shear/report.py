@@ -1,0 +1,254 @@
+"""Claims and summary of the ascents, and of the shear modulus against size, threshold and starts, from the dataset."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from critflow.result import Status
+from critflow.workflow import Claim
+
+from ..shared.power_laws import exponent, shown
+from ..shared.reports import parameters, spread, status_counts
+from .figures import ascent_ends, by_size, detailed, recorded
+
+# An objective within this relative distance of the best one found counts as the best.
+BEST = 1e-6
+
+
+def claims(ds):
+    """The statements of the paper on unconstrained ascents, compressed edges and the constrained shear modulus."""
+    return [*_ascent_claims(recorded(ds)), *_compression_claims(detailed(ds)), *_scaling_claims(ds)]
+
+
+def _ascent_claims(ds):
+    good = ds.isel(seed=np.isfinite(ds.bound.values))
+    finished = good.isel(seed=np.isfinite(good.shear_modulus.isel(step=-1).values))
+    last = finished.isel(step=-1)
+    return [*_bound(good), *_extremes(last), *_onset(good), *_compression(good, last), _singular(ds, good, last)]
+
+
+def _bound(good):
+    yield Claim.tested(
+        "ShearModulusSteepestDescent-A", "without constraints the shear modulus keeps rising to a finite value",
+        "rises", f"from {spread(good.shear_modulus.isel(step=0))} to {spread(good.shear_modulus_end)} at the end, "
+        f"{spread(100 * good.shear_modulus_end / good.bound, 3)} % of the bound",
+        bool((good.shear_modulus_end > 100 * good.shear_modulus.isel(step=0)).mean() > 0.5),
+        "so few steps do not lead far",
+    )  # fmt: skip
+    gap = float(np.abs(good.closed_form_gap).max())
+    exceeded = good.shear_modulus > good.bound * (1 + 1e-9)
+    satisfied = gap < 1e-9 and not bool(exceeded.any())
+    yield Claim(
+        "ShearModulusSteepestDescent-bound", "no stress of any sign has a larger G_0 than the closed form, which a "
+        "configuration attains", "not stated", f"bound {spread(good.bound)}; attained to {gap:.0e}; exceeded by "
+        f"{int(exceeded.sum())} of {good.shear_modulus.size} recorded steps",
+        "measured" if satisfied else "differs", "" if satisfied else "some network lies above",
+    )  # fmt: skip
+
+
+def _extremes(last):
+    yield Claim.tested(
+        "ShearModulusSteepestDescent-B-length", "the longest edge grows to about the side of the box",
+        "≈ 1", f"median {float(last.longest_edge.median()):.2f}, two thirds within "
+        f"{float(last.longest_edge.quantile(1 / 6)):.2f} to {float(last.longest_edge.quantile(5 / 6)):.2f}",
+        bool(0.5 < float(last.longest_edge.median()) < 3),
+        "the longest edges have another size",
+    )  # fmt: skip
+    yield Claim.tested(
+        "ShearModulusSteepestDescent-B-tension", "the strongest force ends as a compression in many networks "
+        "(least over largest tension near −1)", "towards −1", spread(last.least_tension, 3),
+        bool(float(last.least_tension.mean()) < -0.5), "compression stays weaker than tension",
+    )  # fmt: skip
+
+
+def _onset(good):
+    """Where edges begin to grow and where compression begins, as steps."""
+    grown = (good.longest_edge > 2 * good.longest_edge.isel(step=0)).values.argmax(axis=1)
+    squeezed = (good.compressed_edges > 0).values.argmax(axis=1)
+    apart = np.abs(grown - squeezed)
+    yield Claim.tested(
+        "ShearModulusSteepestDescent-B-onset", "edges begin to grow at the point where tensions turn negative",
+        "same point", f"twice the first longest edge at step {_median(good.step.values[grown])}, first compression at "
+        f"step {_median(good.step.values[squeezed])} (medians); {100 * np.mean(apart <= 3):.0f} % of the networks "
+        "within three records", bool(np.mean(apart <= 3) > 0.5), "the two are apart",
+    )  # fmt: skip
+
+
+def _compression(good, last):
+    n_vertices = good.sizes["vertex"]
+    needed = float((good.least_compressed_length / n_vertices).mean())
+    yield Claim.tested(
+        "ShearModulusSteepestDescent-CE", "final configurations are tensegrities: compressed edges cannot be avoided",
+        "compressed edges", f"{float(last.compressed_edges.median()):.0f} edges of total length "
+        f"{float(last.compressed_length.median()) / n_vertices:.2f} N_v (medians); at the bound at least "
+        f"{needed:.3f} N_v",
+        needed > 0.1 and bool((last.compressed_edges > 0).all()), "no compression was needed",
+    )  # fmt: skip
+
+
+def _singular(ds, good, last):
+    runaway = int((ds.status == Status.singular).sum())
+    return Claim(
+        "singular-prestress", "the ascent crosses stresses with a singular prestress matrix, and may end at one",
+        "not stated", f"{spread(good.crossings, 3)} steps cross; {spread(good.negative_pivots, 3)} negative "
+        f"eigenvalues at the end; {runaway} of {ds.sizes['seed']} ascents end at a singular matrix, where lengths "
+        f"diverge and the modulus has a limit ({_limit(good)}); the others balance to "
+        f"{float(last.residual.max()):.0e} at the last step", "measured",
+    )  # fmt: skip
+
+
+def _limit(good):
+    part = (100 * good.shear_modulus_end / good.bound).where(good.status == Status.singular)
+    return f"{spread(part, 3)} % of the bound" if np.isfinite(part).any() else "none here"
+
+
+def _median(values):
+    return f"{np.median(values):.0f}"
+
+
+def _compression_claims(ds):
+    """The exponents of the paper and those measured, by method and part of the bound."""
+    return [*_exponents(ds), *_bounds(ds)] if ds.sizes["n_vertices"] > 1 else []
+
+
+def _exponents(ds):
+    sizes = ds.n_vertices.values
+    for name, key, printed, words in (
+        ("compressed_edges", "F", 0.5, "the number of compressed edges of final networks grows as √N_v"),
+        ("compressed_length", "G", 1.0, "the total length of compressed edges of final networks grows as N_v"),
+    ):
+        for label, values in ascent_ends(ds, name):
+            fit = exponent(sizes, values, np.nanmedian)
+            algorithm, end = label.lower().split(", ")
+            yield Claim.tested(
+                f"ShearModulusSteepestDescent-{key}-{algorithm}-{end.split()[0]}",
+                f"{words} ({label})", f"exponent {printed:g}", f"exponent {shown(fit)}",
+                fit[1] - 0.05 <= printed <= fit[2] + 0.05, _REASON,
+            )  # fmt: skip
+
+
+def _bounds(ds):
+    """The part of the bound that the ascents reach, and the compressed length of configurations at the bound."""
+    sizes = ds.n_vertices.values
+    part = (100 * ds.shear_modulus_of_end / ds.bound).mean("seed")
+    reached = (
+        f"{algorithm} {float(part.sel(algorithm=algorithm, n_vertices=size)):.0f} % at N_v = {size}"
+        for algorithm in map(str, ds.algorithm.values)
+        for size in sizes
+    )
+    statement = "how much of the bound the ascents reach"
+    yield Claim("ShearModulusSteepestDescent-end", statement, "not stated", ", ".join(reached), "measured")
+    least = by_size(ds.least_compressed_length)
+    fit = exponent(sizes, least)
+    yield Claim(
+        "ShearModulusSteepestDescent-G-bound",
+        "at the bound itself a compressed length ∝ N_v cannot be avoided (linear program over all configurations)",
+        "not stated", f"at least {np.nanmean(least / sizes[:, None]):.3f} N_v, exponent {shown(fit)}", "measured",
+    )  # fmt: skip
+
+
+_REASON = (
+    "the exponent depends on the method and on how far it climbs: FIRE, the paper's method, has the first row; L-BFGS "
+    "climbs farther and compresses more and shorter edges, whose total length grows as N_v"
+)
+
+
+def _scaling_claims(ds):
+    """The statements of the paper on the constrained shear modulus."""
+    sizes, detail = ds.n_vertices.values, detailed(ds)
+    if len(sizes) > 1:
+        yield from _size_claims(ds, sizes)
+    mean = detail.shear_modulus_of_threshold.mean("seed")
+    falling = bool((mean.diff("threshold") < 0).all())
+    text = ", ".join(
+        f"{float(mean.isel(n_vertices=-1, threshold=n)):.3g} at r = {r:g}"
+        for n, r in list(enumerate(ds.threshold.values))[::2]
+    )
+    yield Claim.tested(
+        "ShearModulusScaling-B", "a lower threshold gives a larger shear modulus", "decreasing in r", text, falling,
+        "the means are not in that order",
+    )  # fmt: skip
+    edge = detail.longest_edge_of_threshold.mean("seed").isel(n_vertices=-1)
+    yield Claim.tested(
+        "ShearModulusScaling-alignment", "a lower threshold lets the network align further: its longest edge grows",
+        "increasing alignment", f"longest edge over the side of the box {float(edge[0]):.2g} at "
+        f"r = {float(ds.threshold[0]):g}, {float(edge[-1]):.2g} at r = {float(ds.threshold[-1]):g}",
+        bool(edge[0] > edge[-1]), "the longest edges do not grow",
+    )  # fmt: skip
+    if detail.sizes["start"] > 1 and detail.sizes["seed"]:
+        yield _start_claim(detail)
+    if "shear_modulus" in ds.population.values:
+        part = 100 * ds.shear_modulus_0.sel(population="shear_modulus") / ds.bound
+        yield Claim(
+            "ShearModulusScaling-bound", "how far the constrained optimum stays below the closed-form bound",
+            "not stated", f"at r = {parameters(ds)['threshold']:g} it has {spread(part, 3)} % of the bound; "
+            f"{spread(100 * ds.shear_modulus_of_threshold.isel(threshold=0) / ds.bound, 3)} % at "
+            f"r = {float(ds.threshold[0]):g}", "measured",
+        )  # fmt: skip
+
+
+def _size_claims(ds, sizes):
+    for population in map(str, ds.population.values):
+        values = by_size(ds.shear_modulus_0.sel(population=population))
+        fit = exponent(sizes, values)
+        if population == "shear_modulus":
+            last = np.nanmean(values[-1])
+            yield Claim.tested(
+                "ShearModulusScaling-A-shear_modulus", "max G_0 keeps a finite shear modulus, independent of size",
+                "exponent 0", f"exponent {shown(fit)}; {last:.4f} at N_v = {sizes[-1]}", abs(fit[0]) < 0.05,
+                "it changes with size",
+            )  # fmt: skip
+        else:
+            inside = fit[1] - 0.05 <= -1 <= fit[2] + 0.05
+            yield Claim.tested(
+                f"ShearModulusScaling-A-{population}", f"the shear modulus of {population} falls as 1/N_v",
+                "exponent -1", f"exponent {shown(fit)}", inside,
+                "the interval leaves −1 out; values spread over decades among networks, so few of them rule the mean",
+            )  # fmt: skip
+
+
+def _start_claim(ds):
+    known = ds.dropna("seed", subset=["objective_of_start"])
+    objectives = known.objective_of_start.transpose("n_vertices", "seed", "start").values
+    best = objectives.max(axis=2, keepdims=True)
+    share = 100 * np.mean(objectives > best * (1 - BEST), axis=(1, 2))
+    spread = 100 * np.mean((best - objectives.min(axis=2, keepdims=True)) / best, axis=(1, 2))
+    first = 100 * np.mean((best[..., 0] - objectives[..., 0]) / best[..., 0], axis=1)
+    text = "; ".join(
+        f"N_v = {size}: {part:.0f} % of starts reach the best, they differ by {wide:.1f} % at most, σ = 1 lies "
+        f"{gap:.2f} % below it"
+        for size, part, wide, gap in zip(ds.n_vertices.values, share, spread, first, strict=True)
+    )
+    return Claim(
+        "ShearModulus+Constraint-starts", "how many starts find the best local optimum", "not stated",
+        f"of {ds.sizes['start']} starts (means over {known.sizes['seed']} networks) {text}", "measured",
+    )  # fmt: skip
+
+
+def summary(ds):
+    """Scalars for tables: the ends of the ascents, and means by algorithm, population, threshold and size."""
+    ascents, detail = recorded(ds), detailed(ds)
+    last = ascents.isel(step=-1)
+    names = [name for name, values in last.data_vars.items() if values.dims == ("seed",) and name != "status"]
+    at_end = [name for name in ds.data_vars if name.endswith("_of_end")]
+    return {
+        "networks": ds.sizes["seed"],
+        "parameters": parameters(ds),
+        "n_vertices": ds.n_vertices.values,
+        "bound": ds.bound.mean("seed").values,
+        "ascent_status": status_counts(ascents.status.values),
+        "ascent_end": {name: {word: getattr(last[name], word)() for word in ("mean", "std", "max")} for name in names},
+        "algorithm_status": status_counts(detail.algorithm_status.values),
+        "algorithms": {
+            str(a): {name: detail[name].sel(algorithm=a).mean("seed").values for name in at_end}
+            for a in ds.algorithm.values
+        },
+        **{name: status_counts(ds[name].values) for name in ("population_status", "threshold_status")},
+        "shear_modulus_0": {
+            str(p): ds.shear_modulus_0.sel(population=p).mean("seed").values for p in ds.population.values
+        },
+        "shear_modulus_of_threshold": {
+            f"{float(r):g}": detail.shear_modulus_of_threshold.sel(threshold=r).mean("seed").values
+            for r in ds.threshold.values
+        },
+    }

@@ -1,0 +1,253 @@
+"""The shear modulus G_0 at the transition: unconstrained ascents, and its dependence on size, threshold and starts.
+
+From σ = 1 and without constraints on the signs of the stress (`ShearModulusSteepestDescent`) every network climbs
+towards the closed-form bound.  Edges along the shear grow to the size of the box, others come under compression, and
+the prestress matrix becomes indefinite.  Compressed edges of all sizes are compared at the end of the paper's method,
+FIRE, after the same number of steps, and with L-BFGS at the same part of the bound: the same number of steps reaches a
+larger part in small networks.
+
+With positive stresses (`ShearModulusScaling`) the shear modulus of populations that are not optimised for it falls as
+1/N_v; that of max G_0 is independent of size, with aligned edges that align further at a lower threshold r.  The
+constrained objective has many local optima.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from critflow import CriticalManifold, optimize, upper_bound, voronoi_network
+from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.generators.random_networks import check_voronoi
+from critflow.quantities.largest_modulus import largest_modulus, least_compressed_length
+from critflow.response.moduli import transition_moduli
+from critflow.result import Status, StudyError
+from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
+
+from ..shared.checks import check_network
+from ..shared.populations import POPULATIONS, configuration, prepared
+from ..shared.reports import PAPER
+from .ascent import MEASURES, ascend
+from .figures import animation, ascent_figure, compression_figure, scaling_figure
+from .report import claims, summary
+from .verify import verify
+
+METHODS = ("lbfgs", "fire", "newton")
+# Every step at first, then about eight a factor of ten.
+STEPS = tuple(int(step) for step in np.unique(np.round(np.concatenate([[0, 1], 10 ** np.arange(0.3, 3.71, 0.1)]))))
+
+
+def case(parameters, *, seed, n_vertices):
+    """The recorded ascent, which does not depend on the size of the case, and everything at this size.
+
+    Thresholds, starts and ascents of all sizes cost more, and are those of the first networks only.
+    """
+    manifold = prepared(voronoi_network, n_vertices, seed, parameters["hard_core"])
+    detailed = seed < parameters["detailed_seeds"]
+    return {
+        "status": Status.ok,
+        "bound": upper_bound(manifold, transition_modulus(manifold.network, pure_shear(2))),
+        "least_compressed_length": least_compressed_length(manifold, pure_shear(2)) if detailed else np.nan,
+        **_recorded(*(parameters[name] for name in ("ascent_vertices", "hard_core", "method", "steps")), seed),
+        **_compression(manifold, parameters, detailed),
+        **_populations(manifold, parameters, seed),
+        **_constrained(manifold, parameters, seed, n_vertices, detailed),
+    }
+
+
+@lru_cache(maxsize=1)
+def _recorded(n_vertices, hard_core, method, steps, seed):
+    """One ascent: measures and configurations at the recorded steps, and the bound with its closed form."""
+    network = voronoi_network(n_vertices, seed, hard_core)
+    manifold = CriticalManifold(network)
+    ascent = ascend(manifold, method, steps, (0.9,))
+    solution, exact = ascent.solution, largest_modulus(manifold, pure_shear(2))
+    # Coordinates whose bond vectors are those of the record, to single precision, which is enough to draw.
+    stored = len(ascent.sigmas)
+    sigma = np.full((len(steps), network.n_edges), np.nan)
+    sigma[:stored] = ascent.sigmas
+    coordinates = np.full((len(steps), *network.positions.shape), np.nan)
+    coordinates[:stored] = [network.all_coordinates(manifold.balance(s).coordinates) for s in ascent.sigmas]
+    return {
+        "edges": network.edges,
+        "offsets": network.offsets,
+        "cell": network.cell,
+        **dict(zip(MEASURES, ascent.recorded, strict=True)),
+        "sigma": sigma,
+        "coordinates": coordinates,
+        "ascent_status": solution.status,
+        "ascent_bound": ascent.bound,
+        "last_step": solution.stats.steps,
+        "shear_modulus_end": solution.objective,
+        "closed_form": exact.objective,
+        "closed_form_gap": exact.gap,
+        "needed_length": least_compressed_length(manifold, pure_shear(2)),
+        "crossings": len(solution.crossings),
+        "negative_pivots": solution.negative_pivots,
+        "nearest_singular": solution.nearest_singular,
+        "residual": solution.value.residual,
+    }
+
+
+def _compression(manifold, parameters, detailed):
+    """Ascents by each algorithm, measured at their ends and where they first reach each part of the bound."""
+    algorithms, fractions = parameters["algorithms"], parameters["fractions"]
+    shape = len(algorithms), len(fractions)
+    reached, ends = np.full((len(MEASURES), *shape), np.nan), np.full((len(MEASURES), shape[0]), np.nan)
+    first, crossings = np.full(shape, -1), np.full(shape[0], -1)
+    status = np.full(shape[0], int(Status.missing))
+    for n, algorithm in enumerate(algorithms if detailed else ()):
+        ascent = ascend(manifold, algorithm, (0, parameters["n_steps"]), fractions, stop_at_last=algorithm != "fire")
+        reached[:, n], ends[:, n], first[n] = ascent.reached, ascent.end, ascent.first
+        crossings[n] = len(ascent.solution.crossings)
+        # A stop at the largest part of the bound is the requested end.
+        status[n] = Status.ok if (ascent.first >= 0).all() else ascent.solution.status
+    return {
+        "step_of_part": first,
+        "crossings_of_algorithm": crossings,
+        "algorithm_status": status,
+        **{f"{name}_of_part": values for name, values in zip(MEASURES, reached, strict=True)},
+        **{f"{name}_of_end": values for name, values in zip(MEASURES, ends, strict=True)},
+    }
+
+
+def _populations(manifold, parameters, seed):
+    """G_0 of every population."""
+    moduli, statuses = np.full(len(parameters["populations"]), np.nan), []
+    for n, population in enumerate(parameters["populations"]):
+        solution = configuration(manifold, parameters, seed, population)
+        statuses.append(solution.status)
+        if np.isfinite(solution.value.coordinates).all():
+            moduli[n] = transition_moduli(solution.value).shear
+    return {"shear_modulus_0": moduli, "population_status": statuses}
+
+
+def _constrained(manifold, parameters, seed, n_vertices, detailed):
+    """Max G_0 at each threshold and from several starts."""
+    thresholds, starts = parameters["thresholds"], np.full(parameters["n_starts"], np.nan)
+    moduli, longest = np.full((2, len(thresholds)), np.nan)
+    statuses = np.full(len(thresholds), int(Status.missing))
+    if detailed:
+        for n, r in enumerate(thresholds):
+            solution = optimize(manifold, "shear_modulus", threshold=r, throw=False)
+            moduli[n], statuses[n] = transition_moduli(solution.value).shear, solution.status
+            longest[n] = solution.value.lengths.max() / np.sqrt(manifold.network.volume)
+        rng, r = stable_rng(seed, "starts", str(n_vertices)), parameters["threshold"]
+        several = optimize(manifold, "shear_modulus", threshold=r, starts=len(starts), rng=rng, throw=False)
+        starts[:] = several.starts
+    return {
+        "shear_modulus_of_threshold": moduli,
+        "longest_edge_of_threshold": longest,
+        "threshold_status": statuses,
+        "objective_of_start": starts,
+    }
+
+
+def check(parameters, axes):
+    """Refuse settings that could only fail, before anything runs."""
+    for method in (parameters["method"], *parameters["algorithms"]):
+        if method not in METHODS:
+            raise StudyError(f"method={method} must be lbfgs, fire (the paper's) or newton")
+    if not all(0 < part < 1 for part in parameters["fractions"]):
+        raise StudyError("fractions are parts of the bound: numbers between 0 and 1")
+    if list(parameters["steps"]) != sorted(set(parameters["steps"])) or parameters["steps"][0] < 0:
+        raise StudyError("steps must be increasing whole numbers from 0 on, such as 0,1,10,100")
+    if unknown := sorted(set(parameters["populations"]) - set(POPULATIONS)):
+        raise StudyError(f"there is no population {unknown[0]!r}: choose among {', '.join(POPULATIONS)}")
+    if not all(r > 0 for r in (*parameters["thresholds"], parameters["threshold"])):
+        raise StudyError("thresholds must be positive, such as 0.1")
+    for name in ("n_starts", "n_steps"):
+        if parameters[name] < 1:
+            raise StudyError(f"{name}={parameters[name]} must be at least 1")
+    for n_vertices in (*axes["n_vertices"], parameters["ascent_vertices"]):
+        check_network(check_voronoi, n_vertices, parameters["hard_core"])
+
+
+# Numbers of the end of a recorded ascent and of the configuration that attains the bound.
+AT_END = {
+    "ascent_bound": "largest shear modulus of any stress, in closed form",
+    "shear_modulus_end": "shear modulus at the last step, or its limit, in units of k",
+    "closed_form": "shear modulus of the closed form's configuration",
+    "closed_form_gap": "relative distance of that modulus from the bound",
+    "needed_length": "least compressed length of any configuration at the bound",
+    "nearest_singular": "smallest over largest pivot during the ascent",
+    "residual": "largest unbalanced force over the mean tension at the end",
+}
+EACH, NETWORK, RECORD = ("seed", "n_vertices"), ("seed",), ("seed", "step")
+ALGORITHM, PART = (*EACH, "algorithm"), (*EACH, "algorithm", "fraction")
+
+
+def _table():
+    """Names, dimensions, types and meanings of the stored variables."""
+    yield Variable("edges", (*NETWORK, "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
+    yield Variable("offsets", (*NETWORK, "edge", "axis"), "i2", long_name="cell image in which each head lies")
+    yield Variable("cell", (*NETWORK, "axis", "axis_"), "f8", long_name="cell vectors as rows")
+    for name, text in MEASURES.items():
+        yield Variable(name, RECORD, "f8", long_name=text)
+        yield Variable(f"{name}_of_part", PART, "f8", long_name=f"{text}, where an ascent reaches this part")
+        yield Variable(f"{name}_of_end", ALGORITHM, "f8", long_name=f"{text}, at the end of an ascent")
+    yield Variable("sigma", (*RECORD, "edge"), "f4", long_name="geometric stress, sum of squares N_b")
+    yield Variable("coordinates", (*RECORD, "vertex", "axis"), "f4", long_name="vertex coordinates")
+    yield from (Variable(name, NETWORK, "f8", long_name=text) for name, text in AT_END.items())
+    yield Variable("last_step", NETWORK, "i4", long_name="step that ended the ascent", fill=-1)
+    yield Variable("crossings", NETWORK, "i4", long_name="steps across a singular prestress matrix", fill=-1)
+    yield Variable("negative_pivots", NETWORK, "i4", long_name="negative eigenvalues of the last prestress matrix")
+    yield Variable("ascent_status", NETWORK, "i1", long_name="outcome of the ascent", flags=Status)
+    yield Variable("step_of_part", PART, "i4", long_name="step that first reached this part; -1: none", fill=-2)
+    yield Variable("crossings_of_algorithm", ALGORITHM, "i4", long_name="steps across a singular matrix", fill=-2)
+    yield Variable("algorithm_status", ALGORITHM, "i1", long_name="outcome of an ascent", flags=Status)
+    yield Variable(
+        "least_compressed_length", EACH, "f8", long_name="least compressed length of configurations at the bound"
+    )
+    yield Variable("bound", EACH, "f8", long_name="largest shear modulus of any stress, in closed form [k]")
+    yield Variable("shear_modulus_0", (*EACH, "population"), "f8", long_name="shear modulus at the transition [k]")
+    yield Variable("population_status", (*EACH, "population"), "i1", long_name="outcome by population", flags=Status)
+    yield Variable("shear_modulus_of_threshold", (*EACH, "threshold"), "f8", long_name="G_0 of max G_0, from σ = 1 [k]")
+    yield Variable("longest_edge_of_threshold", (*EACH, "threshold"), "f8", long_name="its longest edge over the side")
+    yield Variable("threshold_status", (*EACH, "threshold"), "i1", long_name="outcome by threshold", flags=Status)
+    yield Variable("objective_of_start", (*EACH, "start"), "f8", long_name="penalised G_0 of each start, σ = 1 first")
+    yield Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status)
+
+
+study = Study(
+    name="shear",
+    title="The shear modulus at the transition: unconstrained ascents, size, threshold and starts",
+    references=f"{PAPER}, figures ShearModulusSteepestDescent, ShearModulusScaling and Movie 1",
+    axes=(
+        Axis("seed", range(100), "seed of the network", noun="networks"),
+        Axis("n_vertices", (50, 100, 200, 500, 1000), "number of vertices", key="n_vertices"),
+    ),
+    parameters={
+        "hard_core": 0.82,
+        "ascent_vertices": 1000,
+        "method": "lbfgs",
+        "steps": STEPS,
+        "algorithms": ("fire", "lbfgs"),
+        "n_steps": 10000,
+        "fractions": (0.5, 0.8, 0.95),
+        "populations": POPULATIONS,
+        "thresholds": (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7),
+        "n_starts": 12,
+        "detailed_seeds": 12,
+        "threshold": 0.1,
+        "spread": 0.1,
+        "spread_wide": 0.3,
+        "protocol": "conic",
+    },
+    coordinates=(
+        Coordinate("step", "steps", "step of the recorded ascent"),
+        Coordinate("algorithm", "algorithms", "algorithm of the ascents at all sizes"),
+        Coordinate("fraction", "fractions", "part of the closed-form bound that is reached"),
+        Coordinate("population", "populations", "population of critical configurations"),
+        Coordinate("threshold", "thresholds", "least stress r that the penalty allows, where the mean square is one"),
+    ),
+    case=case,
+    check=check,
+    variables=tuple(_table()),
+    verify=verify,
+    figures={"ascent": ascent_figure, "compression": compression_figure, "scaling": scaling_figure},
+    animations={"ascent": animation},
+    claims=claims,
+    summary=summary,
+)

@@ -1,1 +1,0 @@
-"""Unconstrained ascent of the shear modulus."""

@@ -1,1 +1,0 @@
-"""The ascent against system size."""

@@ -1,1 +1,0 @@
-"""Shear moduli against system size."""
