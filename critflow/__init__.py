@@ -53,12 +53,9 @@ from critflow.quantities.largest_modulus import bulk_modulus_bound, modulus_boun
 from critflow.quantities.leverage import EdgeLeverage, add, cut, edge_leverage
 from critflow.quantities.optimum import Optimum
 from critflow.quantities.properties import TransitionProperties, transition_properties
-from critflow.response.elasticity import Elasticity
-from critflow.response.moduli import elastic_moduli, elasticity, transition_moduli
-from critflow.response.moduli_bounds import transition_bounds
-from critflow.response.perimeters import cells_of, critical_from_perimeters, perimeter_moduli, perimeter_state
-from critflow.response.response import linear_response
+from critflow.response.elasticity import elasticity
 from critflow.response.stiffening import stiffening
+from critflow.response.tensor import Elasticity
 from critflow.result import (
     CritflowError,
     EnvironmentFailure,
@@ -79,6 +76,7 @@ from critflow.springs.equilibrium import equilibrium
 from critflow.springs.hessian import bond_operator, geometric_split, hookean_split
 from critflow.springs.laws import Cable, Hookean, PowerLaw, SpringLaw, WormLike
 from critflow.springs.state import spring_state
+from critflow.springs.tissue import critical_from_perimeters, tissue
 
 __version__ = version("critflow")
 
@@ -134,7 +132,6 @@ __all__ = [
     "backbone",
     "bond_operator",
     "bulk_modulus_bound",
-    "cells_of",
     "certify",
     "critical_from_lengths",
     "critical_from_perimeters",
@@ -151,7 +148,6 @@ __all__ = [
     "diluted",
     "draw",
     "edge_leverage",
-    "elastic_moduli",
     "elasticity",
     "equilibrium",
     "examine",
@@ -167,7 +163,6 @@ __all__ = [
     "isogonal_modes",
     "isotropic_targets",
     "kagome_network",
-    "linear_response",
     "mikado_network",
     "modulus_bound",
     "nearest_critical",
@@ -175,8 +170,6 @@ __all__ = [
     "optimize",
     "packing_network",
     "pareto",
-    "perimeter_moduli",
-    "perimeter_state",
     "phantom_network",
     "planar_faces",
     "principal_curvatures",
@@ -201,8 +194,7 @@ __all__ = [
     "stresses_of",
     "surface_geometry",
     "three_bar_linkage",
-    "transition_bounds",
-    "transition_moduli",
+    "tissue",
     "transition_modulus",
     "transition_properties",
     "triangular_network",

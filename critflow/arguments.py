@@ -4,7 +4,8 @@
     def stiffening(network: Network | CriticalManifold, critical: CriticalConfiguration) -> ...
 
 raises one sentence, `InputError`, for a word in place of a number or a ragged list in place of an array.  A solution
-stands for its value; one that failed is refused.  Values, shapes and ranges are the business of the function.
+stands for its value; one that failed is refused.  What holds a network (a manifold, a configuration, a state, or a
+solution with one) stands for it.  Values, shapes and ranges are the business of the function.
 """
 
 from __future__ import annotations
@@ -47,6 +48,16 @@ def checked(function: Callable[Parameters, Returned]) -> Callable[Parameters, Re
         return function(*bound.args, **bound.kwargs)
 
     return call
+
+
+def held(holder: Any, kinds: tuple[type, ...]) -> Any:
+    """What a holder is or holds of these kinds: itself, its `network`, or either of its value; None without any."""
+    inside = [holder, holder.value] if isinstance(holder, Solution) else [holder]
+    for one in inside:
+        for part in (one, getattr(one, "network", None)):
+            if isinstance(part, kinds):
+                return part
+    return None
 
 
 def generator(seed: int | np.random.Generator) -> np.random.Generator:
@@ -109,9 +120,10 @@ class _Kinds:
             return value if "float" in words else int(value)
         if words & _ARRAYS and _is_array(value):
             return value
-        if isinstance(value, Solution) and isinstance(value.value, tuple(self.classes)):
-            if value:
-                return value.value
+        found = held(value, tuple(self.classes))
+        if found is not None:
+            if not isinstance(value, Solution) or value:
+                return found
             raise InputError(f"{name} is a solution that failed: {value.reason}: its last state is its .value")
         raise InputError(f"{name} must be {self._expected()}, not {shown(value)}{self._advice(value)}")
 

@@ -18,10 +18,8 @@ from critflow import (
     InputError,
     Network,
     StereographicChart,
-    cells_of,
     examine,
     honeycomb_network,
-    perimeter_state,
     spring_state,
     triangular_network,
 )
@@ -32,7 +30,6 @@ MANIFOLD = CriticalManifold(NETWORK)
 CRITICAL = MANIFOLD.configuration(np.ones(6))
 HEXAGONS = honeycomb_network(2, 2)
 LATTICE = triangular_network(2, 2)
-CELLS = cells_of(HEXAGONS)
 
 # Right arguments by the name of the parameter, and where a function gives a name another meaning.
 RIGHT = {
@@ -49,8 +46,8 @@ RIGHT = {
     "objective": "bulk_modulus",
     "state": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
     "springs": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
-    "cells": CELLS,
     "targets": np.full(4, 5.0),
+    "perimeters": np.full(4, 5.0),
     "moduli": [1.0, 2.0],
     "edges": NETWORK.edges,
     "offsets": NETWORK.offsets,
@@ -78,8 +75,8 @@ RIGHT = {
     "path": Path(tempfile.mkdtemp()) / "page.md",
 }
 OF_FUNCTION = {
-    "perimeter_moduli": {"state": perimeter_state(CELLS, np.full(4, 5.0), HEXAGONS.positions)},
-    "perimeter_state": {"coordinates": HEXAGONS.positions},
+    "tissue": {"network": HEXAGONS, "coordinates": HEXAGONS.positions},
+    "critical_from_perimeters": {"network": HEXAGONS},
     "design": {"targets": {"bulk_modulus": 0.1}, "start": np.ones(6)},
     "design_stiffness": {
         "network": LATTICE,
@@ -101,7 +98,6 @@ OF_FUNCTION = {
     "deformation_of": {"value": "dilation"},
     "diluted": {"network": honeycomb_network(4, 4)},
     "packing_network": {"n_vertices": 24, "z": 4.2},
-    "cells_of": {"network": HEXAGONS},
 }
 WRONG = {
     "a word": "soft",
@@ -155,7 +151,7 @@ def example(network: Network, number: float, count: int = 1, rng: np.random.Gene
 
 def test_the_sentence_names_the_argument_its_kind_and_the_way_out():
     for arguments, sentence in (
-        ((CRITICAL, 1.0), "network must be a Network, not a CriticalConfiguration: use its .network"),
+        ((CRITICAL.coordinates, 1.0), "network must be a Network, not an array of shape (4, 2) and type float64"),
         ((NETWORK, "soft"), "number must be a number, not 'soft'"),
         ((NETWORK, 1.0, 2.5), "count must be a whole number, not 2.5"),
         ((NETWORK, 1.0, True), "count must be a whole number, not True"),

@@ -28,7 +28,7 @@ from critflow.networks.network import Array, Network
 from critflow.quantities.errors import error_bounds
 from critflow.quantities.largest_modulus import bulk_modulus_bound
 from critflow.quantities.stiffening import StiffeningCoefficient
-from critflow.response.moduli import transition_moduli
+from critflow.response.elasticity import elasticity
 from critflow.result import InputError, Stats
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
 
@@ -192,7 +192,7 @@ class _Family:
         """A sentence where a closed form excludes the target of C_B, else an empty string."""
         if "C_B" not in self.names:
             return ""
-        n, bulk = self.names.index("C_B"), transition_moduli(self.critical).bulk
+        n, bulk = self.names.index("C_B"), elasticity(self.critical).value.bulk
         bound = bulk_modulus_bound(self.network)
         least = -bulk / 2
         if (self.critical.sigma > 0).all() and self._high[n] < least * (1 + STIFFEST):

@@ -21,7 +21,7 @@ from critflow.networks.checks import edge_values
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.response.at_rest import response_at_rest
-from critflow.response.elasticity import Elasticity
+from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Stats
 from critflow.rigidity.counts import rigidity
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
@@ -203,8 +203,8 @@ class TensorGoals:
         theta = found.point.z
         network = self._network.with_stiffness(np.exp(theta))
         response = response_at_rest(network, self._coordinates, network.volume)
-        values = self._values(response.value.energy)
-        bounds = np.einsum("nab,ab->n", np.abs(self._W), response.value.bounds)
+        values = self._values(response.value.tensor)
+        bounds = np.einsum("nab,ab->n", np.abs(self._W), response.value.errors.tensor)
         error = np.abs(values - np.clip(values, self._low, self._high)) / self._scale
         unreached = "the errors of the targets cannot be reduced together from here: relax one, or give another start"
         status, note = outcome(found, reason, unreached)

@@ -10,7 +10,7 @@ from critflow.critical.nearest import Nearest
 from critflow.exchange.repair import described
 from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import Onset
-from critflow.response.elasticity import Elasticity, Moduli
+from critflow.response.tensor import Elasticity
 from critflow.result import Record, Solution, Status
 from critflow.rigidity.counts import Rigidity
 
@@ -112,17 +112,6 @@ class Examination(Record):
         return np.nan if self.nearest is None else self.nearest.distance
 
     @property
-    def moduli(self) -> Solution[Moduli] | None:
-        """Bulk and shear modulus at the positions."""
-        found = self.tensor
-        return None if found is None else Solution(found.value.moduli, found.status, found.stats, found.note)
-
-    @property
-    def critical_moduli(self) -> Moduli | None:
-        """B_0 and G_0 of the nearest critical configuration."""
-        return None if self.critical_tensor is None else self.critical_tensor.value.moduli
-
-    @property
     def heaviest_edges(self) -> list[int]:
         """The edges with the largest weights."""
         if not np.isfinite(self.weights).all():
@@ -158,7 +147,7 @@ def report_lines(found: Examination) -> list[str]:
 def summary_lines(found: Examination) -> list[str]:
     """Title, answer and advice."""
     answer = [f"- {_answer(found)}"]
-    known = found.tensor is not None and np.isfinite(found.tensor.value.energy).all()
+    known = found.tensor is not None and np.isfinite(found.tensor.value.tensor).all()
     if found.tensor is not None and known:
         answer.append(f"- {_bulk_and_shear(found.tensor.value)}")
     if found.critical_tensor is not None and not (known and (found.order == "critical" or _same(found))):
@@ -251,7 +240,7 @@ def _same(found: Examination) -> bool:
     """Whether the tensors at the positions and of the nearest critical configuration agree."""
     if found.tensor is None or found.critical_tensor is None:
         return False
-    here, there = found.tensor.value.energy, found.critical_tensor.value.energy
+    here, there = found.tensor.value.tensor, found.critical_tensor.value.tensor
     return bool(np.abs(here - there).max() <= _SAME * np.abs(there).max())
 
 
@@ -269,27 +258,27 @@ def _strains(found: Examination) -> list[str]:
 def _moduli(solution: Solution[Elasticity], index: str = "") -> list[str]:
     """Status, moduli and tensor of an elasticity."""
     tensor = solution.value
-    if not np.isfinite(tensor.energy).all():
+    if not np.isfinite(tensor.tensor).all():
         return [f"- {solution.status.name}: {solution.reason}"]
     state = "" if solution.ok else f"{solution.status.name}: "
-    size = float(np.abs(tensor.energy).max())
+    size = float(np.abs(tensor.tensor).max())
     lines = [f"- {state}{_bulk_and_shear(tensor, index)}"]
-    if not tensor.energy.any():
+    if not tensor.tensor.any():
         return lines
     x, y = np.eye(tensor.dimension)[:2]
-    ratio = tensor.poissons_ratio(x, y)
+    ratio = tensor.poisson(x, y)
     if np.isfinite(ratio):
-        lines.append(f"- along x: Young's modulus {_number(tensor.youngs_modulus(x))}, Poisson's ratio {ratio:.6g}")
+        lines.append(f"- along x: Young's modulus {_number(tensor.young(x))}, Poisson's ratio {ratio:.6g}")
     names = tensor.components
     rows = [
         f"| {name} | {' | '.join(f'{0.0 if abs(c) < _ZERO * size else c:.6g}' for c in row)} |"
-        for name, row in zip(names, tensor.energy, strict=True)
+        for name, row in zip(names, tensor.tensor, strict=True)
     ]
     return [*lines, "", f"| C | {' | '.join(names)} |", "|---" * (1 + len(names)) + "|", *rows]
 
 
 def _bulk_and_shear(tensor: Elasticity, index: str = "") -> str:
-    size = float(np.abs(tensor.energy).max())
+    size = float(np.abs(tensor.tensor).max())
     bulk, shear = (_number(0.0 if abs(value) < _ZERO * size else value) for value in (tensor.bulk, tensor.shear))
     return f"B{index} = {bulk}, G{index} = {shear}"
 
@@ -333,7 +322,7 @@ def advice_of(found: Examination, margin: float) -> tuple[str, ...]:
     if found.order == "floppy" and near is None and not found.critical_strains:
         advice.append("add edges or fix vertices: neither a strain nor another configuration is known to make it rigid")
     if found.order == "critical":
-        advice.append("transition_moduli and stiffening give its response; strain_path follows it past the transition")
+        advice.append("elasticity and stiffening give its response; strain_path follows it past the transition")
     if found.order == "first":
         advice.append("it is rigid at rest: elasticity gives its tensor; diluted(...) leads to the transition")
     if found.order in ("prestress", "second"):

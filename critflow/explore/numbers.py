@@ -12,8 +12,7 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import named_objective
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
-from critflow.response.moduli import transition_moduli
-from critflow.response.moduli_bounds import transition_bounds
+from critflow.response.elasticity import elasticity
 from critflow.response.stiffening import stiffening
 from critflow.result import CritflowError
 from critflow.rigidity.counts import certify
@@ -56,30 +55,33 @@ class Number:
 
 
 def quick(critical: CriticalConfiguration) -> list[Number]:
-    """Moduli, variances and residual, without bounds of the moduli: what follows the hand."""
-    moduli, note = _attempt(lambda: transition_moduli(critical))
-    numbers = [
-        Number("B_0", moduli.bulk if moduli else np.nan, note=note),
-        Number("G_0", moduli.shear if moduli else np.nan, note=note),
-    ]
-    return numbers + variances(critical) + [Number("residual", critical.residual)]
+    """Moduli, variances and residual, without errors of the moduli: what follows the hand."""
+    return moduli(critical, errors=False) + variances(critical) + [Number("residual", critical.residual)]
 
 
 def precise(manifold: CriticalManifold, critical: CriticalConfiguration) -> list[Number]:
     """The moduli with their bounds, and the stiffening coefficients with theirs."""
-    moduli, note = _attempt(lambda: transition_moduli(critical))
-    bounds, _ = _attempt(lambda: transition_bounds(critical))
     growth, why = _attempt(lambda: stiffening(manifold, critical, throw=False))
-    numbers = []
-    for key, name in (("B_0", "bulk"), ("G_0", "shear")):
-        value, bound = (np.nan if record is None else float(getattr(record, name)) for record in (moduli, bounds))
-        numbers.append(Number(key, value, bound, PROOF, note))
+    numbers = moduli(critical, errors=True)
     for key in ("C_B", "C_G", "C_G_stress_corrected"):
         value = np.nan if growth is None else getattr(growth.value, key)
         bound = np.nan if growth is None else float(getattr(growth.stats.error_bound, key, np.nan))
         reason = why or ("" if growth is None or growth.ok else growth.reason)
         numbers.append(Number(key, float(value), bound, ESTIMATE, reason))
     return numbers
+
+
+def moduli(critical: CriticalConfiguration, errors: bool) -> list[Number]:
+    """B_0 and G_0."""
+    found, note = _attempt(lambda: elasticity(critical))
+    if found is None or not found:
+        note = note if found is None else found.reason
+        return [Number("B_0", np.nan, note=note), Number("G_0", np.nan, note=note)]
+    value = found.value
+    bounds = (value.errors.bulk, value.errors.shear) if errors else (np.nan, np.nan)
+    # Those of several self-stresses are estimates.
+    kind = "" if not errors else PROOF if found.stats.method == "transition" else ESTIMATE
+    return [Number("B_0", value.bulk, bounds[0], kind), Number("G_0", value.shear, bounds[1], kind)]
 
 
 def counts(critical: CriticalConfiguration) -> list[Number]:

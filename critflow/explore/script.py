@@ -21,7 +21,7 @@ def script(session: Session) -> str:
     body = session.source.lines()
     for name, group in groupby(session.recipe(), key=lambda change: change[0]):
         body += _LINES[name](list(group), session)
-    body.append("print(transition_moduli(critical), stiffening(manifold, critical).value)")
+    body.append("print(elasticity(critical).value, stiffening(manifold, critical).value)")
     text = "\n".join(body)
     names = [name for name in _IMPORTED if name + "(" in text]
     heads = [f"from critflow import {', '.join(names)}"]
@@ -33,8 +33,8 @@ def script(session: Session) -> str:
 
 
 _IMPORTED = (
-    *("CriticalManifold", "critical_from_lengths", "face_modes", "network_from", "optimize", "prune", "stiffening"),
-    *("strain_path", "transition_moduli", "voronoi_network"),
+    *("CriticalManifold", "critical_from_lengths", "elasticity", "face_modes", "network_from", "optimize", "prune"),
+    *("stiffening", "strain_path", "voronoi_network"),
 )
 
 

@@ -23,7 +23,7 @@ from critflow.linalg.saddle import CondensedSaddle, Saddle
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.precision.residual import exact_displacement
-from critflow.response.elasticity import TRUSTED_ERROR
+from critflow.response.tensor import TRUSTED_ERROR
 from critflow.response.third_order import ThirdOrderEnergy, Triple
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises

@@ -19,7 +19,7 @@ import numpy as np
 from critflow.linalg.saddle import CondensedFactor, CondensedSaddle, Saddle, SaddleFactor
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
-from critflow.response.response import accumulated_rounding
+from critflow.response.linear_response import accumulated_rounding
 from critflow.springs.laws import SpringLaw, checked_law
 
 # Step, in units of a length, of difference quotients that need two digits.

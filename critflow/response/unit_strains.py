@@ -11,7 +11,7 @@ import numpy as np
 
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array
-from critflow.response.elasticity import strain_components
+from critflow.response.tensor import strain_components
 
 
 @cache

@@ -11,7 +11,7 @@ from critflow import (
     bulk_modulus_bound,
     cubic_network,
     diamond_network,
-    elastic_moduli,
+    elasticity,
     honeycomb_network,
     kagome_network,
     optimize,
@@ -103,7 +103,7 @@ def test_moduli(name, size, edge_length):
     make, *_, bulk, shear = LATTICES[name]
     network = make(*size, edge_length)
     unit = edge_length ** (2 - network.dimension)
-    found = elastic_moduli(network, network.positions).value
+    found = elasticity(network, network.positions).value
     assert found.bulk == pytest.approx(bulk * unit, rel=1e-12)
     assert found.shear == pytest.approx(shear * unit, rel=1e-12, abs=1e-14)
     # Bravais lattices of any kind with one edge length are at the largest B_0 of their topology.

@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 from problems import random_stress, with_random_stiffness
 
-from critflow import (
-    CriticalManifold,
-    InputError,
-    edge_leverage,
-    foam_network,
-    optimize,
-    transition_moduli,
-    voronoi_network,
-)
+from critflow import CriticalManifold, InputError, edge_leverage, elasticity, foam_network, optimize, voronoi_network
 from critflow.quantities.leverage import cut
 from critflow.rigidity.structure import length_variance, tension_variance
 
@@ -29,8 +21,8 @@ def network(request):
 
 
 VALUES = {
-    "bulk_modulus": lambda critical: transition_moduli(critical).bulk,
-    "shear_modulus": lambda critical: transition_moduli(critical).shear,
+    "bulk_modulus": lambda critical: elasticity(critical).value.bulk,
+    "shear_modulus": lambda critical: elasticity(critical).value.shear,
     "length_variance": length_variance,
     "tension_variance": tension_variance,
 }

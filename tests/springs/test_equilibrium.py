@@ -22,10 +22,9 @@ from critflow import (
     SolveError,
     Status,
     WormLike,
-    cells_of,
     equilibrium,
-    perimeter_state,
     spring_state,
+    tissue,
     voronoi_network,
 )
 from critflow.precision.geometry import exact_bond_vectors, exact_forces
@@ -232,13 +231,13 @@ def test_condition_is_that_of_the_hessian():
 
 
 @pytest.mark.parametrize("gamma", [1e-1, 1e-4, 1e-8])
-def test_cells_with_one_side_are_springs(gamma):
+def test_faces_with_one_side_are_springs(gamma):
     # Sides of weight 0.3 and targets 0.3 ℓ: sums must be exact also for non-integer weights.
     network = voronoi_network(12, seed=6)
     state = strained(network, gamma)
     sides = 0.3 * np.eye(network.n_edges)
-    cells = perimeter_state(cells_of(state.network, 1.0, sides), sides @ state.rest_lengths, state.coordinates)
-    solution = equilibrium(cells)
+    faces = tissue(state.network, sides @ state.rest_lengths, state.coordinates, sides=sides)
+    solution = equilibrium(faces)
     assert solution.status is Status.ok
     # p0 = 0.3 ℓ is rounded, which displaces the equilibrium by the same order.
     springs = equilibrium(state).value

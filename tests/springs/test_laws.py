@@ -16,7 +16,7 @@ from critflow import (
     PowerLaw,
     SpringLaw,
     WormLike,
-    elastic_moduli,
+    elasticity,
     spring_state,
     stiffening,
     strain_path,
@@ -197,7 +197,7 @@ def test_invalid_laws_raise_one_sentence(name):
         lambda: spring_state(network, critical.lengths, critical.coordinates, law),
         lambda: strain_path(network, critical, [0.01], law=law),
         lambda: stiffening(network, critical, law=law),
-        lambda: elastic_moduli(network, critical.coordinates, law=law),
+        lambda: elasticity(network, critical.coordinates, law=law),
     ):
         with pytest.raises(InputError, match=pattern) as caught:
             call()

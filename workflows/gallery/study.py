@@ -22,10 +22,10 @@ from critflow import (
     StudyError,
     bulk_modulus_bound,
     critical_from_lengths,
+    elasticity,
     face_modes,
     flat_directions,
     optimize,
-    transition_moduli,
     voronoi_network,
 )
 from critflow.critical.isogonal import affine_bulk_modulus
@@ -120,7 +120,7 @@ def case(parameters, *, seed, panel):
     if not np.isfinite(found.value.coordinates).all():
         return shared
     critical = found.value
-    moduli = transition_moduli(critical)
+    moduli = elasticity(critical).value
     flat = (np.nan, np.nan, np.nan)
     if panel.startswith("bulk_modulus") and network.n_edges <= MOST_EDGES:
         zero = flat_directions(critical, tolerance=FLAT)

@@ -11,7 +11,6 @@ from critflow import (
     CriticalManifold,
     Status,
     backbone,
-    cells_of,
     certify,
     critical_from_lengths,
     critical_from_perimeters,
@@ -23,7 +22,6 @@ from critflow import (
     phantom_network,
     prune,
     strain_path,
-    transition_moduli,
     triangular_network,
     voronoi_network,
 )
@@ -64,7 +62,7 @@ def planar_shape(parameters, seed):
 
 
 def _shape(network):
-    found = critical_from_perimeters(cells_of(network), np.ones(network.faces.n_faces), throw=False)
+    found = critical_from_perimeters(network, np.ones(network.faces.n_faces), throw=False)
     shapes = found.value.shape_index
     return Measured(float(shapes.mean()), np.empty(0), np.empty(0), found.status)
 
@@ -103,7 +101,7 @@ def factor_three(parameters, seed):
         found = critical_from_lengths(sheared, np.ones(network.n_edges), throw=False)
         if not found.ok:
             return Measured(np.nan, onsets, ratios, found.status)
-        G_c = transition_moduli(found.value).shear
+        G_c = elasticity(found.value).value.shear
         strains = STEP * onset * np.array([1.0, 2.0])
         path = strain_path(sheared, found.value, strains, deformation="simple_shear").value
         ratio = (path.modulus - G_c) * onset / path.stress[:, 0, 1]
@@ -243,8 +241,7 @@ def poisson(network):
     Infinite for networks that do not resist dilation, where it would be −1.
     """
     found = elasticity(network, network.positions)
-    averages = found.value.voigt_reuss_hill()
-    B, G = averages.bulk_voigt, averages.shear_voigt
+    B, G = found.value.voigt
     return (B - G) / (B + G) if found.ok and B > SOFT * G else np.inf
 
 

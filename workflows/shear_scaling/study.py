@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import Status, StudyError, modulus_bound, optimize, transition_moduli, voronoi_network
+from critflow import Status, StudyError, elasticity, modulus_bound, optimize, voronoi_network
 from critflow.critical.quantity import pure_shear
 from critflow.generators.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
@@ -28,7 +28,7 @@ def case(parameters, *, n_vertices, seed):
         found = configuration(manifold, parameters, seed, population)
         statuses[n] = found.status
         if np.isfinite(found.value.coordinates).all():
-            populations[n] = transition_moduli(found.value).shear
+            populations[n] = elasticity(found.value).value.shear
 
     detailed = np.full((3, len(parameters["thresholds"])), np.nan)
     starts = np.full(parameters["n_starts"], np.nan)
@@ -37,7 +37,7 @@ def case(parameters, *, n_vertices, seed):
         for n, r in enumerate(parameters["thresholds"]):
             found = optimize(manifold, "shear_modulus", threshold=r, throw=False)
             size = found.value.lengths.max() / np.sqrt(manifold.network.volume)
-            detailed[:, n] = transition_moduli(found.value).shear, size, found.status
+            detailed[:, n] = elasticity(found.value).value.shear, size, found.status
         rng = stable_rng(seed, "starts", str(n_vertices))
         several = optimize(
             manifold, "shear_modulus", threshold=parameters["threshold"], starts=len(starts), rng=rng, throw=False

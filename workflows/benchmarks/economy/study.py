@@ -10,16 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from critflow import (
-    Status,
-    StudyError,
-    fit_stiffening,
-    optimize,
-    stiffening,
-    strain_path,
-    transition_moduli,
-    voronoi_network,
-)
+from critflow import Status, StudyError, elasticity, fit_stiffening, optimize, stiffening, strain_path, voronoi_network
 from critflow.generators.random_networks import check_voronoi
 from critflow.linalg.matrices import edge_blocks
 from critflow.paths.strain_path import check_strains
@@ -80,7 +71,7 @@ def routes(manifold, parameters, seed):
             lambda: member(parameters, seed, FEW)["C_B_exact"],
             lambda: member(parameters, seed)["C_B_exact"],
         ),
-        "moduli": Routes(lambda: transition_moduli(critical).bulk, just_past),
+        "moduli": Routes(lambda: elasticity(critical).value.bulk, just_past),
         "configuration": Routes(lambda: manifold.balance(sigma).coordinates, by_hessian),
         "optimum": Routes(
             lambda: optimize(manifold, "bulk_modulus").objective,

@@ -7,21 +7,19 @@ from itertools import pairwise
 import numpy as np
 
 from critflow import (
+    InputError,
     Status,
     critical_from_lengths,
-    elastic_moduli,
+    elasticity,
     equilibrium,
-    linear_response,
     optimize,
     rigidity,
     stiffening,
     strain_path,
     stress_hessian,
-    transition_moduli,
 )
 from critflow.critical.derivatives import evaluate
 from critflow.critical.quantity import named_objective, pure_shear, transition_modulus
-from critflow.response.moduli_bounds import transition_bounds
 
 from .. import reference
 from ..reference import Unknown
@@ -70,8 +68,11 @@ def _configuration_error(problem, answer):
 
 
 def _transition_moduli(problem):
-    value, bounds = transition_moduli(problem.critical), transition_bounds(problem.critical)
-    return Answer(Status.ok, (value.bulk, value.shear), (bounds.bulk, bounds.shear))
+    solution = elasticity(problem.critical)
+    value = solution.value
+    if solution.ok and solution.stats.method == "self-stress":
+        raise InputError("the reference requires one self-stress")
+    return Answer(solution.status, (value.bulk, value.shear), (value.errors.bulk, value.errors.shear))
 
 
 def _transition_error(problem, answer):
@@ -93,8 +94,12 @@ def _stiffening_error(problem, answer):
 
 
 def _plain(numbers):
-    """The fields of Moduli or of Stiffening, or one number as it is."""
+    """The fields of Stiffening, or one number as it is."""
     return numbers if isinstance(numbers, float) else tuple(vars(numbers).values())
+
+
+def _moduli(numbers):
+    return numbers.bulk, numbers.shear, numbers.shear_stress_corrected
 
 
 def _rigidity(problem):
@@ -110,11 +115,11 @@ def _rigidity_error(problem, answer):
 
 
 def _elastic_moduli(problem):
-    solution = elastic_moduli(problem.network, problem.generic)
+    solution = elasticity(problem.network, problem.generic)
     # A network without more edges than motions has no self-stress where it was drawn.
     floppy = problem.network.n_edges <= 2 * (problem.network.n_vertices - 1)
     proper = (Status.floppy,) if floppy else (Status.ok, Status.singular)
-    return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound), proper)
+    return Answer(solution.status, _moduli(solution.value), _moduli(solution.value.errors), proper)
 
 
 def _elastic_error(problem, answer):
@@ -169,8 +174,8 @@ def _linear_response(problem):
     if not reached.ok:
         raise Unavailable(reached.status)
     problem.reached = reached.value
-    solution = linear_response(reached.value)
-    return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound))
+    solution = elasticity(reached.value)
+    return Answer(solution.status, _moduli(solution.value), _moduli(solution.value.errors))
 
 
 def _linear_error(problem, answer):

@@ -11,15 +11,7 @@ import time
 
 import numpy as np
 
-from critflow import (
-    Status,
-    StudyError,
-    optimize,
-    random_sequential_addition,
-    stiffening,
-    transition_moduli,
-    voronoi_of,
-)
+from critflow import Status, StudyError, elasticity, optimize, random_sequential_addition, stiffening, voronoi_of
 from critflow.critical.manifold import CriticalManifold, critical_configuration
 from critflow.critical.quantity import LengthVariance
 from critflow.generators.random_networks import STANDARD_HARD_CORE
@@ -101,7 +93,7 @@ def case(parameters, *, n_vertices, seed):
     best = clock("optimum", _optimum, manifold)
     gap = best.gap
     clock.note("optimum", abs(gap), backend, best.status)
-    moduli = clock("moduli", transition_moduli, best.value)
+    moduli = clock("moduli", elasticity, best.value).value
     clock.note("moduli", abs(moduli.bulk / best.bound - 1))
     # The configurations' part is not needed any more.
     del manifold

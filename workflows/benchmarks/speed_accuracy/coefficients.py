@@ -17,10 +17,10 @@ from critflow import (
     CriticalConfiguration,
     CriticalManifold,
     Status,
+    elasticity,
     fit_stiffening,
     stiffening,
     strain_path,
-    transition_moduli,
 )
 from critflow.networks.network import Array
 from critflow.paths.strain_path import StrainPath
@@ -103,7 +103,7 @@ def _extrapolated(problem: Problem, reach: float) -> Answer:
     """Difference quotients with the moduli at the transition, of errors γ, γ², …, eliminated in turn."""
     gamma = reach * 2.0 ** np.arange(-HALVINGS, 1)
     path, status = problem.path(gamma)
-    start = transition_moduli(replace(problem.critical))
+    start = elasticity(replace(problem.critical)).value
     found = []
     for values, value_0 in ((path.bulk_modulus, start.bulk), (path.shear_modulus, start.shear)):
         table = (values - value_0) / gamma

@@ -22,19 +22,18 @@ from critflow import (
     CriticalManifold,
     Solution,
     Status,
-    elastic_moduli,
+    elasticity,
     equilibrium,
-    linear_response,
     spring_state,
     strain_path,
-    transition_moduli,
     voronoi_network,
 )
 from critflow.critical.quantity import pure_shear
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.network import Array
 from critflow.precision.double_double import extended
-from critflow.response.elasticity import Moduli
+from critflow.response.linear_response import linear_response
+from critflow.response.tensor import Elasticity
 from critflow.springs.state import SpringState
 from critflow.workflow import stable_rng
 
@@ -79,9 +78,9 @@ class Measured:
     bound: float = np.nan
 
     @classmethod
-    def of(cls, solution: Solution[Moduli]) -> Measured:
-        value, claim = solution.value, solution.stats.error_bound
-        bound = max(claim.bulk / value.bulk, claim.shear / value.shear) if isinstance(claim, Moduli) else np.nan
+    def of(cls, solution: Solution[Elasticity]) -> Measured:
+        value = solution.value
+        bound = max(value.errors.bulk / value.bulk, value.errors.shear / value.shear)
         return cls(value.bulk, value.shear, solution.status, solution.stats.steps, bound)
 
     def against(self, exact: ExtendedModuli) -> Accuracy:
@@ -172,7 +171,7 @@ def _stressed(n_vertices: int, seed: int) -> list[Method]:
     steps = STEPS if n_vertices < LARGE else (1e-5,)
 
     def respond(level: float) -> Measured:
-        return Measured.of(linear_response(replace(springs.state), springs.pattern))
+        return Measured.of(linear_response(replace(springs.state), springs.state.network.volume, springs.pattern))
 
     return [
         Method("linear response", respond, springs.accuracy, backend="qdldl"),
@@ -192,7 +191,7 @@ def _at_transition(n_vertices: int, seed: int) -> list[Method]:
         return Accuracy(relative_error(answer.bulk, exact.bulk), answer.status, answer.iterations, answer.bound)
 
     def closed(level: float) -> Measured:
-        value = transition_moduli(replace(critical))
+        value = elasticity(replace(critical)).value
         return Measured(value.bulk, value.shear)
 
     def past(strain: float, moduli: bool) -> Measured:
@@ -204,7 +203,7 @@ def _at_transition(n_vertices: int, seed: int) -> list[Method]:
         return Measured(float(bulk), np.nan, solution.status, int(path.steps[0]))
 
     def at_rest(level: float) -> Measured:
-        return Measured.of(elastic_moduli(manifold.network, critical.coordinates))
+        return Measured.of(elasticity(manifold.network, critical.coordinates))
 
     methods = [
         Method("closed form", closed, accuracy),
