@@ -139,7 +139,7 @@ def main():
     patterns = [m.hessian for m in manifolds]
     strain_rows(networks, manifolds, stressed)
 
-    spent = median_ms(lambda seed: stiffening(manifolds[seed], stressed[seed]), 3)
+    spent = median_ms(lambda seed: stiffening(stressed[seed], manifold=manifolds[seed]), 3)
     row("exact C_B and C_G", spent, "from the transition alone")
 
     # The same step by both methods, in turn, to the same force.

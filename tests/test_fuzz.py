@@ -120,7 +120,7 @@ CALLS = {
     "stability": lambda p, r: critflow.stability(critical_of(p)),
     "signed_stress": lambda p, r: critflow.signed_stress(*geometry(p)[:2], np.sign(p.sigma).astype(int)),
     "signed_stress any": lambda p, r: critflow.signed_stress(*geometry(p)[:2], [r.choice([-1, 0, 1]) for _ in p.sigma]),
-    "stiffening": lambda p, r: critflow.stiffening(p.network, critical_of(p)),
+    "stiffening": lambda p, r: critflow.stiffening(critical_of(p)),
     "strain_path": lambda p, r: critflow.strain_path(
         p.network, critical_of(p), [1e-6, 1e-3], moduli=p.network.cell is not None
     ),
@@ -181,7 +181,7 @@ CALLS = {
     "elasticity of slack": lambda p, r: critflow.elasticity(slack_of(p, r)),
     "elasticity at rest": lambda p, r: critflow.elasticity(*geometry(p)[:2]),
     "elasticity under stress": lambda p, r: critflow.elasticity(relaxed(p, r).value),
-    "stiffening of slack": lambda p, r: critflow.stiffening(p.network, slack_of(p, r)),
+    "stiffening of slack": lambda p, r: critflow.stiffening(slack_of(p, r)),
     "strain_path of a deformation": lambda p, r: critflow.strain_path(
         p.network, critical_of(p), [1e-4, 1e-3], deformation=a_deformation(p, r), moduli=p.network.cell is not None
     ),
@@ -365,7 +365,7 @@ def facts(network, sigma):
         found["bulk bound"] = critflow.bulk_modulus_bound(network) / (k * unit**2 / network.volume)
         try:
             found["B_0"] = critflow.elasticity(critical).value.bulk / (k * unit**2 / network.volume)
-            found["C_B"] = critflow.stiffening(network, critical).value.C_B / (k * unit**2 / network.volume)
+            found["C_B"] = critflow.stiffening(critical).value.C_B / (k * unit**2 / network.volume)
         except CritflowError as error:
             found["error"] = type(error)
     return found

@@ -61,7 +61,7 @@ def quick(critical: CriticalConfiguration) -> list[Number]:
 
 def precise(manifold: CriticalManifold, critical: CriticalConfiguration) -> list[Number]:
     """The moduli with their bounds, and the stiffening coefficients with theirs."""
-    growth, why = _attempt(lambda: stiffening(manifold, critical, throw=False))
+    growth, why = _attempt(lambda: stiffening(critical, throw=False, manifold=manifold))
     numbers = moduli(critical, errors=True)
     for key in ("C_B", "C_G", "C_G_stress_corrected"):
         value = np.nan if growth is None else getattr(growth.value, key)

@@ -21,7 +21,7 @@ def script(session: Session) -> str:
     body = session.source.lines()
     for name, group in groupby(session.recipe(), key=lambda change: change[0]):
         body += _LINES[name](list(group), session)
-    body.append("print(elasticity(critical).value, stiffening(manifold, critical).value)")
+    body.append("print(elasticity(critical).value, stiffening(critical).value)")
     text = "\n".join(body)
     names = [name for name in _IMPORTED if name + "(" in text]
     heads = [f"from critflow import {', '.join(names)}"]

@@ -109,7 +109,7 @@ plt.show()
 # %%
 fractions = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9])
 family = [modes.towards(direction, fraction) for fraction in fractions]
-growth = [stiffening(network, member).value for member in family]
+growth = [stiffening(member).value for member in family]
 B_0, G_0, C_B, C_G = (np.array([getattr(g, name) for g in growth]) for name in ("bulk_0", "shear_0", "C_B", "C_G"))
 affine = np.array([affine_bulk_modulus(member) for member in family])
 for row in zip(fractions, B_0, affine, G_0, C_B, C_G, strict=True):

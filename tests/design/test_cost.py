@@ -95,7 +95,7 @@ def test_no_optimisation_factorises_the_elastic_hessian(factorised, name):
 def test_coefficients_need_one_system_and_no_path(factorised, monkeypatch, network, manifold, critical):
     monkeypatch.setattr(PATH, "relaxed", forbidden)
     answers = []
-    counts = factorised(network, lambda: answers.append(stiffening(manifold, critical)))
+    counts = factorised(network, lambda: answers.append(stiffening(critical, manifold=manifold)))
     # P(σ) refines the coordinates.
     assert counts == {"saddle": 1, "P": 1}
     assert answers[0].ok

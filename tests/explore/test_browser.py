@@ -93,7 +93,7 @@ def test_the_page_shows_what_the_library_returns(browser):
         await slide(tab, "stress", 0.75)
         state = (await browser.page_of(tab)).session.state
         critical, manifold = state.critical, state.model.manifold
-        growth, moduli = stiffening(manifold, critical).value, elasticity(critical).value
+        growth, moduli = stiffening(critical, manifold=manifold).value, elasticity(critical).value
         shown = await rows(tab)
         for key, value in {
             "B_0": moduli.bulk,

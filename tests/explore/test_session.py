@@ -96,7 +96,7 @@ def test_numbers_are_those_of_the_library(session):
     session.replay([("population", "random_stress"), ("edge", 1, 0.5)])
     critical, manifold = session.state.critical, session.state.model.manifold
     moduli = elasticity(critical).value
-    growth = stiffening(manifold, critical)
+    growth = stiffening(critical, manifold=manifold)
     shown = {n.key: n for n in numbers.precise(manifold, critical) + numbers.counts(critical)}
     for key, value, bound in (
         ("B_0", moduli.bulk, moduli.errors.bulk),

@@ -65,7 +65,7 @@ def test_gradients_by_stress_and_stiffness_agree_with_differences_in_sixty_digit
 def test_stiffening_is_that_of_the_path(path):
     name = f"stiffening[{path}]"
     found = transition_properties(NETWORK, SIGMA, [name])
-    exact = stiffening(NETWORK, found.value, deformation=path)
+    exact = stiffening(found.value, deformation=path)
     assert found.achieved[name] == pytest.approx(exact.along.C, rel=1e-11, abs=1e-14)
 
 

@@ -197,7 +197,7 @@ def test_coefficients_of_several_self_stresses_raise():
     network = triangular_network(4, 4)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     for ask in (
-        lambda: stiffening(network, critical),
+        lambda: stiffening(critical),
         lambda: optimize(network, "shear_modulus"),
     ):
         with pytest.raises(InputError, match="one self-stress"):

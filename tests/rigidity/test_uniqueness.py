@@ -48,7 +48,7 @@ def test_hidden_self_stresses_are_counted(n):
     assert critical.network.n_edges - 2 * len(critical.network.free) <= 2
     assert not only_self_stress(critical)
     with pytest.raises(InputError, match="one self-stress"):
-        stiffening(critical.network, critical)
+        stiffening(critical)
     # All self-stresses resist.
     found = elasticity(critical)
     assert found.n_self_stresses == 2 * n and found.value.bulk == pytest.approx(0.25, rel=1e-12)
@@ -110,4 +110,4 @@ def test_ambiguous_count_has_a_status():
     blurred = CriticalConfiguration(critical.network, critical.sigma, moved, critical.network.bond_vectors(moved))
     assert elasticity(blurred).status is Status.singular
     with pytest.raises(InputError, match="rounding"):
-        stiffening(blurred.network, blurred)
+        stiffening(blurred)

@@ -196,7 +196,7 @@ def test_invalid_laws_raise_one_sentence(name):
     for call in (
         lambda: spring_state(network, critical.lengths, critical.coordinates, law),
         lambda: strain_path(network, critical, [0.01], law=law),
-        lambda: stiffening(network, critical, law=law),
+        lambda: stiffening(critical, law=law),
         lambda: elasticity(network, critical.coordinates, law=law),
     ):
         with pytest.raises(InputError, match=pattern) as caught:

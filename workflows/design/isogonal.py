@@ -70,7 +70,7 @@ def case(parameters, seed):
         made = isogonal_design(start, {"C_B": target}, throw=False)
         found["design_seconds"][n] = perf_counter() - begin
         found["design_status"][n] = made.status
-        after, exact = elasticity(made.value).value, stiffening(network, made.value, throw=False).value
+        after, exact = elasticity(made.value).value, stiffening(made.value, throw=False).value
         found["C_B"][n], found["C_G"][n] = exact.C_B, exact.C_G
         found["target_error"][n] = abs(exact.C_B - target) / max(abs(target), 0.01)
         found["bulk_error"][n] = abs(after.bulk / before.bulk - 1)

@@ -111,7 +111,7 @@ def known_moduli(critical):
 def known_stiffening(manifold, critical, deformation):
     """Exact coefficients, or NaN where edges are too short to count the self-stresses."""
     try:
-        return stiffening(manifold, critical, throw=False, deformation=deformation).value
+        return stiffening(critical, throw=False, deformation=deformation, manifold=manifold).value
     except InputError:
         return NO_STIFFENING
 

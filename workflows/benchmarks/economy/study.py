@@ -66,7 +66,7 @@ def routes(manifold, parameters, seed):
         return manifold.hessian.factorize(values).solve(force.ravel()).reshape(force.shape)
 
     return {
-        "growth": Routes(lambda: stiffening(manifold, critical).value.C_B, fitted),
+        "growth": Routes(lambda: stiffening(critical, manifold=manifold).value.C_B, fitted),
         "member": Routes(
             lambda: member(parameters, seed, FEW)["C_B_exact"],
             lambda: member(parameters, seed)["C_B_exact"],

@@ -83,7 +83,7 @@ def _transition_error(problem, answer):
 
 
 def _stiffening(problem):
-    solution = stiffening(problem.manifold, problem.critical, throw=False)
+    solution = stiffening(problem.critical, throw=False, manifold=problem.manifold)
     return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound))
 
 

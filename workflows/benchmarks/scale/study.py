@@ -135,7 +135,7 @@ def _optimum(manifold):
 def _coefficients(network, critical):
     """C_B and C_G from the analysis of their matrix on, and the solver behind."""
     manifold = CriticalManifold(network)
-    return stiffening(manifold, critical, throw=False), manifold.system(critical.sigma).backend
+    return stiffening(critical, throw=False, manifold=manifold), manifold.system(critical.sigma).backend
 
 
 def check(parameters, axes):

@@ -85,7 +85,7 @@ class Problem:
 
 def _exactly(problem: Problem, level: float) -> Answer:
     critical = replace(problem.critical)
-    solution = stiffening(problem.manifold, critical, throw=False)
+    solution = stiffening(critical, throw=False, manifold=problem.manifold)
     value, claim = solution.value, solution.stats.error_bound
     bound = np.nan
     if isinstance(claim, type(value)):
