@@ -52,7 +52,7 @@ def design(
     targets  name → value, (low, high), or "largest" or "smallest" for one of them.  Names are "B_0", "G_0", "V_L",
              "V_tau" (or those of `optimize`), "C_B", "C_G" (energy convention), "S_xx", "S_xy", ... for S/√D with
              C = S⊗S/(V D), and "modulus[uniaxial]" and "stiffening[uniaxial]", ... for the moduli M_0 of deformations
-             and their derivatives with strain (`PathStiffening`)
+             and their derivatives with strain (`stiffening`)
     prefer   "least_change" of log σ from the start, "length_variance", "tension_variance", or a configuration or
              coordinates (N_v, d) to be near to
     within   limits (low, high) of "lengths", and of "tensions" and "force_densities" in units of their mean; each limit

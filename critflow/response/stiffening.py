@@ -37,39 +37,32 @@ NO_WORK = 100.0  # A strain that does less work on the self-stress than this num
 
 @dataclass(frozen=True)
 class Stiffening(Record):
-    """Moduli at the transition and their first derivatives with strain: C_B, C_G, C_G stress-corrected."""
+    """Moduli at the transition and their first derivatives with strain.
+
+    modulus_0, C  of the modulus (1/V) d²E/dγ² along the path
+    """
 
     bulk_0: float
     shear_0: float
     C_B: float
     C_G: float
     C_G_stress_corrected: float
-
-
-@dataclass(frozen=True)
-class PathStiffening(Record):
-    """The modulus (1/V) d²E/dγ² along the path at the transition, M_0, and its first derivative with strain, C."""
-
     modulus_0: float
     C: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class StiffeningSolution(Solution[Stiffening]):
-    """Coefficients of the moduli, and of the modulus along the path, with errors (estimates) of the latter.
+    """Coefficients of the moduli.
 
     loosening  whether positive strains loosen the network: it is then rigid at negative ones, where the coefficients
                hold as well
     """
 
-    along: PathStiffening
-    along_error: PathStiffening
     loosening: bool = False
 
 
-NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
-_UNBOUNDED = Stiffening(np.inf, np.inf, np.inf, np.inf, np.inf)
-_NO_PATH, _UNBOUNDED_PATH = PathStiffening(np.nan, np.nan), PathStiffening(np.inf, np.inf)
+NO_STIFFENING = Stiffening(*[np.nan] * 7)
 
 
 @checked
@@ -148,7 +141,7 @@ def _stiffening(
     found = _coefficients(network, critical.sigma, balance.bond_vectors, system, law, path)
     energy, value = found.energy, found.value
     residual = max(response.residual for response in energy.responses)
-    coefficients = (value.C_B, value.C_G, found.along.C)[: len(energy.third)]
+    coefficients = (value.C_B, value.C_G, value.C)[: len(energy.third)]
     condition = max(
         change / network.volume / max(abs(C), 1e-300)
         for change, C in zip(energy.sensitivity, coefficients, strict=True)
@@ -162,14 +155,12 @@ def _stiffening(
             Status.floppy, "the strain does no work on the self-stress, so nothing resists it to first order"
         )
     largest = max(abs(value.bulk_0), *(abs(C) for C in coefficients))
-    if not max(*astuple(found.error), *astuple(found.along_error)) < TRUSTED_ERROR * largest:
+    if not max(astuple(found.error)) < TRUSTED_ERROR * largest:
         note = "rounding errors may exceed the coefficients: choose stresses of more similar magnitude"
         return _failed(Status.ill_conditioned, note, stats)
     loosening = energy.responses[found.gamma].amplitude < 0
     note = "positive strains loosen the network: the coefficients hold at negative ones" if loosening else ""
-    return StiffeningSolution(
-        value, Status.ok, stats, note, along=found.along, along_error=found.along_error, loosening=loosening
-    )
+    return StiffeningSolution(value, Status.ok, stats, note, loosening=loosening)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +171,6 @@ class _Coefficients:
     gamma: int
     value: Stiffening
     error: Stiffening
-    along: PathStiffening
-    along_error: PathStiffening
 
 
 def _coefficients(
@@ -213,10 +202,10 @@ def _coefficients(
     return _Coefficients(
         energy,
         gamma,
-        Stiffening(bulk_0, shear_0, C_B, C_G, C_G - pressure),
-        Stiffening(bulk_0_error, shear_0_error, C_B_error, C_G_error, C_G_error + pressure_error),
-        PathStiffening(modulus_0, C),
-        PathStiffening(modulus_0_error, C_error),
+        Stiffening(bulk_0, shear_0, C_B, C_G, C_G - pressure, modulus_0, C),
+        Stiffening(
+            bulk_0_error, shear_0_error, C_B_error, C_G_error, C_G_error + pressure_error, modulus_0_error, C_error
+        ),
     )
 
 
@@ -249,27 +238,21 @@ def _relaxing(critical: CriticalConfiguration, path: Deformation) -> str:
 
 
 def _failed(status: Status, note: str, stats: Stats | None = None) -> StiffeningSolution:
-    stats = stats or Stats("exact", 1, error_bound=_UNBOUNDED if status is Status.ill_conditioned else np.nan)
-    return StiffeningSolution(NO_STIFFENING, status, stats, note, along=_NO_PATH, along_error=_UNBOUNDED_PATH)
+    unlimited = Stiffening(*[np.inf] * 7)
+    stats = stats or Stats("exact", 1, error_bound=unlimited if status is Status.ill_conditioned else np.nan)
+    return StiffeningSolution(NO_STIFFENING, status, stats, note)
 
 
-def _total(found: list[StiffeningSolution]) -> StiffeningSolution:
+def _total(parts: list[StiffeningSolution]) -> StiffeningSolution:
     """The sum over disconnected taut parts; the first failure decides the status."""
-    for solution in found:
-        if not solution.ok:
-            return solution
-    if len({solution.loosening for solution in found}) > 1:
+    for part in parts:
+        if not part.ok:
+            return part
+    if len({part.loosening for part in parts}) > 1:
         return _failed(Status.slack_edges, "the strain stretches some taut parts and loosens others: take each part")
-    first, stats = found[0], [solution.stats for solution in found]
-    bound = Stiffening(*_sum([astuple(stat.error_bound) for stat in stats]))
-    return replace(
-        first,
-        value=Stiffening(*_sum([astuple(solution.value) for solution in found])),
-        along=PathStiffening(*_sum([astuple(solution.along) for solution in found])),
-        along_error=PathStiffening(*_sum([astuple(solution.along_error) for solution in found])),
-        stats=replace(stats[0], residual=max(stat.residual for stat in stats), error_bound=bound),
+    value, error = (
+        Stiffening(*map(float, np.sum([astuple(each) for each in numbers], axis=0)))
+        for numbers in ([part.value for part in parts], [part.stats.error_bound for part in parts])
     )
-
-
-def _sum(rows: list[tuple[float, ...]]) -> list[float]:
-    return [float(total) for total in np.sum(rows, axis=0)]
+    residual = max(part.stats.residual for part in parts)
+    return replace(parts[0], value=value, stats=replace(parts[0].stats, residual=residual, error_bound=error))

@@ -66,7 +66,7 @@ def test_stiffening_is_that_of_the_path(path):
     name = f"stiffening[{path}]"
     found = transition_properties(NETWORK, SIGMA, [name])
     exact = stiffening(found.value, deformation=path)
-    assert found.achieved[name] == pytest.approx(exact.along.C, rel=1e-11, abs=1e-14)
+    assert found.achieved[name] == pytest.approx(exact.value.C, rel=1e-11, abs=1e-14)
 
 
 def exact_onset(network, lengths, start):

@@ -70,17 +70,17 @@ def test_exact_stiffening_is_the_limit_of_paths(name):
     critical = critical_of(CASES[case](), 2)
     solution, moduli = stiffening(critical, law=law, deformation=deformation), elasticity(critical).value
     assert solution.status is Status.ok
-    exact, along = solution.value, solution.along
+    exact = solution.value
     # The transition does not depend on the law.
     assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-11)
-    assert along.modulus_0 == pytest.approx(moduli.modulus(deformation), rel=1e-11)
+    assert exact.modulus_0 == pytest.approx(moduli.modulus(deformation), rel=1e-11)
     h = (-1e-4 if solution.loosening else 1e-4) * np.array([1, 2, 4, 8])
     path = strain_path(critical.network, critical, h, deformation=deformation, law=law).value
     for values, start, C in (
         (path.bulk_modulus, exact.bulk_0, exact.C_B),
         (path.shear_modulus, exact.shear_0, exact.C_G),
         (path.shear_modulus_stress_corrected, exact.shear_0, exact.C_G_stress_corrected),
-        (path.modulus, along.modulus_0, along.C),
+        (path.modulus, exact.modulus_0, exact.C),
     ):
         # Difference quotients have errors in h, h², h³; three eliminations leave h⁴.
         table = (values - start) / h
@@ -97,9 +97,9 @@ def test_dilation_by_another_measure_of_strain_in_closed_form():
         C_B = 0.5 * HONEYCOMB_BULK_MODULUS * (steepness - 1)
         linear = stiffening(critical, law=law, deformation=np.eye(2) / 2)
         assert linear.value.C_B == pytest.approx(C_B, rel=1e-11, abs=1e-12)
-        assert linear.along.C == pytest.approx(C_B - 0.5 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
+        assert linear.value.C == pytest.approx(C_B - 0.5 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
         standard = stiffening(critical, law=law)
-        assert standard.along.C == pytest.approx(C_B - 2 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
+        assert standard.value.C == pytest.approx(C_B - 2 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
         assert not linear.loosening
         shrinking = stiffening(critical, law=law, deformation=-np.eye(2) / 2)
         assert shrinking.loosening
@@ -114,7 +114,7 @@ def test_a_rotation_along_the_path_changes_no_modulus_of_the_path():
         for w in (0.7, 0.0)
     )
     assert turned.value.C_B == pytest.approx(plain.value.C_B, rel=1e-7)
-    assert turned.along.C == pytest.approx(plain.along.C, rel=1e-7)
+    assert turned.value.C == pytest.approx(plain.value.C, rel=1e-7)
     # Without other strain a rotation does no work.
     solution = stiffening(critical, deformation=Deformation.exponential(quarter), throw=False)
     assert solution.status is Status.floppy
@@ -135,7 +135,7 @@ def test_paths_along_which_the_network_stays_floppy_have_a_status(deformation, w
     solution = stiffening(critical, throw=False, deformation=deformation)
     assert solution.status is Status.floppy
     assert word in solution.note
-    assert np.isnan(astuple(solution.value) + astuple(solution.along)).all()
+    assert np.isnan(astuple(solution.value)).all()
 
 
 def test_free_components_that_keep_the_stress_are_refused():
@@ -151,14 +151,14 @@ def test_slack_edges_do_not_change_the_coefficients_of_the_taut_part():
     part = backbone(critical)
     assert astuple(whole.value) == astuple(stiffening(part.configuration, deformation="uniaxial").value)
     soft = stiffening(replace(critical, network=network.with_stiffness(0.5)), deformation="uniaxial")
-    assert soft.along.C == pytest.approx(0.5 * whole.along.C, rel=1e-11)
+    assert soft.value.C == pytest.approx(0.5 * whole.value.C, rel=1e-11)
 
 
 def test_coefficients_of_disconnected_taut_parts_add_up():
     # n rows of n springs: E = ½ n² γ² in the volume n²(1 + γ), so that M = 1/(1 + γ).
     critical = taut_rows(4)
     solution = stiffening(critical, deformation="uniaxial")
-    assert astuple(solution.along) == pytest.approx((1.0, -1.0), rel=1e-12)
+    assert (solution.value.modulus_0, solution.value.C) == pytest.approx((1.0, -1.0), rel=1e-12)
     assert solution.value.bulk_0 == pytest.approx(0.25, rel=1e-13)
 
 
@@ -225,7 +225,7 @@ def test_stiffening_coefficients(decades):
         assert solution.status is Status.ok
         bounds = astuple(solution.stats.error_bound)
         assert max(bounds) < 1e-10
-        found += bounds_over_errors(astuple(solution.value), bounds, exact_stiffening(network, critical.sigma))
+        found += bounds_over_errors(astuple(solution.value)[:5], bounds[:5], exact_stiffening(network, critical.sigma))
     assert np.median(found) < 100
 
 
@@ -247,7 +247,7 @@ def test_stiffening_with_a_nearly_collapsed_edge(monkeypatch, decades, system):
     assert critical.lengths.min() < 10.0 ** (1 - decades)
     solution = stiffening(critical, manifold=manifold)
     bounds_over_errors(
-        astuple(solution.value), astuple(solution.stats.error_bound), exact_stiffening(network, critical.sigma)
+        astuple(solution.value)[:5], astuple(solution.stats.error_bound)[:5], exact_stiffening(network, critical.sigma)
     )
 
 
@@ -279,5 +279,5 @@ def test_stiffening_corrects_inaccurate_coordinates():
     moved = type(critical)(network, critical.sigma, x, network.bond_vectors(x))
     solution = stiffening(moved)
     bounds_over_errors(
-        astuple(solution.value), astuple(solution.stats.error_bound), exact_stiffening(network, critical.sigma)
+        astuple(solution.value)[:5], astuple(solution.stats.error_bound)[:5], exact_stiffening(network, critical.sigma)
     )
