@@ -16,9 +16,8 @@ from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.paths.predictor import Predictor
 from critflow.paths.tangent import Tangent, path_rates, relaxations_to, tangent, tangent_of_response
-from critflow.response.linear_response import LinearResponse, linear_response
+from critflow.response.linear_response import LinearResponse, linear_response, strains_of
 from critflow.response.tensor import Elasticity
-from critflow.response.unit_strains import strains_of
 from critflow.result import Status
 from critflow.springs.equilibrium import Equilibrium, relaxed
 from critflow.springs.free_cell import FreeCellState, relaxed_with_cell, stretched

@@ -21,7 +21,7 @@ from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network
 from critflow.response.linear_response import accumulated_rounding
 from critflow.response.stiffness_contrast import hierarchical_response
-from critflow.response.tensor import TRUSTED_ERROR, Elasticity, KnownErrors, no_elasticity
+from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity
 from critflow.result import Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
 from critflow.rigidity.spectrum import CLEAR_GAP, DENSE_EDGES, ZERO_MODE, rounding_note
@@ -94,7 +94,7 @@ def _solution(springs: _Springs, d: int, volume: float, found: _Found) -> Respon
     value = no_elasticity(d, volume)
     if status in (Status.ok, Status.floppy):
         symmetric = 0.5 * (tensor + tensor.T), 0.5 * (affine + affine.T)
-        value = Elasticity(*symmetric, np.zeros((d, d)), volume, KnownErrors.of_tensor(errors, d))
+        value = Elasticity(*symmetric, np.zeros((d, d)), volume, Errors.of_tensor(errors, d))
     stats = Stats("self-stress", 1, residual=found.residual)
     return ResponseAtRest(value, status, stats, note, n_self_stresses=found.n_self_stresses)
 

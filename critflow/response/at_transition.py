@@ -22,7 +22,7 @@ from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, add, divide, extended, multiply, total, two_product
-from critflow.response.tensor import Elasticity, Errors, LazyErrors
+from critflow.response.tensor import Elasticity, Errors
 from critflow.springs.tissue import CriticalTissue
 
 
@@ -33,7 +33,7 @@ def elasticity_at_transition(critical: CriticalConfiguration, volume: float, rou
     """
     L = critical.bond_vectors
     flexibility = np.einsum("ad,ad->a", L, L) / critical.network.stiffness
-    errors = LazyErrors(partial(_errors, critical, volume, roundings))
+    errors = Errors(partial(_errors, critical, volume, roundings))
     return _of_one_self_stress(critical.sigma, _rates(L), flexibility, L.shape[1], volume, errors)
 
 

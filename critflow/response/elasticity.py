@@ -151,7 +151,7 @@ def _total(parts: Sequence[ResponseAtRest]) -> ResponseAtRest:
     tensor, affine, stress = (
         np.sum([getattr(value, name) for value in values], axis=0) for name in ("tensor", "affine", "stress")
     )
-    errors, bulk = total_errors(*(value.errors for value in values)), sum(value.bulk for value in values)
+    errors, bulk = total_errors([value.errors for value in values]), sum(value.bulk for value in values)
     failed = [part for part in parts if not (part.ok or part.status is Status.floppy)]
     worst = (failed or [part for part in parts if part.ok] or parts)[0]
     return ResponseAtRest(

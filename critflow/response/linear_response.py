@@ -4,22 +4,24 @@ With the total rates L̇_a = E_a L + g u_a of bond vectors under a strain E_a an
     V C_ab = ḣ_aᵀ K ḣ_b + Σ σ L̇_a·L̇_b
 is stationary at the relaxations u, so that their errors enter as products (`LinearResponse`).
 
-The strains are those of `unit_strains`.
+The strains are dilation, deviators and shears (`unit_strains`), each with a separate relaxation, so that the bulk
+modulus is not a difference of larger numbers.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
+from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network
 from critflow.precision.residual import inverse_norm
-from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, KnownErrors, no_elasticity, total_errors
-from critflow.response.unit_strains import basis_change, stress_products, unit_strains
+from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity, strain_components, total_errors
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.newton import FLOPPY_SHIFT
 from critflow.springs.state import ElasticState
@@ -87,7 +89,7 @@ def linear_response(
     errors: Errors | None = found.elasticity.errors if found.converged else None
     if errors is not None and not exact:
         change = _change_to_equilibrium(state, factor, found, floppy, volume, strains)
-        errors = None if change is None else total_errors(errors, change)
+        errors = None if change is None else total_errors([errors, change])
     number = state.largest_stiffness * inverse_norm(factor, found.last[0]) if condition else np.nan
     stats = Stats("linear response", 1, residual=found.residual, condition=number)
     relaxations = np.tensordot(basis_change(d)[list(strains)].T, found.relaxations, axes=1)
@@ -99,6 +101,44 @@ def linear_response(
     elif not exact:
         value = replace(value, errors=errors)
     return LinearResponse(value, status, stats, note, relaxations=relaxations)
+
+
+# Strains
+
+
+@cache
+def unit_strains(dimension: int) -> Array:
+    """Strains (m, d, d): dilation 1/d, deviators e_i e_iᵀ − 1/d of all axes but the last, shears in Voigt's order."""
+    basis, unit = strain_basis(dimension)[1], np.eye(dimension) / dimension
+    return np.concatenate([unit[None], basis[: dimension - 1] - unit, basis[dimension:]])
+
+
+@cache
+def basis_change(dimension: int) -> Array:
+    """T (m, m): the strain a of `strain_basis` is Σ_n T_na `unit_strains`_n."""
+    d = dimension
+    T = np.eye(d * (d + 1) // 2)
+    normal = np.zeros((d, d))
+    normal[0] = 1.0
+    normal[1:, :-1] = np.eye(d - 1)
+    normal[1:, -1] = -1.0
+    T[:d, :d] = normal
+    return T
+
+
+def strains_of(rates: Array) -> tuple[int, ...]:
+    """Rows of `unit_strains` for the moduli, dilation and the last shear, and for rates A (n, d, d) of a cell."""
+    d = rates.shape[1]
+    parts = np.array([basis_change(d) @ strain_components(0.5 * (A + A.T)) for A in rates])
+    last = parts.shape[1] - 1
+    return tuple(n for n in range(last + 1) if n in (0, last) or parts[:, n].any())
+
+
+@cache
+def stress_products(dimension: int) -> Array:
+    """Sums of the entries of |E_a||E_b|, (m, m): the effect of an error of the stress on its terms."""
+    basis = np.abs(strain_basis(dimension)[1])
+    return np.einsum("aij,bjk->ab", basis, basis)
 
 
 # Responses
@@ -121,7 +161,7 @@ class _Responses:
 
 def _change_to_equilibrium(
     state: ElasticState, factor: Factor, found: _Responses, floppy: bool, volume: float, strains: tuple[int, ...]
-) -> KnownErrors | None:
+) -> Errors | None:
     """Twice the change of the elasticity up to the exact equilibrium; None where that is not found."""
     correction = state.exact_displacement(factor, regularised=floppy)
     if not np.isfinite(correction.remainder):
@@ -129,13 +169,13 @@ def _change_to_equilibrium(
     here = found.elasticity
     apart = np.abs(correction.bond_vectors - state.bond_vectors)
     if not (apart > EPS * state.lengths[:, None]).any():
-        return KnownErrors(np.zeros_like(here.tensor), 0.0, 0.0, 0.0)
+        return Errors.known(np.zeros_like(here.tensor), 0.0, 0.0, 0.0)
     moved = replace(state, bond_vectors=correction.bond_vectors)  # type: ignore[type-var]
     responses = _responses(moved, factor, volume, strains)
     if not responses.converged:
         return None
     there = responses.elasticity
-    return KnownErrors(
+    return Errors.known(
         2 * np.abs(there.tensor - here.tensor),
         2 * abs(there.bulk - here.bulk),
         2 * abs(there.shear - here.shear),
@@ -192,7 +232,7 @@ def _responses(state: ElasticState, factor: Factor, volume: float, strains: tupl
     tensor = T.T @ form @ T
     rounding = np.abs(T).T @ form_rounding @ np.abs(T) + 4 * EPS * np.abs(tensor)
     rounding += (stress_rounding + 4 * EPS * float(np.abs(stress).max())) * stress_products(d)
-    errors = KnownErrors(_symmetric(rounding), bulk_rounding, shear_rounding, corrected_rounding)
+    errors = Errors.known(_symmetric(rounding), bulk_rounding, shear_rounding, corrected_rounding)
     affine_tensor = _symmetric(T.T @ direct @ T) / volume
     return _Responses(
         Elasticity(_symmetric(tensor), affine_tensor, stress, volume, errors, bulk),

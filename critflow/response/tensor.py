@@ -15,7 +15,7 @@ Without stress all three are equal.  Each is relaxed (vertices follow the strain
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
@@ -33,49 +33,49 @@ TRUSTED_ERROR = 0.1
 
 
 class Errors:
-    """Largest errors of both tensors and their stress corrections, (m, m), and of the moduli; NaN where unknown."""
+    """Largest errors of both tensors and their stress corrections, (m, m), and of the moduli; NaN where unknown.
+
+    Each is computed when it is asked for, by a function of its name.
+    """
 
     tensor: Array
     bulk: float
     shear: float
     shear_stress_corrected: float
-
-
-@dataclass(frozen=True, eq=False)
-class KnownErrors(Errors, Record):
-    """Errors that are computed with the tensor."""
-
-    tensor: Array
-    bulk: float
-    shear: float
-    shear_stress_corrected: float
-
-    @classmethod
-    def of_tensor(cls, errors: Array, dimension: int) -> KnownErrors:
-        """Those of sums over a tensor with the errors (m, m)."""
-        bulk, shear = float(errors[:dimension, :dimension].sum()) / dimension**2, float(errors[-1, -1])
-        return cls(errors, bulk, shear, shear)
-
-
-class LazyErrors(Errors):
-    """Errors that are computed when they are asked for, by a function of their name."""
 
     def __init__(self, compute: Callable[[str], Any]):
         self._compute = compute
 
+    @classmethod
+    def known(cls, tensor: Array, bulk: float, shear: float, corrected: float) -> Errors:
+        """Those that are computed with the tensor."""
+        return cls(dict(zip(_ERRORS, (tensor, bulk, shear, corrected), strict=True)).__getitem__)
+
+    @classmethod
+    def of_tensor(cls, errors: Array, dimension: int) -> Errors:
+        """Those of sums over a tensor with the errors (m, m)."""
+        bulk, shear = float(errors[:dimension, :dimension].sum()) / dimension**2, float(errors[-1, -1])
+        return cls.known(errors, bulk, shear, shear)
+
     def __getattr__(self, name: str) -> Any:
-        if name not in ("tensor", "bulk", "shear", "shear_stress_corrected"):
+        if name not in _ERRORS:
             raise AttributeError(name)
         self.__dict__[name] = self._compute(name)
         return self.__dict__[name]
 
+    def __repr__(self) -> str:
+        return f"Errors(bulk={self.bulk:.6g}, shear={self.shear:.6g})"
 
-def total_errors(*parts: Errors) -> Errors:
+
+_ERRORS = ("tensor", "bulk", "shear", "shear_stress_corrected")
+
+
+def total_errors(parts: Sequence[Errors]) -> Errors:
     """Sums of errors."""
-    return LazyErrors(partial(_total, parts))
+    return Errors(partial(_total, tuple(parts)))
 
 
-def _total(parts: tuple[Errors, ...], name: str) -> Any:
+def _total(parts: Sequence[Errors], name: str) -> Any:
     return sum(getattr(part, name) for part in parts)
 
 
@@ -110,7 +110,7 @@ class Elasticity(Record):
         assert all(tensor.shape == (m, m) for tensor in tensors) and self.stress.shape == (d, d), "shapes"
         assert all(np.array_equal(t, t.T, equal_nan=True) for t in (*tensors, self.stress)), "tensors are symmetric"
         if self.errors is None:
-            object.__setattr__(self, "errors", KnownErrors.of_tensor(np.full((m, m), np.nan), d))
+            object.__setattr__(self, "errors", Errors.of_tensor(np.full((m, m), np.nan), d))
         if self.bulk is None:
             bulk = self.tensor[:d, :d].sum() / d**2 + (1 / d) * (1 / d - 1) * np.trace(self.stress)
             object.__setattr__(self, "bulk", float(bulk))
@@ -331,7 +331,7 @@ def no_elasticity(dimension: int, volume: float = np.nan, error: float = np.nan)
     """Tensors of NaN, with one error for all."""
     m = dimension * (dimension + 1) // 2
     unknown = np.full((m, m), np.nan)
-    errors = KnownErrors(np.full((m, m), error), error, error, error)
+    errors = Errors.known(np.full((m, m), error), error, error, error)
     return Elasticity(unknown, unknown, np.full((dimension, dimension), np.nan), volume, errors)
 
 

@@ -22,7 +22,7 @@ from critflow import (
 )
 from critflow.critical.quantity import OBJECTIVES, pure_shear
 from critflow.quantities.largest_modulus import largest_modulus, modulus_bound
-from critflow.response.unit_strains import strains_of
+from critflow.response.linear_response import strains_of
 
 NETWORKS = {"planar": voronoi_network, "foam": foam_network}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]

@@ -36,7 +36,7 @@ from critflow import (
 )
 from critflow.networks.deformation import strain_basis
 from critflow.response.linear_response import linear_response
-from critflow.response.tensor import KnownErrors
+from critflow.response.tensor import Errors
 
 
 def stretched(network, gamma=0.05, F=None, law=None, seed=2):
@@ -185,7 +185,7 @@ def test_affine_tensor_has_the_symmetry_of_central_forces(case):
 
 
 def known(tensor, d, error=1e-15):
-    return Elasticity(tensor, tensor, np.zeros((d, d)), 1.0, KnownErrors.of_tensor(np.full(tensor.shape, error), d))
+    return Elasticity(tensor, tensor, np.zeros((d, d)), 1.0, Errors.of_tensor(np.full(tensor.shape, error), d))
 
 
 def isotropic(bulk, shear, d, error=1e-15):
