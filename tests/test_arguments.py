@@ -163,6 +163,14 @@ def test_the_sentence_names_the_argument_its_kind_and_the_way_out():
         assert str(caught.value) == sentence
 
 
+def test_what_holds_a_network_stands_for_it():
+    state = spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates)
+    for holder in (NETWORK, MANIFOLD, CRITICAL, state, MANIFOLD.solve(np.ones(6))):
+        assert example(holder, 1.0)[0] is NETWORK
+    with pytest.raises(InputError, match=r"failed.*\.value"):
+        example(MANIFOLD.solve([0, 0, 0, 0, 1, 1]), 1.0)
+
+
 def test_numbers_of_every_kind_are_accepted():
     for number in (2, 2.0, np.float32(2), np.int8(2), np.array(2.0)):
         assert example(NETWORK, number, number)[2] == 2

@@ -68,7 +68,9 @@ def elasticity(
     >>> round(tensor.bulk, 6), round(tensor.shear, 6), round(tensor.poisson(0.0), 6)
     (0.866025, 0.433013, 0.333333)
     """
-    V = _volume(springs if isinstance(springs, Network) else springs.network, volume)
+    V = (springs if isinstance(springs, Network) else springs.network).volume if volume is None else volume
+    if not 0 < V < np.inf:
+        raise InputError(f"the volume must be positive and finite, not {V}")
     if isinstance(springs, CriticalConfiguration):
         parts = taut_configurations(springs)
         return _total([_at_transition(part, V, 1 if part is springs else 2) for part in parts])
@@ -89,18 +91,6 @@ def elasticity(
         return linear_response(springs, V)
     faces = springs.faces if isinstance(springs, Tissue) else None
     return response_at_rest(springs.network, springs.coordinates, V, faces)
-
-
-def _volume(network: Network, volume: float | None) -> float:
-    if volume is None:
-        if not network.has_volume:
-            raise InputError(
-                "a pinned network has no volume: name the one that its stiffness refers to, such as volume=1.0"
-            )
-        return network.volume
-    if not 0 < volume < np.inf:
-        raise InputError(f"the volume must be positive and finite, not {volume}")
-    return float(volume)
 
 
 def _stressed(state: ElasticState, tolerance: float) -> bool:
