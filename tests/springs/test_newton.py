@@ -9,7 +9,6 @@ from critflow import (
     Status,
     equilibrium,
     spring_state,
-    three_bar_linkage,
     voronoi_network,
 )
 from critflow.linalg.matrices import block_laplacian
