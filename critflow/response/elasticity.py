@@ -56,7 +56,7 @@ def elasticity(
     `Status.floppy`.  Slack edges, σ = 0, resist nothing, and disconnected taut parts add up.  Under stress vertices
     follow by linear response (`linear_response`).
 
-    Errors: `errors` of the value (proof) at the transition, (estimate) otherwise; unknown for a tissue there.
+    Errors (proof) at the transition, errors (estimate) otherwise: `errors` of the value; unknown for a tissue there.
     Raises `InputError` for a pinned network without a volume and where the forces do not balance.
 
     >>> import critflow as cf
