@@ -338,9 +338,13 @@ def test_error_bounds_exceed_the_errors(random):
     if network.cell is None or network.dimension != 2:
         return
     try:
-        moduli = critflow.elasticity(critical).value
+        found = critflow.elasticity(critical)
     except CritflowError:
         return
+    # The reference is the formula of one self-stress.
+    if found.stats.method != "transition":
+        return
+    moduli = found.value
     B_0, G_0 = reference.transition_moduli(network, exact)
     assert_bounded([moduli.bulk], [B_0], moduli.errors.bulk)
     assert_bounded([moduli.shear], [G_0], moduli.errors.shear)
