@@ -93,8 +93,7 @@ def _solution(springs: _Springs, d: int, volume: float, found: _Found) -> Respon
             status, note = Status.ill_conditioned, _ROUNDED
     value = no_elasticity(d, volume)
     if status in (Status.ok, Status.floppy):
-        symmetric = 0.5 * (tensor + tensor.T), 0.5 * (affine + affine.T)
-        value = Elasticity(*symmetric, np.zeros((d, d)), volume, Errors.of_tensor(errors, d))
+        value = Elasticity(tensor, affine, np.zeros((d, d)), volume, Errors.of_tensor(errors, d))
     stats = Stats("self-stress", 1, residual=found.residual)
     return ResponseAtRest(value, status, stats, note, n_self_stresses=found.n_self_stresses)
 

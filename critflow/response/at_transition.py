@@ -55,10 +55,8 @@ def _of_one_self_stress(
 ) -> Elasticity:
     works = np.array([stress @ rate for rate in rates])
     tensor = np.outer(works, works / (stress**2 @ flexibility)) / volume
-    tensor, bulk = 0.5 * (tensor + tensor.T)[1:, 1:], float(tensor[0, 0])
-    affine = (rates[1:] / flexibility) @ rates[1:].T / volume
-    affine = 0.5 * (affine + affine.T)
-    return Elasticity(tensor, affine, np.zeros((dimension, dimension)), volume, errors, bulk)  # type: ignore[arg-type]
+    affine, nothing = (rates[1:] / flexibility) @ rates[1:].T / volume, np.zeros((dimension, dimension))
+    return Elasticity(tensor[1:, 1:], affine, nothing, volume, errors, float(tensor[0, 0]))  # type: ignore[arg-type]
 
 
 def _errors(critical: CriticalConfiguration, volume: float, roundings: int, name: str) -> Any:

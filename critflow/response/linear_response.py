@@ -220,7 +220,7 @@ def _responses(state: ElasticState, factor: Factor, volume: float, strains: tupl
     unfinished = np.sqrt(np.outer(unfinished, unfinished))
     form_rounding = (noise + unfinished) / volume + 4 * EPS * np.abs(form)
 
-    T, stress = basis_change(d)[list(strains)], _symmetric((sigma * L) @ L.T / volume)
+    T, stress = basis_change(d)[list(strains)], (sigma * L) @ L.T / volume
     stress_rounding = float(accumulated_rounding(2 * state.stress_rounding * square)) / volume
     # Dilation (1 + γ)^{1/d} is curved: b̈ = (1/d)(1/d − 1) b.
     trace, curvature = float(sigma @ square) / volume, (1 / d) * (1 / d - 1)
@@ -232,10 +232,9 @@ def _responses(state: ElasticState, factor: Factor, volume: float, strains: tupl
     tensor = T.T @ form @ T
     rounding = np.abs(T).T @ form_rounding @ np.abs(T) + 4 * EPS * np.abs(tensor)
     rounding += (stress_rounding + 4 * EPS * float(np.abs(stress).max())) * stress_products(d)
-    errors = Errors.known(_symmetric(rounding), bulk_rounding, shear_rounding, corrected_rounding)
-    affine_tensor = _symmetric(T.T @ direct @ T) / volume
+    errors = Errors.known(0.5 * (rounding + rounding.T), bulk_rounding, shear_rounding, corrected_rounding)
     return _Responses(
-        Elasticity(_symmetric(tensor), affine_tensor, stress, volume, errors, bulk),
+        Elasticity(tensor, T.T @ direct @ T / volume, stress, volume, errors, bulk),
         u,
         correction,
         float((size / np.maximum(scale, 1e-300)).max()),
@@ -300,10 +299,6 @@ def _at_vertices(network: Network, flow: Array) -> Array:
 def _largest(vectors: Array) -> Array:
     """Largest component of each of the vectors (m, n_free, d), (m,)."""
     return np.abs(vectors).reshape(len(vectors), -1).max(axis=1, initial=0.0)
-
-
-def _symmetric(matrix: Array) -> Array:
-    return 0.5 * (matrix + matrix.T)
 
 
 def _taut(state: ElasticState) -> bool:

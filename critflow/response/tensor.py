@@ -106,9 +106,10 @@ class Elasticity(Record):
     def __post_init__(self) -> None:
         d = len(self.stress)
         m = d * (d + 1) // 2
-        tensors = (self.tensor, self.affine)
-        assert all(tensor.shape == (m, m) for tensor in tensors) and self.stress.shape == (d, d), "shapes"
-        assert all(np.array_equal(t, t.T, equal_nan=True) for t in (*tensors, self.stress)), "tensors are symmetric"
+        assert self.tensor.shape == self.affine.shape == (m, m) and self.stress.shape == (d, d), "shapes"
+        for name in ("tensor", "affine", "stress"):
+            # They are symmetric up to rounding.
+            object.__setattr__(self, name, 0.5 * (getattr(self, name) + getattr(self, name).T))
         if self.errors is None:
             object.__setattr__(self, "errors", Errors.of_tensor(np.full((m, m), np.nan), d))
         if self.bulk is None:
