@@ -36,8 +36,7 @@ from critflow.quantities.largest_modulus import upper_bound as upper_bound
 from critflow.quantities.leverage import edge_leverage as edge_leverage
 from critflow.quantities.properties import properties as properties
 from critflow.quantities.vocabulary import quantity as quantity
-from critflow.response.moduli import elasticity as elasticity
-from critflow.response.perimeters import critical_from_perimeters as critical_from_perimeters
+from critflow.response.elasticity import elasticity as elasticity
 from critflow.response.stiffening import stiffening as stiffening
 from critflow.result import CritflowError as CritflowError
 from critflow.result import InputError as InputError
@@ -55,6 +54,8 @@ from critflow.springs.laws import PowerLaw as PowerLaw
 from critflow.springs.laws import SpringLaw as SpringLaw
 from critflow.springs.laws import WormLike as WormLike
 from critflow.springs.state import spring_state as spring_state
+from critflow.springs.tissue import critical_from_perimeters as critical_from_perimeters
+from critflow.springs.tissue import tissue as tissue
 
 __version__ = version("critflow")
 

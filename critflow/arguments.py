@@ -50,6 +50,16 @@ def checked(function: Callable[Parameters, Returned]) -> Callable[Parameters, Re
     return call
 
 
+def held(holder: Any, kinds: tuple[type, ...]) -> Any:
+    """What a holder is or holds of these kinds: itself, its `network`, or either of its value; None without any."""
+    inside = [holder, holder.value] if isinstance(holder, Solution) else [holder]
+    for one in inside:
+        for part in (one, getattr(one, "network", None)):
+            if isinstance(part, kinds):
+                return part
+    return None
+
+
 def generator(seed: int | np.random.Generator) -> np.random.Generator:
     """The random generator itself, or that of a seed."""
     if isinstance(seed, np.random.Generator):
@@ -110,14 +120,11 @@ class _Kinds:
             return value if "float" in words else int(value)
         if words & _ARRAYS and _is_array(value):
             return value
-        if isinstance(value, Solution) and isinstance(value.value, tuple(self.classes)):
-            if value:
-                return value.value
+        found = held(value, tuple(self.classes))
+        if found is not None:
+            if not isinstance(value, Solution) or value:
+                return found
             raise InputError(f"{name} is a solution that failed: {value.reason}: its last state is its .value")
-        # What holds a network stands for it where one is expected: a manifold, a configuration, a state, a solution.
-        held = getattr(value.value if isinstance(value, Solution) else value, "network", None)
-        if self.classes and isinstance(held, tuple(self.classes)):
-            return held
         raise InputError(f"{name} must be {self._expected()}, not {shown(value)}{self._advice(value)}")
 
     def _expected(self) -> str:

@@ -16,13 +16,7 @@ import time
 
 import numpy as np
 
-from critflow import (
-    CriticalManifold,
-    optimize,
-    quantity,
-    strain_path,
-    voronoi_network,
-)
+from critflow import CriticalManifold, optimize, quantity, strain_path, voronoi_network
 
 SEEDS = range(5)
 

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from critflow.response.perimeters import cells_of
 from problems import square_octagon
 
 import critflow
 from critflow import CritflowError, CriticalManifold, InputError, Network, examine, lattice, spring_state
 from critflow.arguments import checked, generator
 from critflow.critical.curvature import StereographicChart
-from critflow.response.perimeters import cells_of, perimeter_state
 
 NETWORK = square_octagon()
 MANIFOLD = CriticalManifold(NETWORK)
@@ -39,8 +39,8 @@ RIGHT = {
     "objective": "bulk_modulus",
     "state": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
     "springs": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
-    "cells": CELLS,
     "targets": np.full(4, 5.0),
+    "perimeters": np.full(4, 5.0),
     "moduli": [1.0, 2.0],
     "edges": NETWORK.edges,
     "offsets": NETWORK.offsets,
@@ -68,8 +68,8 @@ RIGHT = {
     "path": Path(tempfile.mkdtemp()) / "page.md",
 }
 OF_FUNCTION = {
-    "perimeter_moduli": {"state": perimeter_state(CELLS, np.full(4, 5.0), HEXAGONS.positions)},
-    "perimeter_state": {"coordinates": HEXAGONS.positions},
+    "tissue": {"network": HEXAGONS, "coordinates": HEXAGONS.positions},
+    "critical_from_perimeters": {"network": HEXAGONS},
     "design": {"targets": {"bulk_modulus": 0.1}, "start": np.ones(6)},
     "design_stiffness": {
         "network": LATTICE,
@@ -94,7 +94,6 @@ OF_FUNCTION = {
     "deformation_of": {"value": "dilation"},
     "diluted": {"network": lattice("honeycomb", 4, 4)},
     "packing_network": {"n_vertices": 24, "z": 4.2},
-    "cells_of": {"network": HEXAGONS},
 }
 WRONG = {
     "a word": "soft",
@@ -149,7 +148,7 @@ def example(network: Network, number: float, count: int = 1, rng: np.random.Gene
 
 def test_the_sentence_names_the_argument_its_kind_and_the_way_out():
     for arguments, sentence in (
-        ((CRITICAL, 1.0), "network must be a Network, not a CriticalConfiguration: use its .network"),
+        ((CRITICAL.coordinates, 1.0), "network must be a Network, not an array of shape (4, 2) and type float64"),
         ((NETWORK, "soft"), "number must be a number, not 'soft'"),
         ((NETWORK, 1.0, 2.5), "count must be a whole number, not 2.5"),
         ((NETWORK, 1.0, True), "count must be a whole number, not True"),
@@ -159,6 +158,14 @@ def test_the_sentence_names_the_argument_its_kind_and_the_way_out():
         with pytest.raises(InputError) as caught:
             example(*arguments)
         assert str(caught.value) == sentence
+
+
+def test_what_holds_a_network_stands_for_it():
+    state = spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates)
+    for holder in (NETWORK, MANIFOLD, CRITICAL, state, MANIFOLD.solve(np.ones(6))):
+        assert example(holder, 1.0)[0] is NETWORK
+    with pytest.raises(InputError, match=r"failed.*\.value"):
+        example(MANIFOLD.solve([0, 0, 0, 0, 1, 1]), 1.0)
 
 
 def test_numbers_of_every_kind_are_accepted():

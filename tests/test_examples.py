@@ -12,7 +12,7 @@ FUNCTIONS = {name: f for name in critflow.__all__ if inspect.isfunction(f := get
 # Their examples are on pages of the documents.
 ON_PAGES = {
     *("add", "cut", "prune_towards", "pareto", "design", "design_onset", "design_stiffness", "isogonal_design"),
-    *("strained_response", "stiffening_bound", "perimeter_moduli", "perimeter_state", "surface_geometry"),
+    *("strained_response", "stiffening_bound", "surface_geometry"),
     *("principal_curvatures", "gaussian_curvature", "geometric_split", "hookean_split", "bond_operator"),
     "stress_hessian",
 }

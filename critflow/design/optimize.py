@@ -27,7 +27,7 @@ from critflow.onset.from_lengths import critical_from_lengths
 from critflow.quantities.largest_modulus import largest_modulus
 from critflow.quantities.optimum import Optimum
 from critflow.quantities.vocabulary import quantity
-from critflow.response.moduli_bounds import transition_modulus_bound
+from critflow.response.at_transition import transition_modulus_error
 from critflow.result import InputError
 
 
@@ -181,7 +181,7 @@ def _closed_form(problem: _Problem, method: str) -> Optimum:
         return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
     _, residual = _stationarity(manifold, goal, optimum.value)
     if problem.is_bulk:
-        error = transition_modulus_bound(goal, optimum.value)  # type: ignore[arg-type]
+        error = transition_modulus_error(dilation(manifold.network.dimension), optimum.value)
     else:
         # Value and bound are both rounded, and the value is at most the exact bound.
         rounding = EPS * manifold.network.n_edges * optimum.bound

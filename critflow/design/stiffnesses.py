@@ -120,8 +120,8 @@ class Stiffnesses(Variables):
         network = self.network.with_stiffness(np.exp(z))
         response = response_at_rest(network, self.state.coordinates, network.volume)
         W = np.array([quantity.tensor_weights(network.dimension) for quantity in quantities])
-        values = np.einsum("nab,ab->n", W, response.value.energy)
-        errors = np.einsum("nab,ab->n", np.abs(W), response.value.bounds)
+        values = np.einsum("nab,ab->n", W, response.value.tensor)
+        errors = np.einsum("nab,ab->n", np.abs(W), response.value.errors.tensor)
         value = spring_state(network, self.state.rest_lengths, self.state.coordinates, self.state.law)
         return Designed(value, response, values, errors, self.values(self.at(z), quantities)[1])
 

@@ -22,8 +22,7 @@ from critflow.networks.digits import Digits
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.onset.critical_strain import Onset, critical_strain
 from critflow.quantities.leverage import EdgeLeverage, edge_leverage
-from critflow.response.elasticity import Elasticity
-from critflow.response.moduli import elasticity
+from critflow.response.elasticity import Elasticity, elasticity
 from critflow.result import CritflowError, InputError, Solution, SolveError, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
 from critflow.rigidity.second_order import second_order_rigidity

@@ -125,7 +125,7 @@ def report_lines(examination: Examination, file: str = "") -> list[str]:
 def _summary(examination: Examination, file: str) -> list[str]:
     """Title, answer and advice."""
     here, there = examination.elasticity, examination.critical_elasticity
-    known = here is not None and bool(np.isfinite(here.value.energy).all())
+    known = here is not None and bool(np.isfinite(here.value.tensor).all())
     answer = [_answer(examination)]
     if here is not None and known:
         answer.append(_bulk_and_shear(here.value))
@@ -232,7 +232,7 @@ def _same(examination: Examination) -> bool:
     """Whether the tensors at the positions and of the nearest critical configuration agree."""
     if examination.elasticity is None or examination.critical_elasticity is None:
         return False
-    here, there = examination.elasticity.value.energy, examination.critical_elasticity.value.energy
+    here, there = examination.elasticity.value.tensor, examination.critical_elasticity.value.tensor
     return bool(np.abs(here - there).max() <= _SAME * np.abs(there).max())
 
 
@@ -254,16 +254,16 @@ def _taut(onset: Onset) -> str:
 def _moduli(solution: Solution[Elasticity], index: str = "") -> list[str]:
     """Status, moduli and tensor of an elasticity."""
     tensor = solution.value
-    if not np.isfinite(tensor.energy).all():
+    if not np.isfinite(tensor.tensor).all():
         return [f"- {solution.status.name}: {solution.reason}"]
     lines = [f"- {'' if solution.ok else f'{solution.status.name}: '}{_bulk_and_shear(tensor, index)}"]
-    if not tensor.energy.any():
+    if not tensor.tensor.any():
         return lines
     x, y = np.eye(tensor.dimension)[:2]
-    ratio = tensor.poissons_ratio(x, y)
+    ratio = tensor.poisson(x, y)
     if np.isfinite(ratio):
-        lines.append(f"- along x: Young's modulus {tensor.youngs_modulus(x):.8g}, Poisson's ratio {ratio:.6g}")
-    names, energy = tensor.components, _without_rounding(tensor, tensor.energy)
+        lines.append(f"- along x: Young's modulus {tensor.young(x):.8g}, Poisson's ratio {ratio:.6g}")
+    names, energy = tensor.components, _without_rounding(tensor, tensor.tensor)
     rows = [f"| {name} | {' | '.join(f'{c:.6g}' for c in row)} |" for name, row in zip(names, energy, strict=True)]
     return [*lines, "", f"| C | {' | '.join(names)} |", "|---" * (1 + len(names)) + "|", *rows]
 
@@ -275,7 +275,7 @@ def _bulk_and_shear(tensor: Elasticity, index: str = "") -> str:
 
 def _without_rounding(tensor: Elasticity, moduli: Array) -> Array:
     """Moduli with zeros in place of what rounding leaves of them."""
-    return np.where(np.abs(moduli) < _ZERO * np.abs(tensor.energy).max(), 0.0, moduli)
+    return np.where(np.abs(moduli) < _ZERO * np.abs(tensor.tensor).max(), 0.0, moduli)
 
 
 # What to do next in Python, and as commands.
@@ -283,7 +283,7 @@ _FUNCTIONS = {
     "restore": "nearest_critical(...).value restores it",
     "strain": "strain_path follows it from there",
     "stiffest": "nearest_critical(...).value is it, optimize(network, 'bulk_modulus') gives the stiffest one",
-    "critical": "transition_moduli and stiffening give its response; strain_path follows it past the transition",
+    "critical": "elasticity and stiffening give its response; strain_path follows it past the transition",
     "first": "it is rigid at rest: elasticity gives its tensor; diluted(...) leads to the transition",
     "prestress": "elasticity gives its tensor at rest; signed_stress and strain_path follow it under stress",
 }

@@ -9,11 +9,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
+from critflow import upper_bound
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.figures.plot import network_figure
 from critflow.networks.network import Network
-from critflow.quantities.largest_modulus import upper_bound
-from critflow.response.moduli import transition_moduli
+from critflow.response.elasticity import elasticity
 from critflow.result import InputError, Status
 from critflow.rigidity.counts import certify
 from critflow.workflow.study import nearest, require
@@ -70,7 +70,7 @@ def show_configuration(case: xr.Dataset, path: Path) -> str:
 def certificate_text(critical: CriticalConfiguration, title: str, outcome: Status) -> str:
     """The certificate, one line per check."""
     certificate = certify(critical)
-    network, moduli = critical.network, transition_moduli(critical)
+    network, moduli = critical.network, elasticity(critical).value
     bound = upper_bound(network, "B_0")
     low, high = certificate.gap
     state = "rigid to second order" if certificate.rigid else "not shown to be rigid: floppy parts remain"

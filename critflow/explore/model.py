@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import minimum_spanning_tree
 
+from critflow import upper_bound
 from critflow.critical.manifold import CriticalManifold
 from critflow.design.optimize import optimize
 from critflow.linalg.factor import FixedPattern
@@ -16,7 +17,6 @@ from critflow.linalg.matrices import block_laplacian
 from critflow.networks.faces import Faces, planar_faces
 from critflow.networks.network import Array, IntArray, Network
 from critflow.onset.from_lengths import critical_from_lengths
-from critflow.quantities.largest_modulus import upper_bound
 from critflow.result import CritflowError, InputError
 from critflow.workflow import stable_rng
 

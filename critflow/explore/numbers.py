@@ -12,8 +12,7 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
 from critflow.quantities.vocabulary import quantity
-from critflow.response.moduli import transition_moduli
-from critflow.response.moduli_bounds import transition_bounds
+from critflow.response.elasticity import elasticity
 from critflow.response.stiffening import stiffening
 from critflow.result import CritflowError
 from critflow.rigidity.counts import certify
@@ -63,30 +62,33 @@ class Number:
 
 def quick(critical: CriticalConfiguration) -> list[Number]:
     """Moduli, variances and residual, without errors of the moduli: shown while a slider moves."""
-    moduli, note = _attempt(lambda: transition_moduli(critical))
-    numbers = [
-        Number("B_0", moduli.bulk if moduli else np.nan, note=note),
-        Number("G_0", moduli.shear if moduli else np.nan, note=note),
-    ]
-    return numbers + variances(critical) + [Number("residual", critical.residual)]
+    return moduli(critical, errors=False) + variances(critical) + [Number("residual", critical.residual)]
 
 
 def precise(manifold: CriticalManifold, critical: CriticalConfiguration) -> list[Number]:
     """The moduli with their errors, and the stiffening coefficients with theirs."""
-    moduli, note = _attempt(lambda: transition_moduli(critical))
-    errors, _ = _attempt(lambda: transition_bounds(critical))
-    stiffness, reason = _attempt(lambda: stiffening(manifold, critical, throw=False))
-    numbers = []
-    for key, name in (("B_0", "bulk"), ("G_0", "shear")):
-        value, error = (np.nan if record is None else float(getattr(record, name)) for record in (moduli, errors))
-        numbers.append(Number(key, value, error, PROOF, note))
+    stiffness, reason = _attempt(lambda: stiffening(critical, throw=False, manifold=manifold))
+    numbers = moduli(critical, errors=True)
     for key in ("C_B", "C_G", "C_G_stress_corrected"):
         if stiffness is None:
-            numbers.append(Number(key, np.nan, note=reason))
+            numbers.append(Number(key, np.nan, note=reason or ""))
             continue
         value, error = getattr(stiffness.value, key), getattr(stiffness.stats.error_bound, key, np.nan)
         numbers.append(Number(key, float(value), float(error), ESTIMATE, "" if stiffness.ok else stiffness.reason))
     return numbers
+
+
+def moduli(critical: CriticalConfiguration, errors: bool) -> list[Number]:
+    """B_0 and G_0."""
+    found, note = _attempt(lambda: elasticity(critical))
+    if found is None or not found:
+        note = note if found is None else found.reason
+        return [Number("B_0", np.nan, note=note), Number("G_0", np.nan, note=note)]
+    value = found.value
+    bounds = (value.errors.bulk, value.errors.shear) if errors else (np.nan, np.nan)
+    # Those of several self-stresses are estimates.
+    kind = "" if not errors else PROOF if found.stats.method == "transition" else ESTIMATE
+    return [Number("B_0", value.bulk, bounds[0], kind), Number("G_0", value.shear, bounds[1], kind)]
 
 
 def counts(critical: CriticalConfiguration) -> list[Number]:

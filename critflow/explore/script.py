@@ -9,7 +9,7 @@ from critflow.explore.session import Session
 
 _IMPORTED = (
     *("CriticalManifold", "critical_from_lengths", "face_modes", "network_from", "optimize", "pruned", "stiffening"),
-    *("strain_path", "transition_moduli", "voronoi_network"),
+    *("strain_path", "elasticity", "voronoi_network"),
 )
 
 
@@ -18,7 +18,7 @@ def script(session: Session) -> str:
     body = session.source.lines(session.start.critical)
     for name, *values in session.recipe():
         body += _LINES[name](session.start.model.seed, *values)
-    body.append("print(transition_moduli(critical), stiffening(manifold, critical).value)")
+    body.append("print(elasticity(critical).value, stiffening(critical).value)")
     text = "\n".join(body)
     heads = ["import numpy as np"] * ("np." in text) + ["import xarray as xr"] * ("xr." in text)
     heads += [""] * bool(heads)

@@ -16,9 +16,8 @@ from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.paths.predictor import Predictor
 from critflow.paths.tangent import Tangent, path_rates, relaxations_to, tangent, tangent_of_response
-from critflow.response.elasticity import NO_MODULI, Elasticity, Moduli
-from critflow.response.response import LinearResponse, response_of
-from critflow.response.unit_strains import strains_of
+from critflow.response.linear_response import LinearResponse, linear_response, strains_of
+from critflow.response.tensor import Elasticity
 from critflow.result import Status
 from critflow.springs.equilibrium import Equilibrium, relaxed
 from critflow.springs.free_cell import FreeCellState, relaxed_with_cell, stretched
@@ -56,7 +55,8 @@ class Step:
     curable   a smaller step may succeed where this one failed
     velocity  d(y, q)/dγ (n_free·d + m,); None where it was not computed
     stretch   free components q (m,)
-    tangent, moduli, moduli_error, elasticity, coordinate_error  measured at the end, with error bounds
+    tangent, moduli, elasticity, coordinate_error  measured at the end; without tensors `moduli` has bulk and shear
+                                                   moduli alone, and `elasticity` is None
     """
 
     strain: float
@@ -68,8 +68,7 @@ class Step:
     curable: bool = True
     velocity: Array | None = None
     tangent: Tangent | None = None
-    moduli: Moduli = NO_MODULI
-    moduli_error: Moduli = NO_MODULI
+    moduli: Elasticity | None = None
     elasticity: Elasticity | None = None
     coordinate_error: float = np.nan
 
@@ -183,16 +182,15 @@ class Continuation:
         unique = _unique(state)
         if not (unique or self._expected(start, solution)):
             return Step(strain, state, q, n, Status.unstable, _JUMPED)
-        moduli, errors, response = NO_MODULI, NO_MODULI, None
+        response = None
         rates = path_rates(self.deformation, strain, self._affine(strain), q)
         if self.relaxer.with_moduli and state.network.has_volume and state.network.dimension > 1:
             exact = self.relaxer.method == "newton"
             wanted = None if self.relaxer.with_tensors else strains_of(rates[0])
-            volume = state.network.volume
-            response = response_of(state, self.relaxer.pattern, exact, factor, volume, condition=False, strains=wanted)
+            volume, pattern = state.network.volume, self.relaxer.pattern
+            response = linear_response(state, volume, pattern, exact, factor, condition=False, strains=wanted)
             if not response.ok:
                 return Step(strain, state, q, n, response.status, response.reason)
-            moduli, errors = response.value, response.stats.error_bound
         along, velocity = self._tangent(state, rates, factor, response), None
         if along is not None:
             back = np.linalg.inv(self._gradient(strain, q))
@@ -206,9 +204,8 @@ class Continuation:
             n,
             velocity=velocity,
             tangent=along if self.relaxer.with_moduli else None,
-            moduli=moduli,
-            moduli_error=errors,
-            elasticity=response.elasticity if response is not None and self.relaxer.with_tensors else None,
+            moduli=None if response is None else response.value,
+            elasticity=response.value if response is not None and self.relaxer.with_tensors else None,
             coordinate_error=solution.stats.error_bound,
         )
 

@@ -20,7 +20,7 @@ from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.paths.continuation import Arrival, Continuation, Relaxer, Step
-from critflow.response.elasticity import Elasticity
+from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import relaxation_method
 from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
@@ -53,7 +53,7 @@ class StrainPath(Record):
 
     inserted  steps (n,) to intermediate strains, which are not stored
     coordinate_error, bulk_modulus_error, shear_modulus_error  bounds (n,) on the errors against the exact equilibrium;
-    the last one for both conventions.  Error bounds (estimate): those of `equilibrium` and `linear_response`
+    the last one for both conventions.  Error bounds (estimate): those of `equilibrium` and `elasticity`
 
     deformation      the path F(γ) of the cell
     modulus          (1/V) d²E/dγ² along the path (n,) with the volume V(γ) and the relaxed energy E(γ), with its error
@@ -315,16 +315,23 @@ def _assembled(gamma: Array, arrivals: list[Arrival], deformation: Deformation) 
 
 def _record(end: Step) -> dict[str, float]:
     """The numbers of one equilibrium."""
-    value, error, V = end.moduli, end.moduli_error, volume_of(end.state)
+    moduli, V = end.moduli, volume_of(end.state)
+    measured = (
+        {}
+        if moduli is None
+        else {
+            "bulk_modulus": moduli.bulk,
+            "shear_modulus": moduli.shear,
+            "shear_modulus_stress_corrected": moduli.shear_stress_corrected,
+            "bulk_modulus_error": moduli.errors.bulk,
+            "shear_modulus_error": max(moduli.errors.shear, moduli.errors.shear_stress_corrected),
+        }
+    )
     return {
-        "bulk_modulus": value.bulk,
-        "shear_modulus": value.shear,
-        "shear_modulus_stress_corrected": value.shear_stress_corrected,
+        **measured,
         "energy": end.state.energy,
         "max_force": end.state.max_force,
         "coordinate_error": end.coordinate_error,
-        "bulk_modulus_error": error.bulk,
-        "shear_modulus_error": max(error.shear, error.shear_stress_corrected),
         "modulus": np.nan if end.tangent is None else end.tangent.second / V,
         "modulus_error": np.nan if end.tangent is None else end.tangent.second_error / V,
     }

@@ -25,8 +25,8 @@ from critflow.networks.deformation import Deformable, Deformation, deformation_o
 from critflow.networks.network import Array, Network
 from critflow.paths.strain_path import strain_path
 from critflow.paths.tangent import path_rates
-from critflow.response.elasticity import Elasticity
-from critflow.response.response import LinearResponse, linear_response
+from critflow.response.linear_response import LinearResponse, linear_response
+from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.laws import SpringLaw
 from critflow.springs.state import SpringState
@@ -97,7 +97,7 @@ def strained_response(
     values, by_rest, by_k = _Adjoint(state, path, strain, stretch).gradients(measures)
     by_stress = _pulled_back(network, start, by_rest) if isinstance(start, CriticalConfiguration) else {}
     tensor = found.value.elasticity[-1]
-    error = float(tensor.bounds.max() / np.abs(tensor.energy).max())
+    error = float(tensor.errors.tensor.max() / np.abs(tensor.tensor).max())
     stats = Stats("implicit differentiation", found.stats.steps, found.stats.residual, error_bound=error)
     return StrainedResponse(
         state,
@@ -192,7 +192,7 @@ def _linear(function: Callable[[Elasticity], float]) -> Callable[[Elasticity], _
 
 def _responses_to_units(tensors: Elasticity, function: Callable[[Elasticity], float]) -> tuple[Array, Array]:
     """Values of a linear function at unit tensors C (m, m) and S (d, d), shared by both entries of a symmetric pair."""
-    m, d = len(tensors.energy), tensors.dimension
+    m, d = len(tensors.tensor), tensors.dimension
     by_C, by_S = np.zeros((m, m)), np.zeros((d, d))
     zero_C, zero_S = np.zeros((m, m)), np.zeros((d, d))
     for form, stressed in ((by_C, False), (by_S, True)):
@@ -200,7 +200,7 @@ def _responses_to_units(tensors: Elasticity, function: Callable[[Elasticity], fl
             unit = np.zeros_like(form)
             unit[a, b] = unit[b, a] = 1.0
             C, S = (zero_C, unit) if stressed else (unit, zero_S)
-            value = function(Elasticity(C, zero_C, S, tensors.volume, zero_C))
+            value = function(Elasticity(C, zero_C, S, tensors.volume))
             form[a, b] = form[b, a] = value if a == b else value / 2
     return by_C, by_S
 
@@ -245,7 +245,7 @@ def _measures(deformation: Deformation, strain: float, quantities: Sequence[str]
         i, j = ("xyz".index(axis) for axis in name)
         table[f"stress_{name}"] = _linear(lambda tensors, i=i, j=j: float(tensors.stress[i, j]))  # type: ignore[misc]
         for b in range(a, len(names)):
-            table[f"C_{name}{names[b]}"] = _linear(lambda tensors, a=a, b=b: float(tensors.energy[a, b]))  # type: ignore[misc]
+            table[f"C_{name}{names[b]}"] = _linear(lambda tensors, a=a, b=b: float(tensors.tensor[a, b]))  # type: ignore[misc]
     if isinstance(quantities, str) or not len(quantities):
         raise InputError("quantities must be a list of at least one name, such as ['bulk_modulus']")
     unknown = [name for name in quantities if name not in table]
@@ -261,8 +261,8 @@ class _Adjoint:
     """Derivatives of one state by L and by the parameters of its springs."""
 
     def __init__(self, state: SpringState, deformation: Deformation, strain: float, stretch: Array):
-        response = linear_response(state)
-        self.tensors, self._state = response.elasticity, state
+        response = linear_response(state, state.network.volume)
+        self.tensors, self._state = response.value, state
         self._factor: Factor = state.factorize(state.pattern())
         L, network = state.bond_vectors, state.network
         self._E = strain_basis(network.dimension)[1]
@@ -310,7 +310,7 @@ class _Adjoint:
         adjoint = network.free_incidence @ self._solved(-np.asarray(network.divergence @ by_L))
         if len(self._free_rates):
             dilating = np.trace(self._free_rates, axis1=1, axis2=2)
-            grown = float(np.vdot(quantity.by_C, self.tensors.energy) + np.vdot(quantity.by_S, self.tensors.stress))
+            grown = float(np.vdot(quantity.by_C, self.tensors.tensor) + np.vdot(quantity.by_S, self.tensors.stress))
             by_q = np.einsum("ei,mei->m", by_L, self._free) - dilating * grown
             resistance = np.array([[self.tensors.second(A, B) for B in self._free_rates] for A in self._free_rates])
             z = -np.linalg.solve(V * resistance, by_q)

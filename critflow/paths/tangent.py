@@ -18,8 +18,8 @@ from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
-from critflow.response.elasticity import strain_components
-from critflow.response.response import LinearResponse, accumulated_rounding
+from critflow.response.linear_response import LinearResponse, accumulated_rounding
+from critflow.response.tensor import strain_components
 from critflow.springs.free_cell import stretched
 from critflow.springs.state import SpringState
 
@@ -60,14 +60,14 @@ def path_rates(deformation: Deformation, strain: float, gradient: Array, stretch
 
 def tangent_of_response(response: LinearResponse, rates: Array, second_rates: Array) -> Tangent:
     """The tangent from the responses to all strains: no sums over edges."""
-    tensors, weights = response.elasticity, np.array([strain_components(0.5 * (A + A.T)) for A in rates])
+    tensors, weights = response.value, np.array([strain_components(0.5 * (A + A.T)) for A in rates])
     E = np.array([[tensors.second(A, B) for B in rates] for A in rates])
     E[0] += [float(np.vdot(tensors.stress, A)) for A in second_rates]
     E[1:, 0] = E[0, 1:]
     path = _with_free(E)
     # Errors of q̇ enter squared only.
     size = np.abs(path @ weights)
-    error = float(size @ tensors.bounds @ size)
+    error = float(size @ tensors.errors.tensor @ size)
     V = tensors.volume
     return Tangent(np.tensordot(path @ weights, response.relaxations, 1), path[1:], float(V * (E[0] @ path)), V * error)
 

@@ -23,7 +23,7 @@ from critflow.linalg.saddle import CondensedSaddle, Saddle
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.precision.residual import exact_displacement
-from critflow.response.elasticity import TRUSTED_ERROR
+from critflow.response.tensor import TRUSTED_ERROR
 from critflow.response.third_order import ThirdOrderEnergy, Triple
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises
@@ -37,49 +37,42 @@ NO_WORK = 100.0  # A strain that does less work on the self-stress than this num
 
 @dataclass(frozen=True)
 class Stiffening(Record):
-    """Moduli at the transition and their first derivatives with strain: C_B, C_G, C_G stress-corrected."""
+    """Moduli at the transition and their first derivatives with strain.
+
+    modulus_0, C  of the modulus (1/V) d²E/dγ² along the path
+    """
 
     bulk_0: float
     shear_0: float
     C_B: float
     C_G: float
     C_G_stress_corrected: float
-
-
-@dataclass(frozen=True)
-class PathStiffening(Record):
-    """The modulus (1/V) d²E/dγ² along the path at the transition, M_0, and its first derivative with strain, C."""
-
     modulus_0: float
     C: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class StiffeningSolution(Solution[Stiffening]):
-    """Coefficients of the moduli, and of the modulus along the path, with error bounds (estimates) of the latter.
+    """Coefficients of the moduli.
 
     loosening  whether positive strains loosen the network: it is then rigid at negative ones, where the coefficients
                hold as well
     """
 
-    along: PathStiffening
-    along_error: PathStiffening
     loosening: bool = False
 
 
-NO_STIFFENING = Stiffening(np.nan, np.nan, np.nan, np.nan, np.nan)
-_UNBOUNDED = Stiffening(np.inf, np.inf, np.inf, np.inf, np.inf)
-_NO_PATH, _UNBOUNDED_PATH = PathStiffening(np.nan, np.nan), PathStiffening(np.inf, np.inf)
+NO_STIFFENING = Stiffening(*[np.nan] * 7)
 
 
 @checked
 def stiffening(
-    network: Network | CriticalManifold,
     critical: CriticalConfiguration,
     throw: bool = True,
     *,
     law: SpringLaw = HOOKEAN,
     deformation: Deformable = "dilation",
+    manifold: CriticalManifold | None = None,
 ) -> StiffeningSolution:
     """Growth of the moduli along a path exactly, from the critical configuration alone: no strain path.
 
@@ -91,36 +84,37 @@ def stiffening(
 
     deformation  what `deformation_of` accepts; antisymmetric parts of A rotate the network and change no modulus
                  to first order but G, whose axes do not rotate
+    manifold     of the network, whose patterns are made here by default; given for many configurations of one network
 
     Slack edges, σ = 0, resist nothing; disconnected taut parts add up.  The value is that of the configuration in exact
     balance under the floating-point σ, found from the given coordinates in extended precision.
 
-    Error bound (estimate): `stats.error_bound` limits the errors against it; errors of first order are exact, roundings
-    are summed by `accumulated_rounding`.  `stats.condition` is the largest factor by which relative errors of bond
+    Errors (estimate): `stats.error_bound` limits those of the value; errors of first order are exact, roundings are
+    summed by `accumulated_rounding`.  `stats.condition` is the largest factor by which relative errors of bond
     vectors are amplified in the coefficients.
 
     `Status.unstable` and NaN where P(σ̂) is not positive on the zero modes, so that no response exists;
     `Status.undecided` where rounding hides whether it is;
-    `Status.ill_conditioned` and NaN where the bound exceeds a tenth of the largest coefficient;
+    `Status.ill_conditioned` and NaN where an error exceeds a tenth of the largest coefficient;
     `Status.floppy` and NaN where the strain does no work on the self-stress, or free components of the cell relax it.
     Raises `InputError` for configurations with several self-stresses, and for free components that leave it as it is.
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> found = cf.stiffening(network, cf.optimize(network, 'bulk_modulus')).value
+    >>> found = cf.stiffening(cf.optimize(network, 'bulk_modulus')).value
     >>> round(found.C_B / found.bulk_0, 6)  # −1/2 of springs as stiff as their stress
     -0.5
     """
-    manifold = CriticalManifold.of(network)
-    critical = replace(critical, network=critical.springs_of(manifold.network))
-    path = deformation_of(deformation, manifold.network.dimension)
+    if manifold is not None:
+        critical = replace(critical, network=critical.springs_of(manifold.network))
+    path = deformation_of(deformation, critical.network.dimension)
     relaxing = _relaxing(critical, path)
     if relaxing:
         solution = _failed(Status.floppy, relaxing)
     else:
         parts = taut_configurations(critical)
         found = [
-            _stiffening(manifold if part is critical else CriticalManifold(part.network), part, law, path)
+            _stiffening((manifold if part is critical else None) or CriticalManifold(part.network), part, law, path)
             for part in parts
         ]
         solution = found[0] if len(found) == 1 else _total(found)
@@ -144,108 +138,83 @@ def _stiffening(
     if not np.isfinite(balance.remainder):
         return _failed(Status.ill_conditioned, "rounding hides which configuration balances this stress exactly")
 
-    growth = (_of_dilation if _dilates(path) else _of_path)(
-        network, critical.sigma, balance.bond_vectors, system, law, path
-    )
-    energy, value, along = growth.energy, growth.value, growth.along
+    found = _coefficients(network, critical.sigma, balance.bond_vectors, system, law, path)
+    energy, value = found.energy, found.value
     residual = max(response.residual for response in energy.responses)
-    coefficients = [value.C_B, value.C_G] if _dilates(path) else [value.C_B, value.C_G, along.C]
+    coefficients = (value.C_B, value.C_G, value.C)[: len(energy.third)]
     condition = max(
         change / network.volume / max(abs(C), 1e-300)
         for change, C in zip(energy.sensitivity, coefficients, strict=True)
     )
-    stats = Stats("exact", 1, residual=residual, condition=condition, error_bound=growth.bound)
+    stats = Stats("exact", 1, residual=residual, condition=condition, error_bound=found.error)
     if not residual < CONSISTENT_RESPONSE:
         return _failed(Status.singular, "", stats)
-    work, rounding = energy.work(growth.gamma)
+    work, rounding = energy.work(found.gamma)
     if not work > NO_WORK * rounding:
         return _failed(
             Status.floppy, "the strain does no work on the self-stress, so nothing resists it to first order"
         )
     largest = max(abs(value.bulk_0), *(abs(C) for C in coefficients))
-    if not max(*astuple(growth.bound), *astuple(growth.along_bound)) < TRUSTED_ERROR * largest:
+    if not max(astuple(found.error)) < TRUSTED_ERROR * largest:
         note = "rounding errors may exceed the coefficients: choose stresses of more similar magnitude"
         return _failed(Status.ill_conditioned, note, stats)
-    loosening = energy.responses[growth.gamma].amplitude < 0
+    loosening = energy.responses[found.gamma].amplitude < 0
     note = "positive strains loosen the network: the coefficients hold at negative ones" if loosening else ""
-    return StiffeningSolution(
-        value, Status.ok, stats, note, along=along, along_error=growth.along_bound, loosening=loosening
-    )
+    return StiffeningSolution(value, Status.ok, stats, note, loosening=loosening)
 
 
 @dataclass(frozen=True, eq=False)
-class _Growth:
-    """Coefficients with their bounds, the energy behind them, and the index of γ among its strains."""
+class _Coefficients:
+    """Coefficients with their errors, the energy behind them, and the index of γ among its strains."""
 
     energy: ThirdOrderEnergy
     gamma: int
     value: Stiffening
-    bound: Stiffening
-    along: PathStiffening
-    along_bound: PathStiffening
+    error: Stiffening
+
+
+def _coefficients(
+    network: Network, sigma: Array, L: Array, system: Saddle | CondensedSaddle, law: SpringLaw, path: Deformation
+) -> _Coefficients:
+    """Those of a dilation δ, a shear ε and the path γ of the strained network.
+
+    Where the path is the dilation of the paper its response serves δ too: volumes multiply, so that
+    E_δδγ = E_γγγ + 2 E_γγ.
+    """
+    d, V, A, shear = network.dimension, network.volume, path.rate(0.0), pure_shear(network.dimension)
+    dilates, growth = _dilates(path), float(np.trace(A))
+    gamma = 0 if dilates else 2
+    along, sheared = Triple.cubed(gamma, path.second_rate(0.0)), Triple.squared(1, gamma, 0 * A, shear @ A)
+    if dilates:
+        strains, triples, weights = [A, shear], [along, sheared], [growth - 2, growth, growth]
+    else:
+        dilated = Triple.squared(0, gamma, (1 / d) * (1 / d - 1) * np.eye(d), A / d)
+        strains, triples, weights = [dilation(d), shear, A], [dilated, sheared, along], [growth, growth, growth]
+    energy = ThirdOrderEnergy(network, sigma, L, system, law, strains, triples)
+    thirds, third_errors = ([*values, values[0]][:3] for values in (energy.third, energy.third_error))
+    bulk_0, shear_0, modulus_0 = zeroth = [energy.second(a, a) / V for a in (0, 1, gamma)]
+    bulk_0_error, shear_0_error, modulus_0_error = errors = [energy.second_error(a, a) / V for a in (0, 1, gamma)]
+    C_B, C_G, C = (third / V - w * value for third, w, value in zip(thirds, weights, zeroth, strict=True))
+    C_B_error, C_G_error, C_error = (
+        third / V + abs(w) * error for third, w, error in zip(third_errors, weights, errors, strict=True)
+    )
+    pressure, pressure_error = 0.5 * energy.second(0, gamma) / V, 0.5 * energy.second_error(0, gamma) / V
+    return _Coefficients(
+        energy,
+        gamma,
+        Stiffening(bulk_0, shear_0, C_B, C_G, C_G - pressure, modulus_0, C),
+        Stiffening(
+            bulk_0_error, shear_0_error, C_B_error, C_G_error, C_G_error + pressure_error, modulus_0_error, C_error
+        ),
+    )
 
 
 def _dilates(path: Deformation) -> bool:
     """Whether the path is the dilation whose coefficients are C_B and C_G of the paper."""
-    d, unit = path.dimension, np.eye(path.dimension)
+    d = path.dimension
     return bool(
         np.allclose(path.rate(0.0), dilation(d), rtol=0, atol=1e-15)
-        and np.allclose(path.second_rate(0.0), (1 / d) * (1 / d - 1) * unit, rtol=0, atol=1e-15)
-    )
-
-
-def _of_dilation(
-    network: Network, sigma: Array, L: Array, system: Saddle | CondensedSaddle, law: SpringLaw, path: Deformation
-) -> _Growth:
-    """δ is γ itself, with E_δδγ = E_γγγ + 2 E_γγ since volumes multiply."""
-    d, V, A = network.dimension, network.volume, pure_shear(network.dimension)
-    triples = (
-        Triple.cubed(0, (1 / d) * (1 / d - 1) * np.eye(d)),
-        Triple.squared(1, 0, 0 * A, A / d),
-    )
-    energy = ThirdOrderEnergy(network, sigma, L, system, law, (dilation(d), A), triples)
-    (bulk, shear), (bulk_error, shear_error) = energy.third, energy.third_error
-    bulk_0, shear_0 = (energy.second(a, a) / V for a in (0, 1))
-    error_0, shear_error_0 = (energy.second_error(a, a) / V for a in (0, 1))
-    C_B, C_G = (energy.second(0, 0) + bulk) / V, (shear - energy.second(1, 1)) / V
-    C_B_error, C_G_error = bulk_error / V + error_0, shear_error / V + shear_error_0
-    return _Growth(
-        energy,
-        0,
-        Stiffening(bulk_0, shear_0, C_B, C_G, C_G - 0.5 * bulk_0),
-        Stiffening(error_0, shear_error_0, C_B_error, C_G_error, C_G_error + 0.5 * error_0),
-        PathStiffening(bulk_0, C_B - 2 * bulk_0),
-        PathStiffening(error_0, C_B_error + 2 * error_0),
-    )
-
-
-def _of_path(
-    network: Network, sigma: Array, L: Array, system: Saddle | CondensedSaddle, law: SpringLaw, path: Deformation
-) -> _Growth:
-    """Any path γ with dilation δ and shear ε of the strained network."""
-    d, V, A, shear = network.dimension, network.volume, path.rate(0.0), pure_shear(network.dimension)
-    dilating, shearing, along = 0, 1, 2
-    triples = (
-        Triple.squared(dilating, along, (1 / d) * (1 / d - 1) * np.eye(d), A / d),
-        Triple.squared(shearing, along, 0 * A, shear @ A),
-        Triple.cubed(along, path.second_rate(0.0)),
-    )
-    energy = ThirdOrderEnergy(network, sigma, L, system, law, (dilation(d), shear, A), triples)
-    growth = float(np.trace(A))
-    bulk_0, shear_0, modulus_0 = zeroth = [energy.second(a, a) / V for a in (dilating, shearing, along)]
-    zeroth_error = [energy.second_error(a, a) / V for a in (dilating, shearing, along)]
-    C_B, C_G, C = (third / V - growth * modulus for third, modulus in zip(energy.third, zeroth, strict=True))
-    bulk_error, shear_error, path_error = (
-        third / V + abs(growth) * error for third, error in zip(energy.third_error, zeroth_error, strict=True)
-    )
-    pressure, pressure_error = 0.5 * energy.second(dilating, along) / V, 0.5 * energy.second_error(dilating, along) / V
-    return _Growth(
-        energy,
-        along,
-        Stiffening(bulk_0, shear_0, C_B, C_G, C_G - pressure),
-        Stiffening(zeroth_error[0], zeroth_error[1], bulk_error, shear_error, shear_error + pressure_error),
-        PathStiffening(modulus_0, C),
-        PathStiffening(zeroth_error[along], path_error),
+        and np.allclose(path.second_rate(0.0), (1 / d) * (1 / d - 1) * np.eye(d), rtol=0, atol=1e-15)
     )
 
 
@@ -269,27 +238,21 @@ def _relaxing(critical: CriticalConfiguration, path: Deformation) -> str:
 
 
 def _failed(status: Status, note: str, stats: Stats | None = None) -> StiffeningSolution:
-    stats = stats or Stats("exact", 1, error_bound=_UNBOUNDED if status is Status.ill_conditioned else np.nan)
-    return StiffeningSolution(NO_STIFFENING, status, stats, note, along=_NO_PATH, along_error=_UNBOUNDED_PATH)
+    unlimited = Stiffening(*[np.inf] * 7)
+    stats = stats or Stats("exact", 1, error_bound=unlimited if status is Status.ill_conditioned else np.nan)
+    return StiffeningSolution(NO_STIFFENING, status, stats, note)
 
 
-def _total(found: list[StiffeningSolution]) -> StiffeningSolution:
+def _total(parts: list[StiffeningSolution]) -> StiffeningSolution:
     """The sum over disconnected taut parts; the first failure decides the status."""
-    for solution in found:
-        if not solution.ok:
-            return solution
-    if len({solution.loosening for solution in found}) > 1:
+    for part in parts:
+        if not part.ok:
+            return part
+    if len({part.loosening for part in parts}) > 1:
         return _failed(Status.slack_edges, "the strain stretches some taut parts and loosens others: take each part")
-    first, stats = found[0], [solution.stats for solution in found]
-    bound = Stiffening(*_sum([astuple(stat.error_bound) for stat in stats]))
-    return replace(
-        first,
-        value=Stiffening(*_sum([astuple(solution.value) for solution in found])),
-        along=PathStiffening(*_sum([astuple(solution.along) for solution in found])),
-        along_error=PathStiffening(*_sum([astuple(solution.along_error) for solution in found])),
-        stats=replace(stats[0], residual=max(stat.residual for stat in stats), error_bound=bound),
+    value, error = (
+        Stiffening(*map(float, np.sum([astuple(each) for each in numbers], axis=0)))
+        for numbers in ([part.value for part in parts], [part.stats.error_bound for part in parts])
     )
-
-
-def _sum(rows: list[tuple[float, ...]]) -> list[float]:
-    return [float(total) for total in np.sum(rows, axis=0)]
+    residual = max(part.stats.residual for part in parts)
+    return replace(parts[0], value=value, stats=replace(parts[0].stats, residual=residual, error_bound=error))

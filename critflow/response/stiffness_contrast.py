@@ -36,14 +36,14 @@ _CLEAR_STRAIN = 1e3
 class Hierarchy:
     """The tensor V C = factorsᵀ factors, with factors (r, m), and what it is made of.
 
-    bounds           error bounds of V C (estimate), (m, m)
+    errors           of V C (estimate), (m, m)
     n_self_stresses  independent self-stresses of all edges
     doubtful         a singular value that is neither zero to rounding nor clearly different; NaN without one
     largest_zero     largest singular value that counts as zero
     """
 
     factors: Array
-    bounds: Array
+    errors: Array
     n_self_stresses: int
     doubtful: float
     largest_zero: float
@@ -54,8 +54,8 @@ def hierarchical_response(R: Array, extension: Array, stiffness: Array, row_erro
 
     row_errors  relative errors (N_b,) of the rows, by the rounding of the coordinates
 
-    Error bound (estimate): to first order, an error of a row changes the energy by tension times error times motion;
-    the errors are those of the rows, of the products with the basis, and the entries that are set to zero.
+    Errors (estimate): to first order, an error of a row changes the energy by tension times error times motion; the
+    errors are those of the rows, of the products with the basis, and the entries that are set to zero.
     """
     order = np.argsort(-stiffness, kind="stable")
     R, extension, k, row_errors = R[order], extension[order], stiffness[order], row_errors[order]
@@ -147,7 +147,7 @@ def _solved(basis: _Basis, R: Array, extension: Array, k: Array, row_errors: Arr
     rest -= Q @ (Q.T @ rest)
     factors = np.linalg.qr(rest, mode="r") * strain_scale @ basis.strains.T
 
-    # Bounds in scaled strains: tension times the error of the change of length.
+    # Errors in scaled strains: tension times the error of the change of length.
     u = basis.motions @ (amplitudes / motion_scale[:, None]) + basis.following / strain_scale
     reach = np.abs(R) @ np.abs(u) + np.abs(extension @ (basis.strains / strain_scale))
     drops = _PRODUCT * EPS + basis.largest_zero
@@ -160,6 +160,6 @@ def _solved(basis: _Basis, R: Array, extension: Array, k: Array, row_errors: Arr
     errors = np.sqrt(k)[:, None] * errors + 4 * EPS * np.abs(rest)
     form = np.abs(rest).T @ errors
     form = (form + form.T) * np.outer(strain_scale, strain_scale)
-    bounds = np.abs(basis.strains) @ form @ np.abs(basis.strains).T
+    total = np.abs(basis.strains) @ form @ np.abs(basis.strains).T
     n_self_stresses = len(k) - basis.motions.shape[1]
-    return Hierarchy(factors, bounds, n_self_stresses, basis.doubtful, basis.largest_zero)
+    return Hierarchy(factors, total, n_self_stresses, basis.doubtful, basis.largest_zero)

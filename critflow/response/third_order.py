@@ -19,7 +19,7 @@ import numpy as np
 from critflow.linalg.saddle import CondensedFactor, CondensedSaddle, Saddle, SaddleFactor
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
-from critflow.response.response import accumulated_rounding
+from critflow.response.linear_response import accumulated_rounding
 from critflow.springs.laws import SpringLaw, checked_law
 
 # Step, in units of a length, of difference quotients that need two digits.
@@ -85,7 +85,7 @@ class Response:
 
 
 class ThirdOrderEnergy:
-    """Second and third derivatives of the energy in the strains A_a (n, d, d), with error bounds (estimates).
+    """Second and third derivatives of the energy in the strains A_a (n, d, d), with errors (estimates).
 
     Each third derivative is stationary in u and λ when λ times the residual of R u = c K⁻¹σ̂ − ḣ is added to it, so the
     errors of both enter by their product alone, and its derivative by L at fixed u and λ is the effect of errors of
@@ -132,7 +132,7 @@ class ThirdOrderEnergy:
 
     @cached_property
     def third_error(self) -> list[float]:
-        """Error bounds (estimates) of the third derivatives."""
+        """Errors (estimates) of the third derivatives."""
         return self._third_errors(self._by_bonds)
 
     def second(self, a: int, b: int) -> float:
@@ -147,7 +147,7 @@ class ThirdOrderEnergy:
         return abs(response.amplitude) * self._D, rounding
 
     def second_error(self, a: int, b: int) -> float:
-        """Error bound (estimate) of E_ab."""
+        """Error (estimate) of E_ab."""
         (_, work_a), (_, work_b) = self.work(a), self.work(b)
         c_a, c_b = (abs(self.responses[i].amplitude) for i in (a, b))
         return c_a * work_b + c_b * work_a + 4 * EPS * c_a * c_b * self._D + work_a * work_b / self._D
@@ -214,7 +214,7 @@ class ThirdOrderEnergy:
         return gradients
 
     def _third_errors(self, by_bonds: list[Array]) -> list[float]:
-        """Error bounds (estimates) of the third derivatives.
+        """Errors (estimates) of the third derivatives.
 
         Sources: rates as differences of vertex velocities, which may exceed them; products; bond vectors; the errors of
         the responses, of second order.

@@ -1,4 +1,4 @@
-"""Equilibria of springs and cells at a strain, by Newton's method with sparse factors or by FIRE, with error bounds."""
+"""Equilibria of springs and tissues at a strain, by Newton's method with sparse factors or by FIRE, with errors."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ def _with_collapse(failed: Equilibrium[State]) -> Equilibrium[State]:
 
 
 def _compared(rough: Equilibrium[State], bounded: Equilibrium[State], exact: Equilibrium[State]) -> Equilibrium[State]:
-    """A rough answer with its distance to the equilibrium that Newton's method finds from it, if it finds one."""
+    """The error of an unconverged state by Newton's method started from it, if that converges."""
     if not exact.ok:
         return bounded
     one, other = rough.value, exact.value
@@ -213,21 +213,21 @@ def with_bounds(
     number = state.largest_stiffness * inverse_norm(factor, correction.last) if condition else np.nan
     stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=number)
     if np.isfinite(bound):
-        found = replace(solution, value=state, stats=stats)
+        solution = replace(solution, value=state, stats=stats)
         if judged:
             here = state.bond_vectors is correction.bond_vectors
             exact = state if here else replace(state, bond_vectors=correction.bond_vectors)  # type: ignore[type-var]
-            found = as_minimum(found, *stability_of(exact, pattern))
-        return found, factor
+            solution = as_minimum(solution, *stability_of(exact, pattern))
+        return solution, factor
     note = "rounding hides the distance to the exact equilibrium: go further from the transition"
     return replace(solution, value=state, status=Status.ill_conditioned, stats=stats, note=note), factor
 
 
-def as_minimum(found: Equilibrium[State], status: Status, note: str) -> Equilibrium[State]:
+def as_minimum(solution: Equilibrium[State], status: Status, note: str) -> Equilibrium[State]:
     """An equilibrium with the result of `stability_of`: no error bound where it is not known to be a minimum."""
-    if status is Status.ok or not found.ok:
-        return found
-    return replace(found, status=status, note=note, stats=replace(found.stats, error_bound=np.inf))
+    if status is Status.ok or not solution.ok:
+        return solution
+    return replace(solution, status=status, note=note, stats=replace(solution.stats, error_bound=np.inf))
 
 
 def _correction(state: ElasticState, pattern: FixedPattern, factor: Factor | None) -> tuple[Displacement, Factor]:

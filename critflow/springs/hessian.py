@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import checked
-from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
+from critflow.linalg.matrices import spread_columns
 from critflow.networks.network import Array
 from critflow.result import Record, Solution, SolveError, Stats, Status
 from critflow.springs.newton import FLOPPY_SHIFT
@@ -77,13 +77,11 @@ def bond_operator(state: SpringState, max_refinements: int = 10) -> LinearOperat
     """
     network = state.network
     R = spread_columns(network, state.bond_vectors / state.lengths[:, None])
-    pattern = block_laplacian(network)
-    values = edge_blocks(state.modified_stiffness, state.bond_vectors, state.sigma)
-    shift = 0.0
-    factor = pattern.factorize(values)
+    pattern, shift = state.pattern(), 0.0
+    factor = state.factorize(pattern)
     if factor.indefinite:
-        shift = FLOPPY_SHIFT * float(np.mean(network.stiffness))
-        factor = pattern.factorize(values, shift)
+        shift = FLOPPY_SHIFT * state.stiffness_scale
+        factor = state.factorize(pattern, shift)
     if factor.indefinite:
         note = f"the Hessian has {factor.n_negative} negative eigenvalues, so the springs buckle: relax them first"
         raise SolveError(f"no bond operator: {note}", Solution(None, Status.unstable, Stats("bond operator"), note))

@@ -16,7 +16,7 @@ axes.set_prop_cycle(color=["#0072B2", "#D55E00", "#009E73"])
 for stiffness in (0.2, 1.0, 3.0):
     network = lattice.with_stiffness(np.where(horizontal, stiffness, 1.0))
     tensor = cf.elasticity(network, lattice.positions).value
-    axes.plot(angles, [tensor.youngs_modulus([np.cos(a), np.sin(a)]) for a in angles], label=f"k = {stiffness}")
+    axes.plot(angles, [tensor.young(a) for a in angles], label=f"k = {stiffness}")
 axes.set_title("Young's modulus [k]", fontsize=10)
 figure.legend(loc="outside lower center", ncols=3, fontsize=8)
 figure.savefig("directions.png", dpi=70)

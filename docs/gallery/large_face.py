@@ -14,6 +14,6 @@ chosen = int(faces.sizes.argmax())
 sides = faces.edges[faces.starts[chosen] : faces.starts[chosen + 1]]
 large = modes.largest(np.bincount(sides, minlength=network.n_edges), shortest=0.15).value
 axes = cf.draw(
-    large, title=f"perimeter {large.lengths[sides].sum():.2f}, $B_0$ = {cf.transition_moduli(large).bulk:.6f} k"
+    large, title=f"perimeter {large.lengths[sides].sum():.2f}, $B_0$ = {cf.elasticity(large).value.bulk:.6f} k"
 )
 axes.figure.savefig("large_face.png", dpi=60)

@@ -13,12 +13,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow import CriticalManifold, Network, bulk_modulus_bound, stiffening, strain_path
+from critflow import CriticalManifold, Network, elasticity, stiffening, strain_path, upper_bound
 from critflow.command.example_data import ensemble_path
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
 from critflow.figures.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions
 from critflow.networks.faces import planar_faces
-from critflow.response.moduli import transition_moduli
 from critflow.rigidity.structure import length_variance, tension_variance
 
 ensemble = xr.open_dataset(ensemble_path())
@@ -27,8 +26,8 @@ bare = Network(one.edges.values, one.offsets.values, one.cell.values)
 faces = planar_faces(bare.edges, bare.bond_vectors(one.coordinates.values), bare.n_vertices)
 network = Network(bare.edges, bare.offsets, bare.cell, faces=faces)
 start = CriticalManifold(network).configuration(one.sigma.values)
-bound = bulk_modulus_bound(network)
-print(f"B_0 = {transition_moduli(start).bulk:.12f} k, upper bound over all stresses {bound:.12f} k")
+bound = upper_bound(network, "B_0")
+print(f"B_0 = {elasticity(start).value.bulk:.12f} k, upper bound over all stresses {bound:.12f} k")
 
 # %% [markdown]
 # ## One mode for each face
@@ -44,7 +43,7 @@ print(f"{modes.elongations.shape[0]} modes, {modes.n_independent} independent, "
 print(f"equal amplitudes: largest change of a length {np.abs(modes.elongations.sum(axis=0)).max():.1e}")
 direction = np.random.default_rng(0).standard_normal(faces.n_faces)
 walked = modes.towards(direction, fraction=0.9)
-print(f"random amplitudes, 90 % of the limit: B_0 changes by {transition_moduli(walked).bulk / bound - 1:.1e}, "
+print(f"random amplitudes, 90 % of the limit: B_0 changes by {elasticity(walked).value.bulk / bound - 1:.1e}, "
       f"V_τ by {tension_variance(walked) - tension_variance(start):.1e}, "
       f"V_L from {length_variance(start):.4f} to {length_variance(walked):.4f}")  # fmt: skip
 
@@ -73,7 +72,7 @@ coefficients = np.linalg.lstsq(span.T, np.ones(network.n_edges), rcond=None)[0]
 even = modes.walk(coefficients[1:] / coefficients[0])
 gain = 1 - length_variance(even) / length_variance(start)
 print(f"V_L falls from {length_variance(start):.6f} to {length_variance(even):.6f}, by {100 * gain:.1f} %")
-print(f"while B_0 changes by {transition_moduli(even).bulk / transition_moduli(start).bulk - 1:.1e}")
+print(f"while B_0 changes by {elasticity(even).value.bulk / elasticity(start).value.bulk - 1:.1e}")
 # The condition of a minimum: no mode changes V_L to first order.
 gradient = modes.elongations @ (even.lengths * even.lengths.mean() - np.mean(even.lengths**2))
 print(f"gradient of V_L in the modes {np.abs(gradient).max():.1e}")
@@ -89,7 +88,7 @@ for axes, (title, critical) in zip(row, designs.items(), strict=True):
         axes, network.edges, network.offsets, network.cell, critical.coordinates + centred, tensions, limits=(0, 2)
     )
     shade_faces(axes, [polygon + centred], network.cell)
-    numbers = f"$B_0$ = {transition_moduli(critical).bulk:.6f} $k$, $V_L$ = {length_variance(critical):.3f}"
+    numbers = f"$B_0$ = {elasticity(critical).value.bulk:.6f} $k$, $V_L$ = {length_variance(critical):.3f}"
     axes.set_title(f"{title}\n{numbers}", fontsize=9)
 fig.colorbar(lines, ax=row, shrink=0.8, label="edge tension at unit pressure")
 plt.show()
@@ -110,7 +109,7 @@ plt.show()
 # %%
 fractions = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9])
 family = [modes.towards(direction, fraction) for fraction in fractions]
-growth = [stiffening(network, member).value for member in family]
+growth = [stiffening(member).value for member in family]
 B_0, G_0, C_B, C_G = (np.array([getattr(g, name) for g in growth]) for name in ("bulk_0", "shear_0", "C_B", "C_G"))
 affine = np.array([affine_bulk_modulus(member) for member in family])
 for row in zip(fractions, B_0, affine, G_0, C_B, C_G, strict=True):

@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 import critflow
-from critflow import CritflowError, certify, stiffening, upper_bound
+from critflow import CritflowError, certify, elasticity, stiffening, upper_bound
 from critflow.explore import numbers
 from critflow.explore.model import POPULATIONS
 from critflow.explore.picture import face_outlines, network_drawing, shades_of
 from critflow.explore.script import script
 from critflow.explore.session import Session
 from critflow.explore.source import File, Random
-from critflow.response.moduli import transition_moduli
-from critflow.response.moduli_bounds import transition_bounds
 
 SOURCE = Random(64, 3)
 
@@ -107,12 +105,12 @@ def test_the_recipe_leaves_out_what_later_changes_overrule(session):
 def test_numbers_are_those_of_the_library(session):
     replay(session, [("population", "random_stress"), ("edge", 1, 0.5)])
     critical, manifold = session.state.critical, session.state.model.manifold
-    moduli, bounds = transition_moduli(critical), critflow.transition_bounds(critical)
-    growth = stiffening(manifold, critical)
+    moduli = elasticity(critical).value
+    growth = stiffening(critical, manifold=manifold)
     shown = {n.key: n for n in numbers.precise(manifold, critical) + numbers.counts(critical)}
     for key, value, bound in (
-        ("B_0", moduli.bulk, bounds.bulk),
-        ("G_0", moduli.shear, bounds.shear),
+        ("B_0", moduli.bulk, moduli.errors.bulk),
+        ("G_0", moduli.shear, moduli.errors.shear),
         ("C_B", growth.value.C_B, growth.stats.error_bound.C_B),
         ("C_G", growth.value.C_G, growth.stats.error_bound.C_G),
     ):
@@ -121,7 +119,7 @@ def test_numbers_are_those_of_the_library(session):
         assert 0 < shown[key].error == bound < 10.0**-decimals
     assert int(shown["self-stresses"].text) == certify(critical).n_self_stresses == 1
     assert session.state.model.bulk_bound == upper_bound(manifold, "B_0") > moduli.bulk
-    assert transition_bounds(critical).bulk > 0
+    assert elasticity(critical).value.errors.bulk > 0
 
 
 def test_bound_of_a_variance_covers_changes_of_the_values():

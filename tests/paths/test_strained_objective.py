@@ -124,7 +124,7 @@ def test_values_are_those_of_the_path_and_rigid_networks_have_the_sign_of_their_
         {
             "bulk_modulus": path.bulk_modulus[0],
             "modulus": path.modulus[0],
-            "poissons_ratio": tensor.poissons_ratio([1, 0], [0, 1]),
+            "poissons_ratio": tensor.poisson([1, 0], [0, 1]),
             "stress_yy": path.stress[0, 1, 1],
         },
         rel=1e-10,

@@ -16,6 +16,7 @@ from critflow import (
     SolveError,
     Status,
     critical_from_lengths,
+    elasticity,
     lattice,
     optimize,
     three_bar_linkage,
@@ -207,6 +208,20 @@ def test_wrong_factor_is_refined_or_rejected():
             assert reference.largest_error(refined.x, true.coordinates[NETWORK.free]) <= refined.error
             assert refined.error < 1e-15
             assert reference.largest_error(refined.L, true.bond_vectors) < 3e-16
+
+
+def test_moduli_at_the_transition_have_bounds():
+    ratios = []
+    for name in ("wide 0.5", "wide 4", "signed 2", "singular +1e-4", "singular -1e-11", "small edges 1e-8", "shear"):
+        for network, sigma in DIFFICULTIES[name]:
+            critical = CriticalManifold(network).configuration(sigma)
+            found = elasticity(critical).value
+            bulk, shear = reference.transition_moduli(network, exact_configuration(network, sigma))
+            pairs = ((found.bulk, found.errors.bulk, bulk), (found.shear, found.errors.shear, shear))
+            for value, bound, true in pairs:
+                assert abs(value - true) <= bound
+                ratios.append(float(bound / abs(value - true)))
+    assert np.median(ratios) < 30
 
 
 @pytest.mark.parametrize("spread, seed", [(0.0, 0), (0.05, 1), (0.1, 2), (0.3, 0)])

@@ -286,12 +286,12 @@ def test_no_positive_stress_softens_more_than_the_stiffest(make):
     manifold, least = CriticalManifold(network), 3 / network.dimension - 2
     bound = quantity(manifold, "C_B").extreme(manifold)[0]
     assert bound == pytest.approx(least * upper_bound(manifold, "B_0"), rel=1e-14)
-    stiffest = stiffening(network, manifold.configuration(network.stiffness)).value
+    stiffest = stiffening(manifold.configuration(network.stiffness)).value
     assert stiffest.C_B == pytest.approx(bound, rel=1e-9) == pytest.approx(least * stiffest.bulk_0, rel=1e-9)
     for spread in (0.1, 1.0):
         sigma = np.exp(spread * np.random.default_rng(7).normal(size=network.n_edges))
         critical = manifold.configuration(sigma)
-        value = stiffening(network, critical).value
+        value = stiffening(critical).value
         gap = turning_energy(critical)
         assert gap > 0 and value.C_B - least * value.bulk_0 == pytest.approx(gap, rel=1e-7)
         assert value.C_G > -value.shear_0 / value.bulk_0 * gap / 3
@@ -301,7 +301,7 @@ def test_compressed_edges_soften_without_that_bound():
     network = voronoi_network(8, seed=0)
     sigma = np.ones(network.n_edges)
     sigma[9] = -0.5
-    value = stiffening(network, CriticalManifold(network).configuration(sigma)).value
+    value = stiffening(CriticalManifold(network).configuration(sigma)).value
     assert value.C_B < -5 * value.bulk_0
     with pytest.raises(SolveError, match="at least"):
         design(network, {"C_B": 1.001 * quantity(network, "C_B").extreme(CriticalManifold(network))[0]})

@@ -67,7 +67,7 @@ def test_gradients_by_stress_and_stiffness_agree_with_differences_in_sixty_digit
 @pytest.mark.parametrize("path", [name for name in DEFORMATIONS if name != "uniaxial_free"])
 def test_stiffening_is_that_of_the_path(path):
     name = f"stiffening[{path}]"
-    exact = stiffening(NETWORK, CRITICAL, deformation=path)
+    exact = stiffening(CRITICAL, deformation=path)
     assert properties(CRITICAL, name).values[name] == pytest.approx(exact.along.C, rel=1e-11, abs=1e-14)
 
 

@@ -126,7 +126,7 @@ def test_values_by_their_formulas(kind):
     }
     found = {name: quantity(network, name).evaluate(at(network, sigma, L))[0] for name in expected}
     assert found == pytest.approx(expected, rel=1e-11)
-    exact = stiffening(CriticalManifold(network), MANIFOLDS[kind].configuration(sigma)).value
+    exact = stiffening(MANIFOLDS[kind].configuration(sigma)).value
     critical = MANIFOLDS[kind].configuration(sigma)
     assert properties(critical, ["C_B", "C_G"]).values == pytest.approx({"C_B": exact.C_B, "C_G": exact.C_G}, rel=1e-11)
     if network.faces is not None:

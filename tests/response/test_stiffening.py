@@ -1,7 +1,7 @@
-"""Stiffening coefficients: against fits of strain paths, closed forms, and the high-precision reference."""
+"""Stiffening coefficients: against strain paths, closed forms, and the high-precision reference."""
 
 import sys
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -9,10 +9,9 @@ from problems import (
     HONEYCOMB_BULK_MODULUS,
     SMALL_NETWORKS,
     bounds_over_errors,
-    exact_moduli,
+    critical_of,
     oblique,
     random_stress,
-    reordered,
     slack_lattice,
     taut_rows,
     voronoi_3d,
@@ -27,6 +26,7 @@ from critflow import (
     PowerLaw,
     Status,
     WormLike,
+    elasticity,
     lattice,
     optimize,
     stiffening,
@@ -35,11 +35,10 @@ from critflow import (
 )
 from critflow.critical.backbone import backbone
 from critflow.linalg.saddle import CondensedSaddle, Saddle
-from critflow.mechanics.fits import fit_stiffening
-from critflow.response.moduli import transition_moduli
-from critflow.response.response import linear_response
 from workflows.benchmarks import reference
 
+A = np.array([[0.3, 0.8], [-0.2, 0.5]])
+LAWS = {"cubic": PowerLaw(3), "power 4.5": PowerLaw(4.5), "worm-like": WormLike(0.4)}
 CASES = {
     "2D": lambda: voronoi_network(40, seed=1),
     "2D, random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
@@ -47,92 +46,47 @@ CASES = {
     "3D": voronoi_3d,
     "3D, random stiffness": lambda: with_random_stiffness(voronoi_3d(), 4),
 }
+# A network, its law and its path.
+GROWTHS = {
+    **{name: (name, Hookean(), "dilation") for name in CASES},
+    **{f"{law}, {name}": (name, LAWS[law], "dilation") for law in LAWS for name in ("2D, random stiffness", "3D")},
+    "simple shear": ("2D, oblique", Hookean(), "simple_shear"),
+    "uniaxial": ("2D, random stiffness", Hookean(), "uniaxial"),
+    "uniaxial of a law": ("2D, random stiffness", PowerLaw(4.5), "uniaxial"),
+    "curved": (
+        "2D",
+        Hookean(),
+        lambda gamma: np.eye(2) + gamma * A + gamma**2 * np.array([[0.1, -0.5], [0.2, 0.05]]),
+    ),
+    "exponential": ("2D", Hookean(), Deformation.exponential(A)),
+    "simple shear in space": ("3D", Hookean(), Deformation.simple_shear(3, "yz")),
+    "pure shear in space": ("3D, random stiffness", Hookean(), Deformation.pure_shear(3, "xz")),
+}
 
 
-def critical_of(name, seed=2):
-    network = CASES[name]()
-    return CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
-
-
-LAWS = {"cubic": PowerLaw(3), "power 4.5": PowerLaw(4.5), "worm-like": WormLike(0.4)}
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_exact_stiffening_is_the_limit_of_fits(name):
-    critical = critical_of(name)
-    solution = stiffening(critical.network, critical)
+@pytest.mark.parametrize("name", GROWTHS)
+def test_exact_stiffening_is_the_limit_of_paths(name):
+    case, law, deformation = GROWTHS[name]
+    critical = critical_of(CASES[case](), 2)
+    solution, moduli = stiffening(critical, law=law, deformation=deformation), elasticity(critical).value
     assert solution.status is Status.ok
     exact = solution.value
-    moduli = transition_moduli(critical)
+    # The transition does not depend on the law.
     assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-11)
-    assert exact.C_G_stress_corrected == pytest.approx(exact.C_G - 0.5 * exact.bulk_0, rel=1e-12)
-    windows = 8e-4 * 2.0 ** -np.arange(4)
-    gamma = np.unique(np.concatenate([w * np.arange(1, 9) / 8 for w in windows]))
-    path = strain_path(critical.network, critical, gamma).value
-    for values, C in (
-        (path.bulk_modulus, exact.C_B),
-        (path.shear_modulus, exact.C_G),
-        (path.shear_modulus_stress_corrected, exact.C_G_stress_corrected),
-    ):
-        for degree, rate in ((1, 1), (2, 2)):
-            slopes = np.array([fit_stiffening(gamma, values, w, degree).slope for w in windows])
-            errors = np.abs(slopes - C)
-            # The bias halves, or quarters, with the window until rounding of the moduli, about 1e-12/w, is reached.
-            above = errors > 1e-6 * max(abs(C), 0.1)
-            rates = np.log2(errors[:-1] / errors[1:])[above[1:]]
-            if degree == 1:
-                assert len(rates) >= 1
-            np.testing.assert_allclose(rates, rate, atol=0.3)
-            assert errors[-1] < (0.02 if degree == 1 else 1e-4) * max(abs(C), 0.1)
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_exact_stiffening_by_richardson(name):
-    critical = critical_of(name)
-    exact = stiffening(critical.network, critical).value
-    h = 1e-4 * np.array([1, 2, 4, 8])
-    path = strain_path(critical.network, critical, h).value
+    assert exact.modulus_0 == pytest.approx(moduli.modulus(deformation), rel=1e-11)
+    h = (-1e-4 if solution.loosening else 1e-4) * np.array([1, 2, 4, 8])
+    path = strain_path(critical.network, critical, h, deformation=deformation, law=law).value
     for values, start, C in (
         (path.bulk_modulus, exact.bulk_0, exact.C_B),
         (path.shear_modulus, exact.shear_0, exact.C_G),
         (path.shear_modulus_stress_corrected, exact.shear_0, exact.C_G_stress_corrected),
+        (path.modulus, exact.modulus_0, exact.C),
     ):
         # Difference quotients have errors in h, h², h³; three eliminations leave h⁴.
         table = (values - start) / h
         for order in (1, 2, 3):
             table = (2**order * table[:-1] - table[1:]) / (2**order - 1)
-        assert table[0] == pytest.approx(C, abs=1e-5 * max(abs(C), 0.1))
-
-
-A = np.array([[0.3, 0.8], [-0.2, 0.5]])
-PATHS = {
-    "simple shear": ("2D, oblique", "simple_shear"),
-    "uniaxial": ("2D, random stiffness", "uniaxial"),
-    "curved": ("2D", lambda gamma: np.eye(2) + gamma * A + gamma**2 * np.array([[0.1, -0.5], [0.2, 0.05]])),
-    "exponential": ("2D", Deformation.exponential(A)),
-    "simple shear in space": ("3D", Deformation.simple_shear(3, "yz")),
-    "pure shear in space": ("3D, random stiffness", Deformation.pure_shear(3, "xz")),
-}
-
-
-@pytest.mark.parametrize("name", PATHS)
-def test_exact_stiffening_along_a_path_by_richardson(name):
-    case, deformation = PATHS[name]
-    critical = critical_of(case)
-    solution = stiffening(critical.network, critical, deformation=deformation)
-    exact, along = solution.value, solution.along
-    h = (-1e-4 if solution.loosening else 1e-4) * np.array([1, 2, 4, 8])
-    path = strain_path(critical.network, critical, h, deformation=deformation).value
-    for values, start, C in (
-        (path.bulk_modulus, exact.bulk_0, exact.C_B),
-        (path.shear_modulus, exact.shear_0, exact.C_G),
-        (path.shear_modulus_stress_corrected, exact.shear_0, exact.C_G_stress_corrected),
-        (path.modulus, along.modulus_0, along.C),
-    ):
-        table = (values - start) / h
-        for order in (1, 2, 3):
-            table = (2**order * table[:-1] - table[1:]) / (2**order - 1)
-        assert table[0] == pytest.approx(C, abs=1e-7)
+        assert table[0] == pytest.approx(C, abs=1e-7 * max(abs(C), 1.0))
 
 
 def test_dilation_by_another_measure_of_strain_in_closed_form():
@@ -141,30 +95,28 @@ def test_dilation_by_another_measure_of_strain_in_closed_form():
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     for law, steepness in ((Hookean(), 0), (PowerLaw(3), 1)):
         C_B = 0.5 * HONEYCOMB_BULK_MODULUS * (steepness - 1)
-        linear = stiffening(network, critical, law=law, deformation=np.eye(2) / 2)
+        linear = stiffening(critical, law=law, deformation=np.eye(2) / 2)
         assert linear.value.C_B == pytest.approx(C_B, rel=1e-11, abs=1e-12)
-        assert linear.along.C == pytest.approx(C_B - 0.5 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
-        standard = stiffening(network, critical, law=law)
-        assert standard.along.C == pytest.approx(C_B - 2 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
+        assert linear.value.C == pytest.approx(C_B - 0.5 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
+        standard = stiffening(critical, law=law)
+        assert standard.value.C == pytest.approx(C_B - 2 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
         assert not linear.loosening
-        shrinking = stiffening(network, critical, law=law, deformation=-np.eye(2) / 2)
+        shrinking = stiffening(critical, law=law, deformation=-np.eye(2) / 2)
         assert shrinking.loosening
         assert shrinking.value.C_B == pytest.approx(-C_B, rel=1e-11, abs=1e-12)
 
 
 def test_a_rotation_along_the_path_changes_no_modulus_of_the_path():
-    critical = critical_of("2D")
+    critical = critical_of(CASES["2D"](), 2)
     quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
     turned, plain = (
-        stiffening(
-            critical.network, critical, deformation=lambda gamma, w=w: _rotation(w * gamma) @ (np.eye(2) + gamma * A)
-        )
+        stiffening(critical, deformation=lambda gamma, w=w: _rotation(w * gamma) @ (np.eye(2) + gamma * A))
         for w in (0.7, 0.0)
     )
     assert turned.value.C_B == pytest.approx(plain.value.C_B, rel=1e-7)
-    assert turned.along.C == pytest.approx(plain.along.C, rel=1e-7)
+    assert turned.value.C == pytest.approx(plain.value.C, rel=1e-7)
     # Without other strain a rotation does no work.
-    solution = stiffening(critical.network, critical, deformation=Deformation.exponential(quarter), throw=False)
+    solution = stiffening(critical, deformation=Deformation.exponential(quarter), throw=False)
     assert solution.status is Status.floppy
 
 
@@ -180,33 +132,33 @@ def test_paths_along_which_the_network_stays_floppy_have_a_status(deformation, w
     # The stress of the honeycomb is isotropic, so that no shear works on it; a free side relaxes it.
     network = lattice("honeycomb", 3, 3)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
-    solution = stiffening(network, critical, throw=False, deformation=deformation)
+    solution = stiffening(critical, throw=False, deformation=deformation)
     assert solution.status is Status.floppy
     assert word in solution.note
-    assert np.isnan(astuple(solution.value) + astuple(solution.along)).all()
+    assert np.isnan(astuple(solution.value)).all()
 
 
 def test_free_components_that_keep_the_stress_are_refused():
     network = lattice("honeycomb", 3, 3)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     with pytest.raises(InputError, match="fix the cell"):
-        stiffening(network, critical, deformation=Deformation.dilation(2).freeing("xy"))
+        stiffening(critical, deformation=Deformation.dilation(2).freeing("xy"))
 
 
 def test_slack_edges_do_not_change_the_coefficients_of_the_taut_part():
     network, _, critical = slack_lattice()
-    whole = stiffening(network, critical, deformation="uniaxial")
+    whole = stiffening(critical, deformation="uniaxial")
     part = backbone(critical)
-    assert astuple(whole.value) == astuple(stiffening(part.network, part.configuration, deformation="uniaxial").value)
-    soft = stiffening(network.with_stiffness(0.5), critical, deformation="uniaxial")
-    assert soft.along.C == pytest.approx(0.5 * whole.along.C, rel=1e-11)
+    assert astuple(whole.value) == astuple(stiffening(part.configuration, deformation="uniaxial").value)
+    soft = stiffening(replace(critical, network=network.with_stiffness(0.5)), deformation="uniaxial")
+    assert soft.value.C == pytest.approx(0.5 * whole.value.C, rel=1e-11)
 
 
 def test_coefficients_of_disconnected_taut_parts_add_up():
     # n rows of n springs: E = ½ n² γ² in the volume n²(1 + γ), so that M = 1/(1 + γ).
     critical = taut_rows(4)
-    solution = stiffening(critical.network, critical, deformation="uniaxial")
-    assert astuple(solution.along) == pytest.approx((1.0, -1.0), rel=1e-12)
+    solution = stiffening(critical, deformation="uniaxial")
+    assert (solution.value.modulus_0, solution.value.C) == pytest.approx((1.0, -1.0), rel=1e-12)
     assert solution.value.bulk_0 == pytest.approx(0.25, rel=1e-13)
 
 
@@ -217,7 +169,7 @@ def test_signs_of_stiffening_in_the_populations():
     for objective in ("bulk_modulus", "tension_variance", "length_variance", "shear_modulus"):
         solution = optimize(network, objective)
         assert solution.status is Status.ok
-        value = stiffening(network, solution.value).value
+        value = stiffening(solution.value).value
         signs[objective] = int(np.sign(value.C_B)), int(np.sign(value.C_G_stress_corrected))
     assert signs["bulk_modulus"] == (-1, 1)
     assert signs["tension_variance"] == (-1, 1)
@@ -228,34 +180,9 @@ def test_signs_of_stiffening_in_the_populations():
 def test_stiffening_of_an_unstable_stress_has_a_status():
     network = voronoi_network(20, seed=1)
     critical = CriticalManifold(network).configuration(-np.ones(30))
-    solution = stiffening(critical.network, critical, throw=False)
+    solution = stiffening(critical, throw=False)
     assert solution.status is Status.unstable
     assert np.isnan(solution.value.C_B)
-
-
-@pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_exact_stiffening_of_every_law(law, name):
-    critical = critical_of(name)
-    network, exact = critical.network, stiffening(critical.network, critical, law=law).value
-    # The transition does not depend on the law.
-    moduli = transition_moduli(critical)
-    assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-11)
-    windows = 8e-4 * 2.0 ** -np.arange(4)
-    gamma = np.unique(np.concatenate([w * np.arange(1, 9) / 8 for w in windows]))
-    path = strain_path(network, critical, gamma, law=law).value
-    for values, start, C in (
-        (path.bulk_modulus, exact.bulk_0, exact.C_B),
-        (path.shear_modulus, exact.shear_0, exact.C_G),
-        (path.shear_modulus_stress_corrected, exact.shear_0, exact.C_G_stress_corrected),
-    ):
-        assert np.polyfit(gamma, values, 3)[-1] == pytest.approx(start, abs=1e-6 * exact.bulk_0)
-        for degree, rate in ((1, 1), (2, 2)):
-            errors = np.abs([fit_stiffening(gamma, values, w, degree).slope - C for w in windows])
-            # Down to rounding of the moduli, about 1e-12/w, the bias halves, or quarters, with the window.
-            above = errors > 1e-6 * max(abs(C), 0.1)
-            np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:])[above[1:]], rate, atol=0.3)
-            assert errors[-1] < (0.02 if degree == 1 else 1e-4) * max(abs(C), 0.1)
 
 
 @pytest.mark.parametrize("k", [1.0, 2.5])
@@ -265,7 +192,7 @@ def test_stiffening_of_the_honeycomb_in_closed_form(k):
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     shears = []
     for law, steepness in ((Hookean(), 0), (PowerLaw(3), 1), (PowerLaw(5.5), 3.5), (WormLike(0.2), 5)):
-        found = stiffening(network, critical, law=law).value
+        found = stiffening(critical, law=law).value
         assert found.bulk_0 == pytest.approx(k * HONEYCOMB_BULK_MODULUS, rel=1e-12)
         assert found.C_B == pytest.approx(0.5 * found.bulk_0 * (steepness - 1), rel=1e-11, abs=1e-12)
         shears.append(found.C_G)
@@ -277,7 +204,7 @@ def test_stiffening_of_the_largest_bulk_modulus_in_closed_form():
     network = with_random_stiffness(voronoi_network(100, seed=1), 2)
     critical = CriticalManifold(network).configuration(network.stiffness)
     for n in (2, 3, 4, 7.5):
-        found = stiffening(network, critical, law=PowerLaw(n)).value
+        found = stiffening(critical, law=PowerLaw(n)).value
         assert found.C_B == pytest.approx(0.5 * (n - 3) * found.bulk_0, rel=1e-9, abs=1e-11)
 
 
@@ -285,7 +212,7 @@ MANIFOLD = sys.modules["critflow.critical.manifold"]
 
 
 def exact_stiffening(network, sigma):
-    return reference.stiffening(network, reference.configuration(network, sigma))
+    return reference.stiffening(reference.configuration(network, sigma))
 
 
 @pytest.mark.parametrize("decades", [0, 2, 4])
@@ -293,16 +220,13 @@ def test_stiffening_coefficients(decades):
     ratios = []
     for network in (*(make() for make in SMALL_NETWORKS.values()), voronoi_network(12, seed=8)):
         stress = 10 ** (decades * (np.random.default_rng(5).random(network.n_edges) - 0.5))
-        sigma = CriticalManifold(network).configuration(stress).sigma
-        solutions = [
-            stiffening(other, CriticalManifold(other).configuration(sigma[order]))
-            for other, order in reordered(network)
-        ]
-        assert {solution.status for solution in solutions} == {Status.ok}
-        values, bounds = zip(*((astuple(s.value), astuple(s.stats.error_bound)) for s in solutions), strict=True)
-        assert np.max(bounds) < 1e-10
-        ratios += bounds_over_errors(values, bounds, exact_stiffening(network, sigma))
-    assert np.median(ratios) < 60
+        critical = CriticalManifold(network).configuration(stress)
+        solution = stiffening(critical)
+        assert solution.status is Status.ok
+        bounds = astuple(solution.stats.error_bound)
+        assert max(bounds) < 1e-10
+        found += bounds_over_errors(astuple(solution.value)[:5], bounds[:5], exact_stiffening(network, critical.sigma))
+    assert np.median(found) < 100
 
 
 @pytest.mark.parametrize("system", ["whole", "condensed"])
@@ -321,9 +245,9 @@ def test_stiffening_with_a_nearly_collapsed_edge(monkeypatch, decades, system):
     manifold = CriticalManifold(network)
     critical = manifold.configuration(stress)
     assert critical.lengths.min() < 10.0 ** (1 - decades)
-    solution = stiffening(manifold, critical)
+    solution = stiffening(critical, manifold=manifold)
     bounds_over_errors(
-        astuple(solution.value), astuple(solution.stats.error_bound), exact_stiffening(network, critical.sigma)
+        astuple(solution.value)[:5], astuple(solution.stats.error_bound)[:5], exact_stiffening(network, critical.sigma)
     )
 
 
@@ -341,20 +265,17 @@ def test_large_positive_stresses_use_the_condensed_system(monkeypatch):
 
         monkeypatch.setattr(system, "factorize", factorize)
     assert type(manifold.system(positive)) is Saddle
-    whole = stiffening(manifold, manifold.configuration(positive))
+    whole = stiffening(manifold.configuration(positive), manifold=manifold).value
     monkeypatch.setattr(MANIFOLD, "CONDENSED_EDGES", 60)
     assert manifold.system(positive) is manifold.condensed
     assert manifold.system(signed) is manifold.saddle
-    condensed = stiffening(manifold, manifold.configuration(positive))
-    assert factorised == [Saddle, CondensedSaddle]
-    errors = np.add(astuple(condensed.stats.error_bound), astuple(whole.stats.error_bound))
-    assert errors.max() < 1e-13
-    assert (np.abs(np.subtract(astuple(condensed.value), astuple(whole.value))) <= errors).all()
-    # Stiffnesses are those of the given network.
-    soft = network.with_stiffness(0.5 * network.stiffness)
-    assert stiffening(soft, manifold.configuration(positive)).value.bulk_0 == pytest.approx(
-        whole.value.bulk_0 / 2, rel=1e-12
-    )
+    condensed = stiffening(manifold.configuration(positive), manifold=manifold).value
+    assert astuple(condensed) != astuple(whole)
+    np.testing.assert_allclose(astuple(condensed), astuple(whole), rtol=0, atol=1e-13)
+    # Stiffnesses are those of the manifold.
+    soft = CriticalManifold(network.with_stiffness(0.5 * network.stiffness))
+    half = stiffening(manifold.configuration(positive), manifold=soft).value
+    assert half.bulk_0 == pytest.approx(whole.bulk_0 / 2, rel=1e-12)
 
 
 def test_stiffening_corrects_inaccurate_coordinates():
@@ -364,18 +285,7 @@ def test_stiffening_corrects_inaccurate_coordinates():
     x = critical.coordinates + 1e-9 * np.random.default_rng(2).standard_normal((12, 2))
     x[0] = 0.0
     moved = type(critical)(network, critical.sigma, x, network.bond_vectors(x))
-    solution = stiffening(network, moved)
+    solution = stiffening(moved)
     bounds_over_errors(
-        astuple(solution.value), astuple(solution.stats.error_bound), exact_stiffening(network, critical.sigma)
+        astuple(solution.value)[:5], astuple(solution.stats.error_bound)[:5], exact_stiffening(network, critical.sigma)
     )
-
-
-def test_bounds_with_equal_rounding_on_all_edges():
-    # Lattices repeat one rounding on every edge, so that errors accumulate instead of averaging out.
-    for columns, rows in ((2, 2), (3, 2)):
-        network = lattice("honeycomb", columns, rows)
-        critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
-        for gamma in (1e-3, 1e-8):
-            state = strain_path(network, critical, [gamma]).value.states[0]
-            solution = linear_response(state)
-            bounds_over_errors(astuple(solution.value), astuple(solution.stats.error_bound), exact_moduli(state))

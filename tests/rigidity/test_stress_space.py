@@ -4,10 +4,21 @@ import numpy as np
 import pytest
 from problems import NETWORKS, dense_free, pinned_grid, random_stress, square_octagon, with_random_stiffness
 
-from critflow import CriticalManifold, InputError, Network, Status, lattice, optimize, stresses_of, three_bar_linkage
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    Status,
+    elasticity,
+    lattice,
+    optimize,
+    stiffening,
+    stresses_of,
+    three_bar_linkage,
+    voronoi_network,
+)
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.transition import pure_shear, transition_modulus
-from critflow.response.moduli import elastic_moduli
 
 
 def braced_grid() -> Network:
@@ -125,12 +136,21 @@ def test_modulus_is_the_maximum_over_the_space(name):
     best = np.linalg.solve((space.basis * flexibility) @ space.basis.T, space.basis @ hdot)
     modulus = transition_modulus(network, pure_shear(network.dimension))
     most = modulus.evaluate(space.walk(best).sigma, L)[0]
-    assert most == pytest.approx(elastic_moduli(network, critical.coordinates).value.shear, rel=1e-9)
+    assert most == pytest.approx(elasticity(network, critical.coordinates).value.shear, rel=1e-9)
     rng = np.random.default_rng(2)
     for _ in range(20):
         assert modulus.evaluate(space.walk(rng.standard_normal(space.dimension)).sigma, L)[0] <= most * (1 + 1e-12)
     one = CriticalConfiguration(network, critical.sigma, critical.coordinates, L)
     assert modulus.evaluate(one.sigma, L)[0] < 0.9 * most
+
+
+def test_modulus_of_a_unique_stress():
+    network = voronoi_network(40, seed=1)
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
+    assert stresses_of(critical).value.one_to_one
+    assert elasticity(critical).value.bulk == pytest.approx(
+        elasticity(network, critical.coordinates).value.bulk, rel=1e-9
+    )
 
 
 def test_edge_between_pins_has_any_stress():
@@ -166,6 +186,24 @@ def test_bad_input():
             space.walk(amplitudes)
 
 
-def test_a_modulus_of_several_self_stresses_is_not_optimised():
-    with pytest.raises(InputError, match="one self-stress"):
-        optimize(lattice("triangular", 4, 4), "shear_modulus")
+# Several self-stresses: moduli of one stress are undefined
+
+
+def test_coefficients_of_several_self_stresses_raise():
+    network = lattice("triangular", 4, 4)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    for ask in (
+        lambda: stiffening(critical),
+        lambda: optimize(network, "shear_modulus"),
+    ):
+        with pytest.raises(InputError, match="one self-stress"):
+            ask()
+
+
+def test_stiffest_overconstrained_configuration():
+    # The true modulus is the largest single-stress value over the stresses of a configuration; σ = k has it.
+    network = lattice("triangular", 4, 4)
+    solution = optimize(network, "bulk_modulus")
+    true = elasticity(network, solution.value.coordinates).value
+    assert solution.objective == pytest.approx(true.bulk, rel=1e-12)
+    assert true.bulk == pytest.approx(np.sqrt(3) / 2, rel=1e-12)

@@ -5,7 +5,6 @@ import pytest
 import scipy.sparse as sp
 
 from critflow import CriticalManifold, Network, critical_from_lengths, critical_from_perimeters, voronoi_network
-from critflow.response.perimeters import cells_of
 from critflow.solvers.cone import fit_lengths, fit_perimeters
 
 NETWORK = voronoi_network(100, seed=1)
@@ -28,7 +27,7 @@ def test_no_other_configuration_has_a_smaller_largest_ratio():
         assert np.max(other.lengths / target) > cone.ratio * (1 - 1e-8)
 
 
-def test_the_cone_program_of_lengths_is_that_of_one_edge_a_cell():
+def test_the_cone_program_of_lengths_is_that_of_one_edge_a_face():
     network = voronoi_network(100, seed=1)
     lengths = 1 + 0.05 * np.random.default_rng(1).standard_normal(150)
     cables = network.free_incidence, network.boundary_vectors
@@ -41,10 +40,10 @@ def test_the_cone_program_of_lengths_is_that_of_one_edge_a_cell():
     np.testing.assert_allclose(other.multipliers, one.multipliers, rtol=1e-4)
     np.testing.assert_array_equal(other.stressed, one.stressed)
     springs = critical_from_lengths(network, lengths).value
-    cells = critical_from_perimeters(cells_of(network, sides=sp.eye_array(150)), lengths).value
+    faces = critical_from_perimeters(network, lengths, sides=sp.eye_array(150)).value
     # To the error 1e-12 of the polished perimeters, over the softest curvature of some 1e-3.
-    np.testing.assert_allclose(cells.configuration.bond_vectors, springs.bond_vectors, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(cells.cell_tensions, springs.tensions / springs.tensions.mean(), rtol=1e-8)
+    np.testing.assert_allclose(faces.configuration.bond_vectors, springs.bond_vectors, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(faces.face_tensions, springs.tensions / springs.tensions.mean(), rtol=1e-8)
 
 
 def test_two_cables_between_pins_by_hand():

@@ -16,12 +16,12 @@ from critflow import (
     PowerLaw,
     SpringLaw,
     WormLike,
+    elasticity,
     spring_state,
     stiffening,
     strain_path,
     voronoi_network,
 )
-from critflow.response.moduli import elastic_moduli
 from critflow.springs.laws import checked_law
 
 LAWS = [Hookean(), *map(PowerLaw, (2, 2.5, 3, 4, 7.5)), *map(WormLike, (2.0, 0.3, 0.01))]
@@ -196,8 +196,8 @@ def test_invalid_laws_raise_one_sentence(name):
     for call in (
         lambda: spring_state(network, critical.lengths, critical.coordinates, law),
         lambda: strain_path(network, critical, [0.01], law=law),
-        lambda: stiffening(network, critical, law=law),
-        lambda: elastic_moduli(network, critical.coordinates, law=law),
+        lambda: stiffening(critical, law=law),
+        lambda: elasticity(network, critical.coordinates, law=law),
     ):
         with pytest.raises(InputError, match=pattern) as caught:
             call()

@@ -2,39 +2,40 @@
 
 import numpy as np
 import pytest
-from problems import NETWORKS, dense_free, random_stress, strained, with_random_stiffness
+from derivatives import assert_derivative
+from problems import NETWORKS, dense_free, grounded, random_stress, strained, with_random_stiffness
 
 from critflow import CriticalManifold, Hookean, PowerLaw, WormLike, spring_state, voronoi_network
 from critflow.linalg.matrices import block_laplacian
 
-
-def dense_energy(network, rest, free):
-    g, b = dense_free(network)
-    if not network.pins:
-        g = g[:, 1:]
-    length = np.linalg.norm(g @ free + b, axis=1)
-    return 0.5 * np.sum(network.stiffness * (length - rest) ** 2)
+LAWS = [Hookean(), PowerLaw(2.5), PowerLaw(4), WormLike(0.5)]
+STATES = [(name, Hookean()) for name in NETWORKS] + [
+    (name, law) for name in ("voronoi, random stiffness", "voronoi 3D", "pinned grid") for law in LAWS[1:]
+]
 
 
-@pytest.mark.parametrize("name", NETWORKS)
-def test_forces_and_hessian_are_derivatives_of_the_energy(name):
+@pytest.mark.parametrize("name, law", STATES, ids=repr)
+def test_forces_and_hessian_are_derivatives_of_the_energy(name, law):
     network = with_random_stiffness(NETWORKS[name](), 5)
-    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
-    rng = np.random.default_rng(3)
-    rest = critical.lengths * rng.uniform(0.8, 1.2, network.n_edges)
-    state = spring_state(network, rest, critical.coordinates)
-    free = critical.coordinates[network.free]
-    assert state.energy == pytest.approx(dense_energy(network, rest, free), rel=1e-13)
-    direction = rng.standard_normal(free.shape)
-    step = 1e-3
-    sides = {n: dense_energy(network, rest, free + n * step * direction) for n in (-2, -1, 0, 1, 2)}
-    first = (8 * (sides[1] - sides[-1]) - (sides[2] - sides[-2])) / (12 * step)
-    second = (16 * (sides[1] + sides[-1]) - (sides[2] + sides[-2]) - 30 * sides[0]) / (12 * step**2)
-    # Fourth-order differences: truncation 1e-12 times high derivatives, rounding 1e-16/step².
-    assert -np.sum(state.forces * direction) == pytest.approx(first, rel=1e-7, abs=1e-8)
-    factor = state.factorize(block_laplacian(network))
-    curvature = direction.ravel() @ factor.multiply(direction.ravel())
-    assert curvature == pytest.approx(second, rel=1e-6)
+    critical, rng = CriticalManifold(network).configuration(random_stress(network.n_edges, 2)), np.random.default_rng(3)
+    rest = critical.lengths * rng.uniform(0.85, 1.2, network.n_edges)
+    state = spring_state(network, rest, critical.coordinates, law)
+    (g, b), free, k = grounded(network), critical.coordinates[network.free], network.stiffness
+
+    def energy(u):
+        return np.sum(law.energy(np.linalg.norm(g @ (free + u) + b, axis=1) - rest, rest, k))
+
+    zero, u = np.zeros_like(free), rng.standard_normal(free.shape)
+    assert state.energy == pytest.approx(energy(zero), rel=1e-13)
+    assert_derivative(energy, -state.forces, zero, [u], rtol=1e-7, atol=1e-8)
+    factor = state.factorize(state.pattern())
+    assert_derivative(
+        lambda v: -state.moved(v).forces, lambda v: factor.multiply(v.ravel()).reshape(v.shape), zero, [u], rtol=1e-7
+    )
+    # Edge by edge: σ = E'/|L| and K = (E'' − σ)/|L|².
+    tension, along = (f(state.extension, rest, k) for f in (law.tension, law.stiffness))
+    np.testing.assert_allclose(state.sigma * state.lengths, tension, rtol=1e-13)
+    np.testing.assert_allclose(state.modified_stiffness, (along - state.sigma) / state.lengths**2, rtol=1e-13)
 
 
 def test_stress_and_modified_stiffness_by_their_formulas():
@@ -43,41 +44,6 @@ def test_stress_and_modified_stiffness_by_their_formulas():
     np.testing.assert_allclose(state.sigma, k * (l - rest) / l, rtol=1e-13)
     # K = ∂²E/∂h² with |L| = √(2h): k ℓ/|L|³.
     np.testing.assert_allclose(state.modified_stiffness, k * rest / l**3, rtol=1e-12)
-
-
-LAWS = [Hookean(), PowerLaw(2.5), PowerLaw(4), WormLike(0.5)]
-
-
-@pytest.mark.parametrize("name", ["voronoi, random stiffness", "voronoi 3D", "pinned grid"])
-@pytest.mark.parametrize("law", LAWS, ids=repr)
-def test_forces_and_hessian_of_every_law(law, name):
-    network = with_random_stiffness(NETWORKS[name](), 5)
-    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
-    rng = np.random.default_rng(3)
-    rest = critical.lengths * rng.uniform(0.85, 1.2, network.n_edges)
-    state = spring_state(network, rest, critical.coordinates, law)
-    g, b = dense_free(network)
-    g = g if network.pins else g[:, 1:]
-    free, direction = critical.coordinates[network.free], rng.standard_normal(state.forces.shape)
-
-    def energy(t):
-        extension = np.linalg.norm(g @ (free + t * direction) + b, axis=1) - rest
-        return np.sum(law.energy(extension, rest, network.stiffness))
-
-    step = 5e-4
-    E = {n: energy(n * step) for n in (-2, -1, 0, 1, 2)}
-    assert state.energy == pytest.approx(E[0], rel=1e-13)
-    first = (8 * (E[1] - E[-1]) - (E[2] - E[-2])) / (12 * step)
-    second = (16 * (E[1] + E[-1]) - (E[2] + E[-2]) - 30 * E[0]) / (12 * step**2)
-    # Truncation 1e-13 times high derivatives, rounding 1e-16/step².
-    assert -np.sum(state.forces * direction) == pytest.approx(first, rel=1e-7, abs=1e-8)
-    curvature = direction.ravel() @ state.factorize(state.pattern()).multiply(direction.ravel())
-    assert curvature == pytest.approx(second, rel=1e-6)
-    # Edge by edge: σ = E'/|L| and K = (E'' − σ)/|L|².
-    tension = law.tension(state.extension, rest, network.stiffness)
-    np.testing.assert_allclose(state.sigma * state.lengths, tension, rtol=1e-13)
-    along = law.stiffness(state.extension, rest, network.stiffness)
-    np.testing.assert_allclose(state.modified_stiffness, (along - state.sigma) / state.lengths**2, rtol=1e-13)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=repr)

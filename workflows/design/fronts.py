@@ -83,7 +83,7 @@ def case(parameters, seed):
         found["bulk"][row, :n], found["growth"][row, :n] = front.achieved.T
         found["weight"][row, :n], found["residual"][row, :n] = front.weights[:, 0], front.residuals
         found["point_status"][row, :n], found["dominated"][row, :n] = front.statuses, front.dominated
-    stiffest = stiffening(network, manifold.configuration(network.stiffness)).value
+    stiffest = stiffening(manifold.configuration(network.stiffness)).value
     found |= {"largest_bulk": upper_bound(manifold, "B_0"), "tip": stiffest.C_B}
     return found | samples(manifold, parameters, seed)
 
@@ -96,7 +96,7 @@ def samples(manifold, parameters, seed):
     for n in range(parameters["samples"]):
         spread = parameters["spreads"][n % len(parameters["spreads"])]
         sigma = np.exp(spread * rng.normal(size=manifold.network.n_edges))
-        solved = stiffening(manifold, manifold.configuration(sigma), throw=False)
+        solved = stiffening(manifold.configuration(sigma), throw=False, manifold=manifold)
         if solved.ok:
             value = solved.value
             for name, number in zip(names, (value.bulk_0, value.shear_0, value.C_B, value.C_G), strict=True):

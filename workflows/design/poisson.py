@@ -80,7 +80,7 @@ def stiffnesses(network, ratio):
     wanted = np.array([[1, ratio, 0], [ratio, 1, 0], [0, 0, (1 - ratio) / 2]]) / (1 - ratio**2)
     along = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
     across = along[:, ::-1] * [-1, 1]
-    ratios = [found.elasticity.poissons_ratio(n, t) for n, t in zip(along, across, strict=True)]
+    ratios = [found.elasticity.poisson(n, t) for n, t in zip(along, across, strict=True)]
     k = found.value.stiffness
     return {
         "error": np.abs(np.array(ratios) - ratio).max(),

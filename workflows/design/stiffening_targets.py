@@ -84,7 +84,7 @@ def source_of(parameters, manifold, seed, source):
 
 def triple(manifold, critical):
     """B_0, C_B, C_G."""
-    value = stiffening(manifold, critical, throw=False).value
+    value = stiffening(critical, throw=False, manifold=manifold).value
     return np.array([value.bulk_0, value.C_B, value.C_G])
 
 

@@ -16,12 +16,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from critflow import CriticalManifold, Solution, critical_from_lengths, optimize, upper_bound, voronoi_network
+from critflow import (
+    CriticalManifold,
+    Solution,
+    critical_from_lengths,
+    elasticity,
+    optimize,
+    upper_bound,
+    voronoi_network,
+)
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
 from critflow.generators.random_networks import check_voronoi
 from critflow.onset.from_lengths import stressed_fraction
 from critflow.quantities.stress_hessian import flat_directions
-from critflow.response.moduli import transition_moduli
 from critflow.result import Status, StudyError
 from critflow.rigidity.structure import length_variance, tension_variance
 from critflow.workflow import Axis, Study, Variable, stable_rng
@@ -111,7 +118,7 @@ def case(parameters, *, seed, panel):
     if not np.isfinite(found.value.coordinates).all():
         return shared
     critical = found.value
-    moduli = transition_moduli(critical)
+    moduli = elasticity(critical).value
     flat = (np.nan, np.nan, np.nan)
     if panel.startswith("bulk_modulus") and network.n_edges <= MOST_EDGES:
         zero = flat_directions(critical, tolerance=FLAT)

@@ -25,8 +25,6 @@ from critflow import (
 )
 from critflow.critical.backbone import backbone
 from critflow.networks.pruning import carrying_part
-from critflow.response.moduli import transition_moduli
-from critflow.response.perimeters import cells_of
 from critflow.workflow import stable_rng
 
 # Length of the stored curves.
@@ -63,7 +61,7 @@ def planar_shape(parameters, seed):
 
 
 def _shape(network):
-    found = critical_from_perimeters(cells_of(network), np.ones(network.faces.n_faces), throw=False)
+    found = critical_from_perimeters(network, np.ones(network.faces.n_faces), throw=False)
     shapes = found.value.shape_index
     return Measured(float(shapes.mean()), np.empty(0), np.empty(0), found.status)
 
@@ -102,7 +100,7 @@ def factor_three(parameters, seed):
         found = critical_from_lengths(sheared, np.ones(network.n_edges), throw=False)
         if not found.ok:
             return Measured(np.nan, onsets, ratios, found.status)
-        G_c = transition_moduli(found.value).shear
+        G_c = elasticity(found.value).value.shear
         strains = STEP * onset * np.array([1.0, 2.0])
         path = strain_path(sheared, found.value, strains, deformation="simple_shear").value
         ratio = (path.modulus - G_c) * onset / path.stress[:, 0, 1]
@@ -242,8 +240,7 @@ def poisson(network):
     Infinite for networks that do not resist dilation, where it would be −1.
     """
     found = elasticity(network, network.positions)
-    averages = found.value.voigt_reuss_hill()
-    B, G = averages.bulk_voigt, averages.shear_voigt
+    B, G = found.value.voigt
     return (B - G) / (B + G) if found.ok and B > SOFT * G else np.inf
 
 

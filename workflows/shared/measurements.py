@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from critflow import InputError, Status, stiffening, strain_path, voronoi_network
+from critflow.critical.backbone import taut_configurations
 from critflow.critical.manifold import require_one_self_stress
-from critflow.critical.transition import dilation, pure_shear, transition_modulus
 from critflow.mechanics.fits import fit_stiffening
 from critflow.networks.deformation import deformation_of
 from critflow.onset.from_lengths import stressed_fraction
-from critflow.response.elasticity import Moduli
-from critflow.response.moduli import transition_moduli
+from critflow.response.at_transition import elasticity_at_transition
 from critflow.response.stiffening import NO_STIFFENING
 from critflow.rigidity.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Variable
@@ -65,14 +64,14 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
     undefined  NaN where the coefficients C_B and C_G are not defined, else 1
     """
     critical = found.value
-    at_transition = known_moduli(critical)
+    bulk, shear = known_moduli(critical)
     result = {
         **identified(manifold.network, found),
         "sigma": critical.sigma,
         "length": critical.lengths,
         "coordinates": critical.coordinates,
-        "bulk_modulus_0": at_transition.bulk,
-        "shear_modulus_0": at_transition.shear,
+        "bulk_modulus_0": bulk,
+        "shear_modulus_0": shear,
         "length_variance": length_variance(critical),
         "tension_variance": tension_variance(critical),
         "stressed_fraction": stressed_fraction(critical.sigma),
@@ -94,18 +93,19 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
 def known_moduli(critical):
     """B_0 and G_0 by the formula of one self-stress, even where edges are too short to count the self-stresses."""
     try:
-        return transition_moduli(critical)
+        parts = taut_configurations(critical)
     except InputError:
-        network, d = critical.network, critical.network.dimension
-        require_one_self_stress(network, "study networks with one self-stress")
-        bulk, shear = (transition_modulus(network, A).evaluate(critical)[0] for A in (dilation(d), pure_shear(d)))
-        return Moduli(bulk, shear, shear)
+        parts = (critical,)
+    for part in parts:
+        require_one_self_stress(part.network, "study networks with one self-stress")
+    moduli = [elasticity_at_transition(part, critical.network.volume) for part in parts]
+    return sum(each.bulk for each in moduli), sum(each.shear for each in moduli)
 
 
 def known_stiffening(manifold, critical, deformation):
     """Exact coefficients, or NaN where edges are too short to count the self-stresses."""
     try:
-        return stiffening(manifold, critical, throw=False, deformation=deformation).value
+        return stiffening(critical, throw=False, deformation=deformation, manifold=manifold).value
     except InputError:
         return NO_STIFFENING
 

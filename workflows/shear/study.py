@@ -21,7 +21,7 @@ from critflow import CriticalManifold, optimize, upper_bound, voronoi_network
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.generators.random_networks import check_voronoi
 from critflow.quantities.largest_modulus import largest_modulus, least_compressed_length
-from critflow.response.moduli import transition_moduli
+from critflow.response.elasticity import elasticity
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
@@ -119,7 +119,7 @@ def _populations(manifold, parameters, seed):
         solution = configuration(manifold, parameters, seed, population)
         statuses.append(solution.status)
         if np.isfinite(solution.value.coordinates).all():
-            moduli[n] = transition_moduli(solution.value).shear
+            moduli[n] = elasticity(solution.value).value.shear
     return {"shear_modulus_0": moduli, "population_status": statuses}
 
 
@@ -131,7 +131,7 @@ def _constrained(manifold, parameters, seed, n_vertices, detailed):
     if detailed:
         for n, r in enumerate(thresholds):
             solution = optimize(manifold, "shear_modulus", threshold=r, throw=False)
-            moduli[n], statuses[n] = transition_moduli(solution.value).shear, solution.status
+            moduli[n], statuses[n] = elasticity(solution.value).value.shear, solution.status
             longest[n] = solution.value.lengths.max() / np.sqrt(manifold.network.volume)
         rng, r = stable_rng(seed, "starts", str(n_vertices)), parameters["threshold"]
         several = optimize(manifold, "shear_modulus", threshold=r, starts=len(starts), rng=rng, throw=False)

@@ -6,16 +6,23 @@ from itertools import pairwise
 
 import numpy as np
 
-from critflow import Status, critical_from_lengths, equilibrium, optimize, quantity, rigidity, stiffening, strain_path
+from critflow import (
+    InputError,
+    Status,
+    critical_from_lengths,
+    elasticity,
+    equilibrium,
+    optimize,
+    quantity,
+    rigidity,
+    stiffening,
+    strain_path,
+)
 from critflow.critical.derivatives import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.quantities.stress_hessian import stress_hessian
-from critflow.response.moduli import elastic_moduli, transition_moduli
-from critflow.response.moduli_bounds import transition_bounds
-from critflow.response.response import linear_response
 
 from .. import reference
-from ..elimination import subtraction_free_solve
 from ..reference import Unknown
 from .outcomes import Answer, Finding, Unavailable, assessed
 from .problems import METHODS, OBJECTIVES
@@ -62,8 +69,11 @@ def _configuration_error(problem, answer):
 
 
 def _transition_moduli(problem):
-    value, bounds = transition_moduli(problem.critical), transition_bounds(problem.critical)
-    return Answer(Status.ok, (value.bulk, value.shear), (bounds.bulk, bounds.shear))
+    solution = elasticity(problem.critical)
+    value = solution.value
+    if solution.ok and solution.stats.method == "self-stress":
+        raise InputError("the reference requires one self-stress")
+    return Answer(solution.status, (value.bulk, value.shear), (value.errors.bulk, value.errors.shear))
 
 
 def _transition_error(problem, answer):
@@ -74,7 +84,7 @@ def _transition_error(problem, answer):
 
 
 def _stiffening(problem):
-    solution = stiffening(problem.manifold, problem.critical, throw=False)
+    solution = stiffening(problem.critical, throw=False, manifold=problem.manifold)
     return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound))
 
 
@@ -85,8 +95,12 @@ def _stiffening_error(problem, answer):
 
 
 def _plain(numbers):
-    """The fields of Moduli or of Stiffening, or one number as it is."""
-    return numbers if isinstance(numbers, float) else tuple(vars(numbers).values())
+    """The fields of Stiffening that the reference has, or one number as it is."""
+    return numbers if isinstance(numbers, float) else tuple(vars(numbers).values())[:5]
+
+
+def _moduli(numbers):
+    return numbers.bulk, numbers.shear, numbers.shear_stress_corrected
 
 
 def _rigidity(problem):
@@ -102,11 +116,11 @@ def _rigidity_error(problem, answer):
 
 
 def _elastic_moduli(problem):
-    solution = elastic_moduli(problem.network, problem.generic)
+    solution = elasticity(problem.network, problem.generic)
     # A network without more edges than motions has no self-stress where it was drawn.
     floppy = problem.network.n_edges <= 2 * (problem.network.n_vertices - 1)
     proper = (Status.floppy,) if floppy else (Status.ok, Status.singular)
-    return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound), proper)
+    return Answer(solution.status, _moduli(solution.value), _moduli(solution.value.errors), proper)
 
 
 def _elastic_error(problem, answer):
@@ -161,8 +175,8 @@ def _linear_response(problem):
     if not reached.ok:
         raise Unavailable(reached.status)
     problem.reached = reached.value
-    solution = linear_response(reached.value)
-    return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound))
+    solution = elasticity(reached.value)
+    return Answer(solution.status, _moduli(solution.value), _moduli(solution.value.errors))
 
 
 def _linear_error(problem, answer):
@@ -178,21 +192,21 @@ def _linear_error(problem, answer):
 def _lengths(method):
     def compute(problem):
         solution = critical_from_lengths(problem.manifold, problem.rest_lengths, method, throw=False)
-        problem.answer = solution
+        problem.found = solution
         return _coordinates(solution)
 
     return compute
 
 
 def _conic_error(problem, answer):
-    value = problem.answer.value
-    exact = reference.critical_from_lengths(problem.network, problem.rest_lengths, value.sigma, value.coordinates)
+    found = problem.found.value
+    exact = reference.critical_from_lengths(problem.network, problem.rest_lengths, found.sigma, found.coordinates)
     return _off(problem, answer, exact)
 
 
 def _strain_error(problem, answer):
     """Against the equilibrium of the rest lengths that the protocol came to, a little past the transition."""
-    rest_lengths = problem.answer.rest_lengths
+    rest_lengths = problem.found.rest_lengths
     return _off(problem, answer, reference.equilibrium(problem.network, rest_lengths, answer.values))
 
 
@@ -203,7 +217,7 @@ def _optimum(objective, method):
     def compute(problem):
         limit = _FIRE_STEPS if method == "fire" else None
         solution = optimize(problem.manifold, _goal(problem, objective), method, max_steps=limit, throw=False)
-        problem.answer = solution
+        problem.found = solution
         return Answer(solution.status, solution.objective, solution.objective_error)
 
     return compute
@@ -218,7 +232,7 @@ def _goal(problem, name):
 def _optimum_error(name):
     def compare(problem, answer):
         """Against the best value where it is known, else against the gain left by Newton's method."""
-        sigma = problem.answer.value.sigma
+        sigma = problem.found.value.sigma
         exact = reference.configuration(problem.network, sigma, digits=reference.digits_for(sigma))
         there = reference.objective(problem.network, name, exact, problem.threshold)
         scale = 1.0 if name.endswith("variance") else abs(float(there))
@@ -238,13 +252,14 @@ def _optimum_error(name):
 def _equal_lengths(problem):
     """Whether the network has a critical configuration with all lengths equal, and so no length variance at all."""
     if not hasattr(problem, "equal"):
-        problem.equal = critical_from_lengths(problem.manifold, np.ones(problem.network.n_edges), throw=False).ok
+        found = critical_from_lengths(problem.manifold, np.ones(problem.network.n_edges), throw=False)
+        problem.equal = found.ok
     return problem.equal
 
 
 def _remaining_gain(problem, name):
     """The gain in the objective left by Newton's method at the σ that was found; infinite at a saddle."""
-    value = problem.answer.value
+    value = problem.found.value
     goal = _goal(problem, name)
     sigma = problem.manifold.solve(value.sigma).value.sigma
     slope = evaluate(problem.manifold, goal, sigma).gradient
@@ -273,27 +288,3 @@ QUANTITIES = {
     "lengths_strain": (_lengths("strain"), _strain_error),
     **{f"{name}_{method}": (_optimum(name, method), _optimum_error(name)) for name in OBJECTIVES for method in METHODS},
 }
-
-
-# Configurations of positive stresses of any range
-
-
-ASSEMBLIES = {
-    "plain factor": lambda manifold, sigma: manifold.network.all_coordinates(manifold.balance(sigma).coordinates),
-    # The solution of the library: NaN where its status is not ok.
-    "refined factor": lambda manifold, sigma: manifold.solve(sigma).value.coordinates,
-    "without subtraction": lambda manifold, sigma: subtraction_free_solve(manifold.network, sigma),
-}
-# Difficulties of positive stresses.
-ASSEMBLED = ("stress_spread", "faint_edge", "faint_cut", "short_edge")
-
-
-def assembly_errors(problem, assemblies):
-    """Largest coordinate error of each assembly, relative to the largest coordinate; NaN where no answer is given."""
-    exact, errors = problem.exact.coordinates, []
-    for name in assemblies:
-        with np.errstate(all="ignore"):
-            x = ASSEMBLIES[name](problem.manifold, problem.sigma)
-        known = np.isfinite(x).all()
-        errors.append(reference.largest_error(x, exact, moved=True) / reference.largest(exact) if known else np.nan)
-    return errors

@@ -17,7 +17,7 @@ from critflow import Solution, stiffening, strain_path
 from critflow.mechanics.fits import fit_stiffening
 from critflow.networks.network import Array
 from critflow.paths.strain_path import StrainPath
-from critflow.response.moduli import transition_moduli
+from critflow.response.elasticity import elasticity
 
 from ..timing import Answer, Method, Task
 from . import references
@@ -39,12 +39,12 @@ _FITS = {
 
 def _methods(n_vertices: int, seed: int) -> list[Method]:
     manifold, critical = random_critical(n_vertices, seed)
-    error = partial(relative, references.stiffening(manifold, critical.sigma))
+    error = partial(relative, references.stiffening(critical.sigma))
     windows = WINDOWS if n_vertices < LARGE else WINDOWS[-1:]
 
     # Every run starts from a copy of the configuration without cached results.
     def exactly(level: float) -> Answer:
-        return answer_of(stiffening(manifold, replace(critical), throw=False), "C_B", "C_G")
+        return answer_of(stiffening(replace(critical), throw=False), "C_B", "C_G")
 
     def path_to(strains: Array) -> Solution[StrainPath]:
         start, pattern = replace(critical), manifold.hessian
@@ -59,7 +59,7 @@ def _methods(n_vertices: int, seed: int) -> list[Method]:
 
     def extrapolated(reach: float) -> Answer:
         solution = path_to(reach * 2.0 ** np.arange(-HALVINGS, 1))
-        path, start = solution.value, transition_moduli(replace(critical))
+        path, start = solution.value, elasticity(replace(critical)).value
         changes = path.bulk_modulus - start.bulk, path.shear_modulus - start.shear
         return Answer([_limit(change / path.strains) for change in changes], solution.status, int(path.steps.sum()))
 

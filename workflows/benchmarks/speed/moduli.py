@@ -17,11 +17,14 @@ from functools import partial
 
 import numpy as np
 
-from critflow import equilibrium, strain_path
+from critflow import (
+    elasticity,
+    equilibrium,
+    strain_path,
+)
 from critflow.critical.transition import pure_shear
 from critflow.networks.network import Array
-from critflow.response.moduli import elastic_moduli, transition_moduli
-from critflow.response.response import linear_response
+from critflow.response.linear_response import linear_response
 
 from ..timing import Answer, Method, Task, installed, peer
 from . import references
@@ -121,7 +124,7 @@ def _at_transition(n_vertices: int, seed: int) -> list[Method]:
     error = partial(relative, references.transition_moduli(manifold, critical.sigma)[:1])
 
     def closed(level: float) -> Answer:
-        return Answer([transition_moduli(replace(critical)).bulk])
+        return Answer([elasticity(replace(critical)).value.bulk])
 
     def past(strain: float, moduli: bool) -> Answer:
         solution = strain_path(
@@ -132,7 +135,7 @@ def _at_transition(n_vertices: int, seed: int) -> list[Method]:
         return Answer([float(bulk)], solution.status, int(path.steps[0]))
 
     def at_rest(level: float) -> Answer:
-        return answer_of(elastic_moduli(manifold.network, critical.coordinates), "bulk")
+        return answer_of(elasticity(manifold.network, critical.coordinates), "bulk")
 
     methods = [
         Method("closed form", closed, error),
@@ -155,7 +158,7 @@ TASKS = (
         _stressed,
     ),
     Task(
-        "transition_moduli",
+        "elasticity",
         "bulk modulus at the transition",
         "relative error of B₀",
         SIZES,

@@ -22,7 +22,7 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, 
 from critflow.critical.variances import LengthVariance
 from critflow.generators.random_networks import STANDARD_HARD_CORE
 from critflow.generators.random_points import random_sequential_addition
-from critflow.response.moduli import transition_moduli
+from critflow.response.elasticity import elasticity
 from critflow.workflow import stable_rng
 
 from ..timing import Method, Timing, stopwatch
@@ -96,7 +96,7 @@ def measured(n_vertices: int, seed: int, least: float) -> tuple[list[Timing], di
 
     best = stage("optimum", _optimum, manifold)
     stage.note(abs(best.gap), backend, best.status)
-    moduli = stage("moduli", transition_moduli, best.value)
+    moduli = stage("moduli", elasticity, best.value)
     stage.note(abs(moduli.bulk / best.bound - 1))
     # The configurations' part is not needed any more.
     del manifold
@@ -128,4 +128,4 @@ def _optimum(manifold: CriticalManifold) -> Any:
 def _coefficients(network: Network, critical: CriticalConfiguration) -> tuple[Any, str]:
     """C_B and C_G from the analysis of their matrix on, and the solver behind."""
     manifold = CriticalManifold(network)
-    return stiffening(manifold, critical, throw=False), manifold.system(critical.sigma).backend
+    return stiffening(critical, throw=False), manifold.system(critical.sigma).backend

@@ -1,26 +1,27 @@
-"""Linear response of springs under stress: relaxations, elasticity tensor and moduli with error bounds.
+"""Linear response of springs under stress: relaxations and elasticity with error estimates.
 
 With the total rates L̇_a = E_a L + g u_a of bond vectors under a strain E_a and ḣ_a = L·L̇_a,
     V C_ab = ḣ_aᵀ K ḣ_b + Σ σ L̇_a·L̇_b
 is stationary at the relaxations u, so that their errors enter as products (`LinearResponse`).
 
-The strains are those of `unit_strains`.
+The strains are dilation, deviators and shears (`unit_strains`), each with a separate relaxation, so that the bulk
+modulus is not a difference of larger numbers.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
+from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network
 from critflow.precision.residual import inverse_norm
-from critflow.response.elasticity import NO_MODULI, TRUSTED_ERROR, Elasticity, Moduli, no_elasticity
-from critflow.response.unit_strains import basis_change, stress_products, unit_strains
+from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity, strain_components, total_errors
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.newton import FLOPPY_SHIFT
 from critflow.springs.state import ElasticState
@@ -34,73 +35,44 @@ _NO_RELAXATION = 1e-5
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearResponse(Solution[Moduli]):
-    """Moduli of a state under stress, its elasticity tensor and the responses to all strains.
+class LinearResponse(Solution[Elasticity]):
+    """The elasticity of a state under stress and the responses to all strains.
 
-    elasticity   energy and stress-corrected tensors with their bounds; NaN where the moduli are
-    relaxations  dx/dε (n_free, d) under each strain of `strain_basis`, relative to the affine motion, (m, n_free, d)
-    relaxation   the same under dilation, by volumetric strain, (n_free, d); both are zero where they are not known
-    floppy       whether floppy parts were regularised; they contribute nothing to the moduli
-    n_negative   negative eigenvalues of the Hessian, 0 for a stable state
+    relaxations  dx/dε (n_free, d) under each strain of `strain_basis`, relative to the affine motion, (m, n_free, d);
+                 zero where they are not known
     """
 
-    elasticity: Elasticity = field(repr=False)
     relaxations: Array = field(repr=False)
-    relaxation: Array = field(repr=False)
-    floppy: bool = False
-    n_negative: int = 0
 
 
-@checked
 def linear_response(
     state: ElasticState,
+    volume: float,
     pattern: FixedPattern | None = None,
     exact: bool = False,
     factor: Factor | None = None,
-    volume: float | None = None,
-) -> LinearResponse:
-    """Moduli and elasticity tensor of springs under stress in equilibrium, and the relaxations that strains cause.
-
-    exact   the state is the equilibrium to the rounding of its numbers, as Newton's method returns it; otherwise the
-            exact equilibrium is found and the change of the moduli up to it is part of the error bound
-    factor  of the Hessian at or near the state, if there is one
-    volume  V of a pinned network, whose pins move with the strain; None: that of the cell
-
-    Error bound (estimate): `stats.error_bound` and `elasticity.bounds` limit the errors against the exact equilibrium
-    (see `equilibrium`); roundings are summed by `accumulated_rounding`.  `stats.condition` is ‖H‖‖H⁻¹‖.
-    `Status.unstable` and NaN where the Hessian has negative eigenvalues: the springs then buckle under any strain.
-    `Status.ill_conditioned` and NaN where a bound exceeds a tenth of the larger modulus.
-    Floppy parts, such as slack ones, do not resist and contribute nothing.
-
-    >>> import critflow as cf
-    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> critical = cf.optimize(network, 'bulk_modulus').value
-    >>> state = cf.equilibrium(cf.spring_state(network, 0.95 * critical.lengths, critical.coordinates))
-    >>> cf.linear_response(state).ok
-    True
-    """
-    if state.network.dimension < 2:
-        raise InputError("a shear needs at least two dimensions")
-    V = state.network.volume if volume is None else volume
-    if not V > 0:
-        raise InputError(f"the volume must be positive, not {V}")
-    return response_of(state, pattern or state.pattern(), exact, factor, V)
-
-
-def response_of(
-    state: ElasticState,
-    pattern: FixedPattern,
-    exact: bool,
-    factor: Factor | None,
-    volume: float,
     condition: bool = True,
     strains: tuple[int, ...] | None = None,
 ) -> LinearResponse:
-    """As `linear_response`; without `condition`, which costs a solve, `stats.condition` is NaN.
+    """Elasticity of springs under stress in equilibrium, and the relaxations that strains cause.
 
-    strains  rows of `unit_strains`, such as those of `strains_of`; responses to all others are zero in the result
+    volume     V, to which the moduli refer
+    exact      the state is the equilibrium to the rounding of its numbers, as Newton's method returns it; otherwise the
+               exact equilibrium is found and the change of the moduli up to it is part of the errors
+    factor     of the Hessian at or near the state, if there is one
+    condition  whether `stats.condition`, ‖H‖‖H⁻¹‖, is computed, which costs a solve; else it is NaN
+    strains    rows of `unit_strains`, such as those of `strains_of`; responses to all others are zero in the result
+
+    Errors (estimate) are those against the exact equilibrium (see `equilibrium`); roundings are summed by
+    `accumulated_rounding`.
+    `Status.unstable` and NaN where the Hessian has negative eigenvalues: the springs then buckle under any strain.
+    `Status.ill_conditioned` and NaN where an error exceeds a tenth of the larger modulus.
+    Floppy parts, such as slack ones, do not resist and contribute nothing.
     """
-    strains = strains or tuple(range(len(unit_strains(state.network.dimension))))
+    d = state.network.dimension
+    if d < 2:
+        raise InputError("a shear needs at least two dimensions")
+    pattern, strains = pattern or state.pattern(), strains or tuple(range(len(unit_strains(d))))
     # Without negative eigenvalues any factor near the state will do; convergence shows whether it is near enough.
     found = _responses(state, factor, volume, strains) if factor is not None and _taut(state) else None
     if factor is None or found is None or not found.converged:
@@ -110,41 +82,63 @@ def response_of(
     if floppy:
         factor = state.factorize(pattern, FLOPPY_SHIFT * state.stiffness_scale)
         if factor.indefinite:
-            return _unstable(state, factor)
+            nothing, stats = np.zeros((d * (d + 1) // 2, *state.forces.shape)), Stats("linear response", 2)
+            return LinearResponse(no_elasticity(d, volume), Status.unstable, stats, relaxations=nothing)
         found = _responses(state, factor, volume, strains)
     assert found is not None
-    bounds = (found.moduli_rounding, found.rounding) if found.converged else None
-    if bounds is not None and not exact:
+    errors: Errors | None = found.elasticity.errors if found.converged else None
+    if errors is not None and not exact:
         change = _change_to_equilibrium(state, factor, found, floppy, volume, strains)
-        bounds = None if change is None else (bounds[0] + change[0], bounds[1] + change[1])
+        errors = None if change is None else total_errors([errors, change])
     number = state.largest_stiffness * inverse_norm(factor, found.last[0]) if condition else np.nan
-    bound = Moduli(np.inf, np.inf, np.inf) if bounds is None else Moduli(*map(float, bounds[0]))
-    stats = Stats("linear response", 1, residual=found.residual, condition=number, error_bound=bound)
-    d = state.network.dimension
+    stats = Stats("linear response", 1, residual=found.residual, condition=number)
     relaxations = np.tensordot(basis_change(d)[list(strains)].T, found.relaxations, axes=1)
-    relaxation = found.relaxations[0]
-    if bounds is None or bounds[0].max() > TRUSTED_ERROR * np.abs(found.moduli[:2]).max():
-        value, status, tensors = NO_MODULI, Status.ill_conditioned, no_elasticity(d, volume)
+    value, status, note = found.elasticity, Status.ok, ""
+    trusted = TRUSTED_ERROR * max(abs(value.bulk), abs(value.shear))
+    if errors is None or max(errors.bulk, errors.shear, errors.shear_stress_corrected) > trusted:
+        value, status = no_elasticity(d, volume, np.inf), Status.ill_conditioned
         note = "rounding errors exceed a tenth of the response to strain: measure it further from the transition"
-    else:
-        value, status, note = Moduli(*map(float, found.moduli)), Status.ok, ""
-        tensors = Elasticity(found.tensor, found.affine, found.stress, volume, bounds[1])
-    return LinearResponse(
-        value, status, stats, note, elasticity=tensors, relaxations=relaxations, relaxation=relaxation, floppy=floppy
-    )
+    elif not exact:
+        value = replace(value, errors=errors)
+    return LinearResponse(value, status, stats, note, relaxations=relaxations)
 
 
-def _unstable(state: ElasticState, factor: Factor) -> LinearResponse:
-    nothing, d = np.zeros_like(state.forces), state.network.dimension
-    return LinearResponse(
-        NO_MODULI,
-        Status.unstable,
-        Stats("linear response", 2),
-        elasticity=no_elasticity(d),
-        relaxations=np.zeros((d * (d + 1) // 2, *nothing.shape)),
-        relaxation=nothing,
-        n_negative=factor.n_negative,
-    )
+# Strains
+
+
+@cache
+def unit_strains(dimension: int) -> Array:
+    """Strains (m, d, d): dilation 1/d, deviators e_i e_iᵀ − 1/d of all axes but the last, shears in Voigt's order."""
+    basis, unit = strain_basis(dimension)[1], np.eye(dimension) / dimension
+    return np.concatenate([unit[None], basis[: dimension - 1] - unit, basis[dimension:]])
+
+
+@cache
+def basis_change(dimension: int) -> Array:
+    """T (m, m): the strain a of `strain_basis` is Σ_n T_na `unit_strains`_n."""
+    d = dimension
+    T = np.eye(d * (d + 1) // 2)
+    normal = np.zeros((d, d))
+    normal[0] = 1.0
+    normal[1:, :-1] = np.eye(d - 1)
+    normal[1:, -1] = -1.0
+    T[:d, :d] = normal
+    return T
+
+
+def strains_of(rates: Array) -> tuple[int, ...]:
+    """Rows of `unit_strains` for the moduli, dilation and the last shear, and for rates A (n, d, d) of a cell."""
+    d = rates.shape[1]
+    parts = np.array([basis_change(d) @ strain_components(0.5 * (A + A.T)) for A in rates])
+    last = parts.shape[1] - 1
+    return tuple(n for n in range(last + 1) if n in (0, last) or parts[:, n].any())
+
+
+@cache
+def stress_products(dimension: int) -> Array:
+    """Sums of the entries of |E_a||E_b|, (m, m): the effect of an error of the stress on its terms."""
+    basis = np.abs(strain_basis(dimension)[1])
+    return np.einsum("aij,bjk->ab", basis, basis)
 
 
 # Responses
@@ -154,18 +148,11 @@ def _unstable(state: ElasticState, factor: Factor) -> LinearResponse:
 class _Responses:
     """Responses to all strains, from one factor.
 
-    moduli, moduli_rounding  (3,) in the order of `Moduli`
-    tensor, affine, rounding  C_ab in the strain basis, relaxed and affine, with rounding errors of both, (m, m)
-    stress                   S, (d, d)
-    relaxations, last        u (m, n_free, d) under `unit_strains` and its last correction
+    elasticity         with rounding errors
+    relaxations, last  u (m, n_free, d) under `unit_strains` and its last correction
     """
 
-    moduli: Array
-    moduli_rounding: Array
-    tensor: Array
-    affine: Array
-    rounding: Array
-    stress: Array
+    elasticity: Elasticity
     relaxations: Array
     last: Array
     residual: float
@@ -174,18 +161,25 @@ class _Responses:
 
 def _change_to_equilibrium(
     state: ElasticState, factor: Factor, found: _Responses, floppy: bool, volume: float, strains: tuple[int, ...]
-) -> tuple[Array, Array] | None:
-    """Twice the change of moduli (3,) and tensor (m, m) up to the exact equilibrium; None where that is not found."""
+) -> Errors | None:
+    """Twice the change of the elasticity up to the exact equilibrium; None where that is not found."""
     correction = state.exact_displacement(factor, regularised=floppy)
     if not np.isfinite(correction.remainder):
         return None
+    here = found.elasticity
     apart = np.abs(correction.bond_vectors - state.bond_vectors)
     if not (apart > EPS * state.lengths[:, None]).any():
-        return np.zeros(3), np.zeros_like(found.tensor)
+        return Errors.known(np.zeros_like(here.tensor), 0.0, 0.0, 0.0)
     moved = replace(state, bond_vectors=correction.bond_vectors)  # type: ignore[type-var]
-    there = _responses(moved, factor, volume, strains)
-    return (
-        (2 * np.abs(there.moduli - found.moduli), 2 * np.abs(there.tensor - found.tensor)) if there.converged else None
+    responses = _responses(moved, factor, volume, strains)
+    if not responses.converged:
+        return None
+    there = responses.elasticity
+    return Errors.known(
+        2 * np.abs(there.tensor - here.tensor),
+        2 * abs(there.bulk - here.bulk),
+        2 * abs(there.shear - here.shear),
+        2 * abs(there.shear_stress_corrected - here.shear_stress_corrected),
     )
 
 
@@ -226,47 +220,25 @@ def _responses(state: ElasticState, factor: Factor, volume: float, strains: tupl
     unfinished = np.sqrt(np.outer(unfinished, unfinished))
     form_rounding = (noise + unfinished) / volume + 4 * EPS * np.abs(form)
 
+    T, stress = basis_change(d)[list(strains)], (sigma * L) @ L.T / volume
     stress_rounding = float(accumulated_rounding(2 * state.stress_rounding * square)) / volume
-    moduli, moduli_rounding = _moduli(
-        state, form, form_rounding, (first, float(unfinished[0, 0]), stress_rounding), volume
-    )
-    T = basis_change(d)[list(strains)]
-    tensor, stress = T.T @ form @ T, (sigma * L) @ L.T / volume
+    # Dilation (1 + γ)^{1/d} is curved: b̈ = (1/d)(1/d − 1) b.
+    trace, curvature = float(sigma @ square) / volume, (1 / d) * (1 / d - 1)
+    bulk = float(form[0, 0] + curvature * trace)
+    stretched = first + (state.stress_rounding + 4 * EPS * np.abs(sigma)) * abs(curvature) * square
+    bulk_rounding = (float(accumulated_rounding(stretched)) + float(unfinished[0, 0])) / volume + 4 * EPS * abs(bulk)
+    shear_rounding = float(form_rounding[-1, -1])
+    corrected_rounding = shear_rounding + 0.5 * stress_rounding / d + 4 * EPS * abs(trace / d)
+    tensor = T.T @ form @ T
     rounding = np.abs(T).T @ form_rounding @ np.abs(T) + 4 * EPS * np.abs(tensor)
     rounding += (stress_rounding + 4 * EPS * float(np.abs(stress).max())) * stress_products(d)
+    errors = Errors.known(0.5 * (rounding + rounding.T), bulk_rounding, shear_rounding, corrected_rounding)
     return _Responses(
-        moduli,
-        moduli_rounding,
-        _symmetric(tensor),
-        _symmetric(T.T @ direct @ T) / volume,
-        _symmetric(rounding),
-        _symmetric(stress),
+        Elasticity(tensor, T.T @ direct @ T / volume, stress, volume, errors, bulk),
         u,
         correction,
         float((size / np.maximum(scale, 1e-300)).max()),
         small,
-    )
-
-
-def _moduli(
-    state: ElasticState, form: Array, form_rounding: Array, parts: tuple[Array, float, float], volume: float
-) -> tuple[Array, Array]:
-    """Moduli (3,) and their rounding errors from the forms of the dilation, the first, and of the shear, the last.
-
-    parts  rounding of each edge's part of the first form (N_b,), its unfinished correction, and rounding of the stress
-    """
-    first, unfinished, stress_rounding = parts
-    sigma, square, d = state.sigma, state.lengths**2, state.network.dimension
-    trace, shear = float(sigma @ square) / volume, form[-1, -1]
-    # Dilation (1 + γ)^{1/d} is curved: b̈ = (1/d)(1/d − 1) b.
-    curvature = (1 / d) * (1 / d - 1)
-    bulk, pressure = form[0, 0] + curvature * trace, trace / d
-    stretched = first + (state.stress_rounding + 4 * EPS * np.abs(sigma)) * abs(curvature) * square
-    bulk_rounding = (float(accumulated_rounding(stretched)) + unfinished) / volume + 4 * EPS * abs(bulk)
-    corrected_rounding = form_rounding[-1, -1] + 0.5 * stress_rounding / d + 4 * EPS * abs(pressure)
-    return (
-        np.array([bulk, shear, shear - 0.5 * pressure]),
-        np.array([bulk_rounding, form_rounding[-1, -1], corrected_rounding]),
     )
 
 
@@ -329,17 +301,13 @@ def _largest(vectors: Array) -> Array:
     return np.abs(vectors).reshape(len(vectors), -1).max(axis=1, initial=0.0)
 
 
-def _symmetric(matrix: Array) -> Array:
-    return 0.5 * (matrix + matrix.T)
-
-
 def _taut(state: ElasticState) -> bool:
     """Whether no edge is compressed and no stiffness negative: then no eigenvalue of the Hessian is negative."""
     return bool((state.sigma >= 0).all() and (state.edge_stiffness >= 0).all())
 
 
 def accumulated_rounding(errors: Array) -> Any:
-    """Error bound (estimate) of sums whose terms have roundings of these magnitudes (..., n): 3‖e‖₂ + ¼ Σ e.
+    """Error (estimate) of sums whose terms have roundings of these magnitudes (..., n): 3‖e‖₂ + ¼ Σ e.
 
     Independent roundings of mean zero add up to ‖e‖₂ or less (one standard deviation), so 3‖e‖₂ is exceeded in less
     than 1 % of sums.  On lattices symmetric edges round alike and their errors add coherently, of which ¼ Σ e allows

@@ -1,0 +1,209 @@
+"""Moduli at the transition: the formula, limits of straining, tensors of rank one, parts, and their errors."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from problems import (
+    NETWORKS,
+    critical_of,
+    modulus_by_formula,
+    oblique,
+    random_stress,
+    slack_lattice,
+    taut_rows,
+    voronoi_3d,
+    with_random_stiffness,
+)
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    Status,
+    critical_from_lengths,
+    elasticity,
+    equilibrium,
+    lattice,
+    optimize,
+    spring_state,
+    strain_path,
+    upper_bound,
+    voronoi_network,
+)
+from critflow.critical.backbone import backbone
+from critflow.critical.transition import dilation, pure_shear, transition_modulus
+from critflow.networks.deformation import strain_basis
+
+CASES = {
+    "2D": lambda: voronoi_network(40, seed=1),
+    "2D, random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
+    "2D, oblique": lambda: oblique(voronoi_network(40, seed=3)),
+    "3D": voronoi_3d,
+    "3D, random stiffness": lambda: with_random_stiffness(voronoi_3d(), 4),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_transition_moduli_by_three_methods(name):
+    critical = critical_of(CASES[name](), 2)
+    network, d = critical.network, critical.network.dimension
+    found = elasticity(critical).value
+    # By the formula, edge by edge.
+    s, L = critical.sigma, critical.bond_vectors
+    assert found.bulk == pytest.approx(modulus_by_formula(network, s, L, dilation(d)), rel=1e-13)
+    assert found.shear == pytest.approx(modulus_by_formula(network, s, L, pure_shear(d)), rel=1e-10)
+    # By linear response at four small strains, extrapolated to none: a cubic through them leaves γ⁴.
+    gamma = np.array([1, 2, 3, 4]) * 2.5e-4
+    path = strain_path(critical.network, critical, gamma).value
+    assert np.polyfit(gamma, path.bulk_modulus, 3)[-1] == pytest.approx(found.bulk, rel=1e-6)
+    scale = max(found.shear, 0.05 * found.bulk)
+    for values in (path.shear_modulus, path.shear_modulus_stress_corrected):
+        assert np.polyfit(gamma, values, 3)[-1] == pytest.approx(found.shear, abs=1e-6 * scale)
+    # By relaxed energies: 2E/Vγ² → B_0, extrapolated alike.
+    ratio = 2 * path.energy / (network.volume * gamma**2)
+    assert np.polyfit(gamma, ratio, 3)[-1] == pytest.approx(found.bulk, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["2D", "2D, random stiffness", "3D"])
+def test_transition_shear_modulus_by_energies_of_a_shear(name):
+    # A critical network under shear: E = ½VG_0ε² + O(ε³) for the sign that stretches it.
+    network = CASES[name]()
+    critical, A = optimize(network, "shear_modulus").value, pure_shear(network.dimension)
+    side = np.sign(critical.sigma @ np.einsum("ad,ad->a", critical.bond_vectors, critical.bond_vectors @ A))
+    state = spring_state(network, critical.lengths, critical.coordinates)
+    strains, ratio = np.array([1, 2, 3, 4]) * 2.5e-4, []
+    for e in strains:
+        end = equilibrium(state.deformed(np.eye(len(A)) + side * e * A), tolerance=1e-15, throw=False).value
+        ratio.append(2 * end.energy / (network.volume * e**2))
+    assert np.polyfit(strains, ratio, 3)[-1] == pytest.approx(elasticity(critical).value.shear, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", ["2D", "2D, random stiffness", "3D"])
+def test_transition_tensor_has_rank_one(name):
+    critical = critical_of(CASES[name](), 5)
+    solution, d, V = elasticity(critical), critical.network.dimension, critical.network.volume
+    found = solution.value
+    assert solution.status is Status.ok and solution.n_self_stresses == 1
+    # C = S ⊗ S/(V D) with S = Σ σ L ⊗ L and D = Σ σ²|L|²/k.
+    L, sigma = critical.bond_vectors, critical.sigma
+    S = np.einsum("aij,ij->a", strain_basis(d)[1], (sigma[:, None] * L).T @ L)
+    D = sigma**2 @ (critical.lengths**2 / critical.network.stiffness)
+    np.testing.assert_allclose(found.tensor, np.outer(S, S) / (V * D), rtol=0, atol=1e-13)
+    # The same from the rigidity matrix, where σ is not known.
+    at_rest = elasticity(critical.network, critical.coordinates)
+    assert at_rest.n_self_stresses == 1
+    difference = np.abs(at_rest.value.tensor - found.tensor)
+    assert (difference <= at_rest.value.errors.tensor + found.errors.tensor).all()
+    assert at_rest.value.bulk == pytest.approx(found.bulk, rel=1e-9)
+    np.testing.assert_allclose(at_rest.value.affine, found.affine, rtol=0, atol=1e-13)
+    # Every uniaxial stress excites a soft direction, and a stress of both signs would be needed for auxetic response.
+    assert found.young(np.eye(d)[0]) == 0.0 and found.reuss == (0.0, 0.0)
+    assert found.voigt[0] == pytest.approx(found.bulk, rel=1e-12)
+
+
+def test_moduli_and_bounds_of_any_deformation():
+    critical = critical_of(voronoi_network(24, seed=3), 5)
+    tensors, network = elasticity(critical).value, critical.network
+    for deformation in ("dilation", "simple_shear", "uniaxial", np.array([[0.3, 1.0], [0.2, -0.4]])):
+        modulus = transition_modulus(network, deformation).evaluate(critical)[0]
+        assert modulus == pytest.approx(tensors.modulus(deformation), rel=1e-12)
+        assert modulus <= upper_bound(network, transition_modulus(network, deformation))
+    with pytest.raises(InputError, match="free"):
+        transition_modulus(network, "uniaxial_free")
+
+
+# Parts
+
+
+def test_slack_edges_do_not_change_the_moduli_of_the_taut_part():
+    network, _, critical = slack_lattice()
+    part, found = backbone(critical), elasticity(critical).value
+    assert found.bulk == elasticity(part.configuration).value.bulk
+    formula = modulus_by_formula(network, critical.sigma, critical.bond_vectors, np.eye(2) / 2)
+    assert found.bulk == pytest.approx(formula, rel=1e-13)
+    assert 0 < found.errors.bulk < 1e-14
+    solution = elasticity(network, critical.coordinates, taut=critical.sigma != 0)
+    assert solution.ok and f"{part.n_slack} of {network.n_edges} edges are slack" in solution.note
+    assert (solution.value.bulk, solution.value.shear) == pytest.approx((found.bulk, found.shear), rel=1e-11)
+
+
+def test_slack_parts_do_not_contribute():
+    network = voronoi_network(100, seed=1)
+    lengths = 1 + 0.3 * np.random.default_rng(0).standard_normal(150)
+    critical = critical_from_lengths(network, lengths, throw=False)
+    assert critical.status is Status.slack_edges
+    stressed = critical.value.sigma > 0
+    part, _ = network.part(stressed)
+    alone = elasticity(CriticalManifold(part).configuration(critical.value.sigma[stressed])).value
+    assert elasticity(critical.value).value.bulk == pytest.approx(alone.bulk, rel=1e-10)
+
+
+def test_the_moduli_of_disconnected_taut_parts_add_up():
+    # Each of n rows of n springs has stiffness 1/n and the elongation nγ/2: B = 1/4; rows do not resist shear.
+    critical = replace(taut_rows(4), bond_errors=np.full(32, 1e-16))
+    found = elasticity(critical).value
+    assert (found.bulk, found.shear) == (pytest.approx(0.25, rel=1e-14), pytest.approx(0.0, abs=1e-30))
+    assert 0 < found.errors.bulk < 1e-14 and found.errors.tensor.shape == (3, 3)
+    solution = elasticity(critical.network, critical.coordinates, taut=critical.sigma != 0)
+    assert solution.ok and solution.n_self_stresses == 4
+    assert solution.value.bulk == pytest.approx(0.25, rel=1e-13)
+
+
+# Errors
+
+
+def test_no_error_is_known_where_bond_vectors_may_be_off_by_their_lengths():
+    exactly = CriticalManifold(voronoi_network(20, seed=1)).configuration(np.ones(30))
+    for share, finite in ((0.1, True), (0.5, False), (3.0, False)):
+        error = elasticity(replace(exactly, bond_errors=share * exactly.lengths)).value.errors.bulk
+        assert error > 0 and np.isfinite(error) == finite
+    plain = type(exactly)(exactly.network, exactly.sigma, exactly.coordinates, exactly.bond_vectors)
+    assert np.isnan(plain.error_bound) and np.isnan(elasticity(plain).value.errors.bulk)
+
+
+def test_vanishing_modulus_has_a_second_order_error():
+    found = elasticity(CriticalManifold(lattice("honeycomb", 3, 3)).configuration(np.ones(27))).value
+    assert 0 <= found.shear <= found.errors.shear < 1e-30
+
+
+@pytest.mark.parametrize("name, floor", [("voronoi", 0.0), ("honeycomb", 1e-20)])
+def test_bond_vector_errors_propagate_to_moduli(name, floor):
+    # Errors of 10⁻⁶ in bond vectors change the moduli to first order, and the shear modulus of a honeycomb, which
+    # is zero, to second.
+    network = NETWORKS[name]()
+    exactly = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    before = elasticity(exactly).value
+    for seed in range(5):
+        off = 1e-6 * np.random.default_rng(seed).standard_normal(exactly.bond_vectors.shape)
+        errors = (1 + 1e-9) * np.linalg.norm(off, axis=1)
+        after = elasticity(replace(exactly, bond_vectors=exactly.bond_vectors + off, bond_errors=errors)).value
+        # The errors apply to either of the two.
+        for known in (after.errors, elasticity(replace(exactly, bond_errors=errors)).value.errors):
+            assert abs(after.bulk - before.bulk) <= known.bulk < 1e-5
+            assert floor < abs(after.shear - before.shear) <= known.shear < 1e-5
+            assert (np.abs(after.tensor - before.tensor) <= known.tensor).all()
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1.3e-9, 1.0, 7.0, 1e9])
+def test_errors_hold_in_any_unit_of_length(unit):
+    # Of unit length B_0 is the same number; V is the determinant in exact arithmetic.
+    plain = voronoi_network(12, seed=1)
+    network = Network(plain.edges, plain.offsets, unit * plain.cell)
+    critical = CriticalManifold(network).configuration(np.ones(18))
+    (a, b), (c, d) = [[Fraction(float(entry)) for entry in row] for row in network.cell]
+    sigma = [Fraction(float(s)) for s in critical.sigma]
+    square = [sum(Fraction(float(x)) ** 2 for x in L) for L in critical.bond_vectors]
+    work = sum(s * h for s, h in zip(sigma, square, strict=True))
+    cost = sum(s**2 * h for s, h in zip(sigma, square, strict=True))
+    found = elasticity(critical).value
+    error = abs(Fraction(found.bulk) - work**2 / (4 * abs(a * d - b * c) * cost))
+    assert error <= found.errors.bulk < 1e-14
+
+
+def test_error_of_the_bulk_modulus_is_the_least_of_those_known():
+    # That of the sum over the tensor allows for an error of each component.
+    critical = CriticalManifold(voronoi_network(200, seed=1)).configuration(random_stress(300, 1))
+    errors = elasticity(critical).value.errors
+    assert 0 < errors.bulk < errors.tensor[:2, :2].sum() / 4
