@@ -195,7 +195,6 @@ def test_a_picture_is_made_by_its_script(script, tmp_path, monkeypatch):
 DELEGATES = {
     "CriticalManifold": ("precision/refinement.py",),
     "optimize": ("design/optimum.py",),
-    "critical_from_lengths": ("onset/proportional_lengths.py",),
     "strain_path": ("springs/equilibrium.py",),
 }
 

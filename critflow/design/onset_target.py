@@ -17,7 +17,7 @@ from critflow.arguments import checked
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
-from critflow.onset.critical_strain import CriticalStrain, Onset, critical_strain
+from critflow.onset.critical_strain import Onset, critical_strain
 from critflow.onset.from_lengths import critical_from_lengths
 from critflow.result import InputError, Solution, Stats, Status
 
@@ -30,7 +30,7 @@ _SETTLED = 1e-6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class OnsetDesign(Solution[CriticalStrain]):
+class OnsetDesign(Solution[Onset]):
     """Rest lengths with a prescribed onset, and the onset itself.
 
     rest_lengths  ℓ (N_b,)
@@ -64,7 +64,7 @@ def design_onset(
     prefer        "least_change" of log ℓ, or "ratios": all rest lengths times one factor
 
     `stats.residual` is |γ_c − γ*|.  The least change is local.  Exact for cables, and for springs where
-    `value.exact_for` is "springs".  Error bound (proof): `value.lower` and `value.upper` where `value.proven`.
+    `value.valid_for_springs`.  Error bound (proof): `value.lower` and `value.upper` where `value.proven`.
     `Status.infeasible` where no rest lengths in the ratios of ℓ_0 are floppy at strain zero and rigid at γ*, with their
     onset as the best compromise.  Raises `InputError` for bad arguments, `SolveError` with `throw`.
     """
@@ -145,7 +145,7 @@ class _Search:
             note = "no rest lengths in these ratios are floppy at strain zero and become rigid at this strain"
         g = np.exp(here) * onset.length_gradient
         return OnsetDesign(
-            value=onset.value,
+            value=onset,
             status=status,
             stats=Stats("newton", self.steps, error, error_bound=onset.upper - onset.lower),
             note=note,

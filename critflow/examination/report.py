@@ -259,10 +259,11 @@ def _strains(found: Examination) -> list[str]:
     """The table of critical strains."""
     if not found.critical_strains:
         return []
-    lines = ["## Critical strains", "", "| deformation | γ_c | taut edges | exact for | γ |", "|---|---|---|---|---|"]
+    lines = ["## Critical strains", "", "| deformation | γ_c | taut edges | valid for | γ |", "|---|---|---|---|---|"]
     for name, onset in found.critical_strains.items():
         meaning = _STRAINS.get(name, "")
-        lines.append(f"| {name} | {onset.strain:.8g} | {_taut(onset)} | {onset.value.exact_for} | {meaning} |")
+        springs = "springs" if onset.valid_for_springs else "cables"
+        lines.append(f"| {name} | {onset.strain:.8g} | {_taut(onset)} | {springs} | {meaning} |")
     return [*lines, ""]
 
 
@@ -303,7 +304,7 @@ def _number(value: float) -> str:
 
 
 def _taut(onset: Onset) -> str:
-    return f"{int(onset.value.taut.sum())} of {len(onset.value.taut)}"
+    return f"{int(onset.taut.sum())} of {len(onset.taut)}"
 
 
 def advice_of(found: Examination, margin: float) -> tuple[str, ...]:

@@ -16,17 +16,23 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.linalg.matrices import balanced_part
+from critflow.linalg.saddle import Saddle
 from critflow.networks.checks import edge_values
+from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
-from critflow.onset.proportional_lengths import newton_error
-from critflow.onset.stressed_part import polish_stressed, unknown_configuration
-from critflow.onset.tolerances import EXACT_CONE, FITTED, NO_STRESS, ROUGH_CONE
+from critflow.onset.boundary_path import BoundaryPath
+from critflow.onset.taut_edges import FITTED, OnsetState, newton_taut, unknown_configuration
+from critflow.onset.taut_set import polish_taut, stressed
+from critflow.onset.tolerances import EXACT_CONE, NO_STRESS, ROUGH_CONE
+from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
+from critflow.precision.geometry import ExtendedGeometry
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.cone import fit_lengths
 from critflow.springs.equilibrium import equilibrium, relaxation_method
 from critflow.springs.state import spring_state
 
 EVEN = 0.12  # spread of the logarithms of rest lengths below which few networks have slack edges
+SOLVED = 1e-6  # relative residual of a Newton step that determines the error of its start
 STRAIN_STEPS = 2000  # steps of the strain protocol, after which it stops: a strain of 20 in the default steps
 
 
@@ -88,7 +94,8 @@ def critical_from_lengths(
     """The critical configuration reached from rest lengths ℓ (N_b,) when the box expands.
 
     method "conic" (or "auto"): lengths proportional to ℓ on every stressed edge, exactly at the transition.
-    `slack_edges` lists the edges without tension; they have σ = 0 and set `Status.slack_edges`.
+    `slack_edges` lists the edges without tension; they have σ = 0 and set `Status.slack_edges`.  The configuration
+    keeps its rest lengths at the transition, so that `strain_path` follows all edges from there.
     `stats.error_bound` (estimate) is that of every coordinate against the exact configuration with these ratios; where
     edges are slack, coordinates are not determined and it is NaN.  The bounds of the configuration itself are against
     the exact one of its stress.
@@ -122,11 +129,17 @@ def stressed_fraction(sigma: Array) -> float:
 
 
 def _by_cone(manifold: CriticalManifold, lengths: Array, protocol: _Protocol | None = None) -> FromLengths:
-    """The critical configuration by the cone program and Newton's method on the stressed edges."""
+    """The critical configuration by the cone program and Newton's method on the stressed edges.
+
+    1. The program min t, |L| ≤ t ℓ; first a rough one where all edges may be stressed.
+    2. Newton's method for |L| = (1 + s) t ℓ on the stressed edges, s → 0, which also decides which are stressed.
+    3. The exact balance of the stress of the last step.
+    """
     network, steps = manifold.network, 0
     if lengths.min() <= COLLAPSED * lengths.mean():
         note = f"the target length of edge {lengths.argmin()} is below the rounding of coordinates: lengthen it"
         return FromLengths(value=unknown_configuration(network), status=Status.stalled, stats=Stats("conic"), note=note)
+    path = BoundaryPath(network, Deformation.linear(np.eye(network.dimension)), analysed=manifold.saddle)
     even = float(np.std(np.log(lengths))) < EVEN
     for tolerance in (ROUGH_CONE, *EXACT_CONE) if even else EXACT_CONE:
         cone = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, tolerance)
@@ -134,29 +147,84 @@ def _by_cone(manifold: CriticalManifold, lengths: Array, protocol: _Protocol | N
         rough = tolerance == ROUGH_CONE
         if not (rough or cone.solved):
             return FromLengths(value=unknown_configuration(network), status=Status.stalled, stats=Stats("conic", steps))
-        guess = np.ones(network.n_edges, bool) if rough else cone.stressed
-        coordinates = network.all_coordinates(cone.coordinates)
-        found = polish_stressed(manifold, lengths, guess, coordinates, cone.sigma, rounds=1 if rough else 8)
-        if found.error < FITTED and (found.stressed.all() or not rough):
+        taut = np.ones(network.n_edges, bool) if rough else cone.stressed
+        start = OnsetState(0.0, np.zeros(0), cone.coordinates, cone.sigma, taut)
+        end = (newton_taut if rough else polish_taut)(path, cone.ratio * lengths, start)
+        balanced = None
+        if end is not None and end.error < FITTED and np.array_equal(stressed(end), end.taut):
+            balanced = _balanced(manifold, path, end)
+        if balanced is not None:
             break
-    slack, fitted = np.flatnonzero(~found.stressed), found.error < FITTED
-    value, status, note, bound = found.value, Status.ok, "", np.nan
+    if end is None or balanced is None:
+        return FromLengths(
+            value=unknown_configuration(network), status=Status.stalled, stats=Stats("conic", steps), ratio=cone.ratio
+        )
+    value, condition = balanced
+    slack, status, note, bound = np.flatnonzero(~end.taut), Status.ok, "", np.nan
     if len(slack):
         status = Status.slack_edges
         note = f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
-    if not fitted:
-        value, status = unknown_configuration(network), Status.stalled
-    elif status is Status.ok:
+    else:
         bound = 2 * newton_error(manifold.saddle, network, lengths, value.coordinates, value.sigma)
+    ratio = float((value.lengths / lengths)[end.taut].mean())
     return FromLengths(
-        value=value,
+        value=replace(value, rest_lengths=np.where(end.taut, value.lengths, ratio * lengths)),
         status=status,
-        stats=Stats("conic", steps, residual=found.error, condition=found.condition, error_bound=bound),
+        stats=Stats("conic", steps, residual=end.error, condition=condition, error_bound=bound),
         note=note,
         slack_edges=slack,
-        ratio=float((found.value.lengths / lengths)[found.stressed].mean()) if fitted else cone.ratio,
-        polish_steps=found.steps,
+        ratio=ratio,
+        polish_steps=end.steps,
     )
+
+
+def _balanced(
+    manifold: CriticalManifold, path: BoundaryPath, end: OnsetState
+) -> tuple[CriticalConfiguration, float] | None:
+    """The configuration in exact balance under the stress of the taut edges, and its condition number.
+
+    Newton's method reduces the errors of lengths and forces together.  Vertices off the taut edges keep their
+    coordinates.  None where the balance fails.
+    """
+    network, taut, part = manifold.network, end.taut, end.part
+    if taut.all():
+        balance = manifold.solve(end.sigma)
+        return (balance.value, balance.stats.condition) if balance.ok else None
+    if part is None or part.several:
+        return None
+    balance = CriticalManifold(part.network).solve(end.sigma[taut])
+    if not balance.ok:
+        return None
+    x = network.all_coordinates(end.coordinates / (1 + end.strain))
+    # A part without pins is grounded at its first vertex, which lies at the origin there.
+    x[part.vertices] = balance.value.coordinates + (0.0 if part.network.pins else x[part.vertices[0]])
+    sigma, errors = np.zeros(network.n_edges), np.full(network.n_edges, np.nan)
+    sigma[taut] = balance.value.sigma
+    whole = critical_configuration(network, sigma, x if network.pins else x - x[0])
+    # Short edges would lose digits in the rounding of the coordinates.
+    whole.bond_vectors[taut], errors[taut] = balance.value.bond_vectors, balance.value.bond_errors
+    return replace(whole, bond_errors=errors), balance.stats.condition
+
+
+def newton_error(saddle: Saddle, network: Network, lengths: Array, coordinates: Array, sigma: Array) -> float:
+    """Largest component of the difference from the coordinates in exact balance with lengths ∝ ℓ.
+
+    Error bound (estimate): one more step of Newton's method, from residuals in extended precision.  All edges are
+    stressed.  NaN where the step is not determined.
+    """
+    geometry, stress = ExtendedGeometry(network), extended(sigma)
+    L = geometry.bond_vectors(extended(coordinates[network.free]), network.boundary_vectors)
+    twice_h, target = dot(L, L), two_product(lengths, lengths)
+    # The equation of the lengths is consistent for one ratio only, which needs the same number of digits.
+    ratio = divide(total(multiply(stress, twice_h)), total(multiply(stress, target)))
+    left = 0.5 * subtract(multiply(ratio, target), twice_h).high
+    force = geometry.divergence(scaled(stress, L)).high
+    # The solver expects residuals of order one: divide by their own scale, that of rounding.
+    size = float(max(np.abs(left).max(), np.abs(force).max()))
+    if size == 0.0:
+        return 0.0
+    u, _, residual = saddle.factorize(sigma, L.high).solve(-force / size, left / size)
+    return size * float(np.abs(u).max()) if residual < SOLVED else np.nan
 
 
 def _energy_unit(network: Network, lengths: Array) -> float:

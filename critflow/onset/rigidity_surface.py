@@ -70,8 +70,8 @@ def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: Arra
         directions=A,
         strains=np.array([onset.strain if onset.ok else np.nan for onset in onsets]),
         error_bounds=np.array([onset.upper - onset.lower for onset in onsets]),
-        normals=np.array([onset.value.normal for onset in onsets]).reshape(A.shape),
-        taut=np.array([onset.value.taut.sum() for onset in onsets], dtype=np.int64),
+        normals=np.array([onset.normal for onset in onsets]).reshape(A.shape),
+        taut=np.array([onset.taut.sum() for onset in onsets], dtype=np.int64),
         statuses=tuple(onset.status for onset in onsets),
     )
 

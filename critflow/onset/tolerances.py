@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 NO_STRESS = 1e-9  # σ of an edge without tension, in units of ⟨|σ|⟩: rounding of a stress of order one
-# σ below which the weakest edges are released first when Newton's method fails, in units of ⟨σ⟩; it grows from one
-# attempt to the next.
-WEAK_STRESS = 1e-5
-FITTED = 1e-9  # relative error of the lengths of a solution of Newton's method; short edges limit it by rounding
 # Tolerances that distinguish slack edges from weakly stressed ones: nearly always, and always in tests.
 EXACT_CONE = (1e-12, 1e-13)
 # Tolerance from which Newton's method, which is far cheaper, converges if every edge is stressed. Positive tensions in

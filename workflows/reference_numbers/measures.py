@@ -190,8 +190,8 @@ def onset_self_stresses(parameters, seed):
     found = critical_strain(network, _lengths(network), "simple_shear", throw=False)
     if not found.ok:
         return Measured(np.nan, np.empty(0), np.empty(0), found.status)
-    onset, taut = np.array([found.value.strain]), np.array([float(found.value.taut.sum())])
-    return Measured(float(certify(found.value.configuration).n_self_stresses), onset, taut)
+    onset, taut = np.array([found.strain]), np.array([float(found.taut.sum())])
+    return Measured(float(certify(found.value).n_self_stresses), onset, taut)
 
 
 def convex_faces(parameters, seed):

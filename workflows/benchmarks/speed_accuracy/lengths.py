@@ -13,7 +13,9 @@ from functools import partial
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state, voronoi_network
-from critflow.onset.proportional_lengths import polish
+from critflow.networks.deformation import Deformation
+from critflow.onset.boundary_path import BoundaryPath
+from critflow.onset.taut_edges import OnsetState, newton_taut
 from critflow.precision.double_double import Extended
 from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
@@ -63,7 +65,8 @@ def _problem(n_vertices: int, seed: int):
 
 def _methods(n_vertices: int, seed: int) -> list[Method]:
     manifold, lengths, best = _problem(n_vertices, seed)
-    network, accuracy, saddle = manifold.network, accuracy_of_stress(best), manifold.saddle
+    network, accuracy = manifold.network, accuracy_of_stress(best)
+    path = BoundaryPath(network, Deformation.linear(np.eye(network.dimension)), analysed=manifold.saddle)
 
     def auto(level):
         solution = critical_from_lengths(manifold, lengths, throw=False)
@@ -75,9 +78,10 @@ def _methods(n_vertices: int, seed: int) -> list[Method]:
 
     def polished(level):
         found = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, level)
-        _, sigma, _, steps = polish(saddle, network, lengths, network.all_coordinates(found.coordinates), found.sigma)
-        status = Status.ok if found.solved and (sigma > 0).all() else Status.stalled
-        return Answer(sigma, status, found.steps + steps)
+        start = OnsetState(0.0, np.zeros(0), found.coordinates, found.sigma, np.ones(network.n_edges, bool))
+        end = newton_taut(path, found.ratio * lengths, start)
+        status = Status.ok if found.solved and (end.sigma > 0).all() else Status.stalled
+        return Answer(end.sigma, status, found.steps + end.steps)
 
     def strain(level, relaxation):
         # An energy of springs stretched by half a step beyond the transition.
