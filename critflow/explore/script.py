@@ -92,7 +92,7 @@ def _strains(changes: list[Change], session: Session) -> list[str]:
     if gamma == 0:
         return []
     return [
-        f'path = strain_path(network, critical, [{gamma!r}], deformation="{deformation}").value',
+        f'path = strain_path(critical, [{gamma!r}], deformation="{deformation}").value',
         "print(path.bulk_modulus, path.shear_modulus, path.modulus, path.states[-1].coordinates)",
     ]
 

@@ -59,9 +59,7 @@ class State:
         if self.strain is None:
             return None
         deformation, gamma = self.strain
-        network = self.critical.network
         return strain_path(
-            network,
             self.critical,
             [gamma],
             deformation=deformation,
