@@ -33,6 +33,7 @@ from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.paths.predictor import Predictor
+from critflow.paths.slack import with_slack_placed
 from critflow.paths.tangent import Tangent, path_rates, relaxations_to, tangent, tangent_of_response
 from critflow.response.elasticity import NO_MODULI, Elasticity, Moduli
 from critflow.response.response import response_of
@@ -103,12 +104,26 @@ class Course:
 
     def relaxed(self, start: SpringState, cell: Cell) -> tuple[Equilibrium[SpringState], Factor | None, Cell]:
         """The equilibrium from a prediction, a factor of the Hessian near it, and its cell."""
-        relaxer = self.relaxer
         if not len(cell.stretch):
-            return *relaxed(start, relaxer.pattern, relaxer.method, relaxer.tolerance, condition=False), cell
+            solution, factor = self._relaxed_in_place(start)
+            if not solution.ok and start.law.one_sided:
+                # On the kinks of cables that are just tight corrections do not converge.
+                placed = with_slack_placed(solution.value, solution.value.sigma)
+                if placed is not solution.value:
+                    steps = solution.stats.steps
+                    solution, factor = self._relaxed_in_place(placed)
+                    steps += solution.stats.steps
+                    solution = replace(solution, stats=replace(solution.stats, steps=steps))
+            return solution, factor, cell
         free = FreeCellState.of(start, cell.stretch, cell.free_strains)
-        solution, factor, q = relaxed_with_cell(free, self.reference, cell.affine, relaxer.pattern, relaxer.tolerance)
+        solution, factor, q = relaxed_with_cell(
+            free, self.reference, cell.affine, self.relaxer.pattern, self.relaxer.tolerance
+        )
         return solution, factor, replace(cell, stretch=q)
+
+    def _relaxed_in_place(self, start: SpringState) -> tuple[Equilibrium[SpringState], Factor | None]:
+        relaxer = self.relaxer
+        return relaxed(start, relaxer.pattern, relaxer.method, relaxer.tolerance, condition=False)
 
     def rates(self, cell: Cell) -> tuple[Array, Array]:
         """Rates of the strain and of the free components, and second derivatives (`path_rates`)."""
@@ -200,7 +215,8 @@ class Point:
 
     stride    length of the next step in strain
     isolated  whether a step can return to this point: an equilibrium, but not the transition itself
-    stress    σ (N_b,) of a transition whose velocity is not yet known; None elsewhere
+    stress    σ (N_b,) of a transition; None elsewhere
+    departs   whether its velocity may be computed from a stress: at a transition, once
     """
 
     cell: Cell
@@ -209,6 +225,7 @@ class Point:
     stride: float = np.inf
     isolated: bool = True
     stress: Array | None = None
+    departs: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +253,9 @@ class Progress:
 def begin(course: Course, springs: SpringState, stress: Array | None) -> Progress:
     """The first point of a path: a transition with its stress as it is, or springs relaxed at γ = 0."""
     cell = course.cell(0.0, np.zeros(len(course.free_strains)))
-    point = Point(cell, springs, Predictor.at(0.0, cell.point(springs)), isolated=False, stress=stress)
+    point = Point(
+        cell, springs, Predictor.at(0.0, cell.point(springs)), isolated=False, stress=stress, departs=stress is not None
+    )
     if stress is not None:
         return Progress(point, 0.0, _unmoved(point), ended=True)
     # Free components of the cell may have stress here, and velocities are unknown.
@@ -289,7 +308,7 @@ def step(course: Course, progress: Progress) -> Progress:
         accepted = Point(end.cell, end.state, predictor, stride)
         inserted = progress.inserted + (not arrived)
         return replace(progress, point=accepted, ended=arrived, inserted=inserted, failed=None)
-    if end.curable and point.stress is not None:
+    if end.curable and point.departs:
         departed = _departure(course, point, target)
         if departed.predictor is not point.predictor:
             return replace(progress, point=departed)
@@ -307,6 +326,8 @@ def attempt(course: Course, point: Point, strain: float) -> Step:
     n = len(change) - len(point.cell.stretch)
     cell = course.cell(strain, point.cell.stretch).changed(change[n:])
     start = course.moved(point.state, point.cell, cell, change[:n])
+    if start.law.one_sided:
+        start = with_slack_placed(start, point.state.sigma if point.stress is None else point.stress)
     solution, factor, cell = course.relaxed(start, cell)
     end = Step(cell, solution.value, predicted, solution.stats.steps, coordinate_error=solution.stats.error_bound)
     if not solution.ok:
@@ -342,13 +363,13 @@ def _measured(course: Course, end: Step, factor: Factor | None) -> Step:
 
 
 def _departure(course: Course, point: Point, strain: float) -> Point:
-    """A transition with its velocity on the side of a strain, where it is determined, and without its stress.
+    """A transition with its velocity on the side of a strain, where it is determined.
 
     It is the limit of the velocity of the same configuration under a stress η σ as η → 0.
     """
     springs, stress = point.state, point.stress
     assert stress is not None
-    point = replace(point, stress=None)
+    point = replace(point, departs=False)
     L, k = springs.bond_vectors, springs.network.stiffness
     work = np.vdot(stress[:, None] * L, L @ course.deformation.velocity(0.0).T)
     stress = stress / k * np.copysign(1.0, work * strain)

@@ -22,7 +22,7 @@ from critflow.networks.deformation import strain_basis
 def stretched(network, gamma=0.05, F=None):
     """A state past the transition, deformed further and relaxed."""
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
-    state = strain_path(network, critical, [gamma]).value.states[0]
+    state = strain_path(critical, [gamma]).value.states[0]
     return state if F is None else equilibrium(state.deformed(F), tolerance=1e-15).value
 
 

@@ -111,7 +111,7 @@ def second_derivative(energy, step):
 def test_linear_response_is_the_second_derivative_of_relaxed_energies(name):
     critical = critical_of(name)
     d = critical.network.dimension
-    state = strain_path(critical.network, critical, [0.02]).value.states[0]
+    state = strain_path(critical, [0.02]).value.states[0]
     response = linear_response(state)
     assert response.status is Status.ok
     assert response.stats.residual < 1e-10
@@ -132,7 +132,7 @@ def test_linear_response_is_the_second_derivative_of_relaxed_energies(name):
 def test_relaxation_is_the_derivative_of_the_path(name):
     critical = critical_of(name)
     d = critical.network.dimension
-    state = strain_path(critical.network, critical, [0.02]).value.states[0]
+    state = strain_path(critical, [0.02]).value.states[0]
     relaxation = linear_response(state).relaxation
     e = 1e-4
     L = {}
@@ -153,7 +153,7 @@ def test_transition_moduli_by_three_methods(name):
     assert found.shear == pytest.approx(modulus_by_formula(network, s, L, shear(d)), rel=1e-10)
     # By linear response at three small strains, extrapolated to none: a parabola through them leaves γ³.
     gamma = np.array([1, 2, 3, 4]) * 2.5e-4
-    path = strain_path(critical.network, critical, gamma).value
+    path = strain_path(critical, gamma).value
     assert np.polyfit(gamma, path.bulk_modulus, 3)[-1] == pytest.approx(found.bulk, rel=1e-6)
     scale = max(found.shear, 0.05 * found.bulk)
     for values in (path.shear_modulus, path.shear_modulus_stress_corrected):
@@ -185,7 +185,7 @@ LAWS = {"cubic": PowerLaw(3), "power 4.5": PowerLaw(4.5), "worm-like": WormLike(
 def test_linear_response_of_every_law(law, name):
     critical = critical_of(name)
     d = critical.network.dimension
-    state = strain_path(critical.network, critical, [0.02], law=law).value.states[0]
+    state = strain_path(critical, [0.02], law=law).value.states[0]
     response = linear_response(state)
     V = state.network.volume
     bulk = second_derivative(lambda e: relaxed_energy(state, (1 + e) ** (1 / d) * np.eye(d)), 5e-4) / V
@@ -255,7 +255,7 @@ def test_springs_at_rest_have_the_transition_moduli(name):
 
 def test_elastic_moduli_past_the_transition_are_linear_response():
     critical = critical_of("2D")
-    state = strain_path(critical.network, critical, [0.01]).value.states[0]
+    state = strain_path(critical, [0.01]).value.states[0]
     solution = elastic_moduli(state.network, state.coordinates, state.rest_lengths)
     assert solution.status is Status.ok
     assert solution.value.bulk == pytest.approx(linear_response(state).value.bulk, rel=1e-9)

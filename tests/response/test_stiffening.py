@@ -67,7 +67,7 @@ def test_exact_stiffening_is_the_limit_of_fits(name):
     assert exact.C_G_stress_corrected == pytest.approx(exact.C_G - 0.5 * exact.bulk_0, rel=1e-12)
     windows = 8e-4 * 2.0 ** -np.arange(4)
     gamma = np.unique(np.concatenate([w * np.arange(1, 9) / 8 for w in windows]))
-    path = strain_path(critical.network, critical, gamma).value
+    path = strain_path(critical, gamma).value
     for values, C in (
         (path.bulk_modulus, exact.C_B),
         (path.shear_modulus, exact.C_G),
@@ -90,7 +90,7 @@ def test_exact_stiffening_by_richardson(name):
     critical = critical_of(name)
     exact = stiffening(critical.network, critical).value
     h = 1e-4 * np.array([1, 2, 4, 8])
-    path = strain_path(critical.network, critical, h).value
+    path = strain_path(critical, h).value
     for values, start, C in (
         (path.bulk_modulus, exact.bulk_0, exact.C_B),
         (path.shear_modulus, exact.shear_0, exact.C_G),
@@ -121,7 +121,7 @@ def test_exact_stiffening_along_a_path_by_richardson(name):
     solution = stiffening(critical.network, critical, deformation=deformation)
     exact, along = solution.value, solution.along
     h = (-1e-4 if solution.loosening else 1e-4) * np.array([1, 2, 4, 8])
-    path = strain_path(critical.network, critical, h, deformation=deformation).value
+    path = strain_path(critical, h, deformation=deformation).value
     for values, start, C in (
         (path.bulk_modulus, exact.bulk_0, exact.C_B),
         (path.shear_modulus, exact.shear_0, exact.C_G),
@@ -242,7 +242,7 @@ def test_exact_stiffening_of_every_law(law, name):
     assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-11)
     windows = 8e-4 * 2.0 ** -np.arange(4)
     gamma = np.unique(np.concatenate([w * np.arange(1, 9) / 8 for w in windows]))
-    path = strain_path(network, critical, gamma, law=law).value
+    path = strain_path(critical, gamma, law=law).value
     for values, start, C in (
         (path.bulk_modulus, exact.bulk_0, exact.C_B),
         (path.shear_modulus, exact.shear_0, exact.C_G),
@@ -360,6 +360,6 @@ def test_bounds_with_equal_rounding_on_all_edges():
         network = honeycomb_network(columns, rows)
         critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
         for gamma in (1e-3, 1e-8):
-            state = strain_path(network, critical, [gamma]).value.states[0]
+            state = strain_path(critical, [gamma]).value.states[0]
             solution = linear_response(state)
             bounds_over_errors(astuple(solution.value), astuple(solution.stats.error_bound), exact_moduli(state))

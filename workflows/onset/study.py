@@ -145,8 +145,7 @@ def fill_past(found, parameters, seed):
         if not onset.ok:
             continue
         found["onset_error"][place], found["onset_taut"][place] = abs(onset.strain - strain), onset.taut.mean()
-        part = onset.backbone
-        path = strain_path(part.network, part.configuration, strain * steps, deformation=shear, throw=False).value
+        path = strain_path(onset, strain * steps, deformation=shear, taut_only=True, throw=False).value
         found["past_modulus"][place], found["past_stress"][place] = path.modulus, sign * path.stress[:, 0, 1]
 
 

@@ -60,12 +60,12 @@ def routes(manifold, parameters, seed):
     strains = np.array(parameters["strains"])
 
     def fitted():
-        path = strain_path(network, critical, strains, tensors=False, pattern=manifold.hessian).value
+        path = strain_path(critical, strains, tensors=False, pattern=manifold.hessian).value
         return fit_stiffening(strains, path.bulk_modulus).slope
 
     def just_past():
         return strain_path(
-            network, critical, [parameters["past"]], tensors=False, pattern=manifold.hessian
+            critical, [parameters["past"]], tensors=False, pattern=manifold.hessian
         ).value.bulk_modulus[0]
 
     def by_hessian():

@@ -73,7 +73,7 @@ class Problem:
         """Moduli on a path that starts from a copy of the configuration without cached results."""
         start = replace(self.critical)
         solution = strain_path(
-            self.manifold.network, start, strains, tensors=False, pattern=self.manifold.hessian, throw=False
+            start, strains, tensors=False, pattern=self.manifold.hessian, throw=False
         )
         return solution.value, solution.status
 

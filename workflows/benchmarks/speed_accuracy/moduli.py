@@ -197,7 +197,7 @@ def _at_transition(n_vertices: int, seed: int) -> list[Method]:
 
     def past(strain: float, moduli: bool) -> Measured:
         solution = strain_path(
-            manifold.network, replace(critical), [strain], moduli=moduli, pattern=manifold.hessian, throw=False
+            replace(critical), [strain], moduli=moduli, pattern=manifold.hessian, throw=False
         )
         path = solution.value
         bulk = path.bulk_modulus[0] if moduli else 2 * path.energy[0] / (manifold.network.volume * strain**2)
