@@ -194,7 +194,7 @@ def test_a_picture_is_made_by_its_script(script, tmp_path, monkeypatch):
 # Modules that define the bounds of these functions.
 DELEGATES = {
     "CriticalManifold": ("precision/refinement.py",),
-    "optimize": ("design/optimum.py",),
+    "optimize": ("quantities/optimum.py",),
     "strain_path": ("springs/equilibrium.py",),
 }
 

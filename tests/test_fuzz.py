@@ -125,9 +125,7 @@ CALLS = {
     "signed_stress": lambda p, r: critflow.signed_stress(*geometry(p)[:2], np.sign(p.sigma).astype(int)),
     "signed_stress any": lambda p, r: critflow.signed_stress(*geometry(p)[:2], [r.choice([-1, 0, 1]) for _ in p.sigma]),
     "stiffening": lambda p, r: critflow.stiffening(p.network, critical_of(p)),
-    "strain_path": lambda p, r: critflow.strain_path(
-        critical_of(p), [1e-6, 1e-3], moduli=p.network.cell is not None
-    ),
+    "strain_path": lambda p, r: critflow.strain_path(critical_of(p), [1e-6, 1e-3], moduli=p.network.cell is not None),
     "strain_path of a law": lambda p, r: critflow.strain_path(
         critical_of(p),
         [1e-3],

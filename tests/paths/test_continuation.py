@@ -1,7 +1,5 @@
 """Steps of a strain path: their number, branches, budgets and predictions."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from problems import (
@@ -22,7 +20,6 @@ from critflow import (
 )
 from critflow import voronoi_network as voronoi
 from critflow.paths import continuation
-from critflow.paths.continuation import Continuation
 from critflow.paths.predictor import Predictor
 from critflow.springs.free_cell import stretched
 
@@ -141,14 +138,14 @@ def test_no_strain_exceeds_its_budget(monkeypatch):
     # Steps beyond a fixed length fail, so that strides never grow.
     critical, steps = critical_of(voronoi(8, seed=1)), []
     monkeypatch.setattr(continuation, "_MOST_STEPS", 50)
-    follow = Continuation._step
+    attempt = continuation.attempt
 
-    def short_ones(self, strain):
-        steps.append(abs(strain - self.strain))
-        step = follow(self, strain)
-        return step if steps[-1] < 2e-6 else replace(step, status=Status.unstable, note="too far")
+    def short_ones(course, point, strain):
+        steps.append(abs(strain - point.cell.strain))
+        step = attempt(course, point, strain)
+        return step if steps[-1] < 2e-6 else step.failed(Status.unstable, "too far")
 
-    monkeypatch.setattr(Continuation, "_step", short_ones)
+    monkeypatch.setattr(continuation, "attempt", short_ones)
     solution = strain_path(critical, [0.01, 0.02], throw=False)
     assert solution.status is Status.step_limit and "closer" in solution.note
     assert len(steps) <= 50
@@ -161,9 +158,9 @@ def test_slack_parts_do_not_shorten_the_steps():
     critical = critical_from_lengths(network, lengths, throw=False)
     assert len(critical.slack_edges) > 100
     strains = np.linspace(0.001, 0.01, 10)
-    path = strain_path(critical.value, strains).value
+    path = strain_path(critical, strains, taut_only=True).value
     assert path.inserted.sum() < 20 and path.steps.sum() < 200
-    other = strain_path(critical.value, [0.0013, 0.01]).value
+    other = strain_path(critical, [0.0013, 0.01], taut_only=True).value
     np.testing.assert_allclose(other.bulk_modulus[-1], path.bulk_modulus[-1], rtol=1e-9)
 
 
@@ -177,18 +174,17 @@ def test_a_path_is_extrapolated_to_the_order_of_its_points(strains, degree):
     def velocity(t):
         return degree * np.array([t ** (degree - 1), -2 * t ** (degree - 1)])
 
-    predictor = Predictor(path(0.0), velocity(0.0))
+    predictor = Predictor.at(0.0, path(0.0), velocity(0.0))
     for t in strains[1:]:
-        predictor.add(t, path(t), velocity(t))
-    np.testing.assert_allclose(predictor.displacement(1.7), path(1.7) - path(1.0), rtol=1e-11)
+        predictor = predictor.extended(t, path(t), velocity(t), predictor.changes(t))
+    np.testing.assert_allclose(predictor.changes(1.7)[-1], path(1.7) - path(1.0), rtol=1e-11)
     # Far beyond the last step a straight line errs least.
-    np.testing.assert_allclose(predictor.displacement(9.0), 8.0 * velocity(1.0))
+    np.testing.assert_allclose(predictor.changes(9.0)[0], 8.0 * velocity(1.0))
 
 
 def test_a_path_with_a_kink_is_extrapolated_from_two_points():
-    predictor = Predictor(np.zeros(1), np.ones(1))
+    predictor = Predictor.at(0.0, np.zeros(1), np.ones(1))
     for t in (1.0, 2.0, 3.0, 4.0):
-        predictor.displacement(t)
-        predictor.add(t, np.array([abs(t - 1.5)]), np.sign([t - 1.5]))
+        predictor = predictor.extended(t, np.array([abs(t - 1.5)]), np.sign([t - 1.5]), predictor.changes(t))
     # Two points after the kink lie on a line; three points across it do not.
-    np.testing.assert_allclose(predictor.displacement(5.0), [1.0])
+    np.testing.assert_allclose(predictor.chosen(predictor.changes(5.0)), [1.0])

@@ -64,9 +64,9 @@ def routes(manifold, parameters, seed):
         return fit_stiffening(strains, path.bulk_modulus).slope
 
     def just_past():
-        return strain_path(
-            critical, [parameters["past"]], tensors=False, pattern=manifold.hessian
-        ).value.bulk_modulus[0]
+        return strain_path(critical, [parameters["past"]], tensors=False, pattern=manifold.hessian).value.bulk_modulus[
+            0
+        ]
 
     def by_hessian():
         # Springs of stiffness σ and no rest length: force balance as an equilibrium, all directions in one matrix.

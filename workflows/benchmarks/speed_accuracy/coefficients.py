@@ -72,9 +72,7 @@ class Problem:
     def path(self, strains: Array) -> tuple[StrainPath, Status]:
         """Moduli on a path that starts from a copy of the configuration without cached results."""
         start = replace(self.critical)
-        solution = strain_path(
-            start, strains, tensors=False, pattern=self.manifold.hessian, throw=False
-        )
+        solution = strain_path(start, strains, tensors=False, pattern=self.manifold.hessian, throw=False)
         return solution.value, solution.status
 
     def accuracy(self, answer: Answer) -> Accuracy:

@@ -196,9 +196,7 @@ def _at_transition(n_vertices: int, seed: int) -> list[Method]:
         return Measured(value.bulk, value.shear)
 
     def past(strain: float, moduli: bool) -> Measured:
-        solution = strain_path(
-            replace(critical), [strain], moduli=moduli, pattern=manifold.hessian, throw=False
-        )
+        solution = strain_path(replace(critical), [strain], moduli=moduli, pattern=manifold.hessian, throw=False)
         path = solution.value
         bulk = path.bulk_modulus[0] if moduli else 2 * path.energy[0] / (manifold.network.volume * strain**2)
         return Measured(float(bulk), np.nan, solution.status, int(path.steps[0]))
