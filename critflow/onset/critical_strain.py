@@ -64,10 +64,10 @@ class Onset(Solution[CriticalConfiguration]):
     newton_steps          steps of Newton's method on the taut edges
     """
 
-    strain: float
-    lower: float
-    upper: float
-    proven: tuple[bool, bool]
+    strain: float = np.nan
+    lower: float = np.nan
+    upper: float = np.nan
+    proven: tuple[bool, bool] = (False, False)
     deformation_gradient: Array
     free: Array
     taut: NDArray[np.bool_]
@@ -234,10 +234,6 @@ def _without_onset(path: BoundaryPath, search: Search) -> Onset:
         status=search.status,
         stats=Stats("conic", search.steps),
         note=search.note,
-        strain=np.nan,
-        lower=np.nan,
-        upper=np.nan,
-        proven=(False, False),
         deformation_gradient=nothing,
         free=np.full(path.n_free, np.nan),
         taut=np.zeros(network.n_edges, bool),

@@ -7,7 +7,6 @@ approaches it in steps and stops slightly past it, where slack springs are sligh
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,9 +20,8 @@ from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.onset.boundary_path import BoundaryPath
-from critflow.onset.taut_edges import FITTED, OnsetState, newton_taut, unknown_configuration
-from critflow.onset.taut_set import polish_taut, stressed
-from critflow.onset.tolerances import EXACT_CONE, NO_STRESS, ROUGH_CONE
+from critflow.onset.taut_edges import FITTED, ROUGH_CONE, OnsetState, newton_taut, unknown_configuration
+from critflow.onset.taut_set import EXACT_CONE, NO_STRESS, polish_taut, stressed
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.precision.geometry import ExtendedGeometry
 from critflow.result import InputError, Solution, Stats, Status
@@ -71,15 +69,6 @@ class FromStrain(FromLengths):
     skipped_steps: int
 
 
-@dataclass(frozen=True)
-class _Protocol:
-    """Parameters of the strain protocol."""
-
-    relaxation: str
-    strain_step: float
-    energy_threshold: float
-
-
 @checked
 def critical_from_lengths(
     network: Network | CriticalManifold,
@@ -114,12 +103,15 @@ def critical_from_lengths(
     """
     manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
-    if method not in _METHODS:
+    if method not in ("auto", "conic", "strain"):
         raise InputError(f"no method is called {method!r}: choose 'auto', 'conic' or 'strain'")
     if not (strain_step > 0 and energy_threshold > 0):
         raise InputError("the strain step and the energy threshold must be positive")
-    protocol = _Protocol(relaxation_method(relaxation), strain_step, energy_threshold)
-    solution = _METHODS[method](manifold, lengths, protocol)
+    relaxation = relaxation_method(relaxation)
+    if method == "strain":
+        solution: FromLengths = _by_strain(manifold, lengths, relaxation, strain_step, energy_threshold)
+    else:
+        solution = _by_cone(manifold, lengths)
     return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution
 
 
@@ -128,7 +120,7 @@ def stressed_fraction(sigma: Array) -> float:
     return float(np.mean(sigma > NO_STRESS * np.mean(np.abs(sigma))))
 
 
-def _by_cone(manifold: CriticalManifold, lengths: Array, protocol: _Protocol | None = None) -> FromLengths:
+def _by_cone(manifold: CriticalManifold, lengths: Array) -> FromLengths:
     """The critical configuration by the cone program and Newton's method on the stressed edges.
 
     1. The program min t, |L| ≤ t ℓ; first a rough one where all edges may be stressed.
@@ -229,20 +221,20 @@ def newton_error(saddle: Saddle, network: Network, lengths: Array, coordinates: 
 
 def _energy_unit(network: Network, lengths: Array) -> float:
     """Mean stiffness times the square of a length that is 1 for one unit of volume a vertex."""
-    size = (
-        float(lengths.mean())
-        if network.cell is None
-        else (network.volume / network.n_vertices) ** (1 / network.dimension)
-    )
+    size = float(lengths.mean())
+    if network.cell is not None:
+        size = (network.volume / network.n_vertices) ** (1 / network.dimension)
     return float(network.stiffness.mean()) * size**2
 
 
-def _by_strain(manifold: CriticalManifold, lengths: Array, protocol: _Protocol) -> FromStrain:
+def _by_strain(
+    manifold: CriticalManifold, lengths: Array, relaxation: str, strain_step: float, energy_threshold: float
+) -> FromStrain:
     """The rigid state of springs with rest lengths ℓ/(1 + γ), and the stress that balances at its coordinates."""
     network, pattern = manifold.network, manifold.hessian
-    newton, strain_step = protocol.relaxation == "newton", protocol.strain_step
+    newton = relaxation == "newton"
     step, x = _skipped(manifold, lengths, strain_step) if newton else (0, None)
-    skipped, threshold = step, protocol.energy_threshold * _energy_unit(network, lengths)
+    skipped, threshold = step, energy_threshold * _energy_unit(network, lengths)
     if x is None:
         x = network.positions
     if x is None:
@@ -250,7 +242,7 @@ def _by_strain(manifold: CriticalManifold, lengths: Array, protocol: _Protocol) 
     steps = 0
     state = spring_state(network, lengths / (1 + strain_step * step), x)
     while True:
-        solution = equilibrium(state, protocol.relaxation, pattern=pattern, throw=False)
+        solution = equilibrium(state, relaxation, pattern=pattern, throw=False)
         state, steps = solution.value, steps + solution.stats.steps
         if not solution.ok or state.energy >= threshold:
             break
@@ -269,7 +261,7 @@ def _by_strain(manifold: CriticalManifold, lengths: Array, protocol: _Protocol) 
     return FromStrain(
         value=value if solution.ok else unknown_configuration(network),
         status=status,
-        stats=Stats(f"strain, {protocol.relaxation}", steps, residual=solution.stats.residual),
+        stats=Stats(f"strain, {relaxation}", steps, residual=solution.stats.residual),
         slack_edges=slack,
         strain=strain_step * step,
         energy=state.energy,
@@ -289,10 +281,3 @@ def _skipped(manifold: CriticalManifold, lengths: Array, strain_step: float) -> 
         return 0, None
     steps = max(0, int(np.floor((1 / transition.ratio - 1) / strain_step)) + 1)
     return steps, transition.value.coordinates
-
-
-_METHODS: dict[str, Callable[[CriticalManifold, Array, _Protocol], FromLengths]] = {
-    "auto": _by_cone,
-    "conic": _by_cone,
-    "strain": _by_strain,
-}

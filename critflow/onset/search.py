@@ -26,8 +26,7 @@ import numpy as np
 
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
-from critflow.onset.taut_edges import OnsetState
-from critflow.onset.tolerances import ROUGH_CONE
+from critflow.onset.taut_edges import ROUGH_CONE, OnsetState
 from critflow.result import InputError, Status
 from critflow.solvers.cone import Reach, farthest, fit_lengths, nearest
 

@@ -36,7 +36,12 @@ from critflow.result import InputError, NetworkError
 FITTED = 1e-9  # relative error of the lengths of a solution of Newton's method; short edges limit it by rounding
 ONSET_STEPS = 16  # steps of Newton's method in one attempt; convergence is quadratic
 
+# Tolerance of a program from which Newton's method, which is far cheaper, converges if every edge is stressed. Positive
+# tensions in balance at the right lengths prove that every edge is.
+ROUGH_CONE = 1e-6
+
 Mask = NDArray[np.bool_]
+Change = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,15 +126,6 @@ class Residuals:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
-    """Displacements (n, d) on top of the affine motion with the boundary, changes of σ and of (q, s)."""
-
-    displacements: Array
-    sigma: Array
-    boundary: Array
-
-
-@dataclass(frozen=True, eq=False)
 class TautPart:
     """The taut edges as a network whose components are grounded at one vertex each.
 
@@ -177,7 +173,10 @@ class TautPart:
         elongation: Array,
         max_refinements: int = MOST_REFINEMENTS,
     ) -> Change:
-        """The change for which forces balance and the taut edges have these changes of |L|²/2."""
+        """The change for which forces balance and the taut edges have these changes of |L|²/2.
+
+        Displacements (n, d) on top of the affine motion with the boundary, changes of σ and of (q, s).
+        """
         sigma, m = state.sigma[self.taut], len(path.determined)
         corner = np.zeros((m + 1, m + 1))
         if m:
@@ -186,17 +185,18 @@ class TautPart:
             corner[:-1] = np.einsum("mik,nil,kl->mn", at.velocities[:-1], at.velocities, stress)
             corner[:-1, -1] += np.einsum("mij,ij->m", path.mixed_velocities(state.strain, state.free), stress)
         sums = np.append(-at.changes[:-1] @ sigma, 0.0)
-        return Change(*factor.solve_bordered(-at.force, elongation, at.changes, corner, sums, max_refinements))
+        return factor.solve_bordered(-at.force, elongation, at.changes, corner, sums, max_refinements)
 
     def moved(self, path: BoundaryPath, state: OnsetState, change: Change, fraction: float = 1.0) -> OnsetState:
         """The state after a fraction of a change."""
-        s, q = state.strain + fraction * float(change.boundary[-1]), state.free.copy()
-        q[path.determined] += fraction * change.boundary[:-1]
+        displacements, stresses, boundary = change
+        s, q = state.strain + fraction * float(boundary[-1]), state.free.copy()
+        q[path.determined] += fraction * boundary[:-1]
         before = path.gradient(state.strain, state.free)
         x = state.coordinates @ np.linalg.solve(before.T, path.gradient(s, q).T)
-        x[self.rows] += fraction * change.displacements
+        x[self.rows] += fraction * displacements
         sigma = state.sigma.copy()
-        sigma[self.taut] += fraction * change.sigma
+        sigma[self.taut] += fraction * stresses
         return replace(state, strain=s, free=q, coordinates=x, sigma=sigma, steps=state.steps + 1)
 
 

@@ -19,13 +19,15 @@ import scipy.sparse as sp
 from critflow.networks.network import Array, Network
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.taut_edges import FITTED, Mask, OnsetState, newton_taut, taut_part
-from critflow.onset.tolerances import EXACT_CONE, NO_STRESS
 from critflow.solvers.cone import fit_lengths
 
 ONSET_ROUNDS = 16  # attempts to separate taut from slack edges; standard networks need one, diluted lattices up to four
 # σ below which the weakest edges are left out after Newton's method failed once, in units of ⟨σ⟩, and the factor by
 # which it grows.
 WEAK_STRESS, WEAK_GROWTH = 1e-5, 3.0
+NO_STRESS = 1e-9  # σ of an edge without tension, in units of ⟨|σ|⟩: rounding of a stress of order one
+# Tolerances of programs that distinguish slack edges from weakly stressed ones: nearly always, and always in tests.
+EXACT_CONE = (1e-12, 1e-13)
 DAMPING = 1e-3  # compliance of taut edges with several self-stresses, relative to their stress, far from the solution
 VIOLATED = 1e-8  # excess of |L|/ℓ over 1 of a slack edge that becomes a candidate; errors of the program are smaller
 
@@ -102,23 +104,31 @@ def settled(path: BoundaryPath, lengths: Array, state: OnsetState) -> OnsetState
 
     They are those of a program that was less accurate than the taut part.
     """
-    network = path.network
     L = state.bond_vectors(path)
     longest = float((np.linalg.norm(L, axis=1) / lengths)[~state.taut].max(initial=0.0))
     if longest <= 1 or not np.isfinite(state.error):
         return state
-    on = np.zeros(network.n_vertices, bool)
-    on[network.edges[state.taut]] = True
-    columns = ~on[network.free]
+    return replace(state, coordinates=placed(path.network, state.taut, lengths, L, state.coordinates, EXACT_CONE[0]))
+
+
+def placed(network: Network, taut: Mask, lengths: Array, L: Array, x: Array, tolerance: float) -> Array:
+    """Coordinates (n_free, d) whose vertices off the taut edges are at min max |L|/ℓ of the edges that meet them.
+
+    L, x  bond vectors (N_b, d) and coordinates (n_free, d), which are kept where no edge becomes shorter
+    """
+    held = np.zeros(network.n_vertices, bool)
+    held[network.edges[taut]] = True
+    columns = ~held[network.free]
     moving = sp.csr_array(network.free_incidence[:, columns])
     edges = np.diff(moving.indptr) > 0
     if not edges.any():
-        return state
-    g = sp.csr_array(moving[edges])
-    fit = fit_lengths(g, L[edges] - g @ state.coordinates[columns], lengths[edges], EXACT_CONE[0])
-    x = state.coordinates.copy()
-    x[columns] = fit.coordinates
-    return replace(state, coordinates=x) if fit.ratio < longest else state
+        return x
+    g, ratio = sp.csr_array(moving[edges]), float((np.linalg.norm(L[edges], axis=1) / lengths[edges]).max())
+    fit = fit_lengths(g, L[edges] - g @ x[columns], lengths[edges], tolerance)
+    if fit.ratio < ratio:
+        x = x.copy()
+        x[columns] = fit.coordinates
+    return x
 
 
 def without_hanging(network: Network, kept: Mask) -> Mask:

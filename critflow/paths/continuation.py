@@ -69,23 +69,16 @@ _JUMPED = "the equilibrium jumps to another branch: the one followed ends before
 
 
 @dataclass(frozen=True, eq=False)
-class Relaxer:
-    """Options of the relaxation at each strain, which are those of `strain_path`."""
+class Course:
+    """What stays the same along a path: the network at γ = 0, the deformation, and the options of `strain_path`."""
 
+    reference: Network
+    deformation: Deformation
     method: str
     tolerance: float
     with_moduli: bool
     with_tensors: bool
     pattern: FixedPattern
-
-
-@dataclass(frozen=True, eq=False)
-class Course:
-    """What stays the same along a path: the network at γ = 0, the deformation, and the options of the relaxation."""
-
-    reference: Network
-    deformation: Deformation
-    relaxer: Relaxer
 
     @cached_property
     def free_strains(self) -> Array:
@@ -116,14 +109,11 @@ class Course:
                     solution = replace(solution, stats=replace(solution.stats, steps=steps))
             return solution, factor, cell
         free = FreeCellState.of(start, cell.stretch, cell.free_strains)
-        solution, factor, q = relaxed_with_cell(
-            free, self.reference, cell.affine, self.relaxer.pattern, self.relaxer.tolerance
-        )
+        solution, factor, q = relaxed_with_cell(free, self.reference, cell.affine, self.pattern, self.tolerance)
         return solution, factor, replace(cell, stretch=q)
 
     def _relaxed_in_place(self, start: SpringState) -> tuple[Equilibrium[SpringState], Factor | None]:
-        relaxer = self.relaxer
-        return relaxed(start, relaxer.pattern, relaxer.method, relaxer.tolerance, condition=False)
+        return relaxed(start, self.pattern, self.method, self.tolerance, condition=False)
 
     def rates(self, cell: Cell) -> tuple[Array, Array]:
         """Rates of the strain and of the free components, and second derivatives (`path_rates`)."""
@@ -132,9 +122,9 @@ class Course:
     def tangent(self, springs: SpringState, rates: tuple[Array, Array], factor: Factor | None) -> Tangent | None:
         """The tangent of the path from a factor near the springs; None where it is not determined."""
         if factor is None:
-            factor = springs.factorize(self.relaxer.pattern)
+            factor = springs.factorize(self.pattern)
             if factor.indefinite:
-                factor = springs.factorize(self.relaxer.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
+                factor = springs.factorize(self.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
         relaxations = relaxations_to(springs, factor, rates[0])
         return None if relaxations is None else tangent(springs, *rates, relaxations)
 
@@ -288,7 +278,7 @@ def advance(course: Course, point: Point, strain: float) -> Progress:
         progress = step(course, progress)
         if progress.ended:
             return progress
-        if course.relaxer.method == "newton" and progress.iterations > _MOST_ITERATIONS:
+        if course.method == "newton" and progress.iterations > _MOST_ITERATIONS:
             break
     return replace(progress, end=progress.end.failed(Status.step_limit, _LIMIT))
 
@@ -332,10 +322,10 @@ def attempt(course: Course, point: Point, strain: float) -> Step:
     end = Step(cell, solution.value, predicted, solution.stats.steps, coordinate_error=solution.stats.error_bound)
     if not solution.ok:
         # FIRE at its step limit gains nothing from smaller strain steps.
-        curable = course.relaxer.method != "fire" or solution.status is not Status.step_limit
+        curable = course.method != "fire" or solution.status is not Status.step_limit
         return replace(end.failed(solution.status, solution.reason), curable=curable)
     unique = _unique(end.state)
-    if not (unique or _expected(course.relaxer.method, start, solution)):
+    if not (unique or _expected(course.method, start, solution)):
         return end.failed(Status.unstable, _JUMPED)
     end = _measured(course, end, factor)
     if end.ok and not (unique or _returns(course, point, start, end)):
@@ -345,21 +335,21 @@ def attempt(course: Course, point: Point, strain: float) -> Step:
 
 def _measured(course: Course, end: Step, factor: Factor | None) -> Step:
     """The end of a step with moduli and velocity, or refused where its response is not determined."""
-    springs, relaxer, rates = end.state, course.relaxer, course.rates(end.cell)
-    if not (relaxer.with_moduli and springs.network.has_volume and springs.network.dimension > 1):
+    springs, rates = end.state, course.rates(end.cell)
+    if not (course.with_moduli and springs.network.has_volume and springs.network.dimension > 1):
         along = course.tangent(springs, rates, factor)
     else:
-        exact, volume = relaxer.method == "newton", springs.network.volume
-        strains = None if relaxer.with_tensors else strains_of(rates[0])
-        response = response_of(springs, relaxer.pattern, exact, factor, volume, condition=False, strains=strains)
+        exact, volume = course.method == "newton", springs.network.volume
+        strains = None if course.with_tensors else strains_of(rates[0])
+        response = response_of(springs, course.pattern, exact, factor, volume, condition=False, strains=strains)
         if not response.ok:
             return end.failed(response.status, response.reason)
         along = tangent_of_response(response, *rates)
-        tensors = response.elasticity if relaxer.with_tensors else None
+        tensors = response.elasticity if course.with_tensors else None
         end = replace(end, moduli=response.value, moduli_error=response.stats.error_bound, elasticity=tensors)
     if along is None:
         return end
-    return replace(end, velocity=end.cell.velocity(along), tangent=along if relaxer.with_moduli else None)
+    return replace(end, velocity=end.cell.velocity(along), tangent=along if course.with_moduli else None)
 
 
 def _departure(course: Course, point: Point, strain: float) -> Point:
@@ -378,7 +368,7 @@ def _departure(course: Course, point: Point, strain: float) -> Point:
     cables = springs.law.one_sided
     rest = np.where(stress != 0, tightened, springs.rest_lengths) if cables else tightened
     stressed = replace(springs, rest_lengths=rest, law=springs.law if cables else HOOKEAN)
-    factor = stressed.factorize(course.relaxer.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
+    factor = stressed.factorize(course.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
     along = None if factor.indefinite else course.tangent(stressed, course.rates(point.cell), factor)
     if along is None:
         return point

@@ -17,7 +17,7 @@ from critflow.arguments import checked
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
-from critflow.paths.continuation import Course, Progress, Relaxer, Step, advance, begin, refused
+from critflow.paths.continuation import Course, Progress, Step, advance, begin, refused
 from critflow.paths.start import Start, start_of
 from critflow.response.elasticity import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
@@ -144,7 +144,7 @@ def strain_path(
         raise InputError("free components of the cell need Newton's method: choose method='newton'")
     if pattern is None or first.part:
         pattern = springs.pattern()
-    course = Course(springs.network, deformation, Relaxer(method, tolerance, moduli, tensors, pattern))
+    course = Course(springs.network, deformation, method, tolerance, moduli, tensors, pattern)
     reached = _follow(course, springs, stress, gamma)
     result = _solution(gamma, reached, deformation, method, first.note)
     return result.or_raise("the strain path stopped") if throw else result
