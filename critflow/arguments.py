@@ -51,10 +51,10 @@ def checked(function: Callable[Parameters, Returned]) -> Callable[Parameters, Re
 
 
 def held(holder: Any, kinds: tuple[type, ...]) -> Any:
-    """What a holder is or holds of these kinds: itself, its `network`, or either of its value; None without any."""
+    """What a holder or its value is or holds of these kinds: itself, its `configuration` or `network`; None without."""
     inside = [holder, holder.value] if isinstance(holder, Solution) else [holder]
     for one in inside:
-        for part in (one, getattr(one, "network", None)):
+        for part in (one, getattr(one, "configuration", None), getattr(one, "network", None)):
             if isinstance(part, kinds):
                 return part
     return None

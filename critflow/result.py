@@ -163,11 +163,10 @@ class Solution(Generic[Value]):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """Advice where a solution is used in place of its value."""
-            kind = type(self).__name__
+            """What the value has: a solution stands for its value, which is NaN where the solve failed."""
             if not name.startswith("_") and hasattr(self.__dict__.get("value"), name):
-                raise AttributeError(f"{kind} has no attribute {name!r}, but its value has: use the solution's .value")
-            raise AttributeError(f"{kind} has no attribute {name!r}")
+                return getattr(self.__dict__["value"], name)
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}, nor has its value")
 
     @property
     def ok(self) -> bool:

@@ -48,9 +48,9 @@ def strain_steps(networks, critical, tensors, repeats=3):
     strains, patterns = 1e-3 * np.arange(1, 11), [CriticalManifold(network).hessian for network in networks]
     paths, steps, units = [], [], []
     for _ in range(repeats + 1):
-        for network, start, pattern in zip(networks, critical, patterns, strict=True):
+        for start, pattern in zip(critical, patterns, strict=True):
             right, begin = np.random.default_rng(1).standard_normal(pattern.size), time.process_time()
-            paths.append(strain_path(network, start, strains, pattern=pattern, tensors=tensors))
+            paths.append(strain_path(start, strains, pattern=pattern, tensors=tensors))
             after = time.process_time()
             refactor_and_solve(pattern, right)
             steps.append(1e3 * (after - begin) / len(strains))

@@ -53,6 +53,8 @@ class CriticalConfiguration(Record):
                  scaling, for the boundary vectors b as rounded from the cell; NaN if unknown.  A proof for stresses of
                  one sign, else an estimate (`Refined`)
     bond_errors  (N_b,) bounds on |δL_α| likewise, relative to the length of the edge and not of the cell
+    rest_lengths  ℓ (N_b,) of the cables of which it is the onset: |L| on taut edges and more on slack ones.  None where
+                  it is made from a stress, without knowledge of slack edges
     """
 
     network: Network
@@ -61,6 +63,7 @@ class CriticalConfiguration(Record):
     bond_vectors: Array
     error_bound: float = np.nan
     bond_errors: Array = field(default=None, repr=False)  # type: ignore[arg-type]
+    rest_lengths: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if self.bond_errors is None:

@@ -202,7 +202,8 @@ def _cone_program(problem: _Problem, method: str) -> Optimum:
     found = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), "conic", throw=False)
     variance, residual = _stationarity(manifold, goal, found.value) if found.ok else (np.nan, np.nan)
     return Optimum(
-        value=found.value,
+        # An optimum of the stresses is of springs.
+        value=replace(found.value, rest_lengths=None),
         status=found.status,
         stats=replace(found.stats, residual=residual),
         note=found.note,

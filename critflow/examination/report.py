@@ -240,10 +240,11 @@ def _strains(examination: Examination) -> list[str]:
     """The table of critical strains."""
     if not examination.critical_strains:
         return []
-    lines = ["## Critical strains", "", "| deformation | γ_c | taut edges | exact for | γ |", "|---|---|---|---|---|"]
+    lines = ["## Critical strains", "", "| deformation | γ_c | taut edges | valid for | γ |", "|---|---|---|---|---|"]
     for name, onset in examination.critical_strains.items():
         meaning = _STRAINS.get(name, "")
-        lines.append(f"| {name} | {onset.strain:.8g} | {_taut(onset)} | {onset.value.exact_for} | {meaning} |")
+        springs = "springs" if onset.value.valid_for_springs else "cables"
+        lines.append(f"| {name} | {onset.value.strain:.8g} | {_taut(onset)} | {springs} | {meaning} |")
     return [*lines, ""]
 
 
@@ -311,9 +312,9 @@ def advice_of(examination: Examination, file: str = "") -> tuple[str, ...]:
             f"away, and rounded coordinates explain {examination.rounding:.0e}; {words['restore']}"
         )
     if order == "floppy" and strains:
-        name, onset = min(strains.items(), key=lambda item: abs(item[1].strain))
+        name, onset = min(strains.items(), key=lambda item: abs(item[1].value.strain))
         advice.append(
-            f"of the deformations below, {name} makes it rigid first, at γ = {onset.strain:.4g} ({_taut(onset)} edges "
+            f"of the deformations below, {name} makes it rigid first, at γ = {onset.value.strain:.4g} ({_taut(onset)} edges "
             f"taut); {words['strain']}"
         )
     if order == "floppy" and near is not None and not within:

@@ -74,7 +74,7 @@ def _strain(seed: int, deformation: str, gamma: float) -> list[str]:
     if gamma == 0:
         return []
     return [
-        f'path = strain_path(network, critical, [{gamma!r}], deformation="{deformation}").value',
+        f'path = strain_path(critical, [{gamma!r}], deformation="{deformation}").value',
         "print(path.bulk_modulus, path.shear_modulus, path.modulus, path.states[-1].coordinates)",
     ]
 

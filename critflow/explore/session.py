@@ -49,7 +49,6 @@ class State:
             return None
         deformation, gamma = self.strain
         return strain_path(
-            self.critical.network,
             self.critical,
             [gamma],
             deformation=deformation,

@@ -10,17 +10,27 @@ from functools import cached_property
 
 import numpy as np
 
+from critflow.linalg.saddle import Saddle
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryPath:
-    """A network, a deformation and the sign of its strain γ = direction · s."""
+    """A network, a deformation and the sign of its strain γ = direction · s.
+
+    analysed  the systems of stresses and displacements of the network, if they are known; else made at their first use
+    """
 
     network: Network
     deformation: Deformation
     direction: int = 1
+    analysed: Saddle | None = None
+
+    @cached_property
+    def saddle(self) -> Saddle:
+        """Systems of stresses and displacements of the whole network."""
+        return self.analysed or Saddle(self.network)
 
     @cached_property
     def free_strains(self) -> Array:
@@ -55,17 +65,25 @@ class BoundaryPath:
 
     def gradient(self, s: float, q: Array) -> Array:
         """F(s, q), (d, d); raises `InputError` where det F(s) ≤ 0."""
-        return self._free(q) @ self.deformation.gradient(self.direction * s)
+        F = self.deformation.gradient(self.direction * s)
+        return self._free(q) @ F if self.n_free else F
 
     def rates(self, s: float, q: Array) -> Array:
         """Derivatives of F(s, q) by (q, s), (m + 1, d, d)."""
-        F = self.deformation.gradient(self.direction * s)
         along = self.direction * self.deformation.rate(self.direction * s)
+        if not self.n_free:
+            return along[None]
+        F = self.deformation.gradient(self.direction * s)
         return np.concatenate([self.free_strains @ F, (self._free(q) @ along)[None]])
 
-    def second_rates(self, s: float) -> Array:
-        """Mixed second derivatives of F(s, q) by the components of q, with s, (m, d, d); those by q alone vanish."""
-        return self.free_strains @ (self.direction * self.deformation.rate(self.direction * s))
+    def velocities(self, s: float, q: Array) -> Array:
+        """A_k = (∂F/∂y_k) F⁻¹ of the determined free components, and of the strain last, (k, d, d)."""
+        return self.rates(s, q)[[*self.determined, self.n_free]] @ np.linalg.inv(self.gradient(s, q))
+
+    def mixed_velocities(self, s: float, q: Array) -> Array:
+        """(∂²F/∂q_m ∂s) F⁻¹ of the determined components, (k − 1, d, d); second derivatives by q alone vanish."""
+        mixed = self.free_strains[self.determined] @ (self.direction * self.deformation.rate(self.direction * s))
+        return np.asarray(mixed @ np.linalg.inv(self.gradient(s, q)))
 
     def boundary_vectors(self, F: Array) -> Array:
         """F b, (N_b, d)."""

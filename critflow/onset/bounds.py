@@ -16,7 +16,8 @@ from scipy.sparse.csgraph import dijkstra
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
-from critflow.onset.taut_edges import OnsetState, newton_taut, settled
+from critflow.onset.taut_edges import OnsetState, newton_taut
+from critflow.onset.taut_set import settled
 from critflow.result import InputError
 
 # Relative decreases of the lengths that show a strain to be floppy where rounding alone is not enough.

@@ -47,8 +47,8 @@ def follow_central_path(path: BoundaryPath, lengths: Array, start: OnsetState) -
             factor = part.saddle.factorize(state.sigma, at.L, compliance=h / state.sigma)
             target = (1.0 if ended else CENTRAL_DECREASE) * mean / state.sigma
             change = part.change(path, state, at, factor, at.elongation - target)
-            h_change = target - h - h * change.sigma / state.sigma
-            fraction = min(_fraction(state.sigma, change.sigma), _fraction(h, h_change))
+            h_change = target - h - h * change[1] / state.sigma
+            fraction = min(_fraction(state.sigma, change[1]), _fraction(h, h_change))
             state, h = part.moved(path, state, change, fraction), h + fraction * h_change
         except (InputError, np.linalg.LinAlgError):
             return None

@@ -1,9 +1,15 @@
 """The onset of rigidity: the strain at which a floppy network of given rest lengths becomes rigid on a path.
 
 For boundaries b → F b and rest lengths ℓ let t(F) = min_x max_α |F b_α + (g x)_α| / ℓ_α, which is convex in F.  Cables
-are floppy where t < 1 and rigid where t > 1.  The onset is the largest strain with t(F(γ)) ≤ 1, one cone program for
-paths that are linear in γ, and a few linearised ones for others.  Newton's method on the taut edges then gives the
-critical configuration to rounding: forces f_α = σ_α L_α in balance, |L_α| = ℓ_α where σ_α > 0.
+are floppy where t < 1 and rigid where t > 1.  The onset is the largest strain with t(F(γ)) ≤ 1:
+
+1. Coordinates with all |L| < ℓ show that the network is floppy at γ = 0 (`search.floppy_start`).
+2. Cone programs on linearised boundaries find γ_c to 1e-10 and a guess of the taut edges (`search.search_onset`).
+3. Newton's method on the taut edges gives the critical configuration to rounding: forces f_α = σ_α L_α in balance,
+   |L_α| = ℓ_α where σ_α > 0 (`taut_set.polish_taut`).
+4. Where tensions are too weak to be told from slack, the central path separates them, and step 3 starts from its end;
+   if that fails too, its end without the stresses of slack edges is the answer (`central_path`).
+5. A floppy configuration below γ_c and balanced forces above it are bounds (`bounds.onset_bounds`).
 
 With Σ |f_α| ℓ_α = 1 the derivatives of t are the macroscopic stress, ∂t/∂F_ij = Σ f_αi b_αj, and ∂t/∂ℓ_α = −|f_α|.
 """
@@ -26,25 +32,29 @@ from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.bounds import StrainBounds, onset_bounds
 from critflow.onset.central_path import follow_central_path
 from critflow.onset.search import SIDES_MEET, Interior, Search, floppy_start, search_onset
-from critflow.onset.stressed_part import unknown_configuration
-from critflow.onset.taut_edges import OnsetState, polish_taut, resolved, settled, without_slack_stress
-from critflow.onset.tolerances import FITTED
+from critflow.onset.taut_edges import FITTED, OnsetState, unknown_configuration
+from critflow.onset.taut_set import polish_taut, resolved, settled, without_slack_stress
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.rigidity.counts import rigidity
 
 ONSET_GAP = 1e-9  # largest gap of the bounds on a strain with status `ok`, relative to 1 + |γ|
 # det F of a cell with free sides at which an onset without bounds is that of a flat cell: the program with ROUGH_CONE
 # leaves a tilt of about its root.
 NARROW = 0.02
 
+ALREADY_RIGID = "the network is rigid at strain zero already: lengthen its rest lengths"
+UNRESOLVED = "the bounds on the strain hold, but the weakest stresses were not separated from slack edges"
+ESTIMATED = "a bound on the strain is only an estimate: see `proven`"
+
 
 @dataclass(frozen=True, eq=False)
 class CriticalStrain(Record):
     """The onset of rigidity on a path of deformations.
 
-    strain                γ_c
+    strain                γ_c; NaN without an onset
     lower, upper          bounds on γ_c: floppy on one side, rigid on the other
     proven                whether the bounds (lower, upper) are proofs; else they are estimates
-    configuration         critical configuration on the deformed network, σ = 0 on slack edges
+    configuration         critical configuration of cables on the deformed network, σ = 0 on slack edges
     deformation_gradient  F at the onset, free components included, (d, d)
     free                  q of the free components of the cell, (m,)
     taut                  (N_b,) edges under tension at the onset
@@ -76,15 +86,30 @@ class CriticalStrain(Record):
         edges = np.flatnonzero(self.taut)
         return edges[np.argsort(-self.configuration.tensions[edges], kind="stable")]
 
-    @property
-    def exact_for(self) -> str:
-        """ "springs" where every edge is taut, else "cables": springs that resist compression may stiffen earlier."""
-        return "springs" if self.taut.all() else "cables"
-
     @cached_property
     def backbone(self) -> Backbone:
         """The taut edges as networks of their own."""
         return backbone(self.configuration)
+
+    def tolerance(self, error: float) -> float:
+        """Standard deviation of γ_c for independent errors of the rest lengths, s|dγ_c/dℓ|."""
+        return error * float(np.linalg.norm(self.gradient))
+
+    @cached_property
+    def valid_for_springs(self) -> bool:
+        """Whether springs that resist compression as well share this onset; False where that is not certain.
+
+        Below γ_c they must be able to keep all rest lengths.  With one self-stress, of all edges, and a flex u that
+        keeps lengths to first order, ½ uᵀP u = (γ_c − γ) Σ σ ḣ has such a motion, since σ > 0 makes P positive
+        definite.  Slack edges would be compressed; without a flex, or with several self-stresses, so are taut ones
+        below γ_c.
+        """
+        network, x = self.network, self.configuration.coordinates
+        if not self.taut.all() or (network.edges[:, 0] == network.edges[:, 1]).any():
+            return False
+        counted = rigidity(network, x, vectors=False)
+        counts = counted.value
+        return counted.ok and counts.n_self_stresses == 1 and not counts.first_order_rigid
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,51 +122,6 @@ class Onset(Solution[CriticalStrain]):
 
     programs: int = 0
     newton_steps: int = 0
-
-    @property
-    def strain(self) -> float:
-        """γ_c; NaN without an onset."""
-        return self.value.strain
-
-    @property
-    def lower(self) -> float:
-        """Lower bound of γ_c."""
-        return self.value.lower
-
-    @property
-    def upper(self) -> float:
-        """Upper bound of γ_c."""
-        return self.value.upper
-
-    @property
-    def configuration(self) -> CriticalConfiguration:
-        """The critical configuration on the deformed network."""
-        return self.value.configuration
-
-    @property
-    def taut_edges(self) -> NDArray[np.intp]:
-        """The edges that are taut first."""
-        return self.value.taut_edges
-
-    @property
-    def stress(self) -> Array:
-        """Macroscopic stress Σσ L⊗L over its trace, (d, d)."""
-        return self.value.stress
-
-    @property
-    def length_gradient(self) -> Array:
-        """dγ_c/dℓ, (N_b,)."""
-        return self.value.gradient
-
-    @property
-    def exact_for(self) -> str:
-        """The springs that share this onset: "springs" of either sign of force, or "cables" only."""
-        return self.value.exact_for
-
-    @property
-    def backbone(self) -> Backbone:
-        """The taut edges as networks of their own."""
-        return self.value.backbone
 
 
 @checked
@@ -158,10 +138,10 @@ def critical_strain(
     deformation  name, matrix A for F = 1 + γA, function γ → F, or `Deformation`, which may have free components
     direction    1 for γ_c > 0, −1 for γ_c < 0
 
-    Exact for cables, which resist extension only, and for springs where `value.exact_for` is "springs".  On paths
-    linear in γ the onset is unique; on others it is the one that Newton's method reaches from γ = 0.
-    Error bound (proof): `value.lower` and `value.upper` where `value.proven`; the network is floppy at the one of
-    smaller |γ| and rigid at the other, and `stats.error_bound` is their distance.  Error bound (estimate): elsewhere.
+    Exact for cables, which resist extension only, and for springs where `valid_for_springs`.  On paths linear in γ the
+    onset is unique; on others it is the one that Newton's method reaches from γ = 0.
+    Error bound (proof): `lower` and `upper` where `proven`; the network is floppy at the one of smaller |γ| and rigid
+    at the other, and `stats.error_bound` is their distance.  Error bound (estimate): elsewhere.
     Free normal components of the cell are not unique, since cables resist no compression: the cell changes about as
     little as γ_c permits.
 
@@ -182,81 +162,83 @@ def critical_strain(
     path = BoundaryPath(network, deformation_of(deformation, network.dimension), direction)
     interior = floppy_start(path, lengths)
     if interior is None:
-        found = Search(None, Status.rigid, "the network is rigid at strain zero already: lengthen its rest lengths")
+        search = Search(0.0, np.zeros(path.n_free), path.linear).without_onset(Status.rigid, ALREADY_RIGID)
     else:
-        found = search_onset(path, lengths)
-    if interior is None or found.state is None:
-        onset = _without_onset(path, found)
+        search = search_onset(path, lengths)
+    if interior is None or search.state is None:
+        onset = _without_onset(path, search)
     else:
-        onset = _polished(path, lengths, found, found.state, interior)
+        onset = _onset(path, lengths, search, search.state, interior)
     return onset.or_raise(f"no onset of rigidity under {path.deformation.name}") if throw else onset
 
 
-def _polished(path: BoundaryPath, lengths: Array, found: Search, start: OnsetState, interior: Interior) -> Onset:
-    state = settled(path, lengths, polish_taut(path, lengths, start))
-    if not resolved(path, lengths, state) and (central := follow_central_path(path, lengths, start)) is not None:
-        state, start = settled(path, lengths, polish_taut(path, lengths, central)), central
-        if not resolved(path, lengths, state):
-            state = without_slack_stress(path, lengths, central)
-    bounds = onset_bounds(path, lengths, state, start, interior)
+def _onset(path: BoundaryPath, lengths: Array, search: Search, start: OnsetState, interior: Interior) -> Onset:
+    """The onset from the answer of the last program, with bounds on its strain and its status."""
+    state, origin = _resolved(path, lengths, start)
+    bounds = onset_bounds(path, lengths, state, origin, interior)
     gap = bounds.upper - bounds.lower
-    status, note = Status.ok, ""
-    if not gap <= ONSET_GAP * (1 + state.strain):
-        if path.has_free_sides and np.linalg.det(path.gradient(state.strain, state.free)) < NARROW:
-            # The taut chain winds around the free side as well, and is straight only where that has no length.
-            return _without_onset(path, replace(found, status=Status.floppy, note=SIDES_MEET))
-        status, note = Status.stalled, f"the bounds on the strain differ by {gap:.1g}: see `lower` and `upper`"
-    elif not state.error < FITTED:
-        status = Status.stalled
-        note = "the bounds on the strain hold, but the weakest stresses were not separated from slack edges"
-    elif not all(bounds.proven):
-        status, note = (
-            Status.stalled,
-            "a bound on the strain is only an estimate: see `value.proven`",
-        )
-    return Onset(
-        value=_value(path, lengths, state, bounds),
-        status=status,
-        stats=Stats("conic", found.steps, residual=state.error, error_bound=gap),
-        note=note,
-        programs=found.programs,
-        newton_steps=state.steps,
-    )
+    wide = not gap <= ONSET_GAP * (1 + state.strain)
+    if wide and path.has_free_sides and np.linalg.det(path.gradient(state.strain, state.free)) < NARROW:
+        # The taut chain winds around the free side as well, and is straight only where that has no length.
+        return _without_onset(path, search.without_onset(Status.floppy, SIDES_MEET))
+    reasons = {
+        f"the bounds on the strain differ by {gap:.1g}: see `lower` and `upper`": wide,
+        UNRESOLVED: not state.error < FITTED,
+        ESTIMATED: not all(bounds.proven),
+    }
+    note = next((reason for reason, holds in reasons.items() if holds), "")
+    status = Status.stalled if note else Status.ok
+    return _measured(path, lengths, state, bounds, replace(search, status=status, note=note))
 
 
-def _value(path: BoundaryPath, lengths: Array, state: OnsetState, bounds: StrainBounds) -> CriticalStrain:
+def _resolved(path: BoundaryPath, lengths: Array, start: OnsetState) -> tuple[OnsetState, OnsetState]:
+    """The state whose weakest tensions are told from slack, and the one from which it was reached (steps 3 and 4)."""
+    state = settled(path, lengths, polish_taut(path, lengths, start))
+    if resolved(path, lengths, state):
+        return state, start
+    central = follow_central_path(path, lengths, start)
+    if central is None:
+        return state, start
+    state = settled(path, lengths, polish_taut(path, lengths, central))
+    if not resolved(path, lengths, state):
+        state = without_slack_stress(path, lengths, central)
+    return state, central
+
+
+def _measured(path: BoundaryPath, lengths: Array, state: OnsetState, bounds: StrainBounds, search: Search) -> Onset:
+    """The onset at a state, with the stress and the derivatives of its strain."""
     network, sign = path.network, path.direction
     F = path.gradient(state.strain, state.free)
     deformed = network.deformed(F)
-    configuration = critical_configuration(deformed, state.sigma, deformed.all_coordinates(state.coordinates))
-    sigma, L = configuration.sigma, configuration.bond_vectors
-    virial = float(np.sum(configuration.tensions * configuration.lengths))
+    value = critical_configuration(deformed, state.sigma, deformed.all_coordinates(state.coordinates))
+    sigma, L, taut = value.sigma, value.bond_vectors, value.sigma > 0
+    virial = float(np.sum(value.tensions * value.lengths))
     normal = np.einsum("a,ai,aj->ij", sigma, L, network.boundary_vectors) / virial
     rate = float(np.sum(normal * path.rates(state.strain, state.free)[-1]))
-    low, high = (bounds.lower, bounds.upper) if sign > 0 else (-bounds.upper, -bounds.lower)
-    sure = bounds.proven if sign > 0 else (bounds.proven[1], bounds.proven[0])
-    return CriticalStrain(
+    lower, upper = (bounds.lower, bounds.upper) if sign > 0 else (-bounds.upper, -bounds.lower)
+    onset = CriticalStrain(
         strain=sign * state.strain,
-        lower=low,
-        upper=high,
-        proven=sure,
-        configuration=configuration,
+        lower=lower,
+        upper=upper,
+        proven=bounds.proven if sign > 0 else (bounds.proven[1], bounds.proven[0]),
+        configuration=replace(value, rest_lengths=np.where(taut, value.lengths, lengths)),
         deformation_gradient=F,
         free=state.free,
-        taut=sigma > 0,
+        taut=taut,
         stress=np.einsum("a,ai,aj->ij", sigma, L, L) / virial,
         normal=normal,
-        gradient=sign * configuration.tensions / (virial * rate),
+        gradient=sign * value.tensions / (virial * rate),
+    )
+    stats = Stats("conic", search.steps, residual=state.error, error_bound=upper - lower)
+    return Onset(
+        onset, search.status, stats, search.note, programs=search.programs, newton_steps=state.steps
     )
 
 
-def _without_onset(path: BoundaryPath, found: Search) -> Onset:
+def _without_onset(path: BoundaryPath, search: Search) -> Onset:
     network, nothing = path.network, np.full((path.network.dimension,) * 2, np.nan)
-    value = CriticalStrain(
-        strain=np.nan,
-        lower=np.nan,
-        upper=np.nan,
-        proven=(False, False),
+    onset = CriticalStrain(
+        *(np.nan, np.nan, np.nan, (False, False)),
         configuration=unknown_configuration(network),
         deformation_gradient=nothing,
         free=np.full(path.n_free, np.nan),
@@ -265,6 +247,4 @@ def _without_onset(path: BoundaryPath, found: Search) -> Onset:
         normal=nothing,
         gradient=np.full(network.n_edges, np.nan),
     )
-    return Onset(
-        value=value, status=found.status, stats=Stats("conic", found.steps), note=found.note, programs=found.programs
-    )
+    return Onset(onset, search.status, Stats("conic", search.steps), search.note, programs=search.programs)

@@ -68,8 +68,8 @@ def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: Arra
     onsets = [critical_strain(network, rest_lengths, one, throw=False) for one in A]
     return RigiditySurface(
         directions=A,
-        strains=np.array([onset.strain if onset.ok else np.nan for onset in onsets]),
-        error_bounds=np.array([onset.upper - onset.lower for onset in onsets]),
+        strains=np.array([onset.value.strain if onset.ok else np.nan for onset in onsets]),
+        error_bounds=np.array([onset.value.upper - onset.value.lower for onset in onsets]),
         normals=np.array([onset.value.normal for onset in onsets]).reshape(A.shape),
         taut=np.array([onset.value.taut.sum() for onset in onsets], dtype=np.int64),
         statuses=tuple(onset.status for onset in onsets),

@@ -1,15 +1,32 @@
-"""Cone programs for the onset of rigidity: a floppy start, and the largest strain on linearised boundaries."""
+"""Cone programs for the onset of rigidity: a floppy start, and the largest strain on linearised boundaries.
+
+The onset on a path F(s, q) is the largest s for which some q and coordinates x have |F b_α + (g x)_α| ≤ ℓ_α on every
+edge.  Where F is linear in (s, q) that is one cone program; elsewhere Newton's method linearises F again and again:
+
+1. Begin at s = 0, q = 0, where `floppy_start` has shown that coordinates with all |L| < ℓ exist.
+2. Linearise at (s, q):  F ≈ F(s, q) + r ∂F/∂s + Σ_m p_m ∂F/∂q_m.
+3. The program  max r  subject to  |F b + g x| ≤ ℓ  for the unknowns (r, p, x): roughly, or accurately where the last
+   step was short.  On a linear path it is accurate and its answer is the onset.
+4. Without a solution: any r is possible where no edge resists, and the path is floppy; if none is, s was too large and
+   is halved.
+5. Compare r with the distance r_0 to a flat cell, det F = 0.  A path on which several programs in a row end beyond it
+   is floppy to its end.
+6. If the program was accurate and |r| < 0.01 (1 + s), its answer is the start of Newton's method on the taut edges.
+7. Otherwise s → s + min(r, 0.9 r_0), at which F must preserve the orientation of the cell, q → q + p, and back to 2.
+
+Where normal components of the cell are free, q stays 0 up to the last program, since cables resist no compression and
+leave q open; of all cells with the largest strain `_least_changed` then takes one of small q.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
-from critflow.onset.taut_edges import OnsetState
-from critflow.onset.tolerances import ROUGH_CONE
+from critflow.onset.taut_edges import ROUGH_CONE, OnsetState
 from critflow.result import InputError, Status
 from critflow.solvers.cone import Reach, farthest, fit_lengths, nearest
 
@@ -22,20 +39,39 @@ MOST_PROGRAMS = 24  # linear programs on one path; smooth paths need two to four
 FLAT_STEPS = 5  # programs in a row that end beyond a flat cell, after which the path counts as floppy to its end
 FLAT = 1e-9  # relative distance from a flat cell, det F = 0, that counts as flat
 INSIDE = 0.9  # part of the distance to a limit that a step uses, to stay inside
+MOST_HALVINGS = 60  # of a step to a strain that preserves the orientation of the cell
 
 Interior = tuple[Array, Array]
 SIDES_MEET = "cables stay floppy until the free sides of the cell meet: fix a side"
+NO_RESISTANCE = "no strain makes an edge taut, because the edges do not span the cell: choose another deformation"
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The state of the last program, or None with the reason; programs and their interior-point iterations."""
+    """One state of the search: the boundary at which the next program is linearised, or its end.
 
-    state: OnsetState | None
-    status: Status = Status.ok
-    note: str = ""
+    strain, free  s and q (m,)
+    accurate      whether the next program is solved accurately
+    beyond_flat   programs in a row that ended beyond a flat cell
+    programs      cone programs so far
+    steps         their interior-point iterations
+    ended         whether the search is over, with the state of the last program, or None for the reason of its status
+    """
+
+    strain: float
+    free: Array
+    accurate: bool
+    beyond_flat: int = 0
     programs: int = 0
     steps: int = 0
+    ended: bool = False
+    state: OnsetState | None = None
+    status: Status = Status.ok
+    note: str = ""
+
+    def without_onset(self, status: Status, note: str) -> Search:
+        """The end of a search that found no onset."""
+        return replace(self, ended=True, status=status, note=note)
 
 
 def floppy_start(path: BoundaryPath, lengths: Array) -> Interior | None:
@@ -63,44 +99,51 @@ def floppy_start(path: BoundaryPath, lengths: Array) -> Interior | None:
 
 
 def search_onset(path: BoundaryPath, lengths: Array) -> Search:
-    """Programs at linearised boundaries, Newton's method for the strain; the last one is accurate."""
-    s, q = 0.0, np.zeros(path.n_free)
-    steps, flat, near = 0, 0, path.linear
-    for program in range(1, MOST_PROGRAMS + 1):
-        reach = _program(path, lengths, s, q, ONSET_CONE if near else ROUGH_CONE)
-        steps += reach.steps
-        if reach.outcome == "unbounded":
-            note = "no strain makes an edge taut, because the edges do not span the cell: choose another deformation"
-            return Search(None, Status.floppy, note, program, steps)
-        if reach.outcome == "infeasible" or not np.isfinite(reach.parameters).all():
-            if s == 0.0:
-                return Search(None, Status.stalled, "the cone program did not converge", program, steps)
-            s *= 0.5
-            continue
-        step, limit = float(reach.parameters[-1]), path.flat_strain(s, q)
-        flat = flat + 1 if step >= (1 - FLAT) * limit else 0
-        if flat and (path.linear or flat == FLAT_STEPS):
-            return Search(None, Status.floppy, _flat_note(path, s + limit), program, steps)
-        if path.linear or (near and not flat and abs(step) < NEARBY * (1 + s)):
-            return _finished(path, lengths, s, q, reach, program, steps)
-        before, s = s, _valid(path, s, max(s + min(step, INSIDE * limit), 0.0))
-        near = abs(s - before) < NEARBY * (1 + s)
-        if not path.has_free_sides:
-            q = q + reach.parameters[:-1]
-    note = f"no onset was found up to strain {path.direction * s:.3g}: follow the path in another direction"
-    return Search(None, Status.floppy, note, MOST_PROGRAMS, steps)
+    """The onset of a network that is floppy at s = 0, to the accuracy of a cone program."""
+    search = Search(0.0, np.zeros(path.n_free), accurate=path.linear)
+    while not search.ended and search.programs < MOST_PROGRAMS:
+        search = step(path, lengths, search)
+    if search.ended:
+        return search
+    strain = path.direction * search.strain
+    note = f"no onset was found up to strain {strain:.3g}: follow the path in another direction"
+    return search.without_onset(Status.floppy, note)
 
 
-def _program(path: BoundaryPath, lengths: Array, s: float, q: Array, tolerance: float) -> Reach:
-    network = path.network
-    b, offsets = network.boundary_vectors, path.boundary_vectors(path.gradient(s, q))
-    rates = np.einsum("mij,aj->mai", path.rates(s, q), b)
+def step(path: BoundaryPath, lengths: Array, search: Search) -> Search:
+    """One program at the boundary of a search, and the boundary of the next one or the end (steps 2 to 7)."""
+    s, q = search.strain, search.free
+    reach = _program(path, lengths, search)
+    search = replace(search, programs=search.programs + 1, steps=search.steps + reach.steps)
+    if reach.outcome == "unbounded":
+        return search.without_onset(Status.floppy, NO_RESISTANCE)
+    if reach.outcome == "infeasible" or not np.isfinite(reach.parameters).all():
+        if s == 0.0:
+            return search.without_onset(Status.stalled, "the cone program did not converge")
+        return replace(search, strain=0.5 * s)
+    r, flat = float(reach.parameters[-1]), path.flat_strain(s, q)
+    beyond_flat = search.beyond_flat + 1 if r >= (1 - FLAT) * flat else 0
+    if beyond_flat and (path.linear or beyond_flat == FLAT_STEPS):
+        return search.without_onset(Status.floppy, _flat_note(path, s + flat))
+    if path.linear or (search.accurate and not beyond_flat and abs(r) < NEARBY * (1 + s)):
+        return _ended(path, lengths, search, reach)
+    strain = _oriented(path, s, max(s + min(r, INSIDE * flat), 0.0))
+    free = q if path.has_free_sides else q + reach.parameters[:-1]
+    accurate = abs(strain - s) < NEARBY * (1 + strain)
+    return replace(search, strain=strain, free=free, accurate=accurate, beyond_flat=beyond_flat)
+
+
+def _program(path: BoundaryPath, lengths: Array, search: Search) -> Reach:
+    network, s, q = path.network, search.strain, search.free
+    offsets = path.boundary_vectors(path.gradient(s, q))
+    rates = np.einsum("mij,aj->mai", path.rates(s, q), network.boundary_vectors)
+    tolerance = ONSET_CONE if search.accurate else ROUGH_CONE
     return farthest(network.free_incidence, offsets, rates, lengths, tolerance)
 
 
-def _valid(path: BoundaryPath, s: float, trial: float) -> float:
+def _oriented(path: BoundaryPath, s: float, trial: float) -> float:
     """The strain nearest to a trial, by halving the step from s, that preserves the orientation of the cell."""
-    for _ in range(60):
+    for _ in range(MOST_HALVINGS):
         try:
             path.deformation.gradient(path.direction * trial)
         except InputError:
@@ -117,21 +160,29 @@ def _flat_note(path: BoundaryPath, strain: float) -> str:
     )
 
 
-def _finished(
-    path: BoundaryPath, lengths: Array, s: float, q: Array, reach: Reach, programs: int, steps: int
-) -> Search:
-    """The state of the last program; where sides are free, with the cell changed as little as the strain permits."""
-    strain, q_new, x = s + float(reach.parameters[-1]), q + reach.parameters[:-1], reach.coordinates
+def _ended(path: BoundaryPath, lengths: Array, search: Search, reach: Reach) -> Search:
+    """The end of a search at the answer of its last program."""
+    strain = search.strain + float(reach.parameters[-1])
+    q, x = search.free + reach.parameters[:-1], reach.coordinates
     if path.has_free_sides:
-        b = path.boundary_vectors(path.gradient(s, q)) + (strain - s) * path.boundary_vectors(path.rates(s, q)[-1])
-        rates = np.einsum("mij,aj->mai", path.rates(s, q)[:-1], path.network.boundary_vectors)
-        least = nearest(path.network.free_incidence, b, rates, lengths * (1 + ROUGH_CONE), ROUGH_CONE)
-        steps, programs = steps + least.steps, programs + 1
-        if least.outcome == "solved":
-            q_new = INSIDE * (q + least.parameters) + (1 - INSIDE) * q_new
-            x = INSIDE * least.coordinates + (1 - INSIDE) * x
-        if not np.linalg.det(path.gradient(strain, q_new)) > FLAT:
-            return Search(None, Status.floppy, SIDES_MEET, programs, steps)
+        search, q, x = _least_changed(path, lengths, search, strain, (q, x))
+        if not np.linalg.det(path.gradient(strain, q)) > FLAT:
+            return search.without_onset(Status.floppy, SIDES_MEET)
     # Taut edges are as long as their rest lengths.
-    state = OnsetState(strain, q_new, x, np.where(reach.taut, reach.tensions / lengths, 0.0), reach.taut)
-    return Search(state, programs=programs, steps=steps)
+    sigma = np.where(reach.taut, reach.tensions / lengths, 0.0)
+    return replace(search, ended=True, state=OnsetState(strain, q, x, sigma, reach.taut))
+
+
+def _least_changed(
+    path: BoundaryPath, lengths: Array, search: Search, strain: float, answer: Interior
+) -> tuple[Search, Array, Array]:
+    """Free components and coordinates with the cell changed as little as the strain permits, and a little inside."""
+    s, q = search.strain, search.free
+    b = path.boundary_vectors(path.gradient(s, q)) + (strain - s) * path.boundary_vectors(path.rates(s, q)[-1])
+    rates = np.einsum("mij,aj->mai", path.rates(s, q)[:-1], path.network.boundary_vectors)
+    least = nearest(path.network.free_incidence, b, rates, lengths * (1 + ROUGH_CONE), ROUGH_CONE)
+    search = replace(search, steps=search.steps + least.steps, programs=search.programs + 1)
+    if least.outcome != "solved":
+        return search, *answer
+    q, x = q + least.parameters, least.coordinates
+    return search, INSIDE * q + (1 - INSIDE) * answer[0], INSIDE * x + (1 - INSIDE) * answer[1]

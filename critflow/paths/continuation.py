@@ -1,12 +1,30 @@
-"""Numerical continuation of equilibria in strain: predictor, steps of variable length, and checks of the branch.
+"""Numerical continuation of equilibria in strain: predictor, corrector, and checks that the branch is not left.
 
-States are followed in coordinates y that move with the cell, x = (1 + Σ q E) F(γ) y, together with the free components
-q of the cell.
+An equilibrium at strain γ has vertices x = (1 + Σ q E) F(γ) y with coordinates y that move with the cell and free
+components q of the cell.  A path is a curve z(γ) = (y, q).  One step from γ to γ + δ (`attempt`):
+
+1. Predict z(γ + δ) by a Hermite polynomial through the last points and their velocities (`Predictor`).
+2. Correct it by Newton's method, H u = f, or FIRE: forces on vertices and stresses conjugate to q vanish.
+3. Without compressed springs, or for cables of a convex law, the equilibrium is the global minimum and lies on the
+   branch of taut states (`_unique`).  Otherwise the step is refused where the correction took many iterations, met an
+   indefinite Hessian, or ended far from the prediction (`_expected`).
+4. Compute moduli and the velocity dz/dγ from the factor of the Hessian, H u = −∂²E/∂x∂γ.
+5. Where the branch is still in doubt take the step back, by that velocity: beyond a fold it does not end at the last
+   point (`_returns`).
+
+From one strain to the next (`step`, with the loop in `advance`):
+
+6. An accepted step becomes the last point and the stride doubles.
+7. A refused step from a transition, where the velocity is unknown, is repeated with the velocity there: the limit of
+   that under a stress η σ as η → 0 (`_departure`).
+8. Any other refused step is halved.  The path ends where a stride is below 2⁻¹⁶ of the distance between the strains,
+   with the reason of the longest step that failed: shorter ones may fail by rounding alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,8 +33,9 @@ from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.paths.predictor import Predictor
+from critflow.paths.slack import with_slack_placed
 from critflow.paths.tangent import Tangent, path_rates, relaxations_to, tangent, tangent_of_response
-from critflow.response.linear_response import LinearResponse, linear_response, strains_of
+from critflow.response.linear_response import linear_response, strains_of
 from critflow.response.tensor import Elasticity
 from critflow.result import Status
 from critflow.springs.equilibrium import Equilibrium, relaxed
@@ -49,20 +68,118 @@ _JUMPED = "the equilibrium jumps to another branch: the one followed ends before
 
 
 @dataclass(frozen=True, eq=False)
+class Course:
+    """What stays the same along a path: the network at γ = 0, the deformation, and the options of `strain_path`."""
+
+    reference: Network
+    deformation: Deformation
+    method: str
+    tolerance: float
+    with_moduli: bool
+    with_tensors: bool
+    pattern: FixedPattern
+
+    @cached_property
+    def free_strains(self) -> Array:
+        """E (m, d, d) of the free components of the cell."""
+        return self.deformation.free_strains
+
+    def cell(self, strain: float, stretch: Array) -> Cell:
+        """The cell at a strain with free components q (m,)."""
+        return Cell(strain, self.deformation.gradient(strain), stretch, self.free_strains)
+
+    def moved(self, springs: SpringState, here: Cell, there: Cell, change: Array) -> SpringState:
+        """Springs in one cell after a change of y (n_free·d,) and the affine motion to another."""
+        before, after = here.gradient, there.gradient
+        springs = springs.moved(change.reshape(-1, len(before)) @ before.T)
+        return springs.deformed_to(self.reference.deformed(after), after @ np.linalg.inv(before))
+
+    def relaxed(self, start: SpringState, cell: Cell) -> tuple[Equilibrium[SpringState], Factor | None, Cell]:
+        """The equilibrium from a prediction, a factor of the Hessian near it, and its cell."""
+        if not len(cell.stretch):
+            solution, factor = self._relaxed_in_place(start)
+            if not solution.ok and start.law.one_sided:
+                # On the kinks of cables that are just tight corrections do not converge.
+                placed = with_slack_placed(solution.value, solution.value.sigma)
+                if placed is not solution.value:
+                    steps = solution.stats.steps
+                    solution, factor = self._relaxed_in_place(placed)
+                    steps += solution.stats.steps
+                    solution = replace(solution, stats=replace(solution.stats, steps=steps))
+            return solution, factor, cell
+        free = FreeCellState.of(start, cell.stretch, cell.free_strains)
+        solution, factor, q = relaxed_with_cell(free, self.reference, cell.affine, self.pattern, self.tolerance)
+        return solution, factor, replace(cell, stretch=q)
+
+    def _relaxed_in_place(self, start: SpringState) -> tuple[Equilibrium[SpringState], Factor | None]:
+        return relaxed(start, self.pattern, self.method, self.tolerance, condition=False)
+
+    def rates(self, cell: Cell) -> tuple[Array, Array]:
+        """Rates of the strain and of the free components, and second derivatives (`path_rates`)."""
+        return path_rates(self.deformation, cell.strain, cell.affine, cell.stretch)
+
+    def tangent(self, springs: SpringState, rates: tuple[Array, Array], factor: Factor | None) -> Tangent | None:
+        """The tangent of the path from a factor near the springs; None where it is not determined."""
+        if factor is None:
+            factor = springs.factorize(self.pattern)
+            if factor.indefinite:
+                factor = springs.factorize(self.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
+        relaxations = relaxations_to(springs, factor, rates[0])
+        return None if relaxations is None else tangent(springs, *rates, relaxations)
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """The cell (1 + Σ q E) F(γ) at one point of a path.
+
+    affine        F(γ), (d, d)
+    stretch       q (m,)
+    free_strains  E (m, d, d)
+    """
+
+    strain: float
+    affine: Array
+    stretch: Array
+    free_strains: Array
+
+    @cached_property
+    def gradient(self) -> Array:
+        """(1 + Σ q E) F(γ), (d, d)."""
+        return stretched(self.stretch, self.free_strains) @ self.affine if len(self.stretch) else self.affine
+
+    def point(self, springs: SpringState) -> Array:
+        """z = (y, q) of springs in this cell, (n_free·d + m,)."""
+        y = springs.coordinates[springs.network.free_rows] @ np.linalg.inv(self.gradient).T
+        return np.concatenate([y.ravel(), self.stretch])
+
+    def velocity(self, along: Tangent) -> Array:
+        """dz/dγ of a tangent, (n_free·d + m,)."""
+        y = along.relaxation @ np.linalg.inv(self.gradient).T
+        return np.concatenate([y.ravel(), along.stretch_rate])
+
+    def changed(self, change: Array) -> Cell:
+        """The cell after a change of q, unless that inverts it."""
+        if not len(change):
+            return self
+        q = self.stretch + change
+        return replace(self, stretch=q) if np.linalg.det(stretched(q, self.free_strains)) > 0 else self
+
+
+@dataclass(frozen=True, eq=False)
 class Step:
     """End of one step, from which the continuation proceeds if it is accepted.
 
-    curable   a smaller step may succeed where this one failed
-    velocity  d(y, q)/dγ (n_free·d + m,); None where it was not computed
-    stretch   free components q (m,)
+    predicted  changes of z that were extrapolated, of which one began the correction
+    curable    a smaller step may succeed where this one failed
+    velocity   dz/dγ; None where it was not computed
     tangent, moduli, elasticity, coordinate_error  measured at the end; without tensors `moduli` has bulk and shear
                                                    moduli alone, and `elasticity` is None
     """
 
-    strain: float
+    cell: Cell
     state: SpringState
-    stretch: Array
-    iterations: int
+    predicted: Array
+    iterations: int = 0
     status: Status = Status.ok
     note: str = ""
     curable: bool = True
@@ -76,235 +193,202 @@ class Step:
     def ok(self) -> bool:
         return self.status is Status.ok
 
-
-@dataclass(frozen=True, eq=False)
-class Arrival:
-    """The last step towards one strain, the iterations of all steps to it, and the accepted ones before the last."""
-
-    end: Step
-    iterations: int
-    inserted: int
+    def failed(self, status: Status, note: str) -> Step:
+        """The same step, refused."""
+        return replace(self, status=status, note=note)
 
 
 @dataclass(frozen=True, eq=False)
-class Relaxer:
-    """Options of the relaxation at each strain, which are those of `strain_path`."""
+class Point:
+    """The last accepted point of a path, and what the next step begins with.
 
-    method: str
-    tolerance: float
-    with_moduli: bool
-    with_tensors: bool
-    pattern: FixedPattern
-
-
-@dataclass(eq=False)
-class Continuation:
-    """The last accepted state, the predictor and the length of the next step.
-
-    state    at the start of the path, γ = 0 and q = 0
-    regular  whether the start is an isolated equilibrium, to which steps can return; not at a transition
-    stress   σ (N_b,) of the transition from which the path starts
+    stride    length of the next step in strain
+    isolated  whether a step can return to this point: an equilibrium, but not the transition itself
+    stress    σ (N_b,) of a transition; None elsewhere
+    departs   whether its velocity may be computed from a stress: at a transition, once
     """
 
+    cell: Cell
     state: SpringState
-    deformation: Deformation
-    relaxer: Relaxer
-    regular: bool = False
-    stress: Array | None = None
-    strain: float = 0.0
+    predictor: Predictor
     stride: float = np.inf
-    reference: Network = field(init=False)
-    stretch: Array = field(init=False)
-    predictor: Predictor = field(init=False)
-    _gradients: dict[float, Array] = field(init=False, default_factory=dict)
+    isolated: bool = True
+    stress: Array | None = None
+    departs: bool = False
 
-    def __post_init__(self) -> None:
-        self.reference, self.stretch = self.state.network, np.zeros(len(self.deformation.free))
-        self.predictor = Predictor(self._point(self.state, 0.0, self.stretch))
 
-    def begin(self) -> Arrival:
-        """Relax at γ = 0, where free components of the cell may have stress and velocities are unknown."""
-        step = self._step(0.0)
-        if step.ok:
-            self.state, self.stretch, self.regular = step.state, step.stretch, True
-            self.predictor = Predictor(self._point(step.state, 0.0, step.stretch), step.velocity)
-        return Arrival(step, step.iterations, 0)
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """The way from one strain of a path to the next.
 
-    def refused(self, strain: float, status: Status, note: str) -> Arrival:
-        """The end of the path before a strain, without a step."""
-        return Arrival(Step(strain, self.state, self.stretch, 0, status, note), 0, 0)
+    point       last accepted point
+    iterations  of all steps
+    inserted    accepted steps before the one that ends
+    end         the last step
+    ended       whether the strain is reached, or given up
+    failed      the longest step that failed since the last accepted one
+    """
 
-    def advance(self, strain: float) -> Arrival:
-        """Proceed to a strain by steps that halve after failures and double after successes."""
-        whole = abs(strain - self.strain)
-        if np.array_equal(self._affine(strain), self._affine(self.strain)):
-            return self.refused(strain, Status.ill_conditioned, _UNRESOLVED)
-        # F(γ) does not resolve smaller strains.
-        smallest = max(_SMALLEST_PART * whole, EPS)
-        self.stride = max(self.stride, smallest)
-        iterations = inserted = 0
-        failed: Step | None = None
-        for _ in range(_MOST_STEPS):
-            left = abs(strain - self.strain)
-            ahead = min(self.stride, left)
-            target = strain if ahead >= _WHOLE * left else self.strain + np.copysign(ahead, strain - self.strain)
-            step = self._step(target)
-            iterations += step.iterations
-            if step.ok:
-                self._accept(step)
-                failed = None
-                if target == strain:
-                    self.stride *= 2 if ahead == self.stride else 1
-                    return Arrival(step, iterations, inserted)
-                inserted += 1
-                self.stride = 2 * ahead
-            elif step.curable and self._departs(strain):
-                continue
-            else:
-                # The longest step has the clearest reason: shorter ones may fail by rounding alone.
-                failed = failed or step
-                if not step.curable or 0.5 * ahead < smallest:
-                    return Arrival(failed, iterations, inserted)
-                self.stride = 0.5 * ahead
-            if self.relaxer.method == "newton" and iterations > _MOST_ITERATIONS:
-                break
-        return Arrival(replace(step, status=Status.step_limit, note=_LIMIT), iterations, inserted)
+    point: Point
+    target: float
+    end: Step
+    ended: bool = False
+    smallest: float = 0.0
+    iterations: int = 0
+    inserted: int = 0
+    failed: Step | None = None
 
-    def _step(self, strain: float) -> Step:
-        """One step to a strain, which leaves the continuation unchanged."""
-        start, q = self._predicted(strain)
-        solution, factor, q = self._relaxed(start, strain, q)
-        state, n = solution.value, solution.stats.steps
-        if not solution.ok:
-            # FIRE at its step limit gains nothing from smaller strain steps.
-            curable = self.relaxer.method != "fire" or solution.status is not Status.step_limit
-            return Step(strain, state, q, n, solution.status, solution.reason, curable)
-        unique = _unique(state)
-        if not (unique or self._expected(start, solution)):
-            return Step(strain, state, q, n, Status.unstable, _JUMPED)
-        response = None
-        rates = path_rates(self.deformation, strain, self._affine(strain), q)
-        if self.relaxer.with_moduli and state.network.has_volume and state.network.dimension > 1:
-            exact = self.relaxer.method == "newton"
-            wanted = None if self.relaxer.with_tensors else strains_of(rates[0])
-            volume, pattern = state.network.volume, self.relaxer.pattern
-            response = linear_response(state, volume, pattern, exact, factor, condition=False, strains=wanted)
-            if not response.ok:
-                return Step(strain, state, q, n, response.status, response.reason)
-        along, velocity = self._tangent(state, rates, factor, response), None
-        if along is not None:
-            back = np.linalg.inv(self._gradient(strain, q))
-            velocity = np.concatenate([(along.relaxation @ back.T).ravel(), along.stretch_rate])
-        if not (unique or self._returns(start, state, strain, q, velocity)):
-            return Step(strain, state, q, n, Status.unstable, _JUMPED)
-        return Step(
-            strain,
-            state,
-            q,
-            n,
-            velocity=velocity,
-            tangent=along if self.relaxer.with_moduli else None,
-            moduli=None if response is None else response.value,
-            elasticity=response.value if response is not None and self.relaxer.with_tensors else None,
-            coordinate_error=solution.stats.error_bound,
-        )
 
-    def _relaxed(
-        self, start: SpringState, strain: float, q: Array
-    ) -> tuple[Equilibrium[SpringState], Factor | None, Array]:
-        """The equilibrium at a strain, a factor of the Hessian near it, and the free components."""
-        relaxer = self.relaxer
-        if not len(q):
-            return *relaxed(start, relaxer.pattern, relaxer.method, relaxer.tolerance, condition=False), q
-        free = FreeCellState.of(start, q, self.deformation.free_strains)
-        gradient = self._affine(strain)
-        return relaxed_with_cell(free, self.reference, gradient, relaxer.pattern, relaxer.tolerance)
+def begin(course: Course, springs: SpringState, stress: Array | None) -> Progress:
+    """The first point of a path: a transition with its stress as it is, or springs relaxed at γ = 0."""
+    cell = course.cell(0.0, np.zeros(len(course.free_strains)))
+    point = Point(
+        cell, springs, Predictor.at(0.0, cell.point(springs)), isolated=False, stress=stress, departs=stress is not None
+    )
+    if stress is not None:
+        return Progress(point, 0.0, _unmoved(point), ended=True)
+    # Free components of the cell may have stress here, and velocities are unknown.
+    end = attempt(course, point, 0.0)
+    if end.ok:
+        predictor = Predictor.at(0.0, end.cell.point(end.state), end.velocity)
+        point = Point(end.cell, end.state, predictor)
+    return Progress(point, 0.0, end, ended=True, iterations=end.iterations)
 
-    def _tangent(
-        self, state: SpringState, rates: tuple[Array, Array], factor: Factor | None, response: LinearResponse | None
-    ) -> Tangent | None:
-        """The tangent of the path from its `path_rates`, or None where the response is not determined."""
-        if response is not None:
-            return tangent_of_response(response, *rates)
-        if factor is None:
-            factor = state.factorize(self.relaxer.pattern)
-            if factor.indefinite:
-                factor = state.factorize(self.relaxer.pattern, FLOPPY_SHIFT * state.stiffness_scale)
-        relaxations = relaxations_to(state, factor, rates[0])
-        return None if relaxations is None else tangent(state, *rates, relaxations)
 
-    def _departs(self, strain: float) -> bool:
-        """Find the velocity at a transition, once, where a step without it fails.
+def refused(point: Point, strain: float, status: Status, note: str) -> Progress:
+    """The end of a path before a strain, without a step."""
+    return Progress(point, strain, _unmoved(point).failed(status, note), ended=True)
 
-        It is the limit of that of the same configuration under a stress η σ as η → 0, on the side of the strain.
-        """
-        if self.stress is None or self.strain != 0.0:
-            return False
-        state, stress, self.stress = self.state, self.stress, None
-        work = np.vdot(stress[:, None] * state.bond_vectors, state.bond_vectors @ self.deformation.velocity(0.0).T)
-        stress = stress / state.network.stiffness * np.copysign(1.0, work * strain)
-        rest = state.lengths * (1 - _DEPARTING_STRESS * stress / np.abs(stress).max())
-        stressed = replace(state, rest_lengths=rest, law=HOOKEAN)
-        factor = stressed.factorize(self.relaxer.pattern, FLOPPY_SHIFT * state.stiffness_scale)
-        rates = path_rates(self.deformation, 0.0, self._affine(0.0), self.stretch)
-        along = None if factor.indefinite else self._tangent(stressed, rates, factor, None)
-        if along is None:
-            return False
-        velocity = np.concatenate([along.relaxation.ravel(), along.stretch_rate])
-        self.predictor = Predictor(self.predictor.last, velocity)
+
+def _unmoved(point: Point) -> Step:
+    return Step(point.cell, point.state, np.zeros((1, 0)))
+
+
+def advance(course: Course, point: Point, strain: float) -> Progress:
+    """Proceed to a strain by steps that halve after failures and double after successes."""
+    here = point.cell
+    if np.array_equal(course.deformation.gradient(strain), here.affine):
+        return refused(point, strain, Status.ill_conditioned, _UNRESOLVED)
+    # F(γ) does not resolve smaller strains.
+    smallest = max(_SMALLEST_PART * abs(strain - here.strain), EPS)
+    point = replace(point, stride=max(point.stride, smallest))
+    progress = Progress(point, strain, _unmoved(point), smallest=smallest)
+    for _ in range(_MOST_STEPS):
+        progress = step(course, progress)
+        if progress.ended:
+            return progress
+        if course.method == "newton" and progress.iterations > _MOST_ITERATIONS:
+            break
+    return replace(progress, end=progress.end.failed(Status.step_limit, _LIMIT))
+
+
+def step(course: Course, progress: Progress) -> Progress:
+    """One attempt towards the strain, and the point and stride that follow from it (steps 6 to 8)."""
+    point, target = progress.point, progress.target
+    left = target - point.cell.strain
+    ahead = min(point.stride, abs(left))
+    strain = target if ahead >= _WHOLE * abs(left) else point.cell.strain + np.copysign(ahead, left)
+    end = attempt(course, point, strain)
+    progress = replace(progress, end=end, iterations=progress.iterations + end.iterations)
+    if end.ok:
+        arrived = strain == target
+        stride = 2 * ahead if not arrived or ahead == point.stride else point.stride
+        predictor = point.predictor.extended(strain, end.cell.point(end.state), end.velocity, end.predicted)
+        accepted = Point(end.cell, end.state, predictor, stride)
+        inserted = progress.inserted + (not arrived)
+        return replace(progress, point=accepted, ended=arrived, inserted=inserted, failed=None)
+    if end.curable and point.departs:
+        departed = _departure(course, point, target)
+        if departed.predictor is not point.predictor:
+            return replace(progress, point=departed)
+        point = departed
+    failed = progress.failed or end
+    if not end.curable or 0.5 * ahead < progress.smallest:
+        return replace(progress, point=point, end=failed, ended=True)
+    return replace(progress, point=replace(point, stride=0.5 * ahead), failed=failed)
+
+
+def attempt(course: Course, point: Point, strain: float) -> Step:
+    """One step to a strain (steps 1 to 5 of the module)."""
+    predicted = point.predictor.changes(strain)
+    change = point.predictor.chosen(predicted)
+    n = len(change) - len(point.cell.stretch)
+    cell = course.cell(strain, point.cell.stretch).changed(change[n:])
+    start = course.moved(point.state, point.cell, cell, change[:n])
+    if start.law.one_sided:
+        start = with_slack_placed(start, point.state.sigma if point.stress is None else point.stress)
+    solution, factor, cell = course.relaxed(start, cell)
+    end = Step(cell, solution.value, predicted, solution.stats.steps, coordinate_error=solution.stats.error_bound)
+    if not solution.ok:
+        # FIRE at its step limit gains nothing from smaller strain steps.
+        curable = course.method != "fire" or solution.status is not Status.step_limit
+        return replace(end.failed(solution.status, solution.reason), curable=curable)
+    unique = _unique(end.state)
+    if not (unique or _expected(course.method, start, solution)):
+        return end.failed(Status.unstable, _JUMPED)
+    end = _measured(course, end, factor)
+    if end.ok and not (unique or _returns(course, point, start, end)):
+        return end.failed(Status.unstable, _JUMPED)
+    return end
+
+
+def _measured(course: Course, end: Step, factor: Factor | None) -> Step:
+    """The end of a step with moduli and velocity, or refused where its response is not determined."""
+    springs, rates = end.state, course.rates(end.cell)
+    if not (course.with_moduli and springs.network.has_volume and springs.network.dimension > 1):
+        along = course.tangent(springs, rates, factor)
+    else:
+        exact, volume = course.method == "newton", springs.network.volume
+        strains = None if course.with_tensors else strains_of(rates[0])
+        response = linear_response(springs, volume, course.pattern, exact, factor, condition=False, strains=strains)
+        if not response.ok:
+            return end.failed(response.status, response.reason)
+        along = tangent_of_response(response, *rates)
+        end = replace(end, moduli=response.value, elasticity=response.value if course.with_tensors else None)
+    if along is None:
+        return end
+    return replace(end, velocity=end.cell.velocity(along), tangent=along if course.with_moduli else None)
+
+
+def _departure(course: Course, point: Point, strain: float) -> Point:
+    """A transition with its velocity on the side of a strain, where it is determined.
+
+    It is the limit of the velocity of the same configuration under a stress η σ as η → 0.
+    """
+    springs, stress = point.state, point.stress
+    assert stress is not None
+    point = replace(point, departs=False)
+    L, k = springs.bond_vectors, springs.network.stiffness
+    work = np.vdot(stress[:, None] * L, L @ course.deformation.velocity(0.0).T)
+    stress = stress / k * np.copysign(1.0, work * strain)
+    tightened = springs.lengths * (1 - _DEPARTING_STRESS * stress / np.abs(stress).max())
+    # Slack edges of cables resist nothing.
+    cables = springs.law.one_sided
+    rest = np.where(stress != 0, tightened, springs.rest_lengths) if cables else tightened
+    stressed = replace(springs, rest_lengths=rest, law=springs.law if cables else HOOKEAN)
+    factor = stressed.factorize(course.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
+    along = None if factor.indefinite else course.tangent(stressed, course.rates(point.cell), factor)
+    if along is None:
+        return point
+    return replace(point, predictor=point.predictor.with_velocity(point.cell.velocity(along)))
+
+
+def _expected(method: str, start: SpringState, solution: Equilibrium[SpringState]) -> bool:
+    """Whether the relaxation ended near its prediction, after few steps and no indefinite Hessian."""
+    few = method != "newton" or solution.stats.steps <= EXPECTED_STEPS
+    return few and not solution.indefinite and _distance(start, solution.value) <= EXPECTED_DISTANCE
+
+
+def _returns(course: Course, point: Point, start: SpringState, end: Step) -> bool:
+    """Whether the step back ends at the last state, which it does not from beyond a fold."""
+    if not point.isolated or _distance(start, end.state) <= DOUBTED_DISTANCE:
         return True
-
-    def _accept(self, step: Step) -> None:
-        self.strain, self.state, self.stretch = step.strain, step.state, step.stretch
-        self.predictor.add(step.strain, self._point(step.state, step.strain, step.stretch), step.velocity)
-
-    def _gradient(self, strain: float, q: Array) -> Array:
-        """(1 + Σ q E) F(γ), (d, d)."""
-        F = self._affine(strain)
-        return stretched(q, self.deformation.free_strains) @ F if len(q) else F
-
-    def _affine(self, strain: float) -> Array:
-        """F(γ) (d, d), of which a step needs those at its two ends many times."""
-        if strain not in self._gradients:
-            kept = {at: F for at, F in self._gradients.items() if at == self.strain}
-            self._gradients = kept | {strain: self.deformation.gradient(strain)}
-        return self._gradients[strain]
-
-    def _point(self, state: SpringState, strain: float, q: Array) -> Array:
-        """(y, q) of a state, (n_free·d + m,)."""
-        back = np.linalg.inv(self._gradient(strain, q))
-        return np.concatenate([(state.coordinates[state.network.free_rows] @ back.T).ravel(), q])
-
-    def _predicted(self, strain: float) -> tuple[SpringState, Array]:
-        """The last state moved to a strain affinely and by the predictor, and the free components."""
-        return self._moved(self.state, (self.strain, self.stretch), strain, self.predictor.displacement(strain))
-
-    def _moved(
-        self, state: SpringState, at: tuple[float, Array], strain: float, displacement: Array
-    ) -> tuple[SpringState, Array]:
-        """A state at (γ, q) after a change of (y, q) and of the strain."""
-        m, d = len(self.stretch), self.reference.dimension
-        n = len(displacement) - m
-        q = at[1] + displacement[n:]
-        if m and not np.linalg.det(stretched(q, self.deformation.free_strains)) > 0:
-            q = at[1]
-        before, after = self._gradient(*at), self._gradient(strain, q)
-        state = state.moved(displacement[:n].reshape(-1, d) @ before.T)
-        return state.deformed_to(self.reference.deformed(after), after @ np.linalg.inv(before)), q
-
-    def _expected(self, start: SpringState, solution: Equilibrium[SpringState]) -> bool:
-        """Whether the relaxation ended near its prediction, after few steps and no indefinite Hessian."""
-        few = self.relaxer.method != "newton" or solution.stats.steps <= EXPECTED_STEPS
-        return few and not solution.indefinite and _distance(start, solution.value) <= EXPECTED_DISTANCE
-
-    def _returns(self, start: SpringState, state: SpringState, strain: float, q: Array, velocity: Array | None) -> bool:
-        """Whether the step back ends at the last state, which it does not from beyond a fold."""
-        if (self.strain == 0.0 and not self.regular) or _distance(start, state) <= DOUBTED_DISTANCE:
-            return True
-        change = np.zeros(len(self.predictor.last)) if velocity is None else (self.strain - strain) * velocity
-        back, q = self._moved(state, (strain, q), self.strain, change)
-        solution, _, _ = self._relaxed(back, self.strain, q)
-        return solution.ok and _distance(solution.value, self.state) <= RETURN_DISTANCE
+    here, n = point.cell, end.predicted.shape[1] - len(point.cell.stretch)
+    velocity = np.zeros(end.predicted.shape[1]) if end.velocity is None else end.velocity
+    back = (here.strain - end.cell.strain) * velocity
+    cell = replace(here, stretch=end.cell.stretch).changed(back[n:])
+    solution, _, _ = course.relaxed(course.moved(end.state, end.cell, cell, back[:n]), cell)
+    return solution.ok and _distance(solution.value, point.state) <= RETURN_DISTANCE
 
 
 def _unique(state: SpringState) -> bool:

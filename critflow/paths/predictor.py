@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from critflow.networks.network import Array
@@ -10,39 +12,55 @@ from critflow.networks.network import Array
 _FARTHEST = 2
 # Points of the path from which it is extrapolated.
 _MOST_POINTS = 3
+_POWERS = np.arange(1, 2 * _MOST_POINTS)
 
 
+@dataclass(frozen=True, eq=False)
 class Predictor:
-    """Extrapolates the path (y, q)(γ) from its last two or three points, whichever predicted the last one better."""
+    """Extrapolates a path y(γ) from its last two or three points, whichever predicted the last one better.
 
-    def __init__(self, start: Array, velocity: Array | None = None):
-        self._points: list[tuple[float, Array, Array | None]] = [(0.0, start, velocity)]
-        # The changes (1 or 2, n) extrapolated last, from two points and from three, and the strain there.
-        self._changes, self._strain, self._better = np.zeros((1, len(start))), np.nan, -1
+    points  (γ, y, dy/dγ) of the last points, the newest last; y and dy/dγ (n,), the latter None if it is unknown
+    better  index of the better prediction: from two points 0, from all −1
+    """
 
-    @property
-    def last(self) -> Array:
-        """The last point (n,)."""
-        return self._points[-1][1]
+    points: tuple[tuple[float, Array, Array | None], ...]
+    better: int = -1
 
-    def add(self, strain: float, y: Array, velocity: Array | None) -> None:
-        """Add a point of the path (n,) with its velocity dy/dγ; the last three are kept."""
-        if strain == self._strain and len(self._changes) > 1:
-            self._better = int(np.abs(self._changes - (y - self.last)).max(axis=1).argmin())
-        self._points = [*self._points[1 - _MOST_POINTS :], (strain, y, velocity)]
+    @classmethod
+    def at(cls, strain: float, y: Array, velocity: Array | None = None) -> Predictor:
+        """The predictor at the first point of a path."""
+        return cls(((strain, y, velocity),))
 
-    def displacement(self, strain: float) -> Array:
-        """Extrapolated change of y (n,) from the last point."""
-        last, y, velocity = self._points[-1]
-        self._strain = np.nan
+    def with_velocity(self, velocity: Array) -> Predictor:
+        """The same points with the velocity of the newest."""
+        strain, y, _ = self.points[-1]
+        return replace(self, points=(*self.points[:-1], (strain, y, velocity)))
+
+    def extended(self, strain: float, y: Array, velocity: Array | None, predicted: Array) -> Predictor:
+        """The predictor with a further point, of which `changes` were predicted; the last three are kept."""
+        better = self.better
+        if len(predicted) > 1:
+            better = int(np.abs(predicted - (y - self.points[-1][1])).max(axis=1).argmin())
+        return Predictor((*self.points[1 - _MOST_POINTS :], (strain, y, velocity)), better)
+
+    def chosen(self, changes: Array) -> Array:
+        """The change (n,) to use of those predicted."""
+        return np.asarray(changes[self.better if len(changes) > 1 else 0])
+
+    def changes(self, strain: float) -> Array:
+        """Extrapolated changes of y from the newest point (1 or 2, n): from two points, and from three.
+
+        Hermite polynomials y − y_0 = Σ_k c_k t^k in t = (γ − γ_0)/(γ_0 − γ_1), with one condition for each value and
+        each velocity.
+        """
+        last, y, velocity = self.points[-1]
         if velocity is None:
-            return np.zeros_like(y)
-        ahead, behind = strain - last, last - self._points[-2:][0][0]
+            return np.zeros((1, len(y)))
+        ahead, behind = strain - last, last - self.points[-2:][0][0]
         if abs(ahead) > _FARTHEST * abs(behind):
-            return velocity * ahead
-        # Conditions on a polynomial that vanishes at the last point, in units of the last step.
+            return (velocity * ahead)[None]
         rows, values, counts = [_monomial_rates(0.0)], [velocity * behind], []
-        for there, y_there, velocity_there in self._points[-2::-1]:
+        for there, y_there, velocity_there in self.points[-2::-1]:
             place = (there - last) / behind
             rows.append(_monomials(place))
             values.append(y_there - y)
@@ -53,11 +71,7 @@ class Predictor:
         weights = np.zeros((len(counts), len(rows)))
         for weight, n in zip(weights, counts, strict=True):
             weight[:n] = np.linalg.solve(np.array(rows)[:n, :n].T, _monomials(ahead / behind)[:n])
-        self._changes, self._strain = weights @ np.array(values), strain
-        return np.asarray(self._changes[self._better if len(counts) > 1 else 0])
-
-
-_POWERS = np.arange(1, 2 * _MOST_POINTS)
+        return np.asarray(weights @ np.array(values))
 
 
 def _monomials(t: float) -> Array:

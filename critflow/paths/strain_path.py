@@ -1,46 +1,32 @@
 """The strain path: springs deformed step by step from an equilibrium, each step from the last state.
 
 From a transition the rest lengths are the lengths there, ℓ = |L(0)|; the default is dilation, with volumes
-V(γ) = V(0)(1 + γ) (`RestLengthVolumetric`).
+V(γ) = V(0)(1 + γ) (`RestLengthVolumetric`).  Where rest lengths are known, as of an onset, slack edges follow as cables
+until they tighten.  `continuation` has the algorithm, `start` the state at γ = 0.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
-from critflow.critical.backbone import backbone
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
 from critflow.linalg.factor import FixedPattern
-from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
-from critflow.networks.network import Array, Network
-from critflow.paths.continuation import Arrival, Continuation, Relaxer, Step
+from critflow.networks.network import Array
+from critflow.paths.continuation import Course, Progress, Step, advance, begin, refused
+from critflow.paths.start import Start, start_of
 from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import relaxation_method
-from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
+from critflow.springs.laws import SpringLaw
 from critflow.springs.state import SpringState
 
-# Largest force of a state from which a path starts, in units of stiffness times length: the first relaxation removes
-# rounding, and a larger force would hide a jump.
-BALANCED_START, LOOSENING_WORK = 1e-6, 1e-9
-# Relative deviation of the lengths of taut edges from the given rest lengths; solutions have 1e-9.
-CONSISTENT_LENGTHS, OPENING = 1e-6, 1e-3
-
+LOOSENING_WORK = 1e-9  # work of a strain on the stress of a transition, relative to its size, below which it loosens
 _LOOSENED = "the strain loosens the network, which is floppy on this side of the transition: change its sign"
-
-_RECORDS = (
-    *("bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected", "energy", "max_force", "coordinate_error"),
-    *("bulk_modulus_error", "shear_modulus_error", "modulus", "modulus_error"),
-)
-
-Start = CriticalConfiguration | SpringState | Solution[Any]
-"""What a path starts from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,237 +90,151 @@ def check_strains(strains: ArrayLike, signed: bool = False, zero: bool = False) 
 
 @checked
 def strain_path(
-    network: Network,
     start: Start,
     strains: ArrayLike,
     method: str = "auto",
     *,
     deformation: Deformable = "dilation",
     law: SpringLaw | None = None,
-    rest_lengths: ArrayLike | None = None,
+    taut_only: bool = False,
     tolerance: float = 1e-14,
     moduli: bool = True,
     tensors: bool = True,
     pattern: FixedPattern | None = None,
     throw: bool = True,
 ) -> Solution[StrainPath]:
-    """Deform a network from an equilibrium through strains γ away from zero, relaxing and measuring at each.
+    """Deform springs from an equilibrium through strains γ away from zero, relaxing and measuring at each.
 
     b → F(γ) b, with γ positive and increasing or negative and decreasing.  Each step starts from the last state,
-    extrapolated by the last two states and their linear responses.  A step that fails, or may have left its branch of
+    extrapolated by the last states and their linear responses.  A step that fails, or may have left its branch of
     equilibria, is halved, down to 2⁻¹⁶ of the strain interval, and steps grow again after that; where even the smallest
     leaves the branch the path ends with `Status.unstable`.  An equilibrium of a convex law without compressed springs
     is unique and the global minimum, so its branch is not checked.
 
-    start              a critical configuration, whose lengths are the rest lengths (of one with slack edges, σ = 0, the
-                       path and its states are those of the taut part: `backbone`), or a state of springs in
-                       equilibrium, such as `spring_state` or a state of another path; or a solution with one.  Only a
-                       state may begin with γ = 0
+    start              a critical configuration, a state of springs in equilibrium, such as `spring_state` or a state of
+                       another path, or a solution with one.  A configuration that knows rest lengths, as that of
+                       `critical_strain` or `critical_from_lengths`, is one of cables, taut and slack ones; of others
+                       the lengths are the rest lengths, and where edges are slack, σ = 0, the path is that of the taut
+                       part (`backbone`).  Only a state may begin with γ = 0
     method, tolerance  those of `equilibrium`; free components of the cell need Newton's method
     deformation        what `deformation_of` accepts
-    law                of springs from a critical configuration, Hookean by default; a state has one
-    rest_lengths       ℓ (N_b,) to a common factor: the path of a slack configuration as that of all edges, as Cable()
+    law                of springs from a critical configuration: Cable() where rest lengths are known, else Hookean; a
+                       state has one
+    taut_only          True: the taut part alone also where rest lengths are known, as springs at rest
     moduli             False: equilibria only
     tensors            False: bulk and shear moduli alone, in less time; `elasticity` is then empty
     pattern            of the Hessian, made here by default; given for many paths of one network
-    Many parameters: those after the strains are options of the relaxation, most by keyword only.
+    Many parameters: those after the strains are options of the springs and of the relaxation, by keyword.
 
-    Raises `InputError` for strains that do not lead away from zero, a deformation that inverts the cell, a start of
-    another network or without balance, `SolveError` where the path stops and `throw` is set.
+    Raises `InputError` for strains that do not lead away from zero, a deformation that inverts the cell, a start
+    without balance, `SolveError` where the path stops and `throw` is set.
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> path = cf.strain_path(network, cf.optimize(network, 'bulk_modulus'), [0.001, 0.002]).value
+    >>> path = cf.strain_path(cf.optimize(network, 'bulk_modulus'), [0.001, 0.002]).value
     >>> path.bulk_modulus.round(6)
     array([0.296637, 0.296489])
     """
-    state, critical, note = _start(network, _value(start), law, rest_lengths)
-    gamma, method = check_strains(strains, signed=True, zero=critical is None), relaxation_method(method)
-    deformation = deformation_of(deformation, state.network.dimension)
+    first = start_of(start, law, taut_only)
+    springs, stress = first.springs, first.stress
+    gamma, method = check_strains(strains, signed=True, zero=stress is None), relaxation_method(method)
+    deformation = deformation_of(deformation, springs.network.dimension)
     _ = [deformation.gradient(strain) for strain in gamma]  # refuses those that invert the cell
     if deformation.free and method != "newton":
         raise InputError("free components of the cell need Newton's method: choose method='newton'")
-    reached: list[Arrival] = []
-    relaxer = Relaxer(method, tolerance, moduli, tensors, state.pattern() if note or not pattern else pattern)
-    continuation = Continuation(state, deformation, relaxer, stress=None if critical is None else critical.sigma)
-    if critical is None:
-        first = continuation.begin()
-        if gamma[0] == 0 or not first.end.ok:
-            reached.append(first)
-    elif _loosened(critical, deformation, gamma[0]):
-        reached.append(continuation.refused(gamma[0], Status.floppy, _LOOSENED))
-    for strain in gamma[len(reached) :]:
-        if reached and not reached[-1].end.ok:
-            break
-        reached.append(continuation.advance(strain))
-    result = _solution(gamma, reached, deformation, method, note)
+    if pattern is None or first.part:
+        pattern = springs.pattern()
+    course = Course(springs.network, deformation, method, tolerance, moduli, tensors, pattern)
+    reached = _follow(course, springs, stress, gamma)
+    result = _solution(gamma, reached, deformation, method, first.note)
     return result.or_raise("the strain path stopped") if throw else result
 
 
+def _follow(course: Course, springs: SpringState, stress: Array | None, gamma: Array) -> list[Progress]:
+    """Advance from strain to strain; the last entry alone may have failed."""
+    last, reached = begin(course, springs, stress), []
+    if stress is None and (gamma[0] == 0 or not last.end.ok):
+        reached = [last]
+    elif stress is not None and _loosened(springs, stress, course.deformation, gamma[0]):
+        reached = [refused(last.point, gamma[0], Status.floppy, _LOOSENED)]
+    for strain in gamma[len(reached) :]:
+        if reached and not reached[-1].end.ok:
+            break
+        last = advance(course, last.point, strain)
+        reached.append(last)
+    return reached
+
+
 def _solution(
-    gamma: Array, reached: list[Arrival], deformation: Deformation, method: str, note: str
+    gamma: Array, reached: list[Progress], deformation: Deformation, method: str, note: str
 ) -> Solution[StrainPath]:
-    """The path of all arrivals, of which only the last may have failed, with its status."""
-    path, last = _assembled(gamma, reached, deformation), reached[-1].end
+    """The path up to the last strain that was reached, with the status of the last step."""
+    path, last = _assembled(gamma, reached, deformation), reached[-1]
     stats = Stats(
         method,
         int(path.steps.sum()),
         residual=float(np.max(path.max_force[: len(path.states)], initial=0.0)),
         error_bound=float(np.max(path.coordinate_error[: len(path.states)], initial=0.0)),
     )
-    note = note if last.ok else f"at strain {last.strain and gamma[len(reached) - 1]:g}, {last.note}"
-    return Solution(path, last.status, stats, note)
+    note = note if last.end.ok else f"at strain {last.target:g}, {last.end.note}"
+    return Solution(path, last.end.status, stats, note)
 
 
-def _value(start: Any) -> Any:
-    """The configuration or state of a solution; that of one with slack edges is valid."""
-    if not isinstance(start, Solution):
-        return start
-    if start.status is not Status.slack_edges:
-        start.or_raise("no path starts from this solution")
-    return getattr(start.value, "configuration", start.value)
-
-
-def _taut_start(network: Network, critical: CriticalConfiguration) -> tuple[Network, CriticalConfiguration, str]:
-    """The taut part of a configuration with slack edges, whose rest lengths it does not know, and a note about it."""
-    part = backbone(replace(critical, network=critical.springs_of(network)))
-    note = (
-        f"{part.n_slack} of {network.n_edges} edges are slack, so the path is that of the taut part: for edges that "
-        "become taut on it give rest_lengths and law=Cable()"
-    )
-    return part.network, part.configuration, note
-
-
-def _cables(
-    network: Network, start: Any, rest_lengths: ArrayLike, law: SpringLaw | None
-) -> tuple[SpringState, CriticalConfiguration]:
-    """All edges of a critical configuration as cables: taut ones at rest, slack ones below their rest lengths."""
-    if not isinstance(start, CriticalConfiguration):
-        raise InputError("rest_lengths belong to a critical configuration: a state of springs has its rest lengths")
-    if law is None or not law.one_sided:
-        raise InputError(
-            "slack springs would be compressed at this configuration: choose law=Cable(), or relax a spring_state with "
-            "equilibrium() and start from it"
-        )
-    network, taut = start.springs_of(network), start.sigma != 0
-    rest = edge_values(rest_lengths, network.n_edges, "rest_lengths")
-    ratios = start.lengths[taut] / rest[taut]
-    scale = float(ratios.mean())
-    if not np.ptp(ratios) <= CONSISTENT_LENGTHS * scale:
-        raise InputError("the taut edges do not have these rest lengths: give those of which the configuration is made")
-    if not (start.lengths > COLLAPSED * start.lengths.mean()).all():
-        start = _opened(start, float(scale * rest.mean()))
-    rest = np.where(taut, start.lengths, scale * rest)
-    return SpringState(network, rest, start.coordinates, start.bond_vectors, law), start
-
-
-def _opened(critical: CriticalConfiguration, length: float) -> CriticalConfiguration:
-    """The configuration with its floppy vertices displaced a little, so that every slack edge has a direction."""
-    network, floppy = critical.network, backbone(critical).floppy_vertices
-    x = critical.coordinates.copy()
-    x[floppy] += OPENING * length * np.random.default_rng(0).standard_normal((len(floppy), network.dimension))
-    x = x if network.pins else x - x[0]
-    L = np.where((critical.sigma != 0)[:, None], critical.bond_vectors, network.bond_vectors(x))
-    lengths = np.linalg.norm(L, axis=1)
-    if not (lengths > COLLAPSED * lengths.mean()).all():
-        raise InputError(
-            f"the slack edge {int(lengths.argmin())} joins two vertices of the taut part at one place, so it has no "
-            "direction: vary the rest lengths a little, or follow the taut part without rest_lengths"
-        )
-    return replace(critical, coordinates=x, bond_vectors=L)
-
-
-def _start(
-    network: Network, start: Any, law: SpringLaw | None, rest_lengths: ArrayLike | None
-) -> tuple[SpringState, CriticalConfiguration | None, str]:
-    """The state at γ = 0, the critical configuration if it is one, and a note if it is a part."""
-    if rest_lengths is not None:
-        return *_cables(network, start, rest_lengths, law), ""
-    if isinstance(start, CriticalConfiguration):
-        network, note = start.springs_of(network), ""
-        if not start.sigma.all():
-            network, start, note = _taut_start(network, start)
-        law = checked_law(HOOKEAN if law is None else law, start.lengths, network.stiffness)
-        return SpringState(network, start.lengths, start.coordinates, start.bond_vectors, law), start, note
-    if not isinstance(start, SpringState):
-        raise InputError(f"a path starts from a critical configuration or a state of springs, not {start!r:.60}")
-    same = start.network
-    if network is not same and not (
-        np.array_equal(network.edges, same.edges)
-        and np.array_equal(network.boundary_vectors, same.boundary_vectors)
-        and np.array_equal(network.stiffness, same.stiffness)
-    ):
-        raise InputError("the state belongs to another network: start with the network of the state, state.network")
-    if law is not None and law != start.law:
-        raise InputError("the state has a spring law: leave out law=, or make a state with the other law")
-    if not start.max_force <= BALANCED_START * start.stiffness_scale * start.length_scale:
-        raise InputError(
-            f"the springs are not in equilibrium, a force of {start.max_force:.2g} is left: call equilibrium() first"
-        )
-    return replace(start, network=network), None, ""
-
-
-def _loosened(critical: CriticalConfiguration, deformation: Deformation, strain: float) -> bool:
+def _loosened(springs: SpringState, sigma: Array, deformation: Deformation, strain: float) -> bool:
     """Whether a strain of this sign loosens a network in tension, which is then floppy: γ Σ σ L·A L < 0."""
-    sigma, L = critical.sigma, critical.bond_vectors
-    A = np.copysign(1.0, strain) * deformation.velocity(0.0)
-    work, size = np.sum(sigma[:, None] * L * (L @ A.T)), np.linalg.norm(A) * np.sum(sigma * critical.lengths**2)
+    L, A = springs.bond_vectors, np.copysign(1.0, strain) * deformation.velocity(0.0)
+    work, size = np.sum(sigma[:, None] * L * (L @ A.T)), np.linalg.norm(A) * np.sum(sigma * springs.lengths**2)
     return bool((sigma >= 0).all() and work < -LOOSENING_WORK * size)
 
 
-def _assembled(gamma: Array, arrivals: list[Arrival], deformation: Deformation) -> StrainPath:
-    """The path of all arrivals, of which only the last may have failed."""
-    d, n_strains = deformation.dimension, len(gamma)
-    records: dict[str, Array] = {name: np.full(n_strains, np.nan) for name in _RECORDS}
-    stress, stretch = np.full((n_strains, d, d), np.nan), np.full((n_strains, len(deformation.free)), np.nan)
-    steps, inserted = np.zeros(n_strains, int), np.zeros(n_strains, int)
-    status = np.full(n_strains, int(Status.missing))
-    states = []
-    for n, arrival in enumerate(arrivals):
-        end = arrival.end
-        steps[n], inserted[n], status[n] = arrival.iterations, arrival.inserted, end.status
-        if end.ok:
-            for name, value in _record(end).items():
-                records[name][n] = value
-            L = end.state.bond_vectors
-            stress[n], stretch[n] = L.T @ (end.state.sigma[:, None] * L) / volume_of(end.state), end.stretch
-            states.append(end.state)
+def _assembled(gamma: Array, reached: list[Progress], deformation: Deformation) -> StrainPath:
+    """The path of all strains, of which only the last one tried may have failed."""
+    d, m = deformation.dimension, len(deformation.free)
+    ends = [progress.end for progress in reached if progress.end.ok]
+
+    def measured(value: Callable[[Step], float | Array], *shape: int) -> Array:
+        values = np.full((len(gamma), *shape), np.nan)
+        if ends:
+            values[: len(ends)] = [value(end) for end in ends]
+        return values
+
+    def of_moduli(value: Callable[[Elasticity], float]) -> Array:
+        return measured(lambda end: np.nan if end.moduli is None else value(end.moduli))
+
+    def counted(value: Callable[[Progress], int], elsewhere: int = 0) -> NDArray[np.int64]:
+        values = np.full(len(gamma), elsewhere)
+        values[: len(reached)] = [value(progress) for progress in reached]
+        return values
+
     return StrainPath(
         strains=gamma,
-        steps=steps,
-        inserted=inserted,
-        status=status,
-        states=tuple(states),
+        bulk_modulus=of_moduli(lambda moduli: moduli.bulk),
+        shear_modulus=of_moduli(lambda moduli: moduli.shear),
+        shear_modulus_stress_corrected=of_moduli(lambda moduli: moduli.shear_stress_corrected),
+        energy=measured(lambda end: end.state.energy),
+        max_force=measured(lambda end: end.state.max_force),
+        steps=counted(lambda progress: progress.iterations),
+        status=counted(lambda progress: progress.end.status, Status.missing),
+        states=tuple(end.state for end in ends),
+        inserted=counted(lambda progress: progress.inserted),
+        coordinate_error=measured(lambda end: end.coordinate_error),
+        bulk_modulus_error=of_moduli(lambda moduli: moduli.errors.bulk),
+        shear_modulus_error=of_moduli(
+            lambda moduli: max(moduli.errors.shear, moduli.errors.shear_stress_corrected)
+        ),
         deformation=deformation,
-        stress=stress,
-        elasticity=tuple(a.end.elasticity for a in arrivals if a.end.ok and a.end.elasticity is not None),
-        free_components=stretch,
-        **records,
+        modulus=measured(lambda end: end.tangent.second / volume_of(end.state) if end.tangent else np.nan),
+        modulus_error=measured(lambda end: end.tangent.second_error / volume_of(end.state) if end.tangent else np.nan),
+        stress=measured(lambda end: _stress(end.state), d, d),
+        elasticity=tuple(end.elasticity for end in ends if end.elasticity is not None),
+        free_components=measured(lambda end: end.cell.stretch, m),
     )
 
 
-def _record(end: Step) -> dict[str, float]:
-    """The numbers of one equilibrium."""
-    moduli, V = end.moduli, volume_of(end.state)
-    measured = (
-        {}
-        if moduli is None
-        else {
-            "bulk_modulus": moduli.bulk,
-            "shear_modulus": moduli.shear,
-            "shear_modulus_stress_corrected": moduli.shear_stress_corrected,
-            "bulk_modulus_error": moduli.errors.bulk,
-            "shear_modulus_error": max(moduli.errors.shear, moduli.errors.shear_stress_corrected),
-        }
-    )
-    return {
-        **measured,
-        "energy": end.state.energy,
-        "max_force": end.state.max_force,
-        "coordinate_error": end.coordinate_error,
-        "modulus": np.nan if end.tangent is None else end.tangent.second / V,
-        "modulus_error": np.nan if end.tangent is None else end.tangent.second_error / V,
-    }
+def _stress(state: SpringState) -> Array:
+    """Cauchy stress (1/V) Σ σ L⊗L, (d, d)."""
+    L = state.bond_vectors
+    return L.T @ (state.sigma[:, None] * L) / volume_of(state)
 
 
 def volume_of(state: SpringState) -> float:

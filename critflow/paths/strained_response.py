@@ -86,7 +86,8 @@ def strained_response(
         raise InputError(
             "gradients at finite strain need tension on every edge: give a configuration of positive stress"
         )
-    found = strain_path(network, start, [strain], deformation=path, law=law, throw=False)
+    springs = isinstance(start, CriticalConfiguration)
+    found = strain_path(start, [strain], deformation=path, law=law, taut_only=springs, throw=False)
     if not found.ok:
         nothing = StrainedResponse(
             None, found.status, found.stats, found.note, achieved={}, by_rest_length={}, by_stiffness={}, by_stress={}

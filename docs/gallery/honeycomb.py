@@ -11,7 +11,7 @@ import critflow as cf
 network = cf.lattice("honeycomb", 4, 4)
 critical = cf.CriticalManifold(network).configuration(np.ones(network.n_edges))
 strains = np.linspace(0.05, 1.0, 12)
-path = cf.strain_path(network, critical, strains).value
+path = cf.strain_path(critical, strains).value
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")
 axes.plot(strains, np.sqrt(3) / 6 / np.sqrt(1 + strains), color="0.5", label="B, exact")
 axes.plot(strains, path.bulk_modulus, "o", color="#0072B2", label="B")

@@ -13,7 +13,7 @@ critical = cf.optimize(network, "bulk_modulus").value
 strains = np.geomspace(0.001, 0.1, 9)
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")
 for deformation, marker, colour in (("dilation", "o", "#0072B2"), ("uniaxial", "x", "#D55E00")):
-    path = cf.strain_path(network, critical, strains, deformation=deformation).value
+    path = cf.strain_path(critical, strains, deformation=deformation).value
     modulus = cf.elasticity(critical).value.modulus(deformation)
     axes.loglog(strains, path.energy, marker, color=colour, label=deformation)
     axes.loglog(strains, network.volume * modulus * strains**2 / 2, color="0.5", linewidth=0.8)

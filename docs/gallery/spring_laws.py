@@ -15,7 +15,7 @@ laws = {"Hookean": cf.Hookean(), "power law, exponent 4": cf.PowerLaw(4), "worm-
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")
 axes.set_prop_cycle(color=["#0072B2", "#D55E00", "#009E73"])
 for name, law in laws.items():
-    path = cf.strain_path(network, critical, strains, law=law).value
+    path = cf.strain_path(critical, strains, law=law).value
     axes.plot(100 * strains, path.bulk_modulus, "o-", markersize=4, label=name)
 axes.set(xlabel="volumetric strain γ [%]", ylabel="bulk modulus B [k]")
 axes.legend(frameon=False)

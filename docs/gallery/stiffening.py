@@ -19,7 +19,7 @@ strains = np.linspace(0.001, 0.02, 8)
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")
 for (name, critical), colour in zip(found.items(), ("#0072B2", "#D55E00", "#009E73"), strict=True):
     growth = cf.stiffening(critical).value
-    path = cf.strain_path(network, critical, strains).value
+    path = cf.strain_path(critical, strains).value
     axes.plot(100 * strains, path.bulk_modulus / growth.bulk_0, "o", color=colour, label=name)
     axes.plot([0, 2], [1, 1 + 0.02 * growth.C_B / growth.bulk_0], color=colour, linewidth=0.8)
 axes.set(xlabel="volumetric strain γ [%]", ylabel="$B/B_0$")

@@ -43,7 +43,7 @@ windows = np.array([1e-2, 3e-3, 1e-3, 3e-4, 1e-4])
 errors = np.empty((2, len(windows)))
 for n, window in enumerate(windows):
     strains = window * np.linspace(0.1, 1.0, 10)
-    path = strain_path(network, critical, strains).value
+    path = strain_path(critical, strains).value
     for degree in (1, 2):
         slope = fit_stiffening(strains, path.bulk_modulus, window, degree).slope
         errors[degree - 1, n] = abs(slope / exact.C_B - 1)

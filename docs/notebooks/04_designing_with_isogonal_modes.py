@@ -118,7 +118,7 @@ assert np.abs(B_0 / bound - 1).max() < 1e-12
 assert np.abs(C_B / B_0 + 0.5).max() < 1e-9
 
 strains = np.array([0.01, 0.1, 0.5])
-path = strain_path(network, family[-1], strains).value
+path = strain_path(family[-1], strains).value
 miss = np.abs(path.bulk_modulus / (bound / np.sqrt(1 + strains)) - 1).max()
 print(f"B(γ) of the last member differs from B_0/√(1 + γ) by {miss:.1e}, up to γ = {strains[-1]}")
 

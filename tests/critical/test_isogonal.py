@@ -200,7 +200,7 @@ def test_the_stiffest_family_answers_to_any_expansion_alike():
     s = np.sqrt(1 + strains) - 1
     for fraction in (0.0, 0.5, 0.9):
         member = face_modes(stiffest).towards(np.random.default_rng(6).standard_normal(30), fraction)
-        path = strain_path(network, member, strains).value
+        path = strain_path(member, strains).value
         np.testing.assert_allclose(path.bulk_modulus, bound / np.sqrt(1 + strains), rtol=1e-12)
         np.testing.assert_allclose(path.energy, 2 * network.volume * bound * s**2, rtol=1e-11)
         expected = member.bond_vectors + s[-1] * stiffest.bond_vectors

@@ -53,9 +53,9 @@ def factorised(monkeypatch):
 
 def test_the_counter_counts_factorisations_of_springs(factorised, network, critical):
     """The other tests would pass with a counter that counts nothing."""
-    path = strain_path(network, critical, STRAIN).value
-    assert factorised(network, lambda: elasticity(path.states[0])) == {SPRINGS: 1}
-    assert factorised(network, lambda: strain_path(network, critical, STRAIN))[SPRINGS] >= len(STRAIN)
+    path = strain_path(critical, STRAIN).value
+    assert factorised(network, lambda: linear_response(path.states[0])) == {SPRINGS: 1}
+    assert factorised(network, lambda: strain_path(critical, STRAIN))[SPRINGS] >= len(STRAIN)
 
 
 def test_a_configuration_is_one_factorisation(factorised, network, manifold):
@@ -104,8 +104,8 @@ def test_coefficients_need_one_system_and_no_path(factorised, monkeypatch, netwo
 
 
 def test_a_path_without_moduli_has_no_linear_response(factorised, monkeypatch, network, critical):
-    monkeypatch.setattr(PATH, "linear_response", forbidden)
-    without = factorised(network, lambda: strain_path(network, critical, STRAIN, moduli=False))
+    monkeypatch.setattr(PATH, "response_of", forbidden)
+    without = factorised(network, lambda: strain_path(critical, STRAIN, moduli=False))
     assert set(without) == {SPRINGS}
 
 
@@ -115,7 +115,7 @@ def test_a_path_without_tensors_solves_for_its_strains_alone(monkeypatch, deform
     critical, rows = CriticalManifold(network).configuration(np.ones(network.n_edges)), []
     monkeypatch.setattr(PATH, "strains_of", lambda rates: rows.append(strains_of(rates)) or rows[-1])
     for strain in (0.001, -0.001):  # one of them tightens
-        strain_path(network, critical, [strain], deformation=deformation, tensors=False, throw=False)
+        strain_path(critical, [strain], deformation=deformation, tensors=False, throw=False)
     assert {len(row) for row in rows} == {solved}
 
 

@@ -1,7 +1,5 @@
 """Steps of a strain path: their number, branches, budgets and predictions."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from problems import (
@@ -15,7 +13,6 @@ from critflow import CriticalManifold, SolveError, Status, WormLike, critical_fr
 from critflow import voronoi_network as voronoi
 from critflow.networks.deformation import deformation_of
 from critflow.paths import continuation
-from critflow.paths.continuation import Continuation
 from critflow.paths.predictor import Predictor
 from critflow.springs.free_cell import stretched
 
@@ -23,18 +20,18 @@ from critflow.springs.free_cell import stretched
 def test_failed_path_names_the_strain():
     critical = critical_of(voronoi(40, seed=1))
     # No solve reaches a force of 1e-30.
-    solution = strain_path(critical.network, critical, [0.001, 0.002], tolerance=1e-30, throw=False)
+    solution = strain_path(critical, [0.001, 0.002], tolerance=1e-30, throw=False)
     assert solution.status is not Status.ok
     assert solution.value.status[1] == Status.missing
     assert np.isnan(solution.value.energy).all()
     with pytest.raises(SolveError, match=r"0\.001"):
-        strain_path(critical.network, critical, [0.001, 0.002], tolerance=1e-30)
+        strain_path(critical, [0.001, 0.002], tolerance=1e-30)
 
 
 def test_steps_start_near_their_solution():
     # Extrapolation of third order along an even path leaves a step or two to Newton's method.
     critical = critical_of(voronoi(40, seed=1))
-    path = strain_path(critical.network, critical, np.linspace(0.001, 0.02, 20)).value
+    path = strain_path(critical, np.linspace(0.001, 0.02, 20)).value
     assert path.steps[3:].max() <= 3
 
 
@@ -43,7 +40,7 @@ def test_path_ends_with_the_range_of_its_law():
     network = voronoi(40, seed=1)
     critical = CriticalManifold(network).configuration(np.ones(60))
     law, strains = WormLike(0.02), 0.002 * np.arange(1, 26)
-    solution = strain_path(network, critical, strains, law=law, throw=False)
+    solution = strain_path(critical, strains, law=law, throw=False)
     assert solution.status is Status.stalled
     path = solution.value
     assert len(path.states) == 20
@@ -51,15 +48,15 @@ def test_path_ends_with_the_range_of_its_law():
     assert (np.diff(path.bulk_modulus[:20]) > 0).all()
     assert np.isnan(path.bulk_modulus[20:]).all()
     with pytest.raises(SolveError, match=r"0\.042"):
-        strain_path(network, critical, strains, law=law)
+        strain_path(critical, strains, law=law)
 
 
 @pytest.mark.parametrize("moduli", [True, False])
 @pytest.mark.parametrize("end", [0.1, 0.5])
 def test_one_step_equals_many_steps(end, moduli):
     critical = critical_of(voronoi(40, seed=1))
-    one = strain_path(critical.network, critical, [end], moduli=moduli).value
-    many = strain_path(critical.network, critical, np.linspace(0, end, 51)[1:]).value
+    one = strain_path(critical, [end], moduli=moduli).value
+    many = strain_path(critical, np.linspace(0, end, 51)[1:]).value
     np.testing.assert_allclose(one.states[-1].bond_vectors, many.states[-1].bond_vectors, rtol=0, atol=1e-13)
     # Without compression the equilibrium is unique and no step is inserted.
     assert (one.states[-1].extension > 0).all()
@@ -69,8 +66,8 @@ def test_one_step_equals_many_steps(end, moduli):
 @pytest.mark.parametrize("end", [0.1, 0.5])
 def test_one_step_follows_the_branch_of_many_steps(end):
     critical = partly_compressed(20, 12)
-    one = strain_path(critical.network, critical, [end]).value
-    many = strain_path(critical.network, critical, np.linspace(0, end, 101)[1:]).value
+    one = strain_path(critical, [end]).value
+    many = strain_path(critical, np.linspace(0, end, 101)[1:]).value
     np.testing.assert_allclose(one.states[-1].bond_vectors, many.states[-1].bond_vectors, rtol=0, atol=1e-12)
     assert one.bulk_modulus[-1] == pytest.approx(many.bulk_modulus[-1], rel=1e-11)
     assert one.inserted[0] > 0 and (one.states[-1].extension < 0).any()
@@ -85,7 +82,7 @@ def test_end_of_a_branch_is_reported(n_vertices, seed):
     # There are equilibria beyond, but no continuous path to them.
     assert relaxed_directly(critical, 0.5).max_force < 1e-12
     for strains in ([0.5], np.linspace(0, 0.5, 51)[1:]):
-        solution = strain_path(critical.network, critical, strains, throw=False)
+        solution = strain_path(critical, strains, throw=False)
         assert solution.status in (Status.unstable, Status.step_limit, Status.stalled, Status.ill_conditioned)
         assert np.isnan(solution.value.energy[-1]) and np.isnan(solution.value.coordinate_error[-1])
 
@@ -93,7 +90,7 @@ def test_end_of_a_branch_is_reported(n_vertices, seed):
 def test_inserted_strains_are_removed_and_steps_grow():
     critical = partly_compressed(20, 12)
     strains = [0.3, 0.301, 0.4]
-    path = strain_path(critical.network, critical, strains).value
+    path = strain_path(critical, strains).value
     assert len(path.states) == 3
     assert path.inserted[0] > 0 and path.inserted[1] == 0
     for gamma, state in zip(strains, path.states, strict=True):
@@ -104,11 +101,11 @@ def test_inserted_strains_are_removed_and_steps_grow():
 def test_the_path_back_returns_to_its_start(deformation):
     state = stiff_lattice(3)
     F = deformation_of(deformation, 2)
-    there = strain_path(state.network, state, [0.02, 0.04], deformation=F).value
+    there = strain_path(state, [0.02, 0.04], deformation=F).value
     total = stretched(there.free_components[-1], F.free_strains) @ F.gradient(0.04)
 
     last = there.states[-1]
-    back = strain_path(last.network, last, [0.5, 1.0], deformation=np.linalg.inv(total) - np.eye(2)).value
+    back = strain_path(last, [0.5, 1.0], deformation=np.linalg.inv(total) - np.eye(2)).value
     np.testing.assert_allclose(back.states[-1].bond_vectors, state.bond_vectors, rtol=0, atol=1e-13)
     assert back.energy[-1] == pytest.approx(state.energy, rel=1e-11)
 
@@ -116,7 +113,7 @@ def test_the_path_back_returns_to_its_start(deformation):
 @pytest.mark.parametrize("strain", [5e-324, 1e-320, 1e-310, 1e-17])
 def test_strains_below_the_rounding_of_the_cell_end_at_once(strain):
     critical = critical_of(voronoi(16, seed=5100))
-    solution = strain_path(critical.network, critical, [strain], throw=False)
+    solution = strain_path(critical, [strain], throw=False)
     assert solution.status is Status.ill_conditioned
     assert solution.value.inserted[0] == 0
 
@@ -126,7 +123,7 @@ def test_the_velocity_at_a_transition_is_found_where_it_is_needed(moduli):
     # The affinely deformed network is unstable at any strain, however small.
     critical = partly_compressed(20, 2)
     strains = [6.4e-8, 1.2e-7, 7.2e-6, 9e-5, 3e-4]
-    solution = strain_path(critical.network, critical, strains, moduli=moduli, deformation="pure_shear")
+    solution = strain_path(critical, strains, moduli=moduli, deformation="pure_shear")
     assert solution.ok and not solution.value.inserted.any()
 
 
@@ -134,15 +131,15 @@ def test_no_strain_exceeds_its_budget(monkeypatch):
     # Steps beyond a fixed length fail, so that strides never grow.
     critical, steps = critical_of(voronoi(8, seed=1)), []
     monkeypatch.setattr(continuation, "_MOST_STEPS", 50)
-    follow = Continuation._step
+    attempt = continuation.attempt
 
-    def short_ones(self, strain):
-        steps.append(abs(strain - self.strain))
-        step = follow(self, strain)
-        return step if steps[-1] < 2e-6 else replace(step, status=Status.unstable, note="too far")
+    def short_ones(course, point, strain):
+        steps.append(abs(strain - point.cell.strain))
+        step = attempt(course, point, strain)
+        return step if steps[-1] < 2e-6 else step.failed(Status.unstable, "too far")
 
-    monkeypatch.setattr(Continuation, "_step", short_ones)
-    solution = strain_path(critical.network, critical, [0.01, 0.02], throw=False)
+    monkeypatch.setattr(continuation, "attempt", short_ones)
+    solution = strain_path(critical, [0.01, 0.02], throw=False)
     assert solution.status is Status.step_limit and "closer" in solution.note
     assert len(steps) <= 50
 
@@ -154,9 +151,9 @@ def test_slack_parts_do_not_shorten_the_steps():
     critical = critical_from_lengths(network, lengths, throw=False)
     assert len(critical.slack_edges) > 100
     strains = np.linspace(0.001, 0.01, 10)
-    path = strain_path(network, critical.value, strains).value
+    path = strain_path(critical, strains, taut_only=True).value
     assert path.inserted.sum() < 20 and path.steps.sum() < 200
-    other = strain_path(network, critical.value, [0.0013, 0.01]).value
+    other = strain_path(critical, [0.0013, 0.01], taut_only=True).value
     np.testing.assert_allclose(other.bulk_modulus[-1], path.bulk_modulus[-1], rtol=1e-9)
 
 
@@ -170,18 +167,17 @@ def test_a_path_is_extrapolated_to_the_order_of_its_points(strains, degree):
     def velocity(t):
         return degree * np.array([t ** (degree - 1), -2 * t ** (degree - 1)])
 
-    predictor = Predictor(path(0.0), velocity(0.0))
+    predictor = Predictor.at(0.0, path(0.0), velocity(0.0))
     for t in strains[1:]:
-        predictor.add(t, path(t), velocity(t))
-    np.testing.assert_allclose(predictor.displacement(1.7), path(1.7) - path(1.0), rtol=1e-11)
+        predictor = predictor.extended(t, path(t), velocity(t), predictor.changes(t))
+    np.testing.assert_allclose(predictor.changes(1.7)[-1], path(1.7) - path(1.0), rtol=1e-11)
     # Far beyond the last step a straight line errs least.
-    np.testing.assert_allclose(predictor.displacement(9.0), 8.0 * velocity(1.0))
+    np.testing.assert_allclose(predictor.changes(9.0)[0], 8.0 * velocity(1.0))
 
 
 def test_a_path_with_a_kink_is_extrapolated_from_two_points():
-    predictor = Predictor(np.zeros(1), np.ones(1))
+    predictor = Predictor.at(0.0, np.zeros(1), np.ones(1))
     for t in (1.0, 2.0, 3.0, 4.0):
-        predictor.displacement(t)
-        predictor.add(t, np.array([abs(t - 1.5)]), np.sign([t - 1.5]))
+        predictor = predictor.extended(t, np.array([abs(t - 1.5)]), np.sign([t - 1.5]), predictor.changes(t))
     # Two points after the kink lie on a line; three points across it do not.
-    np.testing.assert_allclose(predictor.displacement(5.0), [1.0])
+    np.testing.assert_allclose(predictor.chosen(predictor.changes(5.0)), [1.0])

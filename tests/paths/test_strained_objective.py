@@ -118,7 +118,7 @@ def test_values_are_those_of_the_path_and_rigid_networks_have_the_sign_of_their_
     network = voronoi_network(16, seed=1)
     critical = CriticalManifold(network).configuration(np.ones(24))
     found = strained_response(network, critical, 0.02, ("bulk_modulus", "modulus", "poissons_ratio", "stress_yy"))
-    path = strain_path(network, critical, [0.02]).value
+    path = strain_path(critical, [0.02]).value
     tensor = path.elasticity[0]
     assert found.achieved == pytest.approx(
         {

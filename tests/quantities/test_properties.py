@@ -99,7 +99,7 @@ def test_the_gradient_of_the_onset_agrees_with_differences_in_sixty_digits():
     change, h = numbers(CHANGE), MP.mpf(10) ** -12
     ahead, behind = (exact_onset(NETWORK, numbers(lengths) + sign * h * change, onset) for sign in (1, -1))
     assert onset.strain == pytest.approx(float(ahead), abs=1e-10)
-    assert onset.length_gradient @ CHANGE == pytest.approx(float((ahead - behind) / (2 * h)), rel=1e-8)
+    assert onset.gradient @ CHANGE == pytest.approx(float((ahead - behind) / (2 * h)), rel=1e-8)
 
 
 @pytest.mark.parametrize(

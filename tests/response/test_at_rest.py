@@ -12,15 +12,7 @@ from problems import (
 )
 from scipy.linalg import null_space
 
-from critflow import (
-    CriticalManifold,
-    Network,
-    Status,
-    delaunay_network,
-    diluted,
-    elasticity,
-    lattice,
-)
+from critflow import CriticalManifold, Network, Status, delaunay_network, diluted, elasticity, lattice
 from critflow.response.at_rest import response_at_rest
 from workflows.benchmarks import reference
 

@@ -41,8 +41,8 @@ from critflow.response.tensor import Errors
 
 def stretched(network, gamma=0.05, F=None, law=None, seed=2):
     """A state past the transition, deformed further and relaxed."""
-    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
-    state = strain_path(network, critical, [gamma], law=law).value.states[0]
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
+    state = strain_path(critical, [gamma]).value.states[0]
     return state if F is None else equilibrium(state.deformed(F), tolerance=1e-15).value
 
 

@@ -163,16 +163,16 @@ def test_a_false_claim_of_convexity_raises():
 def test_paths_of_convex_laws_are_not_checked_for_other_branches(monkeypatch):
     network = voronoi_network(12, seed=1)
     critical = CriticalManifold(network).configuration(np.ones(18))
-    paths = [strain_path(network, critical, [0.01, 0.1], law=law).value for law in (Quartic(), ConvexQuartic())]
+    paths = [strain_path(critical, [0.01, 0.1], law=law).value for law in (Quartic(), ConvexQuartic())]
     np.testing.assert_array_equal(paths[0].energy, paths[1].energy)
 
     def forbidden(*arguments):
         raise AssertionError("the branch was checked")
 
-    monkeypatch.setattr(sys.modules["critflow.paths.continuation"].Continuation, "_returns", forbidden)
-    strain_path(network, critical, [0.01, 0.1], law=ConvexQuartic())
+    monkeypatch.setattr(sys.modules["critflow.paths.continuation"], "_returns", forbidden)
+    strain_path(critical, [0.01, 0.1], law=ConvexQuartic())
     with pytest.raises(AssertionError, match="checked"):
-        strain_path(network, critical, [0.01, 0.1], law=Quartic())
+        strain_path(critical, [0.01, 0.1], law=Quartic())
 
 
 BAD = {
@@ -195,7 +195,7 @@ def test_invalid_laws_raise_one_sentence(name):
     critical = CriticalManifold(network).configuration(np.ones(18))
     for call in (
         lambda: spring_state(network, critical.lengths, critical.coordinates, law),
-        lambda: strain_path(network, critical, [0.01], law=law),
+        lambda: strain_path(critical, [0.01], law=law),
         lambda: stiffening(critical, law=law),
         lambda: elasticity(network, critical.coordinates, law=law),
     ):

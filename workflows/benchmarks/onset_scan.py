@@ -72,7 +72,9 @@ def main(n_vertices="64", seed="1", engine="critflow"):
     begin = time.process_time()
     low, high, relaxations, steps = scan(relax, network, lengths, critical.coordinates)
     scanned = time.process_time() - begin
-    print(f"N_v = {n_vertices}: γ_c = {onset.strain:.12f}, exact for {onset.exact_for}, {direct:.3f} s")
+    print(
+        f"N_v = {n_vertices}: γ_c = {onset.strain:.12f}, valid for springs: {onset.valid_for_springs}, {direct:.3f} s"
+    )
     print(f"scan: [{low:.7f}, {high:.7f}], {relaxations} relaxations, {steps} steps of {engine}, {scanned:.1f} s")
     print(f"ratio of the times {scanned / direct:.0f}")
 

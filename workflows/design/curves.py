@@ -52,7 +52,7 @@ def case(parameters, seed):
     found = undefined(VARIABLES, sizes(parameters))
     found["strain"][:] = STRAINS
     for n, (growth, made) in enumerate(zip(GROWTH.values(), designs(parameters, seed), strict=True)):
-        path = strain_path(made.value.network, made.value, STRAINS, throw=False).value
+        path = strain_path(made.value, STRAINS, throw=False).value
         found["growth"][n], found["kind_status"][n] = growth, made.status
         for name in ("bulk_modulus", "shear_modulus", "energy"):
             found[name][n, : len(path.strains)] = getattr(path, name)

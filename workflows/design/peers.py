@@ -77,7 +77,7 @@ def check_designs(module, n_vertices, n_designs):
             CriticalManifold(voronoi_network(n_vertices, seed)),
             dict(zip(stiffening_targets.NAMES, targets, strict=True)),
         )
-        path = strain_path(made.value.network, made.value, STRAINS).value
+        path = strain_path(made.value, STRAINS).value
         energies = np.array([lammps_energy(module, state) for state in path.states])
         worst = max(worst, float(np.abs(energies / path.energy - 1).max()))
         # 2E/(V γ²) = B_0 + (C_B − B_0) γ/3 + …, at most cubic here.
@@ -99,7 +99,7 @@ def check_curves(module, n_vertices):
     """Largest relative difference of the energies of the three curves."""
     worst = 0.0
     for made in curves.designs(curves.PARAMETERS | {"n_vertices": n_vertices}, 0):
-        path = strain_path(made.value.network, made.value, curves.STRAINS).value
+        path = strain_path(made.value, curves.STRAINS).value
         for state, energy in zip(path.states[5::4], path.energy[5::4], strict=True):
             worst = max(worst, abs(lammps_energy(module, state) / energy - 1))
     return worst

@@ -90,7 +90,7 @@ def triple(manifold, critical):
 
 def fitted(critical):
     """B_0, C_B, C_G of the moduli on a path of dilation."""
-    states = strain_path(critical.network, critical, STRAINS, throw=False).value
+    states = strain_path(critical, STRAINS, throw=False).value
     bulk, shear = (
         fit_stiffening(STRAINS, getattr(states, name), degree=2) for name in ("bulk_modulus", "shear_modulus")
     )

@@ -85,7 +85,7 @@ def against_coordination(parameters, family, seed):
             status[row, column] = onset.status
             if onset.ok:
                 strain[row, column], gap[row, column] = onset.strain, onset.upper - onset.lower
-                taut[row, column] = onset.value.taut.mean()
+                taut[row, column] = onset.taut.mean()
     return {"critical_strain": strain, "strain_gap": gap, "taut_fraction": taut, "strain_status": status}
 
 
@@ -142,9 +142,8 @@ def fill_past(found, parameters, seed):
         onset = critical_strain(network, lengths, shear, direction=sign, throw=False)
         if not onset.ok:
             continue
-        found["onset_error"][place], found["onset_taut"][place] = abs(onset.strain - strain), onset.value.taut.mean()
-        part = onset.backbone
-        path = strain_path(part.network, part.configuration, strain * steps, deformation=shear, throw=False).value
+        found["onset_error"][place], found["onset_taut"][place] = abs(onset.strain - strain), onset.taut.mean()
+        path = strain_path(onset, strain * steps, deformation=shear, taut_only=True, throw=False).value
         found["past_modulus"][place], found["past_stress"][place] = path.modulus, sign * path.stress[:, 0, 1]
 
 

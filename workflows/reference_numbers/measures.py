@@ -102,7 +102,7 @@ def factor_three(parameters, seed):
             return Measured(np.nan, onsets, ratios, found.status)
         G_c = elasticity(found.value).value.shear
         strains = STEP * onset * np.array([1.0, 2.0])
-        path = strain_path(sheared, found.value, strains, deformation="simple_shear").value
+        path = strain_path(found.value, strains, deformation="simple_shear", taut_only=True).value
         ratio = (path.modulus - G_c) * onset / path.stress[:, 0, 1]
         ratios[n] = 2 * ratio[0] - ratio[1]
     return Measured(float(np.polyfit(onsets**2, ratios, 1)[1]), onsets, ratios)
@@ -161,7 +161,7 @@ def _shear_of_tension(found):
         return Measured(np.nan, np.empty(0), np.empty(0), found.status)
     parts = backbone(found.value).components
     critical = max((part.configuration for part in parts), key=lambda part: part.network.n_edges)
-    path = strain_path(critical.network, critical, np.geomspace(*_NEAR, POINTS), throw=False)
+    path = strain_path(critical, np.geomspace(*_NEAR, POINTS), throw=False)
     tension = np.einsum("nii->n", path.value.stress) / 2
     excess = path.value.shear_modulus - elasticity(critical).value.shear
     if not path.ok or (excess <= 0).any():
@@ -187,8 +187,8 @@ def onset_self_stresses(parameters, seed):
     found = critical_strain(network, _lengths(network), "simple_shear", throw=False)
     if not found.ok:
         return Measured(np.nan, np.empty(0), np.empty(0), found.status)
-    onset, taut = np.array([found.value.strain]), np.array([float(found.value.taut.sum())])
-    return Measured(float(certify(found.value.configuration).n_self_stresses), onset, taut)
+    onset, taut = np.array([found.strain]), np.array([float(found.taut.sum())])
+    return Measured(float(certify(found.value).n_self_stresses), onset, taut)
 
 
 def convex_faces(parameters, seed):

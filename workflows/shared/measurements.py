@@ -119,11 +119,12 @@ def tightening(critical, deformation):
 def _along_path(manifold, critical, parameters, undefined, deformation, side):
     """Moduli at strains of the tightening sign, and their growth with the distance |γ| from the transition."""
     strains = np.array(parameters["strains"])
+    # The taut part alone, of which the coefficients are.
     path = strain_path(
-        manifold.network,
         critical,
         side * strains,
         deformation=deformation,
+        taut_only=True,
         tensors=False,
         pattern=manifold.hessian,
         throw=False,

@@ -164,7 +164,7 @@ def _equilibrium_near(problem, state, coordinates):
 
 
 def _strain_path(problem):
-    path = strain_path(problem.network, problem.critical, [problem.strain], throw=False)
+    path = strain_path(problem.critical, [problem.strain], throw=False)
     if not path.ok:
         return Answer(path.status, np.nan)
     return Answer(path.status, path.value.states[-1].coordinates, path.value.coordinate_error[-1])

@@ -13,7 +13,9 @@ from functools import partial
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state, voronoi_network
-from critflow.onset.proportional_lengths import polish
+from critflow.networks.deformation import Deformation
+from critflow.onset.boundary_path import BoundaryPath
+from critflow.onset.taut_edges import OnsetState, newton_taut
 from critflow.precision.double_double import Extended
 from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
@@ -55,7 +57,8 @@ def _problem(n_vertices: int, seed: int) -> tuple[CriticalManifold, np.ndarray, 
 
 def _methods(n_vertices: int, seed: int) -> list[Method]:
     manifold, lengths, best = _problem(n_vertices, seed)
-    network, error, saddle = manifold.network, error_of_stress(best), manifold.saddle
+    network, accuracy = manifold.network, accuracy_of_stress(best)
+    path = BoundaryPath(network, Deformation.linear(np.eye(network.dimension)), analysed=manifold.saddle)
 
     def auto(level: float) -> Answer:
         solution = critical_from_lengths(manifold, lengths, throw=False)
@@ -70,7 +73,14 @@ def _methods(n_vertices: int, seed: int) -> list[Method]:
         solved = fit.solved and (not polished or (sigma > 0).all())
         return Answer(sigma, Status.ok if solved else Status.stalled, steps)
 
-    def strain(level: float, relaxation: str) -> Answer:
+    def polished(level):
+        found = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, level)
+        start = OnsetState(0.0, np.zeros(0), found.coordinates, found.sigma, np.ones(network.n_edges, bool))
+        end = newton_taut(path, found.ratio * lengths, start)
+        status = Status.ok if found.solved and (end.sigma > 0).all() else Status.stalled
+        return Answer(end.sigma, status, found.steps + end.steps)
+
+    def strain(level, relaxation):
         # An energy of springs stretched by half a step beyond the transition.
         threshold = 0.5 * float(np.sum((0.5 * level * lengths) ** 2))
         solution = critical_from_lengths(

@@ -1,0 +1,144 @@
+"""The set of taut edges at an onset of rigidity: an active set, corrected between attempts of Newton's method.
+
+A set is right where Newton's method converges on it with σ > 0 and no other edge is longer than ℓ.  From a cone
+program, which tells taut from slack edges to about the root of its tolerance:
+
+1. Leave out edges that end at a vertex without another one, since they cannot carry tension.
+2. Newton's method; if it fails, once more from the end of a damped attempt.
+3. If it failed, leave out the weakest edges, σ < w ⟨σ⟩ in the program; w grows from attempt to attempt.
+4. If it converged, release edges with σ ≤ 0 and add those with |L| > ℓ, each at most once; end where there are none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from critflow.networks.network import Array, Network
+from critflow.onset.boundary_path import BoundaryPath
+from critflow.onset.taut_edges import FITTED, Mask, OnsetState, newton_taut, taut_part
+from critflow.solvers.cone import fit_lengths
+
+ONSET_ROUNDS = 16  # attempts to separate taut from slack edges; standard networks need one, diluted lattices up to four
+# σ below which the weakest edges are left out after Newton's method failed once, in units of ⟨σ⟩, and the factor by
+# which it grows.
+WEAK_STRESS, WEAK_GROWTH = 1e-5, 3.0
+NO_STRESS = 1e-9  # σ of an edge without tension, in units of ⟨|σ|⟩: rounding of a stress of order one
+# Tolerances of programs that distinguish slack edges from weakly stressed ones: nearly always, and always in tests.
+EXACT_CONE = (1e-12, 1e-13)
+DAMPING = 1e-3  # compliance of taut edges with several self-stresses, relative to their stress, far from the solution
+VIOLATED = 1e-8  # excess of |L|/ℓ over 1 of a slack edge that becomes a candidate; errors of the program are smaller
+
+
+def polish_taut(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetState:
+    """The onset on the taut edges, to rounding, from a solution of the cone program with a guess of those edges.
+
+    The error is infinite where no attempt succeeds.
+    """
+    network, state, best, weak_below, least = path.network, start, start, WEAK_STRESS, np.inf
+    released, steps = np.zeros(network.n_edges, bool), 0
+    for _ in range(ONSET_ROUNDS):
+        candidate = without_hanging(network, state.taut)
+        if not candidate.any():
+            break
+        end = _newton(path, lengths, replace(state, taut=candidate))
+        steps = steps if end is None else end.steps
+        if end is None or not end.error < FITTED:
+            mean = float(start.sigma[candidate].mean())
+            weak = candidate & (start.sigma < weak_below * mean)
+            weak_below *= WEAK_GROWTH
+            state = replace(start, taut=candidate & ~weak, steps=steps)
+            continue
+        unstressed = candidate & ~stressed(end)
+        released |= unstressed
+        longer = _longer(path, lengths, end) & ~released
+        if longer.any():
+            end = settled(path, lengths, end)
+            longer &= _longer(path, lengths, end)
+        if not unstressed.any() and longer.sum() < least:
+            best, least = end, longer.sum()
+        if not (unstressed.any() or longer.any()):
+            break
+        # An edge that exceeds its rest length again after it was added carries no force.
+        released |= longer
+        sigma = np.where(longer, WEAK_STRESS * end.sigma[candidate].mean(), np.where(unstressed, 0.0, end.sigma))
+        state = replace(end, taut=(candidate & ~unstressed) | longer, sigma=sigma)
+    return replace(best, steps=steps)
+
+
+def _newton(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetState | None:
+    """Newton's method, once more from a damped attempt where it does not converge."""
+    end = newton_taut(path, lengths, start)
+    if end is not None and not end.error < FITTED:
+        damped = newton_taut(path, lengths, start, damping=DAMPING)
+        end = damped and newton_taut(path, lengths, damped)
+    return end
+
+
+def stressed(state: OnsetState) -> Mask:
+    """Taut edges with more than the rounding of a stress, (N_b,)."""
+    return state.taut & ~(state.sigma <= NO_STRESS * state.sigma[state.taut].mean())
+
+
+def _longer(path: BoundaryPath, lengths: Array, state: OnsetState) -> Mask:
+    """Slack edges that are longer than ℓ."""
+    return ~state.taut & (np.linalg.norm(state.bond_vectors(path), axis=1) > (1 + VIOLATED) * lengths)
+
+
+def resolved(path: BoundaryPath, lengths: Array, state: OnsetState) -> bool:
+    """Whether Newton's method converged to a state without longer slack edges."""
+    return state.error < FITTED and not _longer(path, lengths, state).any()
+
+
+def without_slack_stress(path: BoundaryPath, lengths: Array, state: OnsetState) -> OnsetState:
+    """The state without the small stresses of its slack edges, with its error."""
+    part = taut_part(path, state.taut)
+    state = replace(state, sigma=np.where(state.taut, state.sigma, 0.0))
+    return replace(state, error=np.inf if part is None else part.residuals(path, lengths, state).error)
+
+
+def settled(path: BoundaryPath, lengths: Array, state: OnsetState) -> OnsetState:
+    """The state with coordinates of the vertices off the taut edges that shorten the longest slack edge, |L|/ℓ > 1.
+
+    They are those of a program that was less accurate than the taut part.
+    """
+    L = state.bond_vectors(path)
+    longest = float((np.linalg.norm(L, axis=1) / lengths)[~state.taut].max(initial=0.0))
+    if longest <= 1 or not np.isfinite(state.error):
+        return state
+    return replace(state, coordinates=placed(path.network, state.taut, lengths, L, state.coordinates, EXACT_CONE[0]))
+
+
+def placed(network: Network, taut: Mask, lengths: Array, L: Array, x: Array, tolerance: float) -> Array:
+    """Coordinates (n_free, d) whose vertices off the taut edges are at min max |L|/ℓ of the edges that meet them.
+
+    L, x  bond vectors (N_b, d) and coordinates (n_free, d), which are kept where no edge becomes shorter
+    """
+    held = np.zeros(network.n_vertices, bool)
+    held[network.edges[taut]] = True
+    columns = ~held[network.free]
+    moving = sp.csr_array(network.free_incidence[:, columns])
+    edges = np.diff(moving.indptr) > 0
+    if not edges.any():
+        return x
+    g, ratio = sp.csr_array(moving[edges]), float((np.linalg.norm(L[edges], axis=1) / lengths[edges]).max())
+    fit = fit_lengths(g, L[edges] - g @ x[columns], lengths[edges], tolerance)
+    if fit.ratio < ratio:
+        x = x.copy()
+        x[columns] = fit.coordinates
+    return x
+
+
+def without_hanging(network: Network, kept: Mask) -> Mask:
+    """Remove edges that end at a free vertex with no other edge, repeatedly: they cannot carry tension."""
+    kept = kept.copy()
+    pinned = np.zeros(network.n_vertices, bool)
+    pinned[list(network.pins or {})] = True
+    while True:
+        degree = np.bincount(network.edges[kept].ravel(), minlength=network.n_vertices)
+        hanging = kept & ((degree == 1) & ~pinned)[network.edges].any(axis=1)
+        if not hanging.any():
+            return kept
+        kept &= ~hanging
