@@ -14,22 +14,22 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True) -> Array:
-    """Values per edge as floats (N_b,), finite and positive, else a `NetworkError` that names the first bad edge."""
+def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True, place: str = "edge") -> Array:
+    """Values per edge, or face, as floats (N_b,), finite and positive, else a `NetworkError` on the first bad one."""
     try:
         if np.asarray(values).dtype.kind == "c":
             raise TypeError
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        raise NetworkError(f"{name} must be real numbers, one per edge, not {values!r:.60}") from None
+        raise NetworkError(f"{name} must be real numbers, one per {place}, not {values!r:.60}") from None
     if array.shape != (n_edges,):
-        raise NetworkError(f"{name} must have one value per edge, shape ({n_edges},), not {array.shape}")
+        raise NetworkError(f"{name} must have one value per {place}, shape ({n_edges},), not {array.shape}")
     bad = ~np.isfinite(array) | (positive & ~(array > 0))
     if bad.any():
         edge = int(np.flatnonzero(bad)[0])
         rule = "positive and finite" if positive else "finite"
         raise NetworkError(
-            f"{name} must be {rule} on every edge, but {name}[{edge}] = {array[edge]}: correct that value"
+            f"{name} must be {rule} on every {place}, but {name}[{edge}] = {array[edge]}: correct that value"
         )
     return array
 

@@ -130,11 +130,6 @@ class ThirdOrderEnergy:
         """Change of each E_abc per relative error of the bond vectors."""
         return [float(np.sum(edges)) for edges in self._by_bonds]
 
-    @cached_property
-    def third_error(self) -> list[float]:
-        """Errors (estimates) of the third derivatives."""
-        return self._third_errors(self._by_bonds)
-
     def second(self, a: int, b: int) -> float:
         """E_ab."""
         return self.responses[a].amplitude * self.responses[b].amplitude * self._D
@@ -213,7 +208,8 @@ class ThirdOrderEnergy:
                 gradient += float(np.sum(there - here)) / step * dc
         return gradients
 
-    def _third_errors(self, by_bonds: list[Array]) -> list[float]:
+    @cached_property
+    def third_error(self) -> list[float]:
         """Errors (estimates) of the third derivatives.
 
         Sources: rates as differences of vertex velocities, which may exceed them; products; bond vectors; the errors of
@@ -226,7 +222,7 @@ class ThirdOrderEnergy:
         goals = [size * s * length**2 / self._k for size in sizes]
         third = np.abs(self._third_of_law) / length**3 + 3 * self._k / length**4
         errors = []
-        for triple, bonds in zip(self._triples, by_bonds, strict=True):
+        for triple, bonds in zip(self._triples, self._by_bonds, strict=True):
             i, j, k = triple.strains
             noise, remaining = 4 * third * goals[i] * goals[j] * goals[k], 0.0
             for term in triple.terms:

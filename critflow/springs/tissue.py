@@ -21,6 +21,7 @@ from critflow.critical.manifold import CriticalConfiguration, critical_configura
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import pair_laplacian
 from critflow.linalg.tolerances import EPS
+from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, lengths
 from critflow.precision.geometry import exact_sums
@@ -71,24 +72,17 @@ class FaceSprings(Record):
         bare = np.flatnonzero(np.asarray(A.sum(axis=0)) == 0)
         if len(bare):
             raise InputError(f"edge {bare[0]} belongs to no face, so nothing resists its extension: make it a side")
-        values = stiffness if np.ndim(stiffness) else np.full(A.shape[0], stiffness)
-        return cls(A, _positive(values, A.shape[0], "stiffness"))
+        values = np.array(stiffness) if np.ndim(stiffness) else np.full(A.shape[0], stiffness)
+        return cls(A, edge_values(values, A.shape[0], "stiffness", place="face"))
+
+    def perimeters(self, values: ArrayLike) -> Array:
+        """Perimeters at rest (N_f,), else an `InputError`."""
+        return edge_values(np.array(values), len(self.stiffness), "perimeters", place="face")
 
     @cached_property
     def overlap(self) -> sp.coo_array:
         """Aᵀ diag(κ) A, (N_b, N_b): which edges share a face, and how stiffly."""
         return sp.coo_array(self.sides.T @ sp.diags_array(self.stiffness) @ self.sides)
-
-
-def _positive(values: ArrayLike, n_faces: int, name: str) -> Array:
-    """Values per face (N_f,), finite and positive, else an `InputError`."""
-    array = np.array(values, dtype=float)
-    if array.shape != (n_faces,):
-        raise InputError(f"{name} must have one value per face, shape {(n_faces,)}, not {array.shape}")
-    bad = np.flatnonzero(~(np.isfinite(array) & (array > 0)))
-    if len(bad):
-        raise InputError(f"{name} must be positive and finite in every face, but {name}[{bad[0]}] = {array[bad[0]]}")
-    return array
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +198,7 @@ def tissue(
     x = network.positions if coordinates is None else coordinates
     if x is None:
         raise InputError("this network has no positions: give coordinates")
-    p0 = _positive(perimeters, len(faces.stiffness), "perimeters")
+    p0 = faces.perimeters(perimeters)
     return Tissue(network, faces, p0, *edge_directions(network, x))
 
 
@@ -272,7 +266,7 @@ def critical_from_perimeters(
     3.82
     """
     faces = FaceSprings.of(network, stiffness, sides)
-    A, p0 = faces.sides, _positive(perimeters, len(faces.stiffness), "perimeters")
+    A, p0 = faces.sides, faces.perimeters(perimeters)
     cone = fit_perimeters(network.free_incidence, network.boundary_vectors, A, p0, 1e-12)
     x, T, error, status = network.all_coordinates(cone.coordinates), cone.multipliers, np.nan, Status.ok
     length = np.linalg.norm(network.bond_vectors(x), axis=1)
