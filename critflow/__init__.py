@@ -32,7 +32,6 @@ from critflow.exchange.convert import network_from, write_network
 from critflow.exchange.repair import ImportedNetwork
 from critflow.mechanics.elasticity import Elasticity
 from critflow.mechanics.equilibrium import equilibrium
-from critflow.mechanics.fits import fit_stiffening
 from critflow.mechanics.hessian import bond_operator, geometric_split, hookean_split
 from critflow.mechanics.laws import Cable, Hookean, PowerLaw, SpringLaw, WormLike
 from critflow.mechanics.moduli import elastic_moduli, elasticity, transition_moduli
@@ -156,7 +155,6 @@ __all__ = [
     "equilibrium",
     "examine",
     "face_modes",
-    "fit_stiffening",
     "flat_directions",
     "foam_network",
     "gaussian_curvature",

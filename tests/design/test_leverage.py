@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import random_stress, with_random_stiffness
+from problems import length_variance, random_stress, tension_variance, with_random_stiffness
 
 from critflow import (
     CriticalManifold,
@@ -14,7 +14,6 @@ from critflow import (
     voronoi_network,
 )
 from critflow.design.leverage import cut
-from critflow.rigidity.structure import length_variance, tension_variance
 
 NETWORKS = {
     "plane": lambda: with_random_stiffness(voronoi_network(n_vertices=30, seed=1), seed=2),

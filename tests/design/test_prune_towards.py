@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from problems import random_stress, square_octagon, with_random_stiffness
+from problems import length_variance, random_stress, square_octagon, tension_variance, with_random_stiffness
 
 from critflow import (
     CriticalManifold,
@@ -19,7 +19,6 @@ from critflow import (
     transition_moduli,
     voronoi_network,
 )
-from critflow.rigidity.structure import length_variance, tension_variance
 
 VALUES = {
     "bulk_modulus": lambda critical: transition_moduli(critical).bulk,

@@ -24,7 +24,6 @@ from critflow import (
     voronoi_network,
 )
 from critflow.cli import main
-from critflow.mechanics.fits import fit_stiffening
 
 STUDY = "three_dimensions"
 POPULATIONS = ("max B_0", "max G_0", "min V_τ", "random stress")
@@ -103,9 +102,9 @@ def test_exact_coefficients_are_the_slopes_of_the_path(name):
         gamma = np.linspace(0.125, 1, 8) * window
         path = strain_path(foam(), critical, gamma).value
         curves = path.bulk_modulus, path.shear_modulus, path.shear_modulus_stress_corrected
-        fits = [fit_stiffening(gamma, moduli, degree=2) for moduli in curves]
-        errors.append([abs(fit.slope - C) for fit, C in zip(fits, wanted, strict=True)])
-        assert fits[0].value == pytest.approx(exact.bulk_0, rel=1e-5)
+        fits = [np.polyfit(gamma, moduli, 2) for moduli in curves]
+        errors.append([abs(fit[1] - C) for fit, C in zip(fits, wanted, strict=True)])
+        assert fits[0][2] == pytest.approx(exact.bulk_0, rel=1e-5)
     wide, narrow = np.array(errors)
     np.testing.assert_allclose(narrow / wide, 0.25, atol=0.02)
     assert narrow.max() < 1e-5

@@ -32,13 +32,13 @@ from critflow.design.isogonal import affine_bulk_modulus
 from critflow.networks.random_networks import check_voronoi
 from critflow.onset.from_lengths import stressed_fraction
 from critflow.result import Status
-from critflow.rigidity.structure import length_variance, tension_variance
 from critflow.workflow import Axis, Study, Variable, stable_rng
 
 from ..shared.checks import check_network, check_positive
 from ..shared.own_network import check_own, own_manifold, own_network, with_digest
 from ..shared.populations import random_lengths
 from ..shared.reports import PAPER
+from ..shared.structure import relative_variance
 from .report import PANELS, claims, gallery, summary
 from .verify import verify
 
@@ -132,8 +132,8 @@ def case(parameters, *, seed, panel):
         "length": critical.lengths,
         "coordinates": critical.coordinates,
         "amplitude": amplitudes,
-        "length_variance": length_variance(critical),
-        "tension_variance": tension_variance(critical),
+        "length_variance": relative_variance(critical.lengths),
+        "tension_variance": relative_variance(critical.tensions),
         "bulk_modulus_0": moduli.bulk,
         "bulk_modulus_affine": affine_bulk_modulus(critical),
         "shear_modulus_0": moduli.shear,

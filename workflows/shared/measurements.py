@@ -8,7 +8,6 @@ from critflow import (
     InputError,
     Status,
     deformation_of,
-    fit_stiffening,
     stiffening,
     strain_path,
     transition_moduli,
@@ -19,12 +18,12 @@ from critflow.critical.objectives import dilation, pure_shear, transition_modulu
 from critflow.mechanics.elasticity import Moduli
 from critflow.mechanics.stiffening import NO_STIFFENING
 from critflow.onset.from_lengths import stressed_fraction
-from critflow.rigidity.structure import face_anisotropy, force_anisotropy, length_variance, tension_variance
 from critflow.workflow import Variable
 
 from .own_network import own_manifold
 from .populations import configuration, prepared
 from .reports import parameters as parameters_of
+from .structure import face_anisotropy, force_anisotropy, relative_variance
 from .verification import bond_vectors, contradictions, forces, variances
 
 # Relative force balance of stored coordinates with edges as short as a thousandth of the mean.
@@ -79,8 +78,8 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
         "coordinates": critical.coordinates,
         "bulk_modulus_0": at_transition.bulk,
         "shear_modulus_0": at_transition.shear,
-        "length_variance": length_variance(critical),
-        "tension_variance": tension_variance(critical),
+        "length_variance": relative_variance(critical.lengths),
+        "tension_variance": relative_variance(critical.tensions),
         "stressed_fraction": stressed_fraction(critical.sigma),
         "residual": critical.residual,
         "optimality": found.stats.residual,
@@ -158,10 +157,11 @@ def _along_path(manifold, critical, parameters, undefined, deformation, side):
 
 def fitted(strains, moduli, window):
     """Slope of a straight line through a modulus and its standard error; NaN with fewer than three strains."""
-    if np.count_nonzero(strains <= window) < 3:
+    inside = strains <= window * (1 + 1e-12)
+    if np.count_nonzero(inside) < 3 or not np.isfinite(moduli[inside]).all():
         return np.nan, np.nan
-    fit = fit_stiffening(strains, moduli, window)
-    return fit.slope, fit.slope_error
+    coefficients, covariance = np.polyfit(strains[inside], moduli[inside], 1, cov=True)
+    return coefficients[0], np.sqrt(covariance[0, 0])
 
 
 def table(planar):

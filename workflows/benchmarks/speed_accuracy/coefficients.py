@@ -17,7 +17,6 @@ from critflow import (
     CriticalConfiguration,
     CriticalManifold,
     Status,
-    fit_stiffening,
     stiffening,
     strain_path,
     transition_moduli,
@@ -95,8 +94,8 @@ def _exactly(problem: Problem, level: float) -> Answer:
 
 def _fitted(problem: Problem, degree: int, n_strains: int, window: float) -> Answer:
     path, status = problem.path(window * np.arange(1, n_strains + 1) / n_strains)
-    fits = [fit_stiffening(path.strains, values, degree=degree) for values in (path.bulk_modulus, path.shear_modulus)]
-    return Answer(fits[0].slope, fits[1].slope, status, int(path.steps.sum()))
+    slopes = [np.polyfit(path.strains, values, degree)[-2] for values in (path.bulk_modulus, path.shear_modulus)]
+    return Answer(*slopes, status, int(path.steps.sum()))
 
 
 def _extrapolated(problem: Problem, reach: float) -> Answer:

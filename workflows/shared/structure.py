@@ -1,4 +1,4 @@
-"""Local structure: shape anisotropy of faces and of the polygons of the force network, and relative variances.
+"""Local structure: shape anisotropy of faces and of the polygons of the force network, and relative variance.
 
 κ = 2(λ_1⁴ + λ_2⁴)/(λ_1² + λ_2²)² − 1 with λ² the eigenvalues of the gyration tensor of a polygon's corners about
 their centre: 0 for a regular polygon, 1 for a line (`ShapeAnisotropy`).
@@ -10,19 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.objectives import LengthVariance, TensionVariance
 from critflow.networks.network import Array
 from critflow.result import InputError
 
 
-def length_variance(critical: CriticalConfiguration) -> float:
-    """V_L of a configuration (`LengthVariance`)."""
-    return LengthVariance().evaluate(critical.sigma, critical.bond_vectors)[0]
-
-
-def tension_variance(critical: CriticalConfiguration) -> float:
-    """V_τ of a configuration (`TensionVariance`)."""
-    return TensionVariance().evaluate(critical.sigma, critical.bond_vectors)[0]
+def relative_variance(values: Array) -> float:
+    """Variance over the squared mean: V_L of lengths, V_τ of tensions."""
+    return float(np.var(values) / np.mean(values) ** 2)
 
 
 def face_anisotropy(critical: CriticalConfiguration) -> Array:

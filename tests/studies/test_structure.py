@@ -5,13 +5,8 @@ import pytest
 from problems import pinned_grid, random_stress, square_octagon, voronoi_3d, with_faces
 
 from critflow import CriticalManifold, InputError, honeycomb_network, voronoi_network
-from critflow.rigidity.structure import (
-    face_anisotropy,
-    force_anisotropy,
-    length_variance,
-    polygon_anisotropy,
-    tension_variance,
-)
+from critflow.critical.objectives import LengthVariance, TensionVariance
+from workflows.shared.structure import face_anisotropy, force_anisotropy, polygon_anisotropy, relative_variance
 
 
 def sides_of(corners):
@@ -130,11 +125,13 @@ def test_force_polygons_of_pinned_networks():
 
 def test_variances_by_their_formulas():
     critical = CriticalManifold(voronoi_network(60, seed=2)).configuration(random_stress(90, 1))
-    for found, values in (
-        (length_variance(critical), critical.lengths),
-        (tension_variance(critical), critical.sigma * critical.lengths),
+    for objective, values in (
+        (LengthVariance(), critical.lengths),
+        (TensionVariance(), critical.sigma * critical.lengths),
     ):
-        assert found == pytest.approx(np.mean(values**2) / np.mean(values) ** 2 - 1, rel=1e-12)
+        known = pytest.approx(np.mean(values**2) / np.mean(values) ** 2 - 1, rel=1e-12)
+        assert objective.evaluate(critical.sigma, critical.bond_vectors)[0] == known
+        assert relative_variance(values) == known
 
 
 def test_networks_without_faces_raise():
