@@ -42,3 +42,14 @@ def status_counts(codes):
     """Number of cases by name of their status."""
     found, counts = np.unique(codes, return_counts=True)
     return {Status(int(code)).name: int(count) for code, count in zip(found, counts, strict=True)}
+
+
+def target_summary(ds, reached):
+    """Number of targets that designs reached, their largest error, and processor times."""
+    return {
+        "reached": int(reached.sum()),
+        "targets": int(reached.size),
+        "largest_error": float(ds.error.where(reached).max()),
+        "median_seconds": float(ds.target_seconds.median()),
+        "longest_seconds": float(ds.target_seconds.max()),
+    }
