@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from critflow.workflow.load import load_file
+from critflow.workflow.load import load_study, named_studies
 from workflows.pages.paper import EQUATIONS, FIGURES
 from workflows.pages.results import KEPT, PAGE, REFERENCE, keep, rendered, studies
 
@@ -119,6 +119,6 @@ def test_no_tracked_file_is_large():
     assert all((ROOT / name).stat().st_size <= 2**20 for name in git("ls-files") if (ROOT / name).is_file())
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "workflows").rglob("study.py")), ids=lambda path: path.parent.name)
-def test_every_study_loads_under_the_name_of_its_folder(path):
-    assert load_file(path).study.name == path.parent.name
+@pytest.mark.parametrize("name", sorted(named_studies()))
+def test_every_study_loads_under_its_name(name):
+    assert load_study(name).study.name == name
