@@ -166,18 +166,6 @@ def test_show_prints_a_certificate(folder, tmp_path, capsys, assert_picture):
     assert_picture(picture)
 
 
-@pytest.mark.parametrize(
-    "setting",
-    [
-        "n_vertices=61",
-        "n_vertices=2",
-        "n_vertices=1000000000",
-        "hard_core=1.2",
-        "strains=0",
-        "threshold=0.0",
-        "protocol=quick",
-    ],
-)
 @pytest.mark.parametrize("deformation", ["simple_shear", "uniaxial"])
 def test_coefficients_along_other_deformations(deformation):
     study = load_study("ensemble").study

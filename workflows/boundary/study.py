@@ -10,11 +10,11 @@ from itertools import product
 import numpy as np
 
 from critflow import CriticalManifold, Status, voronoi_network
-from critflow.networks.random_networks import check_voronoi
-from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
+from critflow.workflow import Coordinate, Study, decimals, stable_rng
 
-from ..shared.checks import check_network
+from ..shared.checks import voronoi_check
 from ..shared.reports import PAPER
+from ..shared.tables import NETWORK, networks, numbers, outcomes
 from .report import boundary_figure, claims, summary
 from .verify import verify
 
@@ -61,51 +61,44 @@ def case(parameters, *, seed):
     }
 
 
-def check(parameters, axes):
-    """Refuse settings that could only fail, before anything runs."""
-    check_network(check_voronoi, parameters["n_vertices"])
-
-
-def table():
-    """Names, dimensions, types, units and meanings of the stored variables."""
-    sheared = ("seed", "shear")
-    yield Variable("edges", ("seed", "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
-    yield Variable(
-        "offsets", ("seed", "edge", "axis"), "i2", long_name="cell image in which the head of each edge lies"
-    )
-    yield Variable("cell", ("seed", "axis", "axis_"), "f8", long_name="cell vectors as rows")
-    yield Variable("incidence", ("seed", "edge", "vertex"), "i1", long_name="signed incidence, +1 at the head")
-    yield Variable("boundary_vectors", ("seed", "edge", "axis"), "f8", long_name="boundary term b of each edge")
-    yield Variable("positions", ("seed", "vertex", "axis"), "f8", long_name="vertices of the tessellation")
-    yield Variable("sigma", ("seed", "edge"), "f8", long_name="geometric stress, sum of squares N_b")
-    yield Variable("coordinates", ("seed", "vertex", "axis"), "f8", long_name="vertex coordinates under that stress")
-    yield Variable("bond_vectors", ("seed", "edge", "axis"), "f8", long_name="bond vectors under that stress")
-    yield Variable(
-        "collapsed_bond_vectors",
+SHEARED = ("seed", "shear")
+VARIABLES = (
+    *NETWORK,
+    *numbers(("seed", "edge", "vertex"), "i1", incidence="signed incidence, +1 at the head"),
+    *numbers(("seed", "edge"), sigma="geometric stress, sum of squares N_b"),
+    *numbers(
+        ("seed", "vertex", "axis"),
+        positions="vertices of the tessellation",
+        coordinates="vertex coordinates under that stress",
+    ),
+    *numbers(
         ("seed", "edge", "axis"),
-        "f8",
-        long_name="bond vectors with all vertices at one point",
-    )
-    yield Variable("sheared_cell", (*sheared, "axis", "axis_"), "f8", long_name="cell vectors as rows after the shear")
-    yield Variable("sheared_coordinates", (*sheared, "vertex", "axis"), "f8", long_name="coordinates after the shear")
-    yield Variable("sheared_bond_vectors", (*sheared, "edge", "axis"), "f8", long_name="bond vectors after the shear")
-    yield Variable(
-        "sheared_boundary_vectors", (*sheared, "edge", "axis"), "f8", long_name="boundary term after the shear"
-    )
-    yield Variable("nearest_image_wrong", sheared, "i4", long_name="edges whose ends are nearer in another image")
-    yield Variable("status", ("seed",), "i1", long_name="outcome", flags=Status)
+        boundary_vectors="boundary term b of each edge",
+        bond_vectors="bond vectors under that stress",
+        collapsed_bond_vectors="bond vectors with all vertices at one point",
+    ),
+    *numbers((*SHEARED, "axis", "axis_"), sheared_cell="cell vectors as rows after the shear"),
+    *numbers((*SHEARED, "vertex", "axis"), sheared_coordinates="coordinates after the shear"),
+    *numbers(
+        (*SHEARED, "edge", "axis"),
+        sheared_bond_vectors="bond vectors after the shear",
+        sheared_boundary_vectors="boundary term after the shear",
+    ),
+    *numbers(SHEARED, "i4", nearest_image_wrong="edges whose ends are nearer in another image"),
+    *outcomes(("seed",), status="outcome"),
+)
 
 
 study = Study(
     name="boundary",
     title="The boundary term of a periodic network",
     references=PAPER,
-    axes=(Axis("seed", range(10), "seed of the network", noun="networks"),),
+    axes=(networks(10),),
     parameters={"n_vertices": 30, "shears": decimals("0:2:0.5")},
     coordinates=(Coordinate("shear", "shears", "simple shear of the boundary"),),
     case=case,
-    check=check,
-    variables=tuple(table()),
+    check=voronoi_check(),
+    variables=VARIABLES,
     verify=verify,
     figures={"boundary": boundary_figure},
     claims=claims,

@@ -30,6 +30,14 @@ def seconds(dims, /, **long_names):
     return [Variable(name, dims, "f8", long_name=text, volatile=True) for name, text in long_names.items()]
 
 
+# The generated network of each seed.
+NETWORK = (
+    *numbers(("seed", "edge", "end"), "i4", edges="vertices at tail and head of each edge"),
+    *numbers(("seed", "edge", "axis"), "i2", offsets="cell image in which the head of each edge lies"),
+    *numbers(("seed", "axis", "axis_"), cell="cell vectors as rows"),
+)
+
+
 def stacked(rows):
     """One dict of arrays from dicts with the same names."""
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
