@@ -1,4 +1,7 @@
-"""Figure, claims and summary of the boundary term, from its dataset alone."""
+"""How the boundary of a periodic network enters: L = g x + b, with b fixed by the cell images that edges join.
+
+The paper's `BoundaryTerm`, and its affine deformation b → F b up to shears at which nearest images are wrong.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,85 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
+from critflow import CriticalManifold, Status, voronoi_network
 from critflow.plot import COLOURS
-from critflow.workflow import Claim
+from critflow.workflow import Claim, Coordinate, Study, decimals, stable_rng
 
-from ..shared.reports import parameters
+from .shared.checks import voronoi_check
+from .shared.reports import PAPER, parameters
+from .shared.tables import NETWORK, networks, numbers, outcomes
+from .shared.verification import contradictions, forces
+
+
+def nearest_images(coordinates, edges, cell):
+    """The shortest vector from tail to head (N_b, 2) among all images of the head, without the offsets."""
+    apart = coordinates[edges[:, 1]] - coordinates[edges[:, 0]]
+    # Under shear the nearest image may lie several sheared cells away.
+    reach = range(-6, 7)
+    images = np.array([apart + image @ cell for image in product(reach, reach)])
+    return np.take_along_axis(images, np.linalg.norm(images, axis=2).argmin(axis=0)[None, :, None], axis=0)[0]
+
+
+def case(parameters, *, seed):
+    """One network: boundary term, configuration at a random stress, and configurations with the boundary sheared."""
+    network = voronoi_network(parameters["n_vertices"], seed)
+    sigma = np.abs(stable_rng(seed, "boundary").standard_normal(network.n_edges))
+    critical = CriticalManifold(network).configuration(sigma)
+    sheared, cells, wrong = [], [], []
+    for shear in parameters["shears"]:
+        deformed = network.deformed([[1.0, shear], [0.0, 1.0]])
+        solved = CriticalManifold(deformed).configuration(sigma)
+        nearest = nearest_images(solved.coordinates, network.edges, deformed.cell)
+        sheared.append(solved)
+        cells.append(deformed.cell)
+        wrong.append(np.count_nonzero(np.abs(nearest - solved.bond_vectors).max(axis=1) > 1e-9))
+    return {
+        "status": Status.ok,
+        "edges": network.edges,
+        "offsets": network.offsets,
+        "cell": network.cell,
+        "incidence": network.incidence.toarray().astype(int),
+        "boundary_vectors": network.boundary_vectors,
+        "positions": network.positions,
+        "sigma": critical.sigma,
+        "coordinates": critical.coordinates,
+        "bond_vectors": critical.bond_vectors,
+        "collapsed_bond_vectors": network.bond_vectors(np.zeros_like(critical.coordinates)),
+        "sheared_cell": cells,
+        "sheared_coordinates": [solved.coordinates for solved in sheared],
+        "sheared_bond_vectors": [solved.bond_vectors for solved in sheared],
+        "sheared_boundary_vectors": [solved.network.boundary_vectors for solved in sheared],
+        "nearest_image_wrong": wrong,
+    }
+
+
+SHEARED = ("seed", "shear")
+VARIABLES = (
+    *NETWORK,
+    *numbers(("seed", "edge", "vertex"), "i1", incidence="signed incidence, +1 at the head"),
+    *numbers(("seed", "edge"), sigma="geometric stress, sum of squares N_b"),
+    *numbers(
+        ("seed", "vertex", "axis"),
+        positions="vertices of the tessellation",
+        coordinates="vertex coordinates under that stress",
+    ),
+    *numbers(
+        ("seed", "edge", "axis"),
+        boundary_vectors="boundary term b of each edge",
+        bond_vectors="bond vectors under that stress",
+        collapsed_bond_vectors="bond vectors with all vertices at one point",
+    ),
+    *numbers((*SHEARED, "axis", "axis_"), sheared_cell="cell vectors as rows after the shear"),
+    *numbers((*SHEARED, "vertex", "axis"), sheared_coordinates="coordinates after the shear"),
+    *numbers(
+        (*SHEARED, "edge", "axis"),
+        sheared_bond_vectors="bond vectors after the shear",
+        sheared_boundary_vectors="boundary term after the shear",
+    ),
+    *numbers(SHEARED, "i4", nearest_image_wrong="edges whose ends are nearer in another image"),
+    *outcomes(("seed",), status="outcome"),
+)
+
 
 INTERIOR, CROSSING = COLOURS[1], COLOURS[0]
 COPY_INTERIOR, COPY_CROSSING = "#B7E0C0", "#1B7837"
@@ -220,3 +298,44 @@ def summary(ds):
         "nearest_image_wrong": {f"{shear:g}": int(n) for shear, n in
                                 zip(ds.shear.values, ds.nearest_image_wrong.sum("seed").values, strict=True)},
     }  # fmt: skip
+
+
+def verify(ds):
+    """A line for each network whose bond vectors, force balance or sheared boundary contradict its arrays."""
+    return contradictions(ds, ("seed",), _checks)
+
+
+def _checks(one):
+    tail, head = one.edges.values.T
+    b, x, sigma = one.boundary_vectors.values, one.coordinates.values, one.sigma.values
+    L = x[head] - x[tail] + b
+    incidence = np.zeros(one.incidence.shape)
+    np.add.at(incidence, (np.arange(len(head)), head), 1)
+    np.add.at(incidence, (np.arange(len(tail)), tail), -1)
+    yield "incidence", (incidence == one.incidence.values).all()
+    yield "sigma", np.isclose(np.sum(sigma**2), len(sigma), rtol=1e-10)
+    yield "boundary_vectors", np.allclose(b, one.offsets.values @ one.cell.values, rtol=0, atol=1e-12)
+    yield "bond_vectors", np.allclose(L, one.bond_vectors, rtol=0, atol=1e-12)
+    yield "force balance", np.abs(forces(one, L)).max() <= 1e-11 * np.abs(sigma[:, None] * L).mean()
+    for shear in one.shear.values:
+        F = np.array([[1.0, shear], [0.0, 1.0]])
+        sheared = one.sheared_bond_vectors.sel(shear=shear)
+        yield f"sheared_cell at {shear:g}", np.allclose(one.cell.values @ F.T, one.sheared_cell.sel(shear=shear))
+        yield f"sheared_bond_vectors at {shear:g}", np.allclose(L @ F.T, sheared, rtol=0, atol=1e-10)
+
+
+study = Study(
+    name="boundary",
+    title="The boundary term of a periodic network",
+    references=PAPER,
+    axes=(networks(10),),
+    parameters={"n_vertices": 30, "shears": decimals("0:2:0.5")},
+    coordinates=(Coordinate("shear", "shears", "simple shear of the boundary"),),
+    case=case,
+    check=voronoi_check(),
+    variables=VARIABLES,
+    verify=verify,
+    figures={"boundary": boundary_figure},
+    claims=claims,
+    summary=summary,
+)
