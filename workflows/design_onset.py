@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 import critflow as cf
-from critflow.workflow import Claim, Coordinate, Study
+from critflow.workflow import Claim, Study
 
 from .shared.checks import voronoi_check
 from .shared.figures import legend_below, limit, panels, signed
@@ -61,7 +61,7 @@ def figure(ds):
         f"lengths {100 * parameters(ds)['excess']:g} % above the isotropic transition",
         height=4.0,
     )
-    for n, factor in enumerate(ds.factor.values):
+    for n, factor in enumerate(parameters(ds)["factors"]):
         target, style = ds.target.values[:, n], series(n)
         label = f"{signed(factor)} times the onset of equal rest lengths"
         left.scatter(target, ds.distance.values[:, n], s=18, label=label, **style)
@@ -77,7 +77,7 @@ def figure(ds):
         xlabel="requested onset $\\gamma_c$", ylabel="error of the onset", yscale="log", title="error of the onset"
     )
     for shear in ds.shear.values:
-        right.plot(ds.modulus.values, shear, markersize=4, linewidth=0.8, alpha=0.6, **series(0))
+        right.plot(parameters(ds)["moduli"], shear, markersize=4, linewidth=0.8, alpha=0.6, **series(0))
     right.set(
         xlabel="$B_0$ at the isotropic transition  [k]", ylabel="onset $\\gamma_c$ in simple shear",
         title="onsets at given $B_0$",
@@ -107,8 +107,8 @@ def summary(ds):
         "largest_error": float(error.max()),
         "median_seconds": float(ds.target_seconds.median()),
         "critical_shear_by_modulus": {
-            f"{float(modulus):g}": [float(ds.shear[:, n].min()), float(ds.shear[:, n].max())]
-            for n, modulus in enumerate(ds.modulus)
+            f"{modulus:g}": [float(ds.shear[:, n].min()), float(ds.shear[:, n].max())]
+            for n, modulus in enumerate(parameters(ds)["moduli"])
         },
     }
 
@@ -119,10 +119,6 @@ study = Study(
     references=PAPER,
     axes=(networks(10),),
     parameters={"n_vertices": 100, "excess": 0.05, "factors": (0.6, 1.3, -1.0), "moduli": (0.27, 0.25, 0.22, 0.18)},
-    coordinates=(
-        Coordinate("factor", "factors", "requested onset over that of equal lengths"),
-        Coordinate("modulus", "moduli", "prescribed bulk modulus B_0 at the transition [k]"),
-    ),
     case=case,
     check=voronoi_check(),
     variables=(
