@@ -66,6 +66,11 @@ def sequence(critical, path, law, cuts, rng):
             yield onset.status, None, np.nan
             return
         critical = onset.configuration
+        try:
+            cf.backbone(critical)
+        except cf.InputError:  # rounding leaves an edge taut that no other one balances
+            yield cf.Status.ill_conditioned, None, np.nan
+            return
         yield onset.status, critical, onset.strain
 
 
