@@ -238,6 +238,16 @@ def modulus_by_formula(network: Network, sigma: np.ndarray, L: np.ndarray, A: np
     return float(work**2 / cost / abs(np.linalg.det(network.cell)))
 
 
+def length_variance(critical: CriticalConfiguration) -> float:
+    """V_L by its definition."""
+    return np.var(critical.lengths) / np.mean(critical.lengths) ** 2
+
+
+def tension_variance(critical: CriticalConfiguration) -> float:
+    """V_τ by its definition."""
+    return np.var(critical.tensions) / np.mean(critical.tensions) ** 2
+
+
 def with_faces(network: Network, bond_vectors: np.ndarray) -> Network:
     """The planar network with the faces of that embedding."""
     faces = planar_faces(network.edges, bond_vectors, network.n_vertices)

@@ -15,7 +15,7 @@ SOURCES = {
 # Each layer imports only those before it.
 LAYERS = (
     *("result", "arguments", "networks", "generators", "exchange", "linalg", "precision", "solvers"),
-    *("critical", "rigidity", "springs", "response", "mechanics", "onset", "paths", "quantities", "design"),
+    *("critical", "rigidity", "springs", "response", "onset", "paths", "quantities", "design"),
     *("workflow", "figures", "examination", "explore", "command", "__main__"),
 )
 # Layers without xarray, files, figures and processes; exchange reads and writes files.

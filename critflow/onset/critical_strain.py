@@ -230,9 +230,7 @@ def _measured(path: BoundaryPath, lengths: Array, state: OnsetState, bounds: Str
         gradient=sign * value.tensions / (virial * rate),
     )
     stats = Stats("conic", search.steps, residual=state.error, error_bound=upper - lower)
-    return Onset(
-        onset, search.status, stats, search.note, programs=search.programs, newton_steps=state.steps
-    )
+    return Onset(onset, search.status, stats, search.note, programs=search.programs, newton_steps=state.steps)
 
 
 def _without_onset(path: BoundaryPath, search: Search) -> Onset:

@@ -219,9 +219,7 @@ def _assembled(gamma: Array, reached: list[Progress], deformation: Deformation) 
         inserted=counted(lambda progress: progress.inserted),
         coordinate_error=measured(lambda end: end.coordinate_error),
         bulk_modulus_error=of_moduli(lambda moduli: moduli.errors.bulk),
-        shear_modulus_error=of_moduli(
-            lambda moduli: max(moduli.errors.shear, moduli.errors.shear_stress_corrected)
-        ),
+        shear_modulus_error=of_moduli(lambda moduli: max(moduli.errors.shear, moduli.errors.shear_stress_corrected)),
         deformation=deformation,
         modulus=measured(lambda end: end.tangent.second / volume_of(end.state) if end.tangent else np.nan),
         modulus_error=measured(lambda end: end.tangent.second_error / volume_of(end.state) if end.tangent else np.nan),

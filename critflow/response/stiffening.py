@@ -126,7 +126,7 @@ def _stiffening(
 ) -> StiffeningSolution:
     """The coefficients of a configuration without slack edges."""
     network = manifold.network
-    require_only_self_stress(critical, "follow strain_path() and use fit_stiffening()")
+    require_only_self_stress(critical, "follow strain_path() and fit its moduli")
     system = manifold.system(critical.sigma)
     stable = stabilises(network, critical.coordinates, critical.bond_vectors, critical.sigma)
     if not stable:
@@ -232,8 +232,8 @@ def _relaxing(critical: CriticalConfiguration, path: Deformation) -> str:
             "path at the transition: fix the cell, or follow strain_path() from a rigid state"
         )
     raise InputError(
-        "the free components of the cell do not relax the self-stress: fix the cell, or use strain_path() and "
-        "fit_stiffening()"
+        "the free components of the cell do not relax the self-stress: fix the cell, or use strain_path() and fit its "
+        "moduli"
     )
 
 

@@ -29,7 +29,7 @@ from matplotlib.figure import Figure
 
 DOCS = Path(__file__).parents[1]
 BUILT = DOCS / "_build" / "programs"
-PACKAGES = ("critflow", "workflows/ensemble", "workflows/shared")
+SOURCES = ("critflow/**/*.py", "workflows/ensemble.py", "workflows/shared/*.py")
 SHARPNESS = 80  # dots per inch of the pictures of a notebook
 
 
@@ -44,8 +44,8 @@ def notebooks() -> list[Path]:
 @cache
 def _package_digest() -> str:
     digest = hashlib.sha256(matplotlib.__version__.encode())
-    for package in PACKAGES:
-        for module in sorted((DOCS.parent / package).rglob("*.py")):
+    for pattern in SOURCES:
+        for module in sorted(DOCS.parent.glob(pattern)):
             digest.update(module.read_bytes())
     return digest.hexdigest()
 

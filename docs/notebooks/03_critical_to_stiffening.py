@@ -14,7 +14,6 @@ import xarray as xr
 
 from critflow import CriticalManifold, Network, stiffening, strain_path, voronoi_network
 from critflow.command.example_data import ensemble_path
-from critflow.mechanics.fits import fit_stiffening
 
 ensemble = xr.open_dataset(ensemble_path())
 one = ensemble.isel(seed=0).sel(population="random_stress")
@@ -45,7 +44,7 @@ for n, window in enumerate(windows):
     strains = window * np.linspace(0.1, 1.0, 10)
     path = strain_path(critical, strains).value
     for degree in (1, 2):
-        slope = fit_stiffening(strains, path.bulk_modulus, window, degree).slope
+        slope = np.polyfit(strains, path.bulk_modulus, degree)[-2]
         errors[degree - 1, n] = abs(slope / exact.C_B - 1)
     line, parabola = errors[:, n]
     print(f"window {window:.0e}: relative error of C_B {line:.1e} (line), {parabola:.1e} (parabola)")

@@ -18,7 +18,6 @@ from critflow.command.example_data import ensemble_path
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
 from critflow.figures.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions
 from critflow.networks.faces import planar_faces
-from critflow.rigidity.structure import length_variance, tension_variance
 
 ensemble = xr.open_dataset(ensemble_path())
 one = ensemble.isel(seed=0).sel(population="bulk_modulus")
@@ -26,6 +25,13 @@ bare = Network(one.edges.values, one.offsets.values, one.cell.values)
 faces = planar_faces(bare.edges, bare.bond_vectors(one.coordinates.values), bare.n_vertices)
 network = Network(bare.edges, bare.offsets, bare.cell, faces=faces)
 start = CriticalManifold(network).configuration(one.sigma.values)
+
+
+def relative_variance(values):
+    """V_L of lengths, V_τ of tensions."""
+    return np.var(values) / np.mean(values) ** 2
+
+
 bound = upper_bound(network, "B_0")
 print(f"B_0 = {elasticity(start).value.bulk:.12f} k, upper bound over all stresses {bound:.12f} k")
 
@@ -44,8 +50,8 @@ print(f"equal amplitudes: largest change of a length {np.abs(modes.elongations.s
 direction = np.random.default_rng(0).standard_normal(faces.n_faces)
 walked = modes.towards(direction, fraction=0.9)
 print(f"random amplitudes, 90 % of the limit: B_0 changes by {elasticity(walked).value.bulk / bound - 1:.1e}, "
-      f"V_τ by {tension_variance(walked) - tension_variance(start):.1e}, "
-      f"V_L from {length_variance(start):.4f} to {length_variance(walked):.4f}")  # fmt: skip
+      f"V_τ by {relative_variance(walked.tensions) - relative_variance(start.tensions):.1e}, "
+      f"V_L from {relative_variance(start.lengths):.4f} to {relative_variance(walked.lengths):.4f}")  # fmt: skip
 
 # %% [markdown]
 # ## A large face
@@ -70,8 +76,9 @@ large = modes.largest(weights, shortest=0.15).value
 span = np.vstack([start.lengths, modes.elongations.toarray()])
 coefficients = np.linalg.lstsq(span.T, np.ones(network.n_edges), rcond=None)[0]
 even = modes.walk(coefficients[1:] / coefficients[0])
-gain = 1 - length_variance(even) / length_variance(start)
-print(f"V_L falls from {length_variance(start):.6f} to {length_variance(even):.6f}, by {100 * gain:.1f} %")
+V_L, smaller = relative_variance(start.lengths), relative_variance(even.lengths)
+gain = 1 - smaller / V_L
+print(f"V_L falls from {V_L:.6f} to {smaller:.6f}, by {100 * gain:.1f} %")
 print(f"while B_0 changes by {elasticity(even).value.bulk / elasticity(start).value.bulk - 1:.1e}")
 # The condition of a minimum: no mode changes V_L to first order.
 gradient = modes.elongations @ (even.lengths * even.lengths.mean() - np.mean(even.lengths**2))
@@ -88,7 +95,7 @@ for axes, (title, critical) in zip(row, designs.items(), strict=True):
         axes, network.edges, network.offsets, network.cell, critical.coordinates + centred, tensions, limits=(0, 2)
     )
     shade_faces(axes, [polygon + centred], network.cell)
-    numbers = f"$B_0$ = {elasticity(critical).value.bulk:.6f} $k$, $V_L$ = {length_variance(critical):.3f}"
+    numbers = f"$B_0$ = {elasticity(critical).value.bulk:.6f} $k$, $V_L$ = {relative_variance(critical.lengths):.3f}"
     axes.set_title(f"{title}\n{numbers}", fontsize=9)
 fig.colorbar(lines, ax=row, shrink=0.8, label="edge tension at unit pressure")
 plt.show()

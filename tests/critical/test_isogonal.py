@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from critflow.rigidity.structure import length_variance, tension_variance
 from problems import NETWORKS, dense_free, oblique, pinned_grid, random_stress, sheared, square_octagon, voronoi_3d
 from scipy.optimize import nnls
 
@@ -21,7 +22,6 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
-from critflow.rigidity.structure import length_variance, tension_variance
 
 
 def at_random_stress(network):

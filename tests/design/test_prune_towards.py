@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from problems import random_stress, square_octagon, with_random_stiffness
+from problems import length_variance, random_stress, square_octagon, tension_variance, with_random_stiffness
 
 from critflow import (
     CriticalManifold,
@@ -17,7 +17,6 @@ from critflow import (
     pruned,
     voronoi_network,
 )
-from critflow.rigidity.structure import length_variance, tension_variance
 
 VALUES = {
     "B_0": lambda critical: elasticity(critical).value.bulk,

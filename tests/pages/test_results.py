@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from critflow.workflow.load import load_file
+from critflow.workflow.load import load_study, named_studies
 from workflows.pages.paper import EQUATIONS, FIGURES
 from workflows.pages.results import KEPT, PAGE, REFERENCE, keep, rendered, studies
 
@@ -26,8 +26,9 @@ def test_every_label_stands_once():
 
 @pytest.mark.parametrize("function", sorted({equation.function for equation in EQUATIONS}))
 def test_every_function_exists(function):
-    layer, module, *names = function.split(".")
-    thing = importlib.import_module(f"critflow.{layer}.{module}")
+    folder, file, *names = function.removeprefix("workflows.").split(".")
+    package = "workflows" if function.startswith("workflows.") else "critflow"
+    thing = importlib.import_module(f"{package}.{folder}.{file}")
     for name in names:
         thing = getattr(thing, name)
     assert thing.__doc__, f"{function} has no docstring"
@@ -35,7 +36,8 @@ def test_every_function_exists(function):
 
 def test_every_equation_is_named_where_it_is_computed():
     """Its label stands in a docstring, or in the supplement's case that of the equation it derives."""
-    text = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "critflow").rglob("*.py"))
+    files = [*(ROOT / "critflow").rglob("*.py"), *(ROOT / "workflows" / "shared").glob("*.py")]
+    text = "".join(path.read_text(encoding="utf-8") for path in files)
     named = {equation.function for equation in EQUATIONS if f"`{equation.label}`" in text}
     unnamed = [e.label for e in EQUATIONS if f"`{e.label}`" not in text]
     assert set(unnamed) <= {"BondVectorFDM", "BondVectorDerivativeFDM", "BondVectorDerivativeFDM2", "tangents", "2FF2"}
@@ -117,6 +119,6 @@ def test_no_tracked_file_is_large():
     assert all((ROOT / name).stat().st_size <= 2**20 for name in git("ls-files") if (ROOT / name).is_file())
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "workflows").rglob("study.py")), ids=lambda path: path.parent.name)
-def test_every_study_loads_under_the_name_of_its_folder(path):
-    assert load_file(path).study.name == path.parent.name
+@pytest.mark.parametrize("name", sorted(named_studies()))
+def test_every_study_loads_under_its_name(name):
+    assert load_study(name).study.name == name

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from critflow.rigidity.structure import length_variance, tension_variance
 from problems import random_stress, with_random_stiffness
 
 from critflow import (
@@ -15,7 +16,6 @@ from critflow import (
     voronoi_network,
 )
 from critflow.quantities.leverage import cut
-from critflow.rigidity.structure import length_variance, tension_variance
 
 NETWORKS = {
     "plane": lambda: with_random_stiffness(voronoi_network(n_vertices=30, seed=1), seed=2),

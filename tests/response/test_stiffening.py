@@ -83,7 +83,7 @@ def test_exact_stiffening_is_the_limit_of_paths(name):
         (path.shear_modulus_stress_corrected, exact.C_G_stress_corrected),
     ):
         for degree, rate in ((1, 1), (2, 2)):
-            slopes = np.array([fit_stiffening(gamma, values, w, degree).slope for w in windows])
+            slopes = np.array([slope(gamma, values, w, degree) for w in windows])
             errors = np.abs(slopes - C)
             # The bias halves, or quarters, with the window until rounding of the moduli, about 1e-12/w, is reached.
             above = errors > 1e-6 * max(abs(C), 0.1)
@@ -258,7 +258,7 @@ def test_exact_stiffening_of_every_law(law, name):
     ):
         assert np.polyfit(gamma, values, 3)[-1] == pytest.approx(start, abs=1e-6 * exact.bulk_0)
         for degree, rate in ((1, 1), (2, 2)):
-            errors = np.abs([fit_stiffening(gamma, values, w, degree).slope - C for w in windows])
+            errors = np.abs([slope(gamma, values, w, degree) - C for w in windows])
             # Down to rounding of the moduli, about 1e-12/w, the bias halves, or quarters, with the window.
             above = errors > 1e-6 * max(abs(C), 0.1)
             np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:])[above[1:]], rate, atol=0.3)
@@ -305,7 +305,9 @@ def test_stiffening_coefficients(decades):
             stiffening(CriticalManifold(other).configuration(sigma[order])) for other, order in reordered(network)
         ]
         assert {solution.status for solution in solutions} == {Status.ok}
-        values, errors = zip(*((astuple(s.value)[:5], astuple(s.stats.error_bound)[:5]) for s in solutions), strict=True)
+        values, errors = zip(
+            *((astuple(s.value)[:5], astuple(s.stats.error_bound)[:5]) for s in solutions), strict=True
+        )
         assert np.max(errors) < 1e-10
         ratios += bounds_over_errors(values, errors, exact_stiffening(network, sigma))
     assert np.median(ratios) < 60

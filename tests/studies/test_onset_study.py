@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from critflow.command.main import main
 from critflow.result import Status
 from workflows.onset.report import factors
 from workflows.onset.study import network_of
@@ -36,11 +35,3 @@ def test_surfaces_and_the_growth_of_the_modulus(dataset, folder):
 def test_families_have_the_coordination_requested():
     network = network_of("triangular", 48, 3.4, 1)
     assert 2 * network.n_edges / network.n_vertices == pytest.approx(3.4, abs=2 / network.n_vertices)
-
-
-@pytest.mark.parametrize(
-    "setting, word", [("deformations=twist", "twist"), ("past=0.1,0.2", "three"), ("excess=0", "exc")]
-)
-def test_bad_settings_are_refused_before_anything_runs(setting, word, tmp_path, capsys):
-    assert main(["run", STUDY, "--out", str(tmp_path / "out"), "--set", setting]) == 2
-    assert word in capsys.readouterr().err

@@ -7,9 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from critflow import Status
-from critflow.command.main import main
-from critflow.workflow.load import load_study
-from workflows.three_bar.surfaces import clipped_polygons, draw_surfaces, surface_quads
+from workflows.three_bar.surfaces import clipped_polygons, draw_surfaces
 
 SPAN = 2.0
 
@@ -30,55 +28,12 @@ def test_every_grid_was_computed_in_one_span(dataset):
     np.testing.assert_allclose(dataset.coordinates.isel(vertex=3, axis=0).values[dataset.outcome == 0], SPAN, rtol=0)
 
 
-@pytest.mark.parametrize(
-    ("grid", "signs"),
-    [
-        ("stretched", [1, 1, 1]),
-        ("folded_1", [1, -1, -1]),
-        ("folded_2", [-1, 1, -1]),
-        ("folded_3", [-1, -1, 1]),
-        ("branch_1", [-1, 1, 1]),
-        ("branch_2", [1, -1, 1]),
-        ("branch_3", [1, 1, -1]),
-    ],
-)
-def test_each_sheet_adds_up_its_lengths_with_its_own_signs(dataset, grid, signs):
-    one = points(dataset, grid)
-    np.testing.assert_allclose(one.length.transpose("point", "edge").values @ signs, SPAN, rtol=1e-11)
-    assert (one.n_negative == (1 if grid.startswith("branch") else 0)).all()
-
-
-def test_inertia_is_that_of_the_matrix_written_out(dataset):
-    for grid in ("chart", "folded_2"):
-        a, b, c = dataset.normal.sel(grid=grid).transpose("edge", ...).values
-        P = np.moveaxis(np.array([[a + b, -b], [-b, b + c]]), (0, 1), (-2, -1))
-        np.testing.assert_allclose(
-            np.linalg.eigvalsh(P), dataset.prestress_eigenvalue.sel(grid=grid).values, rtol=0, atol=1e-14
-        )
-        ok = dataset.outcome.sel(grid=grid).values == Status.ok
-        np.testing.assert_array_equal(
-            (np.linalg.eigvalsh(P) < 0).sum(axis=-1)[ok], dataset.n_negative.sel(grid=grid).values[ok]
-        )
-
-
 def test_where_there_is_no_configuration_nothing_is_stored(dataset):
     bad = dataset.outcome.values == Status.singular
     for name in ("metric", "second_form", "principal_curvature", "tangents", "length"):
         values = dataset[name].values
         assert np.isnan(values[bad]).all(), name
         assert np.isfinite(values[~bad]).all(), name
-
-
-def test_equal_stresses_have_the_curvature_of_the_symmetric_point(dataset):
-    """r_α = D/3 makes K = D/((r³)³(3/r²)²) = 27/D⁴, the same in all directions."""
-    chart = dataset.sel(grid="chart")
-    centre = np.abs(chart.s).sum("chart_axis")
-    at = {
-        name: int(i)
-        for name, i in zip(centre.dims, np.unravel_index(centre.values.argmin(), centre.shape), strict=True)
-    }
-    np.testing.assert_allclose(chart.s.isel(at), 0.0, atol=1e-12)
-    np.testing.assert_allclose(chart.principal_curvature.isel(at), np.sqrt(27) / SPAN**2, rtol=1e-12)
 
 
 def test_compatible_lengths_fulfil_the_polygon_inequality(dataset):
@@ -108,30 +63,6 @@ def test_claims_are_those_of_the_full_grids(folder):
 def test_figures_are_drawn(folder, assert_picture):
     for name in ("manifold", "geometry", "curvature"):
         assert_picture(folder / "figures" / f"{name}.png", 20_000)
-
-
-@pytest.mark.parametrize("word", ["span=-1", "reach=1", "s=0:1:0.5"])
-def test_settings_that_could_only_fail_are_refused(word, tmp_path, capsys):
-    assert main(["run", "three_bar", "--workers", "0", "--out", str(tmp_path), "--set", word]) == 2
-    assert word.split("=")[0] in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("variable, said", [("length", "tension"), ("normal", "normal"), ("metric", "metric")])
-def test_verify_names_what_does_not_follow(folder, dataset, variable, said, capsys):
-    assert main(["verify", str(folder)]) == 0
-    assert "physics was recomputed" in capsys.readouterr().out
-    changed = dataset.copy(deep=True)
-    changed[variable].values[...] += 1 + np.random.default_rng(1).random(changed[variable].shape)
-    problems = load_study("three_bar").study.verify(changed)
-    assert problems
-    assert all(said in problem for problem in problems), problems
-
-
-def test_quads_of_a_grid():
-    points = np.random.default_rng(2).random((4, 3, 3))
-    quads = surface_quads(points)
-    assert quads.shape == (6, 4, 3)
-    np.testing.assert_array_equal(quads[0], [points[0, 0], points[1, 0], points[1, 1], points[0, 1]])
 
 
 def test_clipped_polygons_lie_in_the_box():

@@ -29,14 +29,15 @@ from critflow.critical.isogonal import affine_bulk_modulus, face_modes
 from critflow.generators.random_networks import check_voronoi
 from critflow.onset.from_lengths import stressed_fraction
 from critflow.quantities.stress_hessian import flat_directions
-from critflow.result import Status, StudyError
-from critflow.rigidity.structure import length_variance, tension_variance
-from critflow.workflow import Axis, Study, Variable, stable_rng
+from critflow.result import StudyError
+from critflow.workflow import Axis, Study, stable_rng
 
 from ..shared.checks import check_network, check_positive
 from ..shared.own_network import check_own, own_manifold, own_network, with_digest
 from ..shared.populations import random_lengths
 from ..shared.reports import PAPER
+from ..shared.structure import relative_variance
+from ..shared.tables import NETWORK, numbers, outcomes
 from .report import PANELS, claims, gallery, summary
 from .verify import verify
 
@@ -130,8 +131,8 @@ def case(parameters, *, seed, panel):
         "length": critical.lengths,
         "coordinates": critical.coordinates,
         "amplitude": amplitudes,
-        "length_variance": length_variance(critical),
-        "tension_variance": tension_variance(critical),
+        "length_variance": relative_variance(critical.lengths),
+        "tension_variance": relative_variance(critical.tensions),
         "bulk_modulus_0": moduli.bulk,
         "bulk_modulus_affine": affine_bulk_modulus(critical),
         "shear_modulus_0": moduli.shear,
@@ -157,43 +158,35 @@ def check(parameters, axes):
         check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
 
 
-def table():
-    """Names, dimensions, types and meanings of the stored variables."""
-    network, member = ("seed",), ("panel", "seed")
-    in_k = ", in units of k"
-
-    def scalar(name, long_name, dtype="f8", **more):
-        return Variable(name, member, dtype, long_name=long_name, **more)
-
-    def shared(name, dims, dtype, long_name):
-        return Variable(name, (*network, *dims), dtype, long_name=long_name)
-
-    yield shared("edges", ("edge", "end"), "i4", "vertices at tail and head of each edge")
-    yield shared("offsets", ("edge", "axis"), "i2", "cell image in which the head of each edge lies")
-    yield shared("cell", ("axis", "axis_"), "f8", "cell vectors as rows")
-    yield shared("chosen", ("face",), "i1", "1 for the faces that panels C and F inflate")
-    yield shared("bulk_modulus_bound", (), "f8", "largest B_0 that any stress can give" + in_k)
-    yield Variable(
-        "sigma", (*member, "edge"), "f8", long_name="geometric stress (tension per length), sum of squares N_b"
-    )
-    yield Variable(
-        "tension", (*member, "edge"), "f8", long_name="edge tension at unit pressure, sum of tension times length 2 V"
-    )
-    yield Variable("length", (*member, "edge"), "f8", long_name="edge length")
-    yield Variable("coordinates", (*member, "vertex", "axis"), "f8", long_name="vertex coordinates")
-    yield Variable("amplitude", (*member, "face"), "f8", long_name="isogonal amplitude of each face, as a length")
-    yield scalar("length_variance", "variance of the lengths over their squared mean, V_L")
-    yield scalar("tension_variance", "variance of the tensions over their squared mean, V_τ")
-    yield scalar("bulk_modulus_0", "bulk modulus at the transition" + in_k)
-    yield scalar("bulk_modulus_affine", "bulk modulus if the dilation stayed affine" + in_k)
-    yield scalar("shear_modulus_0", "shear modulus at the transition" + in_k)
-    yield scalar("stressed_fraction", "part of the edges under tension")
-    yield scalar("flat_directions", "null directions of the Hessian of B_0 over the stresses, at its maxima")
-    yield scalar("flat_largest", "largest eigenvalue counted as null, over the largest of all")
-    yield scalar("curved_smallest", "smallest eigenvalue not counted as null, over the largest of all")
-    yield scalar("status", "outcome of finding the configuration", dtype="i1", flags=Status)
-    yield scalar("residual", "largest unbalanced force over the mean tension")
-    yield scalar("iterations", "iterations of the method that found the configuration", dtype="i4")
+MEMBER = ("panel", "seed")
+VARIABLES = (
+    *NETWORK,
+    *numbers(("seed", "face"), "i1", chosen="1 for the faces that panels C and F inflate"),
+    *numbers(("seed",), upper_bound="largest B_0 that any stress can give, in units of k"),
+    *numbers(
+        (*MEMBER, "edge"),
+        sigma="geometric stress (tension per length), sum of squares N_b",
+        tension="edge tension at unit pressure, sum of tension times length 2 V",
+        length="edge length",
+    ),
+    *numbers((*MEMBER, "vertex", "axis"), coordinates="vertex coordinates"),
+    *numbers((*MEMBER, "face"), amplitude="isogonal amplitude of each face, as a length"),
+    *numbers(
+        MEMBER,
+        length_variance="variance of the lengths over their squared mean, V_L",
+        tension_variance="variance of the tensions over their squared mean, V_τ",
+        bulk_modulus_0="bulk modulus at the transition, in units of k",
+        bulk_modulus_affine="bulk modulus if the dilation stayed affine, in units of k",
+        shear_modulus_0="shear modulus at the transition, in units of k",
+        stressed_fraction="part of the edges under tension",
+        flat_directions="null directions of the Hessian of B_0 over the stresses, at its maxima",
+        flat_largest="largest eigenvalue counted as null, over the largest of all",
+        curved_smallest="smallest eigenvalue not counted as null, over the largest of all",
+    ),
+    *outcomes(MEMBER, status="outcome of finding the configuration"),
+    *numbers(MEMBER, residual="largest unbalanced force over the mean tension"),
+    *numbers(MEMBER, "i4", iterations="iterations of the method that found the configuration"),
+)
 
 
 study = Study(
@@ -219,7 +212,7 @@ study = Study(
     case=case,
     check=check,
     complete=with_digest,
-    variables=tuple(table()),
+    variables=VARIABLES,
     figures={"gallery": gallery},
     claims=claims,
     summary=summary,

@@ -9,6 +9,7 @@ from critflow.figures.plot import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ..shared.figures import lettered
 from ..shared.populations import LABELS, PAPER_POPULATIONS
 from ..shared.reports import finite, parameters, series, spread, status_counts
 
@@ -107,9 +108,7 @@ def surface_figure(ds):
     taut.set(xlabel="direction: 0° pure shear, 90° dilation  [°]", ylabel="taut edges at the onset  [%]")
     taut.set_xticks([-90, -45, 0, 45, 90, 135, 180, 225, 270])
     taut.set_ylim(0, 105)
-    for axes, letter in zip((whole, taut), "AB", strict=True):
-        axes.set_title(letter, loc="left", fontweight="bold")
-        axes.spines[["top", "right"]].set_visible(False)
+    lettered(whole, taut)
     excess = parameters(ds)["excess"]
     figure.suptitle(
         f"Rigidity surfaces of one network, rest lengths {100 * excess:g} % above those of each population; "
@@ -172,9 +171,7 @@ def stiffening_figure(ds):
         xlabel="onset $\\gamma_c$", ylabel="$(G - G_c)\\,\\gamma_c/\\sigma_{xy}$ at the onset", xlim=(0, None)
     )
     universal.legend(fontsize=8.5, frameon=False, loc="lower left")
-    for axes, letter in zip((growth, universal), "AB", strict=True):
-        axes.set_title(letter, loc="left", fontweight="bold")
-        axes.spines[["top", "right"]].set_visible(False)
+    lettered(growth, universal)
     size = parameters(ds)["stiffening_vertices"]
     figure.suptitle(f"Past the onset the shear modulus grows as $3\\sigma/\\gamma_c$ ($N_v$ = {size})", fontsize=11)
     return figure

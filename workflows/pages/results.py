@@ -96,8 +96,8 @@ def _table(claims: dict[str, list[dict]]) -> str:
     lines = [
         "## The paper, label by label",
         "",
-        "Functions are in `critflow`, tests in `tests/`. The key of a claim begins with the label of its equation or",
-        "figure.",
+        "Functions are in `critflow` unless their folder is named, tests in `tests/`. The key of a claim begins with",
+        "the label of its equation or figure.",
         "",
         "| label | meaning | where | checked by | verdict |",
         "|---|---|---|---|---|",

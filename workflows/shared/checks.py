@@ -6,6 +6,7 @@ import os
 
 from critflow import InputError
 from critflow.examination.examine import DEFORMATIONS
+from critflow.generators.random_networks import check_voronoi
 from critflow.result import StudyError
 
 # Peak memory of a network with the analysis of its matrices, measured at 100,000 and 400,000 vertices.
@@ -34,6 +35,16 @@ def check_network(check, n_vertices, *arguments):
             f"n_vertices={n_vertices} needs about {needed / 1e9:.0f} GB for each worker process, and this machine has "
             f"{present / 1e9:.0f} GB: choose fewer vertices"
         )
+
+
+def voronoi_check(*positive):
+    """The check of a study of Voronoi networks: their size, and settings that must be positive."""
+
+    def check(parameters, axes):
+        check_positive(parameters, *positive)
+        check_network(check_voronoi, parameters["n_vertices"])
+
+    return check
 
 
 def check_deformation(name):

@@ -44,21 +44,12 @@ def status_counts(codes):
     return {Status(int(code)).name: int(count) for code, count in zip(found, counts, strict=True)}
 
 
-def duration(seconds, digits=3):
-    """Seconds as text, in the unit that leaves few digits."""
-    for factor, unit in ((1e6, "µs"), (1e3, "ms"), (1.0, "s")):
-        value = seconds * factor
-        if value < 999.5 or unit == "s":
-            return f"{value:,.0f} {unit}" if value >= 99.5 else f"{value:.{digits}g} {unit}"
-
-
-def lettered(panels):
-    """Letters A, B, … above panels, and no lines at their top and right."""
-    for axes, letter in zip(panels, "ABCDEFGH", strict=False):
-        axes.set_title(letter, loc="left", fontweight="bold")
-        axes.spines[["top", "right"]].set_visible(False)
-
-
-def quoted(fit):
-    """The exponent and interval of a fit, for a legend."""
-    return f"{fit[0]:.2f} [{fit[1]:.2f}, {fit[2]:.2f}]"
+def target_summary(ds, reached):
+    """Number of targets that designs reached, their largest error, and processor times."""
+    return {
+        "reached": int(reached.sum()),
+        "targets": int(reached.size),
+        "largest_error": float(ds.error.where(reached).max()),
+        "median_seconds": float(ds.target_seconds.median()),
+        "longest_seconds": float(ds.target_seconds.max()),
+    }

@@ -8,6 +8,9 @@ import numpy as np
 
 from critflow import Status
 
+# Relative force balance of stored coordinates with edges as short as a thousandth of the mean.
+BALANCED = 1e-11
+
 
 def contradictions(ds, axes, checks):
     """A line for each case with failed checks; `checks(one)` yields pairs of a name and whether it is satisfied."""
@@ -36,6 +39,21 @@ def bond_vectors(one):
     tail, head = one.edges.values.T
     x = one.coordinates.values
     return x[head] - x[tail] + one.offsets.values @ one.cell.values
+
+
+def configuration(one):
+    """Checks of a stored configuration: force balance, lengths, moduli at the transition, variances."""
+    L, sigma, cell = bond_vectors(one), one.sigma.values, one.cell.values
+    length, volume = np.linalg.norm(L, axis=1), abs(np.linalg.det(cell))
+    tension = sigma * length
+    cost = volume * np.sum(tension**2)
+    yield "force balance", np.abs(forces(one, L)).max() <= BALANCED * np.abs(tension).mean()
+    yield "length", np.allclose(length, one.length, rtol=1e-10, atol=1e-13)
+    bulk = np.sum(sigma * length**2) ** 2 / (len(cell) ** 2 * cost)
+    yield "bulk_modulus_0", np.isclose(bulk, one.bulk_modulus_0, rtol=1e-9)
+    shear = np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / cost
+    yield "shear_modulus_0", np.isclose(shear, one.shear_modulus_0, rtol=1e-6, atol=1e-14)
+    yield from variances(one, length, tension)
 
 
 def variances(one, lengths, tensions):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from critflow.figures.plot import COLOURS
 from critflow.result import Status
 
-from .figures import CURVE, GREY, ORANGE, PURPLE, family, frame, sign_changes, singular_circle, span_of, title, to_chart
+from .figures import CURVE, GREY, ORANGE, PURPLE, chart_lines, family, frame, span_of, title
 
 
 def _signed_lengths(ds):
@@ -90,7 +90,8 @@ def _draw_curvature(part, ds, chart, inside):
         bar = part.colorbar(mesh, ax=axes, shrink=0.75, pad=0.02, extend="both")
         bar.ax.set_ylim(low, high)
         bar.set_label(f"{name}:  log$_{{10}}$ |K| D⁴", fontsize=9)
-    _outlines(axes, ds)
+    chart_lines(axes, ds)
+    axes.set(xlim=(-2.1, 2.1), ylim=(-2.1, 2.1), aspect="equal", xlabel="$s_1$", ylabel="$s_2$")
     title(part, "A", "Gaussian curvature: rigid is elliptic, a branch point a saddle")
 
 
@@ -101,17 +102,9 @@ def _draw_error_map(part, ds, chart, inside):
     mesh = axes.pcolormesh(s[..., 0], s[..., 1], shown, cmap="viridis", vmin=-17, vmax=-11)
     bar = part.colorbar(mesh, ax=axes, shrink=0.75, pad=0.02, extend="max")
     bar.set_label("log$_{10}$ relative error of K and H", fontsize=9)
-    _outlines(axes, ds)
-    title(part, "C", "distance to the closed form")
-
-
-def _outlines(axes, ds):
-    for circle in sign_changes(721):
-        at = to_chart(ds, circle)
-        at[np.linalg.norm(at, axis=1) > 1.995] = np.nan
-        axes.plot(*at.T, color="k", linewidth=0.7)
-    axes.plot(*to_chart(ds, singular_circle(ds)).T, color=CURVE, linewidth=2.2)
+    chart_lines(axes, ds)
     axes.set(xlim=(-2.1, 2.1), ylim=(-2.1, 2.1), aspect="equal", xlabel="$s_1$", ylabel="$s_2$")
+    title(part, "C", "distance to the closed form")
 
 
 def _draw_cut(axes, ds):

@@ -210,6 +210,15 @@ def _draw_chart(axes, ds):
     )  # fmt: skip
 
 
+def chart_lines(axes, ds):
+    """Where a stress vanishes (black) and where the prestress matrix is singular (red), in the chart."""
+    for circle in sign_changes(721):
+        s = to_chart(ds, circle)
+        s[np.linalg.norm(s, axis=1) > 1.995] = np.nan
+        axes.plot(*s.T, color="k", linewidth=0.7)
+    axes.plot(*to_chart(ds, singular_circle(ds)).T, color=CURVE, linewidth=2.2)
+
+
 def _paint_chart(axes, ds, alpha=1.0):
     fine = np.linspace(-2.02, 2.02, 600)
     s_1, s_2 = np.meshgrid(fine, fine)
@@ -219,11 +228,7 @@ def _paint_chart(axes, ds, alpha=1.0):
         region, extent=(-2.02, 2.02, -2.02, 2.02), origin="lower", cmap=ListedColormap(list(FAMILIES.values())), vmin=0,
         vmax=2, alpha=alpha, interpolation="nearest",
     )  # fmt: skip
-    for circle in sign_changes(721):
-        s = to_chart(ds, circle)
-        s[np.linalg.norm(s, axis=1) > 1.995] = np.nan
-        axes.plot(*s.T, color="k", linewidth=0.7)
-    axes.plot(*to_chart(ds, singular_circle(ds)).T, color=CURVE, linewidth=2.2)
+    chart_lines(axes, ds)
     turn = np.linspace(0, 2 * np.pi, 361)
     axes.plot(2 * np.cos(turn), 2 * np.sin(turn), color="0.4", linewidth=0.8, linestyle=(0, (4, 2)))
     axes.set(xlim=(-2.06, 2.06), ylim=(-2.06, 2.06), aspect="equal", xlabel="$s_1$", ylabel="$s_2$")

@@ -1,1 +1,0 @@
-"""Fits of moduli past the transition."""

@@ -1,0 +1,66 @@
+"""Settings that could only fail are refused in one sentence before anything runs; `verify` names contradictions."""
+
+import numpy as np
+import pytest
+
+from critflow.command.main import main
+from critflow.workflow.load import load_study
+
+SETTINGS = {
+    "boundary": {"n_vertices=7": "n_vertices"},
+    "design_curves": {"n_vertices=7": "n_vertices"},
+    "design_fronts": {"fronts=colour": "colour", "least_stress=1": "least_stress", "points=1": "points"},
+    "design_poisson": {"ratios=1": "between -1 and 1"},
+    "design_pruning": {"repeats=0": "positive"},
+    "design_reach": {"directions=2": "at least 3"},
+    "design_stiffening": {"sources=colour": "colour"},
+    "design_topology": {"cuts=0": "positive", "cuts=24000": "smaller"},
+    "ensemble": {
+        **{"n_vertices=61": "even", "n_vertices=2": "even", "n_vertices=1000000000": "vertices"},
+        **{"hard_core=1.2": "", "strains=0": "", "threshold=0.0": "positive", "protocol=quick": "conic"},
+        **{"deformation=uniaxial_free": "simple_shear"},
+    },
+    "gallery": {
+        **{"thresholds=0.1,0.03": "three positive numbers", "fraction=1.0": "between 0 and 1"},
+        **{"shortest=0.0": "must be positive", "n_vertices=7": "vertices"},
+    },
+    "onset": {"deformations=twist": "twist", "past=0.1,0.2": "three", "excess=0": "excess"},
+    "three_bar": {"span=-1": "span", "reach=1": "reach", "s=0:1:0.5": "s needs"},
+    "three_dimensions": {
+        **{"n_vertices=40": "", "hard_core=1.2": "", "strains=0": "", "threshold=0.0": "threshold"},
+        **{"spread=-0.1": "spread"},
+    },
+}
+
+
+@pytest.mark.parametrize(
+    "study, setting, word", [(study, *row) for study, rows in SETTINGS.items() for row in rows.items()]
+)
+def test_settings_that_could_only_fail_are_refused(study, setting, word, tmp_path, capsys):
+    assert main(["run", study, "--workers", "0", "--out", str(tmp_path / "out"), "--set", setting]) == 2
+    message = capsys.readouterr().err.strip()
+    assert message.startswith("critflow: ") and "\n" not in message and word in message
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "study, variable, contradicted",
+    [
+        ("boundary", "boundary_vectors", "boundary_vectors, bond_vectors"),
+        ("boundary", "sigma", "sigma, force balance"),
+        ("boundary", "sheared_cell", "sheared_cell at 0"),
+        ("boundary", "sheared_bond_vectors", "sheared_bond_vectors at 0"),
+        ("three_bar", "length", "tension"),
+        ("three_bar", "normal", "normal"),
+        ("three_bar", "metric", "metric"),
+    ],
+)
+def test_verify_names_what_does_not_follow(runs, study, variable, contradicted, capsys):
+    folder, dataset = runs(study)
+    assert main(["verify", str(folder)]) == 0
+    assert "physics was recomputed" in capsys.readouterr().out
+    changed = dataset.copy(deep=True)
+    changed[variable].values[...] += 1 + np.random.default_rng(1).random(changed[variable].shape)
+    problems = load_study(study).study.verify(changed)
+    assert problems
+    assert all(contradicted in problem for problem in problems), problems

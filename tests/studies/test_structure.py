@@ -1,0 +1,103 @@
+"""Shape anisotropy and relative variances."""
+
+import numpy as np
+import pytest
+from critflow.rigidity.structure import (
+    face_anisotropy,
+    force_anisotropy,
+    polygon_anisotropy,
+)
+from problems import random_stress, voronoi_3d
+
+from critflow import CriticalManifold, InputError, voronoi_network
+from critflow.critical.variances import LengthVariance, TensionVariance
+from workflows.shared.structure import relative_variance
+
+
+def sides_of(corners):
+    return np.roll(corners, -1, axis=0) - corners
+
+
+def kappa(corners):
+    return polygon_anisotropy(sides_of(np.asarray(corners, dtype=float)), np.array([0, len(corners)]))[0]
+
+
+def by_eigenvalues(corners):
+    """κ = 2(λ_1⁴ + λ_2⁴)/(λ_1² + λ_2²)² − 1, λ² being the eigenvalues of the gyration tensor about the centroid."""
+    arm = corners - corners.mean(axis=0)
+    squares = np.linalg.eigvalsh(arm.T @ arm / len(arm))
+    return 2 * np.sum(squares**2) / np.sum(squares) ** 2 - 1
+
+
+def regular(n):
+    angle = 2 * np.pi * np.arange(n) / n + 0.3
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+# Regular polygons, lines, and a rectangle: λ² ∝ a² and b², so κ = ((a² − b²)/(a² + b²))².
+SHAPES = [(regular(n), 0.0) for n in (3, 4, 5, 6, 7, 12)]
+SHAPES += [([[0, 0], [1, 2], [3, 6]], 1.0), ([[0, 0], [1, 0]], 1.0), ([[0, 0], [3, 0], [3, 1], [0, 1]], 0.64)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_eigenvalue_formula_and_symmetries(seed):
+    rng = np.random.default_rng(seed)
+    corners = rng.standard_normal((3 + seed, 2))
+    value = kappa(corners)
+    assert value == pytest.approx(by_eigenvalues(corners), rel=1e-10)
+    assert 0 <= value <= 1
+    angle = rng.uniform(0, 2 * np.pi)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    for other in (corners @ turn.T, 7.3 * corners, corners + np.array([5.0, -3.0]), corners[::-1], corners * [1, -1]):
+        assert kappa(other) == pytest.approx(value, rel=1e-10)
+
+
+def test_point_has_no_shape():
+    assert np.isnan(kappa(np.zeros((3, 2))))
+
+
+def test_faces_of_a_network():
+    network = voronoi_network(60, seed=2)
+    critical = CriticalManifold(network).configuration(random_stress(90, 1))
+    found = face_anisotropy(critical)
+    assert found.shape == (30,)
+    faces = network.faces
+    for f in range(30):
+        walk = slice(faces.starts[f], faces.starts[f + 1])
+        corners = np.cumsum(faces.signs[walk, None] * critical.bond_vectors[faces.edges[walk]], axis=0)
+        assert found[f] == pytest.approx(by_eigenvalues(corners), rel=1e-9)
+
+
+def test_force_triangles_by_the_eigenvalue_formula():
+    network = voronoi_network(60, seed=2)
+    critical = CriticalManifold(network).configuration(random_stress(90, 1))
+    found = force_anisotropy(critical)
+    vertices = network.free if network.pins else np.arange(network.n_vertices)
+    assert found.shape == vertices.shape
+    for value, vertex in zip(found, vertices, strict=True):
+        ends = [(e, 1.0) for e in np.flatnonzero(network.edges[:, 0] == vertex)]
+        ends += [(e, -1.0) for e in np.flatnonzero(network.edges[:, 1] == vertex)]
+        pulls = np.array([s * critical.sigma[e] * critical.bond_vectors[e] for e, s in ends])
+        np.testing.assert_allclose(np.sum(pulls, axis=0), 0, atol=1e-12)
+        # Sides ordered by angle form the convex polygon.
+        pulls = pulls[np.argsort(np.arctan2(pulls[:, 1], pulls[:, 0]))]
+        assert value == pytest.approx(by_eigenvalues(np.cumsum(pulls, axis=0)), rel=1e-8)
+
+
+def test_variances_by_their_formulas():
+    critical = CriticalManifold(voronoi_network(60, seed=2)).configuration(random_stress(90, 1))
+    for objective, values in (
+        (LengthVariance(), critical.lengths),
+        (TensionVariance(), critical.sigma * critical.lengths),
+    ):
+        known = pytest.approx(np.mean(values**2) / np.mean(values) ** 2 - 1, rel=1e-12)
+        assert objective.evaluate(critical)[0] == known
+        assert relative_variance(values) == known
+
+
+def test_networks_without_faces_raise():
+    solid = CriticalManifold(voronoi_3d()).configuration(np.ones(voronoi_3d().n_edges))
+    with pytest.raises(InputError, match="planar_faces"):
+        face_anisotropy(solid)
+    with pytest.raises(InputError, match="dimensions"):
+        force_anisotropy(solid)

@@ -1,0 +1,341 @@
+"""How the boundary of a periodic network enters: L = g x + b, with b fixed by the cell images that edges join.
+
+The paper's `BoundaryTerm`, and its affine deformation b → F b up to shears at which nearest images are wrong.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from critflow import CriticalManifold, Status, voronoi_network
+from critflow.figures.plot import COLOURS
+from critflow.workflow import Claim, Coordinate, Study, decimals, stable_rng
+
+from .shared.checks import voronoi_check
+from .shared.reports import PAPER, parameters
+from .shared.tables import NETWORK, networks, numbers, outcomes
+from .shared.verification import contradictions, forces
+
+
+def nearest_images(coordinates, edges, cell):
+    """The shortest vector from tail to head (N_b, 2) among all images of the head, without the offsets."""
+    apart = coordinates[edges[:, 1]] - coordinates[edges[:, 0]]
+    # Under shear the nearest image may lie several sheared cells away.
+    reach = range(-6, 7)
+    images = np.array([apart + image @ cell for image in product(reach, reach)])
+    return np.take_along_axis(images, np.linalg.norm(images, axis=2).argmin(axis=0)[None, :, None], axis=0)[0]
+
+
+def case(parameters, *, seed):
+    """One network: boundary term, configuration at a random stress, and configurations with the boundary sheared."""
+    network = voronoi_network(parameters["n_vertices"], seed)
+    sigma = np.abs(stable_rng(seed, "boundary").standard_normal(network.n_edges))
+    critical = CriticalManifold(network).configuration(sigma)
+    sheared, cells, wrong = [], [], []
+    for shear in parameters["shears"]:
+        deformed = network.deformed([[1.0, shear], [0.0, 1.0]])
+        solved = CriticalManifold(deformed).configuration(sigma)
+        nearest = nearest_images(solved.coordinates, network.edges, deformed.cell)
+        sheared.append(solved)
+        cells.append(deformed.cell)
+        wrong.append(np.count_nonzero(np.abs(nearest - solved.bond_vectors).max(axis=1) > 1e-9))
+    return {
+        "status": Status.ok,
+        "edges": network.edges,
+        "offsets": network.offsets,
+        "cell": network.cell,
+        "incidence": network.incidence.toarray().astype(int),
+        "boundary_vectors": network.boundary_vectors,
+        "positions": network.positions,
+        "sigma": critical.sigma,
+        "coordinates": critical.coordinates,
+        "bond_vectors": critical.bond_vectors,
+        "collapsed_bond_vectors": network.bond_vectors(np.zeros_like(critical.coordinates)),
+        "sheared_cell": cells,
+        "sheared_coordinates": [solved.coordinates for solved in sheared],
+        "sheared_bond_vectors": [solved.bond_vectors for solved in sheared],
+        "sheared_boundary_vectors": [solved.network.boundary_vectors for solved in sheared],
+        "nearest_image_wrong": wrong,
+    }
+
+
+SHEARED = ("seed", "shear")
+VARIABLES = (
+    *NETWORK,
+    *numbers(("seed", "edge", "vertex"), "i1", incidence="signed incidence, +1 at the head"),
+    *numbers(("seed", "edge"), sigma="geometric stress, sum of squares N_b"),
+    *numbers(
+        ("seed", "vertex", "axis"),
+        positions="vertices of the tessellation",
+        coordinates="vertex coordinates under that stress",
+    ),
+    *numbers(
+        ("seed", "edge", "axis"),
+        boundary_vectors="boundary term b of each edge",
+        bond_vectors="bond vectors under that stress",
+        collapsed_bond_vectors="bond vectors with all vertices at one point",
+    ),
+    *numbers((*SHEARED, "axis", "axis_"), sheared_cell="cell vectors as rows after the shear"),
+    *numbers((*SHEARED, "vertex", "axis"), sheared_coordinates="coordinates after the shear"),
+    *numbers(
+        (*SHEARED, "edge", "axis"),
+        sheared_bond_vectors="bond vectors after the shear",
+        sheared_boundary_vectors="boundary term after the shear",
+    ),
+    *numbers(SHEARED, "i4", nearest_image_wrong="edges whose ends are nearer in another image"),
+    *outcomes(("seed",), status="outcome"),
+)
+
+
+INTERIOR, CROSSING = COLOURS[1], COLOURS[0]
+COPY_INTERIOR, COPY_CROSSING = "#B7E0C0", "#1B7837"
+
+
+def boundary_figure(ds):
+    """`BoundaryTerm`: a network among its copies, all its vertices at one point, and both sheared."""
+    one = ds.isel(seed=0)
+    # The largest shear that is still easy to read.
+    shear = int(np.argmin(np.abs(ds.shear.values - 0.5)))
+    deformed = one.isel(shear=shear)
+    figure = Figure(figsize=(9.6, 10.0), dpi=120, layout="constrained")
+    axes = figure.subplots(2, 2)
+    plain, sheared = one.cell.values, deformed.sheared_cell.values
+    F = np.linalg.solve(plain, sheared)
+    for row, (cell, positions, b, name) in enumerate(
+        (
+            (plain, one.positions.values, one.boundary_vectors.values, ""),
+            (sheared, one.positions.values @ F, deformed.sheared_boundary_vectors.values, "sheared, b → F b:  "),
+        )
+    ):
+        _draw_copies(axes[row, 0], one, cell, positions)
+        _draw_collapsed(axes[row, 1], one, cell, b)
+        axes[row, 0].set_title(f"$\\bf{{{'AC'[row]}}}$   {name}L = g x + b", loc="left", fontsize=11)
+        axes[row, 1].set_title(
+            f"$\\bf{{{'BD'[row]}}}$   {name}all vertices at one point, L = b", loc="left", fontsize=11
+        )
+    handles = [
+        axes[0, 0].plot([], [], color=colour, linewidth=2.4, label=label)[0]
+        for colour, label in (
+            (INTERIOR, "edges within the cell, b = 0"),
+            (COPY_INTERIOR, "their copies"),
+            (CROSSING, "edges across its boundary, b ≠ 0"),
+            (COPY_CROSSING, "their copies"),
+        )
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=10, frameon=False)
+    return figure
+
+
+def _crosses(one):
+    return one.offsets.values.any(axis=1)
+
+
+def _draw_copies(axes, one, cell, positions):
+    tail = positions[one.edges.values[:, 0]]
+    head = positions[one.edges.values[:, 1]] + one.offsets.values @ cell
+    segments, crosses = np.stack([tail, head], axis=1), _crosses(one)
+    for image in product((-2, -1, 0, 1, 2), repeat=2):
+        here = image == (0, 0)
+        for which, colour in (
+            (~crosses, INTERIOR if here else COPY_INTERIOR),
+            (crosses, CROSSING if here else COPY_CROSSING),
+        ):
+            axes.add_collection(
+                LineCollection(
+                    segments[which] + np.array(image) @ cell,
+                    colors=colour,
+                    linewidths=2.4 if here else 1.3,
+                    zorder=3 if here else 2,
+                    capstyle="round",
+                )
+            )  # fmt: skip
+    axes.plot(*positions.T, "o", color="k", markersize=3.6, zorder=4)
+    _window(axes, cell)
+
+
+def _draw_collapsed(axes, one, cell, b):
+    """The edges with every vertex in the middle of its cell, and the number of edges of each b."""
+    middle = cell.sum(axis=0) / 2
+    points = np.array([middle + np.array(image) @ cell for image in product((-2, -1, 0, 1, 2), repeat=2)])
+    images, counts = np.unique(one.offsets.values, axis=0, return_counts=True)
+    joins = images[images.any(axis=1)]
+    lines = [[point, point + join @ cell] for point in points for join in joins]
+    axes.add_collection(LineCollection(lines, colors=COPY_CROSSING, linewidths=1.2, zorder=2))
+    axes.plot(*points.T, "o", color=COPY_CROSSING, markersize=5, zorder=3)
+    box = {"boxstyle": "round,pad=0.2", "facecolor": "w", "edgecolor": "none", "alpha": 0.9}
+    for image, count in zip(images, counts, strict=True):
+        if not image.any():
+            axes.plot(*middle, "o", color="k", markersize=9, zorder=5)
+            place = middle + 0.29 * cell[0] * [1, 1] - 0.17 * cell[1]
+            axes.annotate(
+                f"{count} edges\nwith b = 0", middle, place, fontsize=9, ha="center", va="center", color=INTERIOR,
+                fontweight="bold", bbox=box, zorder=6,
+            )  # fmt: skip
+            continue
+        b_of = b[(one.offsets.values == image).all(axis=1)][0]
+        axes.annotate(
+            "", middle + b_of, middle, zorder=4,
+            arrowprops={"arrowstyle": "-|>", "color": CROSSING, "linewidth": 2.4, "shrinkA": 0, "shrinkB": 3},
+        )  # fmt: skip
+        axes.text(
+            *(middle + 0.7 * b_of), f"({image[0]:d}, {image[1]:d})\n{count} edge{'s' if count > 1 else ''}",
+            fontsize=8.5, ha="center", va="center", color=CROSSING, bbox=box, zorder=6,
+        )  # fmt: skip
+    _window(axes, cell)
+
+
+def _window(axes, cell):
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ cell
+    axes.add_patch(
+        Polygon(corners, closed=True, fill=False, edgecolor="0.35", linewidth=1.0, linestyle=(0, (4, 2)), zorder=5)
+    )
+    middle, half = cell.sum(axis=0) / 2, 1.12 * np.abs(cell).max()
+    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.spines[:].set_color("0.8")
+
+
+# Claims
+
+
+def claims(ds):
+    """The statements of the paper on the boundary term, tested on the stored networks."""
+    return [claim for make in (_incidence, _images, _box, _shear) for claim in make(ds)]
+
+
+def _incidence(ds):
+    g, x, L, b = (ds[name].values for name in ("incidence", "coordinates", "bond_vectors", "boundary_vectors"))
+    n_networks, n_vertices = ds.sizes["seed"], ds.sizes["vertex"]
+    ranks = {int(np.linalg.matrix_rank(one)) for one in g}
+    plus, minus, degree = ((g == 1).sum(axis=2), (g == -1).sum(axis=2), np.abs(g).sum(axis=1))
+    yield Claim.tested(
+        "incidenceMatrix", "g is +1 at the head and −1 at the tail of an edge, else 0", "±1",
+        f"one of each in every row of {n_networks} networks; {degree.min()} edges at every vertex; rank "
+        f"{'/'.join(map(str, sorted(ranks)))} of {n_vertices} vertices",
+        (plus == 1).all() and (minus == 1).all() and (degree == 3).all() and ranks == {n_vertices - 1},
+        "some row or vertex is not so", "the missing rank is the free translation",
+    )  # fmt: skip
+    off = np.abs(np.einsum("sev,sva->sea", g, x) + b - L).max()
+    yield Claim.tested(
+        "BondVectors2", "bond vectors are L = g x + b", "0", f"at most {off:.1g} off", off < 1e-12, "they differ"
+    )
+    collapsed = np.abs(ds.collapsed_bond_vectors.values - b).max()
+    yield Claim.tested(
+        "BoundaryTerm-B", "with all vertices at one point the edges are b", "L = b", f"at most {collapsed:.1g} off",
+        collapsed == 0, "they differ",
+    )  # fmt: skip
+
+
+def _images(ds):
+    """The boundary term as whole cell vectors, of the edges that cross the boundary alone."""
+    g, b = ds.incidence.values, ds.boundary_vectors.values
+    images = np.einsum("sea,sab->seb", b, np.linalg.inv(ds.cell.values))
+    whole = np.abs(images - np.round(images)).max()
+    yield Claim.tested(
+        "BoundaryTerm-A", "b is made of whole cell vectors, as [S, 0] for an edge to the copy on the right", "whole",
+        f"at most {whole:.1g} from whole numbers, of −1, 0 and 1" if np.abs(images).max() < 1.5 else f"{whole:.1g}",
+        whole < 1e-12, "some are fractions",
+    )  # fmt: skip
+    S = ds.cell.values[:, 0, 0]
+    inside = ds.positions.values
+    tail = np.take_along_axis(inside, ds.edges.values[:, :, :1], axis=1)
+    reach = tail + np.einsum("sev,sva->sea", g, inside) + b
+    leaves = ((reach < 0) | (reach >= S[:, None, None])).any(axis=2)
+    crossing = (b != 0).any(axis=2)
+    yield Claim.tested(
+        "BondVectors2-interior", "edges within the cell have b = 0, those that cross its boundary do not", "b = 0",
+        f"{(~crossing).sum()} edges within, {crossing.sum()} across, {(leaves != crossing).sum()} contradict",
+        (leaves == crossing).all(), "some contradict",
+    )  # fmt: skip
+
+
+def _box(ds):
+    n_edges, S = ds.sizes["edge"], ds.cell.values[:, 0, 0]
+    yield Claim.tested(
+        "BoundaryTerm-side", "the linear size of the box is S = √N_b", f"{np.sqrt(n_edges):.4g}",
+        f"{S.mean():.4g} = √N_v", bool(np.allclose(S, np.sqrt(n_edges))),
+        "the main text sets V = N_v (`RestLengthVolumetric`), which is used here; √N_b would only rescale all lengths "
+        "by √(3/2)",
+    )  # fmt: skip
+
+
+def _shear(ds):
+    L = ds.bond_vectors.values
+    F = np.linalg.solve(ds.cell.values[:, None], ds.sheared_cell.values)
+    expected = np.einsum("sea,skab->skeb", L, F)
+    scale = np.linalg.norm(L, axis=2).mean()
+    apart = np.abs(ds.sheared_bond_vectors.values - expected).max() / scale
+    top = float(ds.shear.max())
+    yield Claim.tested(
+        "BondVectors2-affine", "an affine deformation A is applied by b → A b alone", "exact",
+        f"the configuration of F b is F times the one of b to {apart:.1g} mean lengths, to shears of {top:g}",
+        apart < 1e-11, "they differ", "the stress stays the same, as force balance is linear",
+    )  # fmt: skip
+    wrong = ds.nearest_image_wrong.sum("seed").values
+    total = ds.sizes["seed"] * ds.sizes["edge"]
+    listed = ", ".join(f"{100 * n / total:.3g} % at {shear:g}" for n, shear in zip(wrong, ds.shear.values, strict=True))
+    yield Claim.tested(
+        "BoundaryTerm-nearest", "(not in the paper) taking the nearest image instead would miss edges", "—",
+        f"shear by shear {listed}", bool(wrong[-1] > 0), "none is missed at these shears",
+    )  # fmt: skip
+
+
+def summary(ds):
+    """Numbers of edges, of crossing edges and of edges with a wrong nearest image."""
+    crossing = ds.offsets.values.any(axis=2)
+    return {
+        "parameters": parameters(ds),
+        "networks": ds.sizes["seed"],
+        "edges": ds.sizes["edge"],
+        "crossing_edges_mean": float(crossing.sum(axis=1).mean()),
+        "box_side": float(ds.cell.values[0, 0, 0]),
+        "nearest_image_wrong": {f"{shear:g}": int(n) for shear, n in
+                                zip(ds.shear.values, ds.nearest_image_wrong.sum("seed").values, strict=True)},
+    }  # fmt: skip
+
+
+def verify(ds):
+    """A line for each network whose bond vectors, force balance or sheared boundary contradict its arrays."""
+    return contradictions(ds, ("seed",), _checks)
+
+
+def _checks(one):
+    tail, head = one.edges.values.T
+    b, x, sigma = one.boundary_vectors.values, one.coordinates.values, one.sigma.values
+    L = x[head] - x[tail] + b
+    incidence = np.zeros(one.incidence.shape)
+    np.add.at(incidence, (np.arange(len(head)), head), 1)
+    np.add.at(incidence, (np.arange(len(tail)), tail), -1)
+    yield "incidence", (incidence == one.incidence.values).all()
+    yield "sigma", np.isclose(np.sum(sigma**2), len(sigma), rtol=1e-10)
+    yield "boundary_vectors", np.allclose(b, one.offsets.values @ one.cell.values, rtol=0, atol=1e-12)
+    yield "bond_vectors", np.allclose(L, one.bond_vectors, rtol=0, atol=1e-12)
+    yield "force balance", np.abs(forces(one, L)).max() <= 1e-11 * np.abs(sigma[:, None] * L).mean()
+    for shear in one.shear.values:
+        F = np.array([[1.0, shear], [0.0, 1.0]])
+        sheared = one.sheared_bond_vectors.sel(shear=shear)
+        yield f"sheared_cell at {shear:g}", np.allclose(one.cell.values @ F.T, one.sheared_cell.sel(shear=shear))
+        yield f"sheared_bond_vectors at {shear:g}", np.allclose(L @ F.T, sheared, rtol=0, atol=1e-10)
+
+
+study = Study(
+    name="boundary",
+    title="The boundary term of a periodic network",
+    references=PAPER,
+    axes=(networks(10),),
+    parameters={"n_vertices": 30, "shears": decimals("0:2:0.5")},
+    coordinates=(Coordinate("shear", "shears", "simple shear of the boundary"),),
+    case=case,
+    check=voronoi_check(),
+    variables=VARIABLES,
+    verify=verify,
+    figures={"boundary": boundary_figure},
+    claims=claims,
+    summary=summary,
+)

@@ -1,1 +1,0 @@
-"""Boundary vectors and shear."""

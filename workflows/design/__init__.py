@@ -1,1 +1,0 @@
-"""The study of design for a target."""

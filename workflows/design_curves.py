@@ -1,0 +1,98 @@
+"""Three networks of one topology and one B_0 that soften, keep and stiffen past the transition.
+
+C_B is prescribed to −0.05, 0 and 0.3 at B_0 = 0.25, and each is strained to γ = 0.1.
+`python -m workflows.benchmarks.design_energies` recomputes the energies of these paths by LAMMPS.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import critflow as cf
+from critflow.workflow import Claim, Study
+
+from .shared.checks import voronoi_check
+from .shared.figures import panels, signed
+from .shared.reports import PAPER, parameters, series
+from .shared.tables import networks, numbers, outcomes
+
+MODULUS = 0.25
+GROWTH = {"softens": -0.05, "keeps": 0.0, "stiffens": 0.3}
+STRAINS = np.concatenate([[1e-4, 1e-3], np.linspace(0.005, 0.1, 20)])
+
+
+def designs(n_vertices, seed):
+    """The three designs of one network."""
+    manifold = cf.CriticalManifold(cf.voronoi_network(n_vertices, seed))
+    return [cf.design(manifold, {"B_0": MODULUS, "C_B": growth}, throw=False) for growth in GROWTH.values()]
+
+
+def case(parameters, *, seed):
+    """Strain paths of the three designs."""
+    made = designs(parameters["n_vertices"], seed)
+    paths = [cf.strain_path(one.value.network, one.value, STRAINS, throw=False).value for one in made]
+    return {
+        "status": cf.Status.ok,
+        "bulk_modulus": [path.bulk_modulus for path in paths],
+        "shear_modulus": [path.shear_modulus for path in paths],
+        "kind_status": [one.status for one in made],
+    }
+
+
+def figure(ds):
+    """Moduli against strain."""
+    figure, (left, right) = panels(
+        2,
+        f"One topology and one $B_0$ = {MODULUS:g} k, three designed $C_B$: "
+        f"$N_v$ = {parameters(ds)['n_vertices']}, {ds.sizes['seed']} networks",
+    )
+    for axes, name, label, title in (
+        (left, "bulk_modulus", "$B$  [k]", "the bulk modulus differs by design"),
+        (right, "shear_modulus", "$G$  [k]", "the shear modulus hardly does"),
+    ):
+        for n, (kind, growth) in enumerate(GROWTH.items()):
+            color, legend = series(n)["color"], f"{kind}: $C_B$ = {signed(growth)} k"
+            for i, moduli in enumerate(ds[name].values[:, n]):
+                axes.plot(STRAINS, moduli, color=color, linewidth=1.2, alpha=0.7, label="" if i else legend)
+        axes.set(xlabel="dilation $\\gamma$", ylabel=label, xlim=(0, None), title=title)
+    left.axhline(MODULUS, color="0.5", linewidth=0.8, linestyle=":")
+    left.legend(fontsize=9, frameon=False, loc="lower left")
+    return figure
+
+
+def claims(ds):
+    """The order of the three curves."""
+    start = ds.bulk_modulus.values[:, :, 0]
+    end = ds.bulk_modulus.values[:, :, np.argmin(np.abs(STRAINS - 0.01))]
+    equal = np.abs(start - MODULUS).max()
+    ordered = (end[:, 0] < end[:, 1]) & (end[:, 1] < end[:, 2]) & (end[:, 0] < MODULUS) & (end[:, 2] > MODULUS)
+    return [
+        Claim.tested(
+            "design-curves", "networks of one topology and one B_0 soften, keep and stiffen on demand", "all",
+            f"{ordered.sum()} of {len(ordered)} networks at γ = 0.01; B at γ = 1e-4 within {equal:.1e} of {MODULUS}",
+            ordered.all() and (ds.kind_status.values != cf.Status.infeasible).all(),
+            "the growth changes within this strain",
+        )
+    ]  # fmt: skip
+
+
+study = Study(
+    name="design_curves",
+    title="Networks that soften, keep and stiffen on demand",
+    references=PAPER,
+    axes=(networks(10),),
+    parameters={"n_vertices": 400},
+    case=case,
+    check=voronoi_check(),
+    variables=(
+        *outcomes(("seed", "kind"), kind_status="outcome of the design"),
+        *numbers(
+            ("seed", "kind", "strain"),
+            bulk_modulus="bulk modulus [k]",
+            shear_modulus="shear modulus, energy convention [k]",
+        ),
+        *outcomes(("seed",), status="outcome of the case"),
+    ),
+    figures={"curves": figure},
+    claims=claims,
+)

@@ -1,0 +1,182 @@
+"""Fronts of the bulk modulus B_0 against its growth C_B and against C_G, for positive stresses.
+
+Each network has one self-stress.  Stresses are limited from below, in units of their mean, since edges that shrink give
+C_B any value above.  The theorem of `quantity` sets the tip of the lower front: C_B ≥ −B_0/2, with equality at
+the largest B_0 only, and C_G ≥ −(G_0/3B_0)(C_B + B_0/2).  Random stresses without that limit test it as well.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import critflow as cf
+from critflow.generators.random_networks import check_voronoi
+from critflow.workflow import Claim, Study
+
+from .shared.checks import check_network
+from .shared.figures import legend_below, panels
+from .shared.reports import PAPER, parameters, series
+from .shared.tables import networks, numbers, outcomes, padded, stacked
+
+FRONTS = {
+    "stiff_stiffening": {"B_0": "largest", "C_B": "largest"},
+    "soft_softening": {"B_0": "smallest", "C_B": "smallest"},
+    "stiff_shear": {"B_0": "largest", "C_G": "largest"},
+    "stiff_shear_softening": {"B_0": "largest", "C_G": "smallest"},
+}
+# Rounding of C_B in units of B_0.
+ROUNDING = 1e-9
+
+
+def case(parameters, *, seed):
+    """All fronts of one network, and random stresses."""
+    network = cf.voronoi_network(parameters["sizes"][seed % len(parameters["sizes"])], seed)
+    manifold = cf.CriticalManifold(network)
+    stiffest = cf.stiffening(manifold.configuration(network.stiffness)).value
+    return {
+        "status": cf.Status.ok,
+        **stacked([front(manifold, parameters, name) for name in FRONTS]),
+        **samples(manifold, parameters, seed),
+        "largest_bulk": cf.upper_bound(manifold, "B_0"),
+        "tip": stiffest.C_B,
+    }
+
+
+def front(manifold, parameters, name):
+    """The points of one front; undefined unless it is requested."""
+    n, statuses = parameters["points"], ()
+    columns = dict.fromkeys(("bulk", "growth", "weight", "residual", "dominated"), ())
+    if name in parameters["fronts"]:
+        within = {"force_densities": (parameters["least_stress"], None)}
+        front = cf.pareto(manifold, FRONTS[name], n, within=within, throw=False)
+        values = (*front.achieved.T, front.weights[:, 0], front.residuals, front.dominated)
+        columns, statuses = dict(zip(columns, values, strict=True)), front.statuses
+    columns = {name: padded(values, n) for name, values in columns.items()}
+    return {**columns, "point_status": padded(statuses, n, int(cf.Status.missing))}
+
+
+def samples(manifold, parameters, seed):
+    """Moduli and coefficients of log-normal stresses."""
+    rng, rows = np.random.default_rng([seed, 1]), []
+    for n in range(parameters["samples"]):
+        spread = parameters["spreads"][n % len(parameters["spreads"])]
+        sigma = np.exp(spread * rng.normal(size=manifold.network.n_edges))
+        value = cf.stiffening(manifold.configuration(sigma), throw=False).value
+        rows.append({"bulk": value.bulk_0, "shear": value.shear_0, "C_B": value.C_B, "C_G": value.C_G})
+    return {f"sampled_{name}": values for name, values in stacked(rows).items()}
+
+
+def check(parameters, axes):
+    """Refuse settings that could only fail."""
+    if parameters["points"] < 2:
+        raise cf.StudyError(f"points={parameters['points']} must be at least the two ends")
+    unknown = [name for name in parameters["fronts"] if name not in FRONTS]
+    if unknown:
+        raise cf.StudyError(f"no front is called {unknown[0]}: choose from {', '.join(FRONTS)}")
+    if not 0 < parameters["least_stress"] < 1:
+        raise cf.StudyError(f"least_stress={parameters['least_stress']} must lie between 0 and 1, the mean stress")
+    for size in parameters["sizes"]:
+        check_network(check_voronoi, size)
+
+
+def figure(ds):
+    """Fronts in units of the largest B_0 of each network: C_B, its tip, and C_G."""
+    sizes, fronts = parameters(ds)["sizes"], list(FRONTS.values())
+    least = parameters(ds)["least_stress"]
+    title = f"Fronts over stresses of at least {least:g} of their mean; grey: random stresses"
+    figure, (left, middle, right) = panels(3, title, height=4.0)
+    for axes, pair, sampled in ((left, (0, 1), "C_B"), (middle, (0, 1), "C_B"), (right, (2, 3), "C_G")):
+        for i, seed in enumerate(ds.seed.values):
+            one, unit = ds.isel(seed=i), float(ds.largest_bulk[i])
+            style = series(int(seed) % len(sizes))
+            axes.scatter(one.sampled_bulk / unit, one[f"sampled_{sampled}"] / unit, s=3, color="0.8", zorder=0)
+            for line, front in zip(("-", "--"), pair, strict=True):
+                known = one.isel(front=front).dropna("point", subset=["bulk"])
+                axes.plot(known.bulk / unit, known.growth / unit, ls=line, ms=3, lw=0.8, **style)
+    x = np.linspace(0, 1, 2)
+    for axes in (left, middle):
+        axes.plot(x, -x / 2, color="k", lw=1.6, label="$C_B = -B_0/2$" if axes is middle else None)
+        axes.plot(1, -0.5, "k*", ms=8)
+        axes.set(xlabel="$B_0 / \\max B_0$", ylabel="$C_B / \\max B_0$")
+    for n, size in enumerate(sizes):
+        middle.plot([], [], ms=3, lw=0.8, label=f"$N_v$ = {size}", **series(n))
+    for axes, pair in ((left, fronts[:2]), (right, fronts[2:])):
+        for line, front in zip(("-", "--"), pair, strict=True):
+            (bulk, of_bulk), (growth, of_growth) = front.items()
+            axes.plot([], [], "k" + line, lw=0.8, label=f"{of_bulk} ${bulk}$, {of_growth} ${growth}$")
+        axes.legend(fontsize=8, frameon=False, loc="upper left")
+        axes.set_yscale("symlog")
+    left.set(title="growth of the bulk modulus")
+    left.set_ylim(top=3e3)
+    middle.set(title="at the tip", xlim=(0.85, 1.01), ylim=(-0.6, 2))
+    right.set(xlabel="$B_0 / \\max B_0$", ylabel="$C_G / \\max B_0$", title="growth of the shear modulus")
+    right.set_ylim(top=60)
+    legend_below(figure, middle, ncols=4)
+    return figure
+
+
+def claims(ds):
+    """The theorem, on the fronts and on random stresses, and the certificates of the fronts."""
+    of_bulk = ds.isel(front=[0, 1])
+    ratios = (of_bulk.growth / of_bulk.bulk, ds.sampled_C_B / ds.sampled_bulk)
+    gap = np.concatenate([ratio.values.ravel() + 0.5 for ratio in ratios])
+    joint = ds.sampled_C_G + ds.sampled_shear / (3 * ds.sampled_bulk) * (ds.sampled_C_B + ds.sampled_bulk / 2)
+    least, tip = float(np.nanmin(gap)), float(np.abs(ds.tip / ds.largest_bulk + 0.5).max())
+    known, certified = np.isfinite(ds.bulk.values).sum(), ds.point_status.values == cf.Status.ok
+    weights, worse = ds.weight.values[certified], int(ds.dominated.sum())
+    return [
+        Claim.tested(
+            "DesignSoftening", "no positive stress softens more than C_B = −B_0/2, attained at the largest B_0",
+            "proved (docs/theory)",
+            f"least C_B/B_0 + 1/2 = {least:.1e} of {np.isfinite(gap).sum()} configurations; at the tip {tip:.0e}",
+            bool(least > -ROUNDING and tip < ROUNDING and float(joint.min()) > 0), "a configuration softens more",
+            f"C_G + (G_0/3B_0)(C_B + B_0/2) ≥ {float(joint.min()):.2g} k",
+        ),
+        Claim.tested(
+            "DesignFronts", "points of the fronts satisfy their first-order conditions", "weights ≥ 0",
+            f"{certified.sum()} of {known} points certified, largest residual {np.nanmax(ds.residual.values):.0e}; "
+            f"{worse} dominated by another of their front",
+            bool(certified.sum() == known and weights.min() >= -1e-5 and worse == 0),
+            "the search ended before the conditions held at the other points",
+        ),
+    ]  # fmt: skip
+
+
+study = Study(
+    name="design_fronts",
+    title="Fronts of the bulk modulus and its growth",
+    references=PAPER,
+    axes=(networks(10),),
+    parameters={
+        "fronts": tuple(FRONTS),
+        "sizes": (12, 18, 24),
+        "points": 5,
+        "least_stress": 0.2,
+        "samples": 60,
+        "spreads": (0.1, 0.3, 1.0),
+    },
+    case=case,
+    check=check,
+    variables=(
+        *numbers(
+            ("seed", "front", "point"),
+            bulk="bulk modulus B_0 on the front [k]",
+            growth="C_B or C_G there [k]",
+            weight="weight of B_0 in the first-order conditions",
+            residual="residual of the first-order conditions",
+            dominated="whether another point of the front is better in both",
+        ),
+        *outcomes(("seed", "front", "point"), point_status="outcome of each point"),
+        *numbers(
+            ("seed", "sample"),
+            sampled_bulk="B_0 of random stresses [k]",
+            sampled_shear="G_0 of them [k]",
+            sampled_C_B="C_B of them [k]",
+            sampled_C_G="C_G of them, energy convention [k]",
+        ),
+        *numbers(("seed",), largest_bulk="largest B_0 of the network [k]", tip="C_B there [k]"),
+        *outcomes(("seed",), status="outcome of the case"),
+    ),
+    figures={"fronts": figure},
+    claims=claims,
+)

@@ -1,0 +1,148 @@
+"""Stiffening at a fixed force network: isogonal changes of the lengths move C_B and C_G at the same B_0 and G_0."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import critflow as cf
+from critflow.workflow import Claim, Coordinate, Study
+
+from .shared.checks import voronoi_check
+from .shared.figures import draw_segments, segments, signed
+from .shared.reports import PAPER, parameters, series, spread, status_counts
+from .shared.tables import networks, numbers, outcomes, seconds, stacked, timed
+
+
+def case(parameters, *, seed):
+    """One force network of random stresses, and a design for each coefficient."""
+    network = cf.voronoi_network(parameters["n_vertices"], seed)
+    sigma = np.exp(parameters["spread"] * np.random.default_rng(seed).standard_normal(network.n_edges))
+    start = cf.CriticalManifold(network).configuration(sigma)
+    bulk = cf.elasticity(start).value.bulk
+    # No positive stress has a smaller coefficient; the compromise is about the least one of the family.
+    least = cf.isogonal_design(start, {"C_B": -bulk / 2}, throw=False).achieved["C_B"]
+    strains = np.array(parameters["strains"])
+    designs = [designed(start, target, strains) for target in parameters["coefficients"]]
+    return {"status": cf.Status.ok, "bulk": bulk, "least": least, **stacked(designs)}
+
+
+def designed(start, target, strains):
+    """One design: its coefficients, what it keeps, its cost, and its moduli along dilation."""
+    made, time = timed(cf.isogonal_design, start, {"C_B": target}, throw=False)
+    critical, before, after = made.value, cf.elasticity(start).value, cf.elasticity(made.value).value
+    exact = cf.stiffening(critical, throw=False).value
+    return {
+        "C_B": exact.C_B,
+        "C_G": exact.C_G,
+        "target_error": abs(exact.C_B - target) / max(abs(target), 0.01),
+        "bulk_error": abs(after.bulk / before.bulk - 1),
+        "shear_error": abs(after.shear / before.shear - 1),
+        "distance": made.distance,
+        "shortest": critical.lengths.min() / critical.lengths.mean(),
+        "design_status": made.status,
+        "design_seconds": time,
+        "modulus": cf.strain_path(start.network, critical, strains, throw=False).value.bulk_modulus,
+        "lines": segments(critical),
+    }
+
+
+def figure(ds):
+    """Networks of one family, their moduli along dilation, and the cost of a target."""
+    figure = Figure(figsize=(10, 6.2), dpi=130, layout="constrained")
+    pictures, plots = figure.subfigures(2, 1, height_ratios=(1, 1.5))
+    one, targets = ds.isel(seed=0), ds.target.values
+    met = np.flatnonzero(one.design_status.values == cf.Status.ok)
+    panels = pictures.subplots(1, max(len(met), 1), squeeze=False)[0]
+    for n, axes in zip(met, panels, strict=False):
+        title = f"$C_B$ = {signed(targets[n])} k"
+        draw_segments(axes, one.lines.values[n], title, colors=series(n)["color"], linewidths=1.0)
+    growth, reach = plots.subplots(1, 2)
+    for n in met:
+        modulus = np.array([float(one.bulk), *one.modulus.values[n]])
+        growth.plot([0, *100 * ds.strain.values], modulus, **series(n), markersize=4, label=signed(targets[n]))
+    growth.set(xlabel="dilation  [%]", ylabel="bulk modulus  [k]", title="one $B_0$, five designed $C_B$")
+    growth.legend(title="$C_B$ designed  [k]", fontsize=8.5, title_fontsize=9, frameon=False)
+    for n in range(len(targets)):
+        values = ds.isel(target=n).where(ds.design_status.isel(target=n) == cf.Status.ok)
+        reach.plot(values.distance, values.C_G, linestyle="none", markersize=5, **series(n))
+    reach.set(
+        xlabel="change of log lengths (r.m.s.)", ylabel="$C_G$  [k]", xlim=(0, None),
+        title=f"cost, and $C_G$ that follows: {ds.sizes['seed']} networks",
+    )  # fmt: skip
+    for axes in (growth, reach):
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.suptitle(
+        "One force network, one $B_0$ and $G_0$: isogonal changes of the lengths design how it stiffens  "
+        f"($N_v$ = {parameters(ds)['n_vertices']})",
+        fontsize=11,
+    )
+    return figure
+
+
+def claims(ds):
+    """What isogonal design keeps and reaches."""
+    met = ds.design_status == cf.Status.ok
+    error, kept = float(ds.target_error.where(met).max()), float(ds.bulk_error.max())
+    sheared = float(ds.shear_error.max())
+    counts, time = status_counts(ds.design_status.values), float(ds.design_seconds.median())
+    low = (ds.least / ds.bulk).values
+    every = bool((met | (ds.target <= ds.least + 0.005)).all())
+    return [
+        Claim.tested(
+            "DesignIsogonalKeeps", "isogonal designs keep B_0 and G_0 to rounding", "< 1e-12",
+            f"largest relative change {kept:.1g} of B_0, {sheared:.1g} of G_0", kept < 1e-12 and sheared < 1e-9,
+            "they change",
+        ),
+        Claim.tested(
+            "DesignIsogonalTargets",
+            "targets of C_B above the least one of each family are met to 1e-9, with edges of at least ⟨L⟩/20",
+            "all", f"largest error {error:.1g}, outcomes {counts}, median {time:.2g} s each", error < 1e-9 and every,
+            "some are missed",
+        ),
+        Claim.tested(
+            "DesignIsogonalReach", "no member of a family softens more than C_B = −B_0/2", "≥ −1/2",
+            f"least C_B/B_0 found in each family {spread(low)}, least {low.min():.4g}",
+            bool((low >= -0.5 - 1e-9).all()), "some do",
+        ),
+    ]  # fmt: skip
+
+
+study = Study(
+    name="design_isogonal",
+    title="Stiffening designed at a fixed force network",
+    references=PAPER,
+    axes=(networks(10),),
+    parameters={
+        "n_vertices": 64,
+        "spread": 0.4,
+        "coefficients": (-0.08, -0.04, 0.0, 0.1, 0.2),
+        "strains": (0.002, 0.005, 0.01, 0.02, 0.04, 0.07, 0.1),
+    },
+    coordinates=(
+        Coordinate("target", "coefficients", "requested C_B [k]"),
+        Coordinate("strain", "strains", "dilation"),
+    ),
+    case=case,
+    check=voronoi_check("spread"),
+    variables=(
+        *numbers(
+            ("seed", "target"),
+            C_B="growth of the bulk modulus, from the linear system of the transition",
+            C_G="growth of the shear modulus, energy convention",
+            target_error="distance of C_B from its target, relative to the larger of it and 0.01",
+            bulk_error="relative change of B_0 by the design",
+            shear_error="relative change of G_0 by the design",
+            distance="root mean square of the change of log lengths",
+            shortest="shortest edge over the mean",
+        ),
+        *outcomes(("seed", "target"), design_status="outcome of the design"),
+        *seconds(("seed", "target"), design_seconds="processor time of the design [s]"),
+        *numbers(("seed",), least="least C_B that a descent found in the family", bulk="B_0 of the force network"),
+        *numbers(("seed", "target", "strain"), modulus="bulk modulus along dilation [k]"),
+        *numbers(("seed", "target", "edge", "end", "axis"), lines="ends of the edges"),
+        *outcomes(("seed",), status="outcome of the case"),
+    ),
+    figures={"isogonal": figure},
+    claims=claims,
+)

@@ -1,0 +1,134 @@
+"""Poisson's ratio by the stiffnesses of triangulated cells.
+
+Isotropic tensors of the same Young's modulus are designed by the stiffnesses of springs, and checked by a relaxation
+that shares no code with the design.  `design_reach` has the ratios of networks at the transition.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import critflow as cf
+from critflow.networks.deformation import strain_basis
+from critflow.workflow import Claim, Coordinate, Study
+
+from .shared.checks import check_network
+from .shared.figures import limit, panels
+from .shared.reports import PAPER, finite, parameters, series
+from .shared.tables import networks, numbers, outcomes, seconds, stacked, timed
+
+ANGLES = np.linspace(0, np.pi, 12, endpoint=False)
+BOUND_OF_ERROR, WITHIN = 6e-4, 0.005
+# Smallest error that is drawn.
+FLOOR = 1e-16
+
+
+def case(parameters, *, seed):
+    """All ratios of one triangulated cell."""
+    network = cf.delaunay_network(parameters["sizes"][seed % len(parameters["sizes"])], seed)
+    return {"status": cf.Status.ok, **stacked([designed(network, ratio) for ratio in parameters["ratios"]])}
+
+
+def designed(network, ratio):
+    """One design and its check."""
+    made, time = timed(
+        cf.design_stiffness, network, network.positions, cf.isotropic_targets(2, 1.0, ratio), throw=False
+    )
+    target = np.array([[1, ratio, 0], [ratio, 1, 0], [0, 0, (1 - ratio) / 2]]) / (1 - ratio**2)
+    along = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
+    across = along[:, ::-1] * [-1, 1]
+    ratios = [made.elasticity.poisson(n, t) for n, t in zip(along, across, strict=True)]
+    return {
+        "error": np.abs(np.array(ratios) - ratio).max(),
+        "checked_error": np.abs(relaxed_tensor(made.value) - target).max(),
+        "change": made.distance,
+        "design_status": made.status,
+        "design_seconds": time,
+    }
+
+
+def relaxed_tensor(network):
+    """C (3, 3) by dense least squares over all displacements."""
+    L = network.bond_vectors(network.positions)
+    unit = L / np.linalg.norm(L, axis=1)[:, None]
+    root = np.sqrt(network.stiffness)[:, None]
+    rows = root * (network.incidence.toarray()[:, :, None] * unit[:, None, :]).reshape(len(L), -1)
+    load = root * np.einsum("ei,aij,ej->ea", unit, strain_basis(2)[1], L)
+    rest = load - rows @ np.linalg.lstsq(rows, load, rcond=1e-13)[0]
+    return rest.T @ rest / network.volume
+
+
+def check(parameters, axes):
+    """Refuse settings that could only fail."""
+    for ratio in parameters["ratios"]:
+        if not -1 < ratio < 1:
+            raise cf.StudyError(f"ratios={ratio} must lie between -1 and 1")
+    for size in parameters["sizes"]:
+        check_network(cf.delaunay_network, size, 0)
+
+
+def figure(ds):
+    """Errors of the designed ratios, and their cost."""
+    ratios, sizes = ds.ratio.values, parameters(ds)["sizes"]
+    title = f"Poisson's ratio on demand by stiffnesses, {min(sizes)} to {max(sizes)} vertices"
+    figure, (left, right) = panels(2, title)
+    for n, (name, label) in enumerate((("error", "designed"), ("checked_error", "relaxed by another code"))):
+        errors = np.nanmax(np.maximum(ds[name].values, FLOOR), axis=0)
+        left.semilogy(ratios, errors, ms=4, lw=1, label=label, **series(n))
+    limit(left, BOUND_OF_ERROR, f"required median: {BOUND_OF_ERROR:g}")
+    left.set(ylabel="largest error of $\\nu$", ylim=(FLOOR, 1e-1), title="error")
+    left.legend(fontsize=8, frameon=False)
+    for seed, change in zip(ds.seed.values, ds.change.values, strict=True):
+        size = sizes[int(seed) % len(sizes)]
+        right.plot(ratios, change, lw=1, color=str(0.75 - 0.6 * size / max(sizes)))
+    right.set(ylabel="change of $\\log k$ (r.m.s.)", title="change of the stiffnesses")
+    right.text(0.5, 0.95, "darker: larger cells", ha="center", fontsize=8.5, transform=right.transAxes)
+    for axes in (left, right):
+        axes.set_xlabel("requested Poisson's ratio $\\nu$")
+    return figure
+
+
+def claims(ds):
+    """Errors of the designs against those of the literature."""
+    error, checked = finite(ds.error.values), finite(ds.checked_error.values)
+    reached = int(np.count_nonzero(np.maximum(ds.error.values, ds.checked_error.values) < WITHIN))
+    outcomes = ", ".join(sorted({cf.Status(int(code)).name for code in ds.design_status.values.ravel()}))
+    return [
+        Claim.tested(
+            "DesignPoisson", "isotropic Poisson's ratios are designed by stiffnesses in triangulated cells",
+            "median error 0.0063, 55 % within 0.05",
+            f"median {np.median(error):.0e}, check {np.median(checked):.0e}; {reached} of {ds.error.size} within "
+            f"{WITHIN:g}",
+            reached == ds.error.size and max(np.median(error), np.median(checked)) <= BOUND_OF_ERROR,
+            "some ratio was not reached",
+            f"{float(ds.design_seconds.sum()):.0f} s of processor time; status {outcomes}",
+        ),
+    ]  # fmt: skip
+
+
+study = Study(
+    name="design_poisson",
+    title="Poisson's ratio on demand",
+    references=PAPER,
+    axes=(networks(10),),
+    parameters={
+        "sizes": (24, 36, 48, 60, 72, 84, 96, 112, 128, 144),
+        "ratios": tuple(round(-0.8 + 1.7 * n / 12, 6) for n in range(13)),
+    },
+    coordinates=(Coordinate("ratio", "ratios", "requested Poisson's ratio"),),
+    case=case,
+    check=check,
+    variables=(
+        *numbers(
+            ("seed", "ratio"),
+            error="largest error of Poisson's ratio over all directions",
+            checked_error="largest error of the relaxed tensor of the check, relative to Young's modulus",
+            change="root mean square change of log k",
+        ),
+        *outcomes(("seed", "ratio"), design_status="outcome of the design"),
+        *seconds(("seed", "ratio"), design_seconds="processor time of the design [s]"),
+        *outcomes(("seed",), status="outcome of the case"),
+    ),
+    figures={"poisson": figure},
+    claims=claims,
+)

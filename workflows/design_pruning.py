@@ -1,0 +1,147 @@
+"""Pruning: the stiffness that a network keeps when edges are cut well or at random, and the time to find them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import critflow as cf
+from critflow.workflow import Claim, Study
+
+from .shared.checks import voronoi_check
+from .shared.figures import panels
+from .shared.reports import PAPER, parameters, series, spread
+from .shared.tables import networks, numbers, outcomes, padded, seconds, stacked, timed
+
+METHODS = {"greedy": "greedy", "random": "at random"}
+TARGETS = (0.9, 0.8, 0.7, 0.6, 0.5)
+# Smallest distance from a target that is drawn.
+FLOOR = 1e-7
+
+
+def case(parameters, *, seed):
+    """The stiffest configuration, pruned for the largest B_0, at random, and towards targets."""
+    start = cf.optimize(cf.voronoi_network(parameters["n_vertices"], seed), "bulk_modulus").value
+    repeats = parameters["repeats"]
+    updated, updates_seconds = timed(cf.prune_towards, start, cuts=repeats, drift=1e-10)
+    factorised, factorised_seconds = timed(cf.prune_towards, start, cuts=repeats, drift=0.0)
+    return {
+        "status": cf.Status.ok,
+        **stacked([by_method(start, order, parameters["cuts"]) for order in (None, seed)]),
+        "updates_seconds": updates_seconds,
+        "factorised_seconds": factorised_seconds,
+        "update_difference": np.abs(updated.values / factorised.values - 1).max(),
+    }
+
+
+def by_method(start, order, cuts):
+    """B_0 while edges are cut in one order, and the targets that such cuts reach."""
+    made = cf.prune_towards(start, cuts=cuts, seed=order, throw=False)
+    reached = [cf.prune_towards(start, target=part * made.values[0], seed=order, throw=False) for part in TARGETS]
+    return {
+        "modulus": padded(made.values / made.values[0], cuts + 1),
+        "loss": made.objective / cf.upper_bound(made.value.network, "B_0"),
+        "drift": made.drift,
+        "target_error": [one.stats.residual for one in reached],
+    }
+
+
+def figure(ds):
+    """B_0 against the part of the edges that is cut, and the distance from targets."""
+    n_vertices = parameters(ds)["n_vertices"]
+    figure, (loss, reach) = panels(
+        2,
+        f"Pruning of the stiffest network at constant stress: $N_v$ = {n_vertices}, "
+        f"mean ± standard deviation of {ds.sizes['seed']} networks",
+        height=4.0,
+    )
+    share = 100 * np.arange(ds.sizes["cut"]) / (1.5 * n_vertices)
+    for n, label in enumerate(METHODS.values()):
+        colour, values = series(n)["color"], ds.modulus.values[:, n]
+        known = np.isfinite(values).any(axis=0)
+        mean, width = np.nanmean(values[:, known], axis=0), np.nanstd(values[:, known], axis=0)
+        loss.plot(share[known], mean, color=colour, label=label)
+        loss.fill_between(share[known], mean - width, mean + width, color=colour, alpha=0.25, linewidth=0)
+        for place, part in enumerate(TARGETS):
+            errors = np.maximum(ds.target_error.values[:, n, place], FLOOR)
+            style = series(n) | {"linestyle": "none", "label": "" if place else label}
+            reach.semilogy(np.full(len(errors), part + 0.016 * (n - 0.5)), errors, alpha=0.6, markersize=5, **style)
+    loss.set(
+        xlabel="edges cut  [%]", ylabel="$B_0$ over that of the whole network", ylim=(0, 1.02), xlim=(0, None),
+        title="stiffness that remains",
+    )  # fmt: skip
+    loss.legend(frameon=False, title="edges cut")
+    reach.axhline(1e-3, color="0.5", linestyle=":")
+    reach.text(1.0, 1e-3, " 10⁻³", fontsize=9, va="center", transform=reach.get_yaxis_transform())
+    reach.set(
+        xlabel="target of $B_0$ over that of the whole network", ylabel="relative distance from the target",
+        ylim=(FLOOR, 1), title="targets met by cuts",
+    )  # fmt: skip
+    reach.legend(frameon=False, ncols=2, loc="upper right")
+    return figure
+
+
+def claims(ds):
+    """Accuracy and time of updates, and the gain of a greedy choice."""
+    cuts, repeats = parameters(ds)["cuts"], parameters(ds)["repeats"]
+    ratio = (ds.factorised_seconds / ds.updates_seconds).values
+    drift, difference = float(ds.drift.max()), float(ds.update_difference.max())
+    greedy, random = ds.modulus.isel(cut=cuts).values.T
+    errors = dict(zip(METHODS.values(), np.moveaxis(ds.target_error.values, 1, 0), strict=True))
+    optimal = np.abs(ds.loss.values - 1).max()
+    return [
+        Claim.tested(
+            "DesignPruningDrift", "values by rank-one updates are those of new factorisations", "< 1e-10",
+            f"largest relative error {drift:.1g} after {cuts} cuts, {difference:.1g} in every step of {repeats}",
+            drift < 1e-10 and difference < 1e-10, "they drift",
+        ),
+        Claim(
+            "DesignPruningSpeed",
+            "time of greedy cuts with a factorisation each over that with updates, both with all values after a cut",
+            "", f"{spread(ratio, 3)} for {repeats} cuts, set-up included", "measured",
+        ),
+        Claim.tested(
+            "DesignPruningGreedy", "the best edges cost less stiffness than random ones", "order",
+            f"B_0 over the first one after {cuts} cuts: greedy {spread(greedy)}, random {spread(random)}",
+            bool(np.nanmin(greedy) > np.nanmax(random)), "they do not",
+        ),
+        Claim.tested(
+            "DesignPruningOptimal", "at σ = k every pruned network has the largest B_0 of its edges", "1",
+            f"B_0 over its bound: 1 within {optimal:.1g}", bool(optimal < 1e-10), "some have not",
+        ),
+        Claim(
+            "DesignPruningTargets", "distance of B_0 from targets by cuts, which are discrete", "",
+            "; ".join(
+                f"{label}: median {np.nanmedian(values):.1g}, {np.mean(values < 1e-3):.0%} within 1e-3"
+                for label, values in errors.items()
+            ), "measured",
+        ),
+    ]  # fmt: skip
+
+
+study = Study(
+    name="design_pruning",
+    title="Stiffness that networks keep while edges are cut",
+    references=PAPER,
+    axes=(networks(10),),
+    parameters={"n_vertices": 300, "cuts": 90, "repeats": 20},
+    case=case,
+    check=voronoi_check("cuts", "repeats"),
+    variables=(
+        *numbers(("seed", "method", "cut"), modulus="B_0 after each cut at constant stress, over the first one"),
+        *numbers(
+            ("seed", "method"),
+            loss="B_0 at the end over the largest one of the edges that remain",
+            drift="relative error of the last value by updates of rank one",
+        ),
+        *numbers(("seed", "method", "target"), target_error="distance of a pruned B_0 from its target, relative"),
+        *numbers(("seed",), update_difference="largest relative difference of the values of both"),
+        *seconds(
+            ("seed",),
+            updates_seconds="processor time of greedy cuts by updates [s]",
+            factorised_seconds="processor time of the same cuts with a factorisation each [s]",
+        ),
+        *outcomes(("seed",), status="outcome of the case"),
+    ),
+    figures={"pruning": figure},
+    claims=claims,
+)

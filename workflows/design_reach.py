@@ -1,0 +1,199 @@
+"""Reach of linear elasticity at the transition: which S/√D a network attains with positive stresses, and with any.
+
+C = S⊗S/(V D) at one self-stress.  For stresses of any sign the reach is the ellipsoid sᵀ M⁻¹ s ≤ V, whose support
+function is `upper_bound`: (s:A)² ≤ V μ_A.  Configurations that attain it are known in closed form.  For positive
+stresses the support is found by ascents of the modulus μ_A with the penalty that keeps every stress above about r.
+
+A stretch along y with free sides has Poisson's ratio ν = S_xx/S_yy, which is positive for σ > 0.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import critflow as cf
+from critflow.critical.transition import transition_modulus
+from critflow.workflow import Claim, Study
+
+from .shared.checks import voronoi_check
+from .shared.figures import legend_below, panels
+from .shared.reports import PAPER, finite, parameters, series
+from .shared.structure import scaled_stress
+from .shared.tables import networks, numbers, outcomes, stacked
+
+# A = cos(angle)·1 + sin(angle)·diag(1, −1): the first component of s is tr S, the second S_xx − S_yy, halved.
+MEAN, DIFFERENCE = np.eye(2), np.diag([1.0, -1.0])
+
+
+def case(parameters, *, seed):
+    """The support of both reaches of one network, and random stresses."""
+    manifold = cf.CriticalManifold(cf.voronoi_network(parameters["n_vertices"], seed))
+    rng, sampled = np.random.default_rng([seed, 2]), []
+    for _ in range(parameters["samples"]):
+        spread = 2.0 ** rng.uniform(-2, 1)
+        sampled.append(response(manifold.configuration(np.exp(spread * rng.normal(size=manifold.network.n_edges)))))
+    directions = [support(manifold, parameters, angle) for angle in angles(parameters["directions"])]
+    return {"status": cf.Status.ok, "sampled": sampled, **stacked(directions)}
+
+
+def angles(n):
+    """Angles of the directions A; S and −S have the same tensor."""
+    return np.linspace(-np.pi / 2, np.pi / 2, n, endpoint=False)
+
+
+def support(manifold, parameters, angle):
+    """The largest S:A in one direction: in closed form with any signs, and by ascents of positive stresses."""
+    direction = np.array([np.cos(angle), np.sin(angle)])
+    A = direction[0] * MEAN + direction[1] * DIFFERENCE
+    objective = cf.transition_modulus(manifold.network, A)
+    try:
+        signed = response(cf.optimize(manifold, objective, "closed_form", signs="any", throw=False).value)
+    except cf.InputError:
+        signed = np.full(2, np.nan)
+    limited = [ConstrainedModulus(objective, threshold) for threshold in parameters["thresholds"]]
+    steps = parameters["ascent"]
+    ascents = [cf.optimize(manifold, one, "lbfgs", max_steps=steps, throw=False) for one in limited]
+    return {
+        "support": np.sqrt(cf.upper_bound(manifold, transition_modulus(manifold.network, A))),
+        "signed": signed if signed @ direction >= 0 else -signed,  # of both signs the one that works on the strain
+        "tensile": [response(best.value) for best in ascents],
+    }
+
+
+def response(critical):
+    """(½(S_xx + S_yy), ½(S_xx − S_yy))/√(V D) of a configuration; NaN without one."""
+    xx, yy, _ = scaled_stress(critical)
+    return 0.5 * np.array([xx + yy, xx - yy]) / np.sqrt(critical.network.volume)
+
+
+def ratio_and_bulk(responses):
+    """ν and B_0 of responses (..., 2)."""
+    mean, difference = np.moveaxis(responses, -1, 0)
+    return (mean + difference) / (mean - difference), mean**2
+
+
+def check(parameters, axes):
+    """Refuse settings that could only fail."""
+    if parameters["directions"] < 3 or not min(parameters["thresholds"]) > 0:
+        raise cf.StudyError("directions must be at least 3, and thresholds positive")
+    voronoi_check()(parameters, axes)
+
+
+def work(ds, responses):
+    """S:A/√(V D) of responses (seed, direction, ..., 2) in their directions, (seed, direction, ...)."""
+    turn = angles(ds.sizes["direction"])
+    directions = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return 2 * np.einsum("sd...c,dc->sd...", responses, directions)
+
+
+def attained(ds):
+    """S:A of the ascents over its bound, (seed, direction, threshold)."""
+    return np.abs(work(ds, ds.tensile.values)) / ds.support.values[..., None]
+
+
+def figure(ds):
+    """Both reaches of one network, the part of the support that σ > 0 attains in all, and Poisson's ratios."""
+    figure, (left, middle, right) = panels(
+        3,
+        "Linear response that a network can have at the transition: "
+        f"$N_v$ = {parameters(ds)['n_vertices']}, {ds.sizes['seed']} networks",
+        height=4.6,
+    )
+    thresholds = parameters(ds)["thresholds"]
+    draw_network_reach(left, ds.isel(seed=0), thresholds)
+    turn = angles(ds.sizes["direction"]) / np.pi
+    middle.axhline(1, color=series(0)["color"], lw=1)
+    middle.text(-0.5, 1.01, "any sign", fontsize=8.5, color=series(0)["color"])
+    for n, part in enumerate(np.moveaxis(attained(ds), 2, 0)):
+        style = series(1 + n)
+        middle.plot(turn, part.mean(axis=0), ms=4, lw=1, **style)
+        middle.fill_between(turn, part.min(axis=0), part.max(axis=0), color=style["color"], alpha=0.2, lw=0)
+    middle.set(
+        xlabel="direction A: 0 dilation, ±½ pure shear  [π]", ylabel="largest $S:A$ over its bound", ylim=(0, 1.09),
+        title="part that positive stresses attain",
+    )  # fmt: skip
+    for n, responses in enumerate((ds.signed.values, ds.tensile.values[:, :, -1])):
+        ratio, bulk = ratio_and_bulk(responses.reshape(-1, 2))
+        right.scatter(ratio, bulk, s=(30, 10)[n], **series((0, len(thresholds))[n]), alpha=0.6)
+    right.axvline(0, color="0.6", lw=0.8)
+    right.set(
+        xlabel="Poisson's ratio $\\nu = S_{xx}/S_{yy}$", ylabel="$B_0$  [k]", xlim=(-1.5, 5.5), ylim=(0, None),
+        title="largest $B_0$ for each ratio",
+    )  # fmt: skip
+    legend_below(figure, left, ncols=3)
+    return figure
+
+
+def draw_network_reach(axes, one, thresholds):
+    """The ellipse of the bound, the responses that attain it, and those of positive stresses."""
+    turn, support = angles(one.sizes["direction"]), one.support.values
+    unit = support[np.argmin(np.abs(turn))] / 2
+    # The support function of the ellipse is √(aᵀ Q a): three numbers, known exactly from any three directions.
+    a = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    products = np.stack([a[:, 0] ** 2, 2 * a[:, 0] * a[:, 1], a[:, 1] ** 2], axis=1)
+    xx, xy, yy = np.linalg.lstsq(products, support**2, rcond=None)[0]
+    circle = np.linspace(0, 2 * np.pi, 200)
+    ellipse = np.linalg.cholesky([[xx, xy], [xy, yy]]) @ [np.cos(circle), np.sin(circle)] / 2
+    axes.plot(*ellipse / unit, color="k", lw=0.8, label="closed-form bound")
+    signed = one.signed.values / unit
+    axes.scatter(*np.concatenate([signed, -signed]).T, s=14, label="attained, any sign", **series(0))
+    axes.scatter(*one.sampled.values.T / unit, s=4, color="0.6", label="random σ > 0")
+    for n, threshold in enumerate(thresholds):
+        label = f"σ > 0, at least about {threshold:g} r.m.s."
+        axes.scatter(*one.tensile.values[:, n].T / unit, s=14, label=label, **series(1 + n))
+    edge = np.array([0, 1.15])
+    axes.fill_between(edge, -edge, edge, color="0.94", zorder=-1)
+    axes.text(0.12, 0, "S positive\ndefinite", fontsize=8.5, color="0.35", va="center")
+    axes.set(
+        xlabel="$(S_{xx} + S_{yy})/2\\sqrt{VD}$, over its bound", ylabel="$(S_{xx} - S_{yy})/2\\sqrt{VD}$",
+        xlim=(-1.15, 1.15), ylim=(-1.15, 1.15), aspect="equal", title="one network",
+    )  # fmt: skip
+
+
+def claims(ds):
+    """The ellipse is attained and never passed; positive stresses stay inside the cone of definite S."""
+    ratio = work(ds, ds.signed.values) / ds.support.values
+    error, tensile = finite(ratio - 1), attained(ds)
+    positive = np.concatenate([ds.sampled.values.reshape(-1, 2), ds.tensile.values.reshape(-1, 2)])
+    positive = positive[np.isfinite(positive).all(axis=1)]
+    signed, stretched = (finite(ratio_and_bulk(values)[0]) for values in (ds.signed.values, ds.tensile.values))
+    return [
+        Claim.tested(
+            "DesignReach", "S/√D of stresses of any sign fills the ellipse of the closed-form bound", "equality",
+            f"attained to {np.abs(error).max():.0e} in {len(error)} of {ratio.size} directions; part of σ > 0: "
+            f"{np.nanmin(tensile[..., -1]):.2f} to {np.nanmax(tensile[..., -1]):.2f}",
+            len(error) == ratio.size and np.abs(error).max() < 1e-8 and np.nanmax(tensile) < 1 + 1e-9,
+            "the bound is not attained in some directions",
+        ),
+        Claim.tested(
+            "DesignTensileReach", "S of positive stresses is positive definite", "always",
+            f"{len(positive)} configurations", (np.abs(positive[:, 1]) < positive[:, 0]).all(),
+            "some stress is indefinite",
+        ),
+        Claim.tested(
+            "DesignAuxetic", "at the transition positive stresses have ν > 0, and compressed edges have either sign",
+            "ν > 0 for σ > 0",
+            f"ν from {stretched.min():.2g} to {stretched.max():.2g} for σ > 0, from {signed.min():.2g} otherwise",
+            bool(stretched.min() > 0 and signed.min() < 0), "the signs differ",
+        ),
+    ]  # fmt: skip
+
+
+study = Study(
+    name="design_reach",
+    title="Reach of linear elasticity at the transition",
+    references=PAPER,
+    axes=(networks(10),),
+    parameters={"n_vertices": 100, "directions": 24, "thresholds": (0.3, 0.1), "samples": 60, "ascent": 150},
+    case=case,
+    check=check,
+    variables=(
+        *numbers(("seed", "direction"), support="largest S:A/√(V D) over all stresses, in closed form [√k]"),
+        *numbers(("seed", "direction", "axis"), signed="S/√(V D) there, mean and half the difference [√k]"),
+        *numbers(("seed", "direction", "threshold", "axis"), tensile="S/√(V D) of stresses above about r [√k]"),
+        *numbers(("seed", "sample", "axis"), sampled="S/√(V D) of random positive stresses [√k]"),
+        *outcomes(("seed",), status="outcome of the case"),
+    ),
+    figures={"reach": figure},
+    claims=claims,
+)

@@ -1,0 +1,266 @@
+"""Fracture and remodelling: edges are cut one at a time, and the network is strained to its new onset after each cut.
+
+A network at the transition has one self-stress, so that a cut leaves it floppy at its rest lengths.  It becomes rigid
+again at a strain γ_c on a path of deformations.  Each next edge is chosen by the tensions at that onset: the largest
+(fracture), the smallest that is not zero (remodelling by enzymes that sever slack fibres), or any at random.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import critflow as cf
+from critflow.workflow import Claim, Study
+
+from .shared.checks import voronoi_check
+from .shared.figures import draw_segments, segments
+from .shared.measurements import known_moduli
+from .shared.reports import PAPER, finite, parameters, series, spread, status_counts
+from .shared.tables import networks, numbers, outcomes, padded, stacked
+
+LAWS = {"largest": "largest tension", "smallest": "smallest tension", "random": "at random"}
+PATHS = {"dilation": "dilation", "simple_shear": "simple shear"}
+MEASURES = {
+    "critical_strain": "onset $\\gamma_c$",
+    "bulk_modulus": "$B_0$ there  [k]",
+    "shear_modulus": "$G_0$ there  [k]",
+    "alignment": "alignment",
+    "taut_fraction": "part under tension",
+}
+
+
+def case(parameters, *, seed):
+    """All paths and laws from the configuration of equal lengths."""
+    start = cf.optimize(cf.voronoi_network(parameters["n_vertices"], seed), "length_variance").value
+    paths, pictures = [], [picture(start, 0, start.network.n_edges)]
+    for p, path in enumerate(PATHS):
+        runs = []
+        for n, law in enumerate(LAWS):
+            rng = np.random.default_rng([seed, p, n])
+            steps = list(sequence(start, path, law, parameters["cuts"], rng))
+            runs.append(curves(steps, start.network.n_edges, parameters["cuts"] + 1))
+            if path == "simple_shear":
+                whole = [critical for _, critical, _ in steps[: parameters["pictured"] + 1] if critical is not None]
+                pictures.append(picture(whole[-1], len(whole) - 1, start.network.n_edges))
+        paths.append(stacked(runs))
+    return {"status": cf.Status.ok, **stacked(paths), **stacked(pictures)}
+
+
+def sequence(critical, path, law, cuts, rng):
+    """Status, configuration and strain of the onset, before and after each cut until the network opens."""
+    network, lengths = critical.network, critical.lengths
+    yield cf.Status.ok, critical, 0.0
+    for _ in range(cuts):
+        kept = np.ones(network.n_edges, bool)
+        kept[chosen(critical.tensions, law, rng)] = False
+        try:
+            network, edges, _ = cf.pruned(network, kept)
+        except cf.NetworkError:
+            yield cf.Status.floppy, None, np.nan
+            return
+        lengths = lengths[edges]
+        onset = cf.critical_strain(network, lengths, path, throw=False)
+        # Bounds that differ by more than 1e-9 still give a configuration.
+        if not np.isfinite(onset.strain):
+            yield onset.status, None, np.nan
+            return
+        critical = onset.configuration
+        try:
+            cf.backbone(critical)
+        except cf.InputError:  # rounding leaves an edge taut that no other one balances
+            yield cf.Status.ill_conditioned, None, np.nan
+            return
+        yield onset.status, critical, onset.strain
+
+
+def chosen(tensions, law, rng):
+    """The edge that is cut next, among those under tension."""
+    taut = np.flatnonzero(tensions > 0)
+    if law == "random":
+        return int(rng.choice(taut))
+    return int(taut[tensions[taut].argmax() if law == "largest" else tensions[taut].argmin()])
+
+
+def curves(steps, n_edges, n):
+    """The measures of a sequence after each number of cuts, (n,) each, and their outcomes."""
+    measured = stacked([measures(critical, strain, n_edges) for _, critical, strain in steps if critical is not None])
+    status = padded([int(status) for status, _, _ in steps], n, int(cf.Status.missing))
+    return {"strain_status": status, **{name: padded(values, n) for name, values in measured.items()}}
+
+
+def measures(critical, strain, n_edges):
+    """The stored numbers of one critical configuration."""
+    parts = [known_moduli(part.configuration) for part in cf.backbone(critical).components]
+    taut = critical.sigma > 0
+    L = critical.bond_vectors[taut]
+    double = (L[:, 0] + 1j * L[:, 1]) ** 2 / critical.lengths[taut]
+    return {
+        "critical_strain": strain,
+        "bulk_modulus": sum(part.bulk for part in parts),
+        "shear_modulus": sum(part.shear for part in parts),
+        "alignment": abs(double.sum()) / critical.lengths[taut].sum(),
+        "taut_fraction": taut.sum() / n_edges,
+    }
+
+
+def picture(critical, cuts, n_edges):
+    """The edges of a configuration and their tensions."""
+    return {
+        "segments": padded(segments(critical), n_edges),
+        "segment_tension": padded(critical.tensions / critical.tensions.max(), n_edges),
+        "pictured_cuts": cuts,
+    }
+
+
+def check(parameters, axes):
+    """Refuse settings that could only fail."""
+    voronoi_check("cuts")(parameters, axes)
+    if parameters["cuts"] >= parameters["n_vertices"]:
+        raise cf.StudyError(f"cuts={parameters['cuts']} must be smaller than the number of vertices")
+
+
+def figure(ds):
+    """Pictures of one network, and measures against the number of cuts: a column a measure, a row a path."""
+    figure = Figure(figsize=(11, 7.6), dpi=130, layout="constrained")
+    pictures, plots = figure.subfigures(2, 1, height_ratios=(1, 1.75))
+    draw_pictures(pictures, ds.isel(seed=0))
+    panels = plots.subplots(len(PATHS), len(MEASURES), sharex=True, squeeze=False)
+    for row, title in enumerate(PATHS.values()):
+        for axes, (name, label) in zip(panels[row], MEASURES.items(), strict=True):
+            for n, law in enumerate(LAWS.values()):
+                draw_curve(axes, ds[name].values[:, row, n], n, law)
+            axes.set(ylabel=label, ylim=(0, None))
+            axes.spines[["top", "right"]].set_visible(False)
+        panels[row, 0].set_title(f"strained by {title}", loc="left", fontweight="bold", fontsize=10.5)
+    for axes in panels[-1]:
+        axes.set_xlabel("edges cut")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    labels = [f"edge that is cut: {labels[0]}", *labels[1:]]
+    plots.legend(handles, labels, fontsize=9.5, frameon=False, ncols=3, loc="outside lower center")
+    figure.suptitle(
+        "Fracture and remodelling: one edge is cut, the network strained to its new onset, and so on\n"
+        f"$N_v$ = {parameters(ds)['n_vertices']}, {ds.sizes['seed']} networks: mean and 68 %; "
+        "× : half of them have come apart",
+        fontsize=11,
+    )
+    return figure
+
+
+def draw_curve(axes, values, n, label):
+    """Mean and spread while at least half of the networks are whole; a cross at the end."""
+    whole = np.isfinite(values).mean(axis=0) > 0.5
+    cuts, at, colour = np.flatnonzero(whole), values[:, whole], series(n)["color"]
+    mean = np.nanmean(at, axis=0)
+    axes.plot(cuts, mean, color=colour, label=label)
+    low, high = np.nanpercentile(at, [16, 84], axis=0)
+    axes.fill_between(cuts, low, high, color=colour, alpha=0.2, linewidth=0)
+    if not whole.all():
+        axes.plot(cuts[-1], mean[-1], "x", color=colour, markersize=9, markeredgewidth=2.5)
+
+
+def draw_pictures(figure, one):
+    """One network at the start and after some cuts by each law, in simple shear."""
+    for n, axes in enumerate(figure.subplots(1, one.sizes["picture"])):
+        lines, tension = one.segments.values[n], one.segment_tension.values[n]
+        taut, slack = tension > 0, tension <= 0
+        title = f"after {int(one.pictured_cuts[n])} cuts: {list(LAWS.values())[n - 1]}" if n else "before the first cut"
+        colour = series(n - 1)["color"] if n else "0.15"
+        draw_segments(axes, lines[slack], title, colors="0.75", linewidths=0.8)
+        draw_segments(axes, lines[taut], title, colors=colour, linewidths=0.4 + 3.5 * tension[taut])
+    figure.supxlabel("simple shear to the onset; width: tension; grey: slack", fontsize=10)
+
+
+def after(ds, name, path, law, cut):
+    """The finite values over the networks after a number of cuts."""
+    return finite(ds[name].values[:, list(PATHS).index(path), list(LAWS).index(law), cut])
+
+
+def life(ds, path, law):
+    """Number of cuts after which each network comes apart, the number of cuts + 1 for those that do not."""
+    strain = ds.critical_strain.values[:, list(PATHS).index(path), list(LAWS).index(law)]
+    return np.isfinite(strain).sum(axis=1)
+
+
+def claims(ds):
+    """What fracture and remodelling do to a network."""
+    cuts = parameters(ds)["cuts"]
+    few = max(cuts // 6, 1)
+    onsets = {law: after(ds, "critical_strain", "dilation", law, few) for law in LAWS}
+    means = [np.mean(onsets[law]) if len(onsets[law]) else np.inf for law in ("smallest", "random", "largest")]
+    lives = {law: life(ds, "simple_shear", law) for law in LAWS}
+    first, aligned = (after(ds, "alignment", "simple_shear", "smallest", cut) for cut in (0, few))
+    counts = status_counts(ds.strain_status)
+    tried = sum(n for name, n in counts.items() if name != "missing")
+    certified = counts.get("ok", 0) + counts.get("floppy", 0)
+    return [
+        Claim.tested(
+            "DesignFractureOnset",
+            "cuts of large tension delay the onset more than random ones, cuts of small tension less", "order",
+            f"γ_c in dilation after {few} cuts: "
+            + ", ".join(f"{LAWS[law]} {spread(strains)}" for law, strains in onsets.items()),
+            bool((np.diff(means) > 0).all()), "the order is another",
+        ),
+        Claim.tested(
+            "DesignFractureLife", "networks come apart after fewer cuts of the largest tension than of the smallest",
+            "order",
+            f"median cuts until they come apart in shear (at most {cuts + 1} observed): "
+            + ", ".join(f"{LAWS[law]} {np.median(n):.3g}" for law, n in lives.items()),
+            np.median(lives["largest"]) < np.median(lives["smallest"]) or min(map(np.min, lives.values())) > cuts,
+            "the order is another",
+        ),
+        Claim.tested(
+            "DesignAlignment", "shear to the onset aligns the taut edges of remodelled networks", "increase",
+            f"{spread(first)} before the first cut, {spread(aligned)} after {few} cuts",
+            len(aligned) > 0 and aligned.mean() > first.mean(), "the alignment decreases",
+        ),
+        Claim.tested(
+            "DesignFractureBounds",
+            "every onset after a cut is certified by bounds within 1e-9, or the network has come apart", "all",
+            f"{certified} of {tried}: {counts}", certified == tried, "some bounds are estimates or further apart",
+        ),
+    ]  # fmt: skip
+
+
+def summary(ds):
+    """Onsets and moduli after some cuts, and the number of cuts until networks come apart."""
+    cuts = [cut for cut in (0, 1, 5, 10, 20) if cut <= parameters(ds)["cuts"]]
+    return {
+        path: {
+            law: {
+                "cuts until apart, median": float(np.median(life(ds, path, law))),
+                **{name: {str(cut): spread(after(ds, name, path, law, cut)) for cut in cuts} for name in MEASURES},
+            }
+            for law in LAWS
+        }
+        for path in PATHS
+    }
+
+
+study = Study(
+    name="design_topology",
+    title="Fracture and remodelling of networks at the transition",
+    references=PAPER,
+    axes=(networks(10),),
+    parameters={"n_vertices": 64, "cuts": 16, "pictured": 6},
+    case=case,
+    check=check,
+    variables=(
+        *numbers(
+            ("seed", "path", "law", "cut"),
+            critical_strain="strain of the onset after each number of cuts",
+            bulk_modulus="bulk modulus B_0 at the onset [k]",
+            shear_modulus="shear modulus G_0 at the onset [k]",
+            alignment="nematic order of the taut edges, weighted by length",
+            taut_fraction="part of the initial edges that is under tension",
+        ),
+        *outcomes(("seed", "path", "law", "cut"), strain_status="outcome of the search for the onset"),
+        *numbers(("seed", "picture", "edge", "end", "axis"), segments="edges in simple shear: start, then each law"),
+        *numbers(("seed", "picture", "edge"), segment_tension="their tensions, relative to the largest"),
+        *numbers(("seed", "picture"), "i4", pictured_cuts="number of cuts in each picture"),
+        *outcomes(("seed",), status="outcome of the case"),
+    ),
+    figures={"topology": figure},
+    claims=claims,
+    summary=summary,
+)

@@ -1,1 +1,0 @@
-"""Populations of critical configurations, strained past the transition."""

@@ -1,0 +1,66 @@
+"""Parts of figures that several studies share: panels side by side, limits, edges of a network."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+
+def panels(n, title, height=3.6):
+    """A figure with n panels side by side, as wide as a page, and the panels."""
+    figure = Figure(figsize=(10, height), dpi=150, layout="constrained")
+    row = figure.subplots(1, n)
+    for axes in row:
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.suptitle(title, fontsize=11)
+    return figure, row
+
+
+def lettered(*panels):
+    """Name panels A, B, … and remove the upper and right spines."""
+    for axes, letter in zip(panels, "ABCDEFGH", strict=False):
+        axes.set_title(letter, loc="left", fontweight="bold")
+        axes.spines[["top", "right"]].set_visible(False)
+
+
+def legend_below(figure, axes, ncols):
+    """The legend of one panel below the figure."""
+    figure.legend(
+        *axes.get_legend_handles_labels(), fontsize=8.5, frameon=False, ncols=ncols, loc="outside lower center"
+    )
+
+
+def limit(axes, value, label):
+    """A dotted line at the largest value that is allowed."""
+    axes.axhline(value, color="k", linewidth=0.8, linestyle=":")
+    axes.text(0.02, value, label, va="bottom", fontsize=8.5, transform=axes.get_yaxis_transform())
+
+
+def times(axes, distance, seconds, **style):
+    """Processor times of designs against their changes of stress."""
+    axes.scatter(distance, seconds, s=16, **style)
+    axes.set(xlabel="change of $\\log\\sigma$ (r.m.s.)", ylabel="processor time  [s]", title="time of one design")
+
+
+def signed(value):
+    """A number with the sign of typography."""
+    return f"{value:g}".replace("-", "−")
+
+
+def segments(critical):
+    """Ends of the edges (N_b, 2, 2) of a planar configuration, with the tails inside the cell."""
+    network = critical.network
+    tail = critical.coordinates[network.edges[:, 0]]
+    tail = (tail @ np.linalg.inv(network.cell) % 1.0) @ network.cell
+    return np.stack([tail, tail + critical.bond_vectors], axis=1)
+
+
+def draw_segments(axes, lines, title, **style):
+    """Draw edges without a frame."""
+    axes.add_collection(LineCollection(lines, **style))
+    axes.autoscale_view()
+    axes.set_aspect("equal")
+    axes.set_anchor("N")
+    axes.set_axis_off()
+    axes.set_title(title, fontsize=10)

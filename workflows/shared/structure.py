@@ -1,0 +1,69 @@
+"""Local structure: shape anisotropy of faces and of the polygons of the force network, and relative variance.
+
+κ = 2(λ_1⁴ + λ_2⁴)/(λ_1² + λ_2²)² − 1 with λ² the eigenvalues of the gyration tensor of a polygon's corners about
+their centre: 0 for a regular polygon, 1 for a line (`ShapeAnisotropy`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from critflow.critical.manifold import CriticalConfiguration
+from critflow.networks.network import Array
+from critflow.result import InputError
+
+
+def relative_variance(values: Array) -> float:
+    """Variance over the squared mean: V_L of lengths, V_τ of tensions."""
+    return float(np.var(values) / np.mean(values) ** 2)
+
+
+def face_anisotropy(critical: CriticalConfiguration) -> Array:
+    """κ of every face, (n_faces,).  Raises `InputError` for a network whose faces are not known."""
+    faces = critical.network.faces
+    if faces is None:
+        raise InputError("the faces of this network are not known: give `faces`, for example from `planar_faces`")
+    sides = faces.signs[:, None] * critical.bond_vectors[faces.edges]
+    return polygon_anisotropy(sides, faces.starts)
+
+
+def force_anisotropy(critical: CriticalConfiguration) -> Array:
+    """κ of the closed polygon of the tensions at each free vertex, (n,): triangles where three edges meet.
+
+    Rotated by a right angle these polygons are the faces of the dual force network.
+    """
+    network = critical.network
+    if network.dimension != 2:
+        raise InputError("force polygons are defined in two dimensions")
+    pull = critical.sigma[:, None] * critical.bond_vectors
+    origin = network.edges.T.ravel()
+    outward = np.concatenate([pull, -pull])
+    direction = np.concatenate([critical.bond_vectors, -critical.bond_vectors])
+    order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), origin))
+    inner = np.isin(origin[order], list(network.pins or {}), invert=True)
+    order = order[inner]
+    starts = np.flatnonzero(np.diff(origin[order], prepend=-1, append=network.n_vertices))
+    return polygon_anisotropy(outward[order], starts)
+
+
+def polygon_anisotropy(sides: Array, starts: NDArray[np.intp]) -> Array:
+    """κ of polygons given by their sides (n, 2) as vectors, polygon p being `sides[starts[p]:starts[p + 1]]`.
+
+    A polygon without extent has no shape: NaN.
+    """
+    counts = np.diff(starts)
+    corner = np.cumsum(sides, axis=0)
+    centre = np.add.reduceat(corner, starts[:-1]) / counts[:, None]
+    arm = corner - np.repeat(centre, counts, axis=0)
+    xx, yy, xy = (np.add.reduceat(arm[:, i] * arm[:, j], starts[:-1]) for i, j in ((0, 0), (1, 1), (0, 1)))
+    with np.errstate(invalid="ignore"):
+        # (λ_1² − λ_2²)²/(λ_1² + λ_2²)², the same without eigenvalues.
+        return ((xx - yy) ** 2 + 4 * xy**2) / (xx + yy) ** 2
+
+
+def scaled_stress(critical: CriticalConfiguration) -> Array:
+    """S_xx, S_yy, S_xy over √D of a planar configuration, all that its linear elasticity is; NaN without one."""
+    S = np.einsum("a,ai,aj->ij", critical.sigma, critical.bond_vectors, critical.bond_vectors)
+    S /= np.sqrt(np.sum(critical.sigma**2 * critical.lengths**2 / critical.network.stiffness))
+    return np.array([S[0, 0], S[1, 1], S[0, 1]])

@@ -1,0 +1,58 @@
+"""Tables of variables by their dimensions, and the arrays of a case from the numbers of its parts."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from critflow import Status
+from critflow.workflow import Axis, Variable
+
+
+def networks(n):
+    """The axis of n generated networks."""
+    return Axis("seed", range(n), "seed of the network", noun="networks")
+
+
+def numbers(dims, dtype="f8", /, **long_names):
+    """Variables of one type with the same dimensions, by name and meaning."""
+    return [Variable(name, dims, dtype, long_name=text) for name, text in long_names.items()]
+
+
+def outcomes(dims, /, **long_names):
+    """Variables with codes of `Status`."""
+    return [Variable(name, dims, "i1", long_name=text, flags=Status) for name, text in long_names.items()]
+
+
+def seconds(dims, /, **long_names):
+    """Variables with times, which differ from run to run."""
+    return [Variable(name, dims, "f8", long_name=text, volatile=True) for name, text in long_names.items()]
+
+
+# The generated network of each seed.
+NETWORK = (
+    *numbers(("seed", "edge", "end"), "i4", edges="vertices at tail and head of each edge"),
+    *numbers(("seed", "edge", "axis"), "i2", offsets="cell image in which the head of each edge lies"),
+    *numbers(("seed", "axis", "axis_"), cell="cell vectors as rows"),
+)
+
+
+def stacked(rows):
+    """One dict of arrays from dicts with the same names."""
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def padded(values, n, fill=np.nan):
+    """The values along the first dimension, followed by `fill` up to n of them."""
+    values = np.asarray(values)
+    result = np.full((n, *values.shape[1:]), fill)
+    result[: len(values)] = values
+    return result
+
+
+def timed(function, *arguments, **options):
+    """The result of a call, and its processor time in seconds."""
+    start = time.process_time()
+    result = function(*arguments, **options)
+    return result, time.process_time() - start

@@ -1,1 +1,0 @@
-"""The ensemble in three dimensions."""
