@@ -314,6 +314,13 @@ def test_floppy_vertices_do_not_end_a_path():
     assert not path.inserted.any()
 
 
+def test_an_optimum_of_stresses_is_of_springs():
+    network = voronoi(20, seed=1)
+    best = optimize(network, "length_variance", "conic")
+    assert strain_path(best, [0.01]).value.states[0].law == Hookean()
+    assert strain_path(critical_from_lengths(network, np.ones(30)), [0.01]).value.states[0].law == Cable()
+
+
 def beginning(**changes):
     return replace(replace(taut_rows(2), rest_lengths=np.ones(taut_rows(2).network.n_edges)), **changes)
 
