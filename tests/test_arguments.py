@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from problems import square_octagon
+from public import checked_functions
 
-import critflow
 from critflow import CritflowError, CriticalManifold, InputError, Network, examine, lattice, spring_state
 from critflow.arguments import checked, generator
 from critflow.critical.curvature import StereographicChart
@@ -34,7 +34,7 @@ RIGHT = {
     "strains": [0.001, 0.002],
     "start": CRITICAL,
     "strain": np.eye(2),
-    "objective": "bulk_modulus",
+    "objective": "B_0",
     "state": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
     "springs": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
     "targets": np.full(4, 5.0),
@@ -68,20 +68,12 @@ RIGHT = {
 OF_FUNCTION = {
     "tissue": {"network": HEXAGONS, "coordinates": HEXAGONS.positions},
     "critical_from_perimeters": {"network": HEXAGONS},
-    "design": {"targets": {"bulk_modulus": 0.1}, "start": np.ones(6)},
-    "design_stiffness": {
-        "network": LATTICE,
-        "coordinates": LATTICE.positions,
-        "targets": {"bulk_modulus": 1.0},
-        "start": np.ones(LATTICE.n_edges),
-    },
+    "design": {"targets": {"B_0": 0.1}, "initial": np.ones(6), "signs": "positive"},
     "isotropic_targets": {"youngs_modulus": 1.0, "poissons_ratio": 0.2},
-    "prune_towards": {"target": 0.1},
-    "transition_properties": {"stress": np.ones(6), "names": ["B_0"]},
-    "isogonal_design": {
-        "critical": CriticalManifold(HEXAGONS).configuration(1 + 0.1 * np.arange(HEXAGONS.n_edges)),
-        "targets": {"length_0": 0.9},
-    },
+    "prune_towards": {"targets": {"B_0": 0.1}},
+    "properties": {"quantities": ["B_0"]},
+    "quantity": {"name": "B_0"},
+    "upper_bound": {"name": "B_0"},
     "pareto": {"objectives": {"B_0": "largest", "V_L": "smallest"}, "start": np.ones(6), "n": 2},
     "optimize": {"start": np.ones(6), "signs": "positive"},
     "planar_faces": {"edges": HEXAGONS.edges, "bond_vectors": HEXAGONS.bond_vectors(HEXAGONS.positions)},
@@ -106,7 +98,7 @@ WRONG = {
     "zero": 0,
     "a matrix": np.ones((2, 3)),
 }
-PUBLIC = {name: getattr(critflow, name) for name in critflow.__all__ if inspect.isfunction(getattr(critflow, name))}
+PUBLIC = checked_functions()
 # Functions of files and foreign objects judge these themselves.
 FUNCTIONS = {name: function for name, function in PUBLIC.items() if "exchange" not in function.__module__}
 # Random points take long for some seeds.

@@ -5,10 +5,9 @@ import inspect
 
 import matplotlib.pyplot as plt
 import pytest
+from public import checked_functions
 
-import critflow
-
-FUNCTIONS = {name: f for name in critflow.__all__ if inspect.isfunction(f := getattr(critflow, name))}
+FUNCTIONS = checked_functions()
 # Their examples are on pages of the documents.
 ON_PAGES = {
     *("add", "cut", "prune_towards", "pareto", "design", "design_onset", "design_stiffness", "isogonal_design"),

@@ -194,7 +194,7 @@ CASES = {
     "regular of few": (lambda: regular_network(5), "at least"),
     "regular on a line": (lambda: regular_network(50, dimension=1), "dimension"),
     # Names and numbers
-    "unknown objective": (lambda: optimize(NETWORK, "beauty"), "length_variance"),
+    "unknown objective": (lambda: optimize(NETWORK, "beauty"), "V_L"),
     "unknown method": (lambda: optimize(NETWORK, "bulk_modulus", "magic"), "auto"),
     "closed form of another": (lambda: optimize(NETWORK, "length_variance", "closed_form"), "method"),
     "cone of another": (lambda: optimize(NETWORK, "tension_variance", "conic"), "method"),

@@ -39,6 +39,7 @@ def test_stored_integers_never_change():
         "undecided": 11,
         "rigid": 12,
         "infeasible": 13,
+        "not_reached": 14,
     }
     assert all(status.message for status in Status)
 

@@ -18,7 +18,6 @@ from scipy.linalg.blas import dger
 
 from critflow.arguments import checked, generator
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity
 from critflow.design.limits import Target, parse_targets
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.network import Array, IntArray, Network
@@ -60,7 +59,7 @@ class PrunedDesign(Solution[CriticalConfiguration]):
 @checked
 def prune_towards(
     critical: CriticalConfiguration | Network,
-    targets: Mapping[str | Quantity, float | str],
+    targets: Mapping[Any, Any],
     cuts: int | None = None,
     seed: int | None = None,
     tolerance: float = PRUNING_REACHED,

@@ -46,9 +46,9 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
     >>> bool(abs(cf.properties(best, ['B_0']).by_stress['B_0']).max() < 1e-12)
     True
     """
-    given = [quantities] if isinstance(quantities, str | Quantity) else list(quantities)
-    if not given:
-        raise InputError("give at least one quantity, such as 'B_0'")
+    given = [quantities] if isinstance(quantities, str | Quantity) else quantities
+    if not isinstance(given, list | tuple) or not given or not all(isinstance(one, str | Quantity) for one in given):
+        raise InputError("give a list of at least one quantity, such as ['B_0']")
     parsed = {key if isinstance(key, str) else key.name: quantity(critical.network, key) for key in given}
     if any(one.one_self_stress for one in parsed.values()):
         require_one_self_stress(critical.network, "design its stiffnesses, or prune it to one self-stress")

@@ -17,7 +17,6 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any
 
 import numpy as np
 
@@ -63,7 +62,7 @@ class OnsetStrain(Quantity):
 
 
 @checked
-def quantity(network: Any, name: str | Quantity) -> Quantity:
+def quantity(network: Network, name: str | Quantity) -> Quantity:
     """The quantity of a name, or the given quantity itself.
 
     network  that it is of, or what holds one; only its dimension, edges and faces matter
@@ -76,7 +75,6 @@ def quantity(network: Any, name: str | Quantity) -> Quantity:
     """
     if isinstance(name, Quantity):
         return name
-    network = network if isinstance(network, Network) else network.network
     symbol = ALIASES.get(name, name)
     plain = _plain(network.dimension)
     if symbol in plain:
@@ -90,7 +88,11 @@ def quantity(network: Any, name: str | Quantity) -> Quantity:
     listed = names(network)
     nearest = get_close_matches(str(name), [*listed, *ALIASES], 1, 0.5)
     hint = f"did you mean {nearest[0]!r}? " if nearest else ""
-    raise InputError(f"no quantity is called {name!r:.40}: {hint}choose from {', '.join(listed)}")
+    plainest = ", ".join(name for name in listed if len(name) < 6 and name[:2] not in ("S_", "C_")) + ", C_B, C_G"
+    raise InputError(
+        f"no quantity is called {name!r:.40}: {hint}choose from {plainest}, S_xx, C_xxyy, length[EDGE], area[FACE], and "
+        f"modulus[D], stiffening[D] or onset[D] of a deformation D: {', '.join(DEFORMATIONS)}"
+    )
 
 
 def names(network: Network) -> list[str]:

@@ -60,7 +60,7 @@ class StressSpace(Record):
 
 
 @checked
-def stresses_of(critical: CriticalConfiguration, tolerance: float | None = None) -> Solution[StressSpace]:
+def self_stresses(critical: CriticalConfiguration, tolerance: float | None = None) -> Solution[StressSpace]:
     """The space of all stresses that give the same configuration as a critical one.
 
     `stats.residual` is the distance of the configuration's σ from the space.  `Status.singular` where an edge has no
@@ -69,7 +69,7 @@ def stresses_of(critical: CriticalConfiguration, tolerance: float | None = None)
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> cf.stresses_of(cf.optimize(network, 'bulk_modulus')).ok
+    >>> cf.self_stresses(cf.optimize(network, 'bulk_modulus')).ok
     True
     """
     counts = rigidity(critical.network, critical.coordinates, tolerance)

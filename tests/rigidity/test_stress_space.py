@@ -12,8 +12,8 @@ from critflow import (
     elasticity,
     lattice,
     optimize,
+    self_stresses,
     stiffening,
-    stresses_of,
     three_bar_linkage,
     voronoi_network,
 )
@@ -52,7 +52,7 @@ OVERCONSTRAINED = {
 def test_generic_underconstrained_networks_are_one_to_one(name):
     network = NETWORKS[name]()
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 3))
-    found = stresses_of(critical)
+    found = self_stresses(critical)
     expected = dense_dimension(network, critical.coordinates)
     assert found.status is Status.ok
     assert found.value.dimension == expected
@@ -67,7 +67,7 @@ def test_many_stresses_of_one_configuration(name):
     network = with_random_stiffness(OVERCONSTRAINED[name](), 4)
     manifold = CriticalManifold(network)
     critical = manifold.configuration(random_stress(network.n_edges, 5))
-    solution = stresses_of(critical)
+    solution = self_stresses(critical)
     space = solution.value
     assert solution.status is Status.ok and solution.stats.residual < 1e-11
     # Generic: maximal rank, so N_s = N_b − d n_free.
@@ -108,7 +108,7 @@ def test_many_stresses_of_one_configuration(name):
 def test_stresses_of_straight_lines(network, dimension):
     # One per line, also where there are many more than the counts require.
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
-    space = stresses_of(critical)
+    space = self_stresses(critical)
     assert space.status is Status.ok
     assert space.value.dimension == dimension
     # The space contains another tension on one line of edges parallel to the first cell vector.
@@ -129,7 +129,7 @@ def test_modulus_is_the_maximum_over_the_space(name):
     if network.cell is None:
         network = Network(network.edges, network.offsets, 9.0 * np.eye(2), network.stiffness, network.pins)
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 5))
-    space = stresses_of(critical).value
+    space = self_stresses(critical).value
     L = critical.bond_vectors
     hdot = np.einsum("ad,ad->a", L, L @ pure_shear(network.dimension))
     flexibility = np.sum(L**2, axis=1) / network.stiffness
@@ -147,7 +147,7 @@ def test_modulus_is_the_maximum_over_the_space(name):
 def test_modulus_of_a_unique_stress():
     network = voronoi_network(40, seed=1)
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
-    assert stresses_of(critical).value.one_to_one
+    assert self_stresses(critical).value.one_to_one
     assert elasticity(critical).value.bulk == pytest.approx(
         elasticity(network, critical.coordinates).value.bulk, rel=1e-9
     )
@@ -156,7 +156,7 @@ def test_modulus_of_a_unique_stress():
 def test_edge_between_pins_has_any_stress():
     network = Network([[0, 1], [1, 2], [2, 3], [0, 3]], pins={0: [0.0, 0.0], 3: [3.0, 0.0]})
     critical = CriticalManifold(network).configuration([1, 2, 3, 4])
-    space = stresses_of(critical).value
+    space = self_stresses(critical).value
     assert space.dimension == 2
     assert space.distance([1, 2, 3, -7]) < 1e-12
 
@@ -167,16 +167,16 @@ def test_degenerate_edges_and_stresses_have_a_status():
     x = straight.coordinates.copy()
     x[1] = x[0]
     collapsed = CriticalConfiguration(network, straight.sigma, x, network.bond_vectors(x))
-    assert stresses_of(collapsed).status is Status.singular
+    assert self_stresses(collapsed).status is Status.singular
     x = network.positions
     bent = CriticalConfiguration(network, straight.sigma, x, network.bond_vectors(x))
-    found = stresses_of(bent)
+    found = self_stresses(bent)
     assert found.status is Status.floppy and found.value.dimension == 0 and np.isnan(found.stats.residual)
 
 
 def test_bad_input():
     critical = CriticalManifold(square_octagon()).configuration(np.ones(6))
-    space = stresses_of(critical).value
+    space = self_stresses(critical).value
     with pytest.raises(InputError, match="stress"):
         space.distance(np.zeros(6))
     with pytest.raises(InputError, match="edge"):

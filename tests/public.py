@@ -1,0 +1,27 @@
+"""The public functions: those whose arguments are checked, at the top level or in their folder."""
+
+import inspect
+import pkgutil
+from importlib import import_module
+
+import critflow
+
+NAMES = sorted(
+    {name for name, value in vars(critflow).items() if not (name.startswith("_") or inspect.ismodule(value))}
+    - {"Any", "import_module", "version"}
+    | {"draw"}
+)
+"""The names at the top level."""
+
+
+def checked_functions():
+    """Functions by name: those of all modules of physics whose arguments are checked, and those at the top level."""
+    functions = {name: f for name in NAMES if inspect.isfunction(f := getattr(critflow, name))}
+    for module in pkgutil.walk_packages(critflow.__path__, "critflow."):
+        if module.name.startswith(("critflow.command", "critflow.explore", "critflow.workflow", "critflow.__main__")):
+            continue
+        for name, f in vars(import_module(module.name)).items():
+            if inspect.isfunction(f) and hasattr(f, "__wrapped__") and f.__module__ == module.name:
+                if not name.startswith("_"):
+                    functions.setdefault(name, f)
+    return functions
