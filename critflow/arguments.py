@@ -52,11 +52,12 @@ def checked(function: Callable[Parameters, Returned]) -> Callable[Parameters, Re
 
 def held(holder: Any, kinds: tuple[type, ...]) -> Any:
     """What a holder or its value is or holds of these kinds: itself, its `configuration` or `network`; None without."""
-    inside = [holder, holder.value] if isinstance(holder, Solution) else [holder]
-    for one in inside:
-        for part in (one, getattr(one, "configuration", None), getattr(one, "network", None)):
-            if isinstance(part, kinds):
-                return part
+    if isinstance(holder, kinds):
+        return holder
+    one = holder.value if isinstance(holder, Solution) else holder
+    for part in (one, getattr(one, "configuration", None), getattr(one, "network", None)):
+        if isinstance(part, kinds):
+            return part
     return None
 
 

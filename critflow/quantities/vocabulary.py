@@ -90,8 +90,8 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
     hint = f"did you mean {nearest[0]!r}? " if nearest else ""
     plainest = ", ".join(name for name in listed if len(name) < 6 and name[:2] not in ("S_", "C_")) + ", C_B, C_G"
     raise InputError(
-        f"no quantity is called {name!r:.40}: {hint}choose from {plainest}, S_xx, C_xxyy, length[EDGE], area[FACE], and "
-        f"modulus[D], stiffening[D] or onset[D] of a deformation D: {', '.join(DEFORMATIONS)}"
+        f"no quantity is called {name!r:.40}: {hint}choose from {plainest}, S_xx, C_xxyy, length[EDGE], area[FACE], "
+        f"and modulus[D], stiffening[D] or onset[D] of a deformation D: {', '.join(DEFORMATIONS)}"
     )
 
 

@@ -104,7 +104,7 @@ def test_coefficients_need_one_system_and_no_path(factorised, monkeypatch, netwo
 
 
 def test_a_path_without_moduli_has_no_linear_response(factorised, monkeypatch, network, critical):
-    monkeypatch.setattr(PATH, "response_of", forbidden)
+    monkeypatch.setattr(PATH, "linear_response", forbidden)
     without = factorised(network, lambda: strain_path(critical, STRAIN, moduli=False))
     assert set(without) == {SPRINGS}
 

@@ -34,6 +34,7 @@ from critflow import (
     equilibrium,
     fibre_network,
     foam_network,
+    optimize,
     spring_state,
     stiffening,
     strain_path,
@@ -282,7 +283,7 @@ def test_a_slack_cable_becomes_taut_on_the_path():
 
 @pytest.mark.parametrize("n_vertices, z, seed", [(60, 3.5, 1), pytest.param(100, 3.4, 2, marks=pytest.mark.sweep)])
 def test_the_path_past_an_onset_has_the_least_energy_of_all_cables(n_vertices, z, seed):
-    network = fibre_network("mikado", n_vertices, z, seed)
+    network = fibre_network("mikado", n_vertices, z=z, seed=seed)
     lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
     onset = critical_strain(network, lengths, "simple_shear")
     path = strain_path(onset, [0.01, 0.1], deformation="simple_shear").value

@@ -68,7 +68,7 @@ def test_gradients_by_stress_and_stiffness_agree_with_differences_in_sixty_digit
 def test_stiffening_is_that_of_the_path(path):
     name = f"stiffening[{path}]"
     exact = stiffening(CRITICAL, deformation=path)
-    assert properties(CRITICAL, name).values[name] == pytest.approx(exact.along.C, rel=1e-11, abs=1e-14)
+    assert properties(CRITICAL, name).values[name] == pytest.approx(exact.value.C, rel=1e-11, abs=1e-14)
 
 
 def exact_onset(network, lengths, start):

@@ -56,7 +56,7 @@ def test_transition_moduli_by_three_methods(name):
     assert found.shear == pytest.approx(modulus_by_formula(network, s, L, pure_shear(d)), rel=1e-10)
     # By linear response at four small strains, extrapolated to none: a cubic through them leaves γ⁴.
     gamma = np.array([1, 2, 3, 4]) * 2.5e-4
-    path = strain_path(critical.network, critical, gamma).value
+    path = strain_path(critical, gamma).value
     assert np.polyfit(gamma, path.bulk_modulus, 3)[-1] == pytest.approx(found.bulk, rel=1e-6)
     scale = max(found.shear, 0.05 * found.bulk)
     for values in (path.shear_modulus, path.shear_modulus_stress_corrected):

@@ -34,15 +34,14 @@ from critflow import (
     voronoi_network,
 )
 from critflow.networks.deformation import strain_basis
-from critflow.response.elasticity import Elasticity
 from critflow.response.linear_response import linear_response
-from critflow.response.tensor import Errors
+from critflow.response.tensor import Elasticity, Errors
 
 
 def stretched(network, gamma=0.05, F=None, law=None, seed=2):
     """A state past the transition, deformed further and relaxed."""
-    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
-    state = strain_path(critical, [gamma]).value.states[0]
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
+    state = strain_path(critical, [gamma], law=law).value.states[0]
     return state if F is None else equilibrium(state.deformed(F), tolerance=1e-15).value
 
 
@@ -360,7 +359,7 @@ def test_errors_with_equal_rounding_on_all_edges(size, gamma):
     # Lattices repeat one rounding on every edge, so that errors accumulate instead of averaging out.
     network = lattice("honeycomb", *size)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
-    state = strain_path(network, critical, [gamma]).value.states[0]
+    state = strain_path(critical, [gamma]).value.states[0]
     value = elasticity(state).value
     bounds_over_errors(moduli(value), moduli(value.errors), exact_moduli(state))
 

@@ -74,33 +74,9 @@ def test_exact_stiffening_is_the_limit_of_paths(name):
     exact = solution.value
     # The transition does not depend on the law.
     assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-11)
-    assert exact.C_G_stress_corrected == pytest.approx(exact.C_G - 0.5 * exact.bulk_0, rel=1e-12)
-    windows = 8e-4 * 2.0 ** -np.arange(4)
-    gamma = np.unique(np.concatenate([w * np.arange(1, 9) / 8 for w in windows]))
-    path = strain_path(critical, gamma).value
-    for values, C in (
-        (path.bulk_modulus, exact.C_B),
-        (path.shear_modulus, exact.C_G),
-        (path.shear_modulus_stress_corrected, exact.C_G_stress_corrected),
-    ):
-        for degree, rate in ((1, 1), (2, 2)):
-            slopes = np.array([slope(gamma, values, w, degree) for w in windows])
-            errors = np.abs(slopes - C)
-            # The bias halves, or quarters, with the window until rounding of the moduli, about 1e-12/w, is reached.
-            above = errors > 1e-6 * max(abs(C), 0.1)
-            rates = np.log2(errors[:-1] / errors[1:])[above[1:]]
-            if degree == 1:
-                assert len(rates) >= 1
-            np.testing.assert_allclose(rates, rate, atol=0.3)
-            assert errors[-1] < (0.02 if degree == 1 else 1e-4) * max(abs(C), 0.1)
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_exact_stiffening_by_richardson(name):
-    critical = critical_of(name)
-    exact = stiffening(critical).value
-    h = 1e-4 * np.array([1, 2, 4, 8])
-    path = strain_path(critical, h).value
+    assert exact.modulus_0 == pytest.approx(moduli.modulus(deformation), rel=1e-11)
+    h = (-1e-4 if solution.loosening else 1e-4) * np.array([1, 2, 4, 8])
+    path = strain_path(critical, h, deformation=deformation, law=law).value
     for values, start, C in (
         (path.bulk_modulus, exact.bulk_0, exact.C_B),
         (path.shear_modulus, exact.shear_0, exact.C_G),
@@ -111,38 +87,7 @@ def test_exact_stiffening_by_richardson(name):
         table = (values - start) / h
         for order in (1, 2, 3):
             table = (2**order * table[:-1] - table[1:]) / (2**order - 1)
-        assert table[0] == pytest.approx(C, abs=1e-5 * max(abs(C), 0.1))
-
-
-A = np.array([[0.3, 0.8], [-0.2, 0.5]])
-PATHS = {
-    "simple shear": ("2D, oblique", "simple_shear"),
-    "uniaxial": ("2D, random stiffness", "uniaxial"),
-    "curved": ("2D", lambda gamma: np.eye(2) + gamma * A + gamma**2 * np.array([[0.1, -0.5], [0.2, 0.05]])),
-    "exponential": ("2D", Deformation.exponential(A)),
-    "simple shear in space": ("3D", Deformation.simple_shear(3, "yz")),
-    "pure shear in space": ("3D, random stiffness", Deformation.pure_shear(3, "xz")),
-}
-
-
-@pytest.mark.parametrize("name", PATHS)
-def test_exact_stiffening_along_a_path_by_richardson(name):
-    case, deformation = PATHS[name]
-    critical = critical_of(case)
-    solution = stiffening(critical, deformation=deformation)
-    exact, along = solution.value, solution.along
-    h = (-1e-4 if solution.loosening else 1e-4) * np.array([1, 2, 4, 8])
-    path = strain_path(critical, h, deformation=deformation).value
-    for values, start, C in (
-        (path.bulk_modulus, exact.bulk_0, exact.C_B),
-        (path.shear_modulus, exact.shear_0, exact.C_G),
-        (path.shear_modulus_stress_corrected, exact.shear_0, exact.C_G_stress_corrected),
-        (path.modulus, along.modulus_0, along.C),
-    ):
-        table = (values - start) / h
-        for order in (1, 2, 3):
-            table = (2**order * table[:-1] - table[1:]) / (2**order - 1)
-        assert table[0] == pytest.approx(C, abs=1e-7)
+        assert table[0] == pytest.approx(C, abs=1e-7 * max(abs(C), 1.0))
 
 
 def test_dilation_by_another_measure_of_strain_in_closed_form():
@@ -241,31 +186,6 @@ def test_stiffening_of_an_unstable_stress_has_a_status():
     assert np.isnan(solution.value.C_B)
 
 
-@pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_exact_stiffening_of_every_law(law, name):
-    critical = critical_of(name)
-    exact = stiffening(critical, law=law).value
-    # The transition does not depend on the law.
-    moduli = elasticity(critical).value
-    assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-11)
-    windows = 8e-4 * 2.0 ** -np.arange(4)
-    gamma = np.unique(np.concatenate([w * np.arange(1, 9) / 8 for w in windows]))
-    path = strain_path(critical, gamma, law=law).value
-    for values, start, C in (
-        (path.bulk_modulus, exact.bulk_0, exact.C_B),
-        (path.shear_modulus, exact.shear_0, exact.C_G),
-        (path.shear_modulus_stress_corrected, exact.shear_0, exact.C_G_stress_corrected),
-    ):
-        assert np.polyfit(gamma, values, 3)[-1] == pytest.approx(start, abs=1e-6 * exact.bulk_0)
-        for degree, rate in ((1, 1), (2, 2)):
-            errors = np.abs([slope(gamma, values, w, degree) - C for w in windows])
-            # Down to rounding of the moduli, about 1e-12/w, the bias halves, or quarters, with the window.
-            above = errors > 1e-6 * max(abs(C), 0.1)
-            np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:])[above[1:]], rate, atol=0.3)
-            assert errors[-1] < (0.02 if degree == 1 else 1e-4) * max(abs(C), 0.1)
-
-
 @pytest.mark.parametrize("k", [1.0, 2.5])
 def test_stiffening_of_the_honeycomb_in_closed_form(k):
     # All edges stretch alike, E(γ) = N_b E(ℓ√(1 + γ)), so that C_B = ½ B_0 (ℓE'''/k − 1); no shear stretches any.
@@ -289,17 +209,11 @@ def test_stiffening_of_the_largest_bulk_modulus_in_closed_form():
         assert found.C_B == pytest.approx(0.5 * (n - 3) * found.bulk_0, rel=1e-9, abs=1e-11)
 
 
-def slope(gamma, values, window, degree):
-    """Slope at γ = 0 of a polynomial over a window."""
-    inside = gamma <= window * (1 + 1e-12)
-    return np.polyfit(gamma[inside], values[inside], degree)[-2]
-
-
 MANIFOLD = sys.modules["critflow.critical.manifold"]
 
 
 def exact_stiffening(network, sigma):
-    return reference.stiffening(reference.configuration(network, sigma))
+    return reference.stiffening(network, reference.configuration(network, sigma))
 
 
 @pytest.mark.parametrize("decades", [0, 2, 4])
@@ -347,26 +261,30 @@ def test_large_positive_stresses_use_the_condensed_system(monkeypatch):
     manifold = CriticalManifold(network)
     positive = np.ones(network.n_edges)
     signed = np.where(np.arange(network.n_edges) == 7, -0.01, positive)
-    factorised = []
-    for system in (Saddle, CondensedSaddle):
+    factorised, critical = [], manifold.configuration(positive)
+    for kind in (Saddle, CondensedSaddle):
+        original = kind.factorize
 
-        def factorize(self, *arguments, original=system.factorize):
-            factorised.append(type(self))
+        def counted(self, *arguments, original=original, kind=kind):
+            factorised.append(kind)
             return original(self, *arguments)
 
-        monkeypatch.setattr(system, "factorize", factorize)
-    assert type(manifold.system(positive)) is Saddle
-    whole = stiffening(manifold.configuration(positive), manifold=manifold).value
+        monkeypatch.setattr(kind, "factorize", counted)
+    whole = stiffening(critical, manifold=manifold)
     monkeypatch.setattr(MANIFOLD, "CONDENSED_EDGES", 60)
     assert manifold.system(positive) is manifold.condensed
     assert manifold.system(signed) is manifold.saddle
-    condensed = stiffening(manifold.configuration(positive), manifold=manifold).value
-    assert astuple(condensed) != astuple(whole)
-    np.testing.assert_allclose(astuple(condensed), astuple(whole), rtol=0, atol=1e-13)
+    condensed = stiffening(critical, manifold=manifold)
+    # Which system was solved, not how it rounds: processors differ in that.
+    assert factorised == [Saddle, CondensedSaddle]
+    errors = np.add(astuple(condensed.stats.error_bound), astuple(whole.stats.error_bound))
+    assert (
+        np.abs(np.subtract(astuple(condensed.value), astuple(whole.value))) <= errors
+    ).all() and errors.max() < 1e-12
     # Stiffnesses are those of the manifold.
     soft = CriticalManifold(network.with_stiffness(0.5 * network.stiffness))
-    half = stiffening(manifold.configuration(positive), manifold=soft).value
-    assert half.bulk_0 == pytest.approx(whole.bulk_0 / 2, rel=1e-12)
+    half = stiffening(critical, manifold=soft).value
+    assert half.bulk_0 == pytest.approx(whole.value.bulk_0 / 2, rel=1e-12)
 
 
 def test_stiffening_corrects_inaccurate_coordinates():
