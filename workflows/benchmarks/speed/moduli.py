@@ -152,7 +152,7 @@ TASKS = (
         _stressed,
     ),
     Task(
-        "elasticity",
+        "transition_moduli",
         "bulk modulus at the transition",
         "relative error of B₀",
         SIZES,
