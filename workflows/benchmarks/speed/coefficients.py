@@ -38,7 +38,7 @@ _FITS = {
 
 def _methods(n_vertices: int, seed: int) -> list[Method]:
     manifold, critical = random_critical(n_vertices, seed)
-    error = partial(relative, references.stiffening(critical.sigma))
+    error = partial(relative, references.stiffening(manifold, critical.sigma))
     windows = WINDOWS if n_vertices < LARGE else WINDOWS[-1:]
 
     # Every run starts from a copy of the configuration without cached results.
