@@ -104,7 +104,8 @@ def _stressed(n_vertices: int, seed: int) -> list[Method]:
     steps = STEPS if n_vertices < LARGE else (1e-5,)
 
     def respond(level: float) -> Answer:
-        return answer_of(linear_response(replace(springs.relaxed), springs.pattern), "bulk", "shear")
+        state = replace(springs.relaxed)
+        return answer_of(linear_response(state, state.network.volume, springs.pattern), "bulk", "shear")
 
     return [
         Method("linear response", respond, error, backend="qdldl"),
