@@ -85,7 +85,7 @@ def main():
     def gradient(_seed):
         return manifold.balance(sigma).pull_back(*partials)
 
-    _, partials = goal.evaluate(sigma, manifold.balance(sigma).bond_vectors)
+    _, partials = goal.evaluate(manifold.balance(sigma))
     pattern = manifold.prestress
     right = rng.standard_normal(pattern.size)
 

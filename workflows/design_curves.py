@@ -13,7 +13,7 @@ from critflow.workflow import Claim, Study
 
 from .shared.checks import voronoi_check
 from .shared.figures import panels, signed
-from .shared.reports import PAPER, parameters, series
+from .shared.reports import MISSED, PAPER, parameters, series
 from .shared.tables import networks, numbers, outcomes
 
 MODULUS = 0.25
@@ -30,7 +30,7 @@ def designs(n_vertices, seed):
 def case(parameters, *, seed):
     """Strain paths of the three designs."""
     made = designs(parameters["n_vertices"], seed)
-    paths = [cf.strain_path(one.value.network, one.value, STRAINS, throw=False).value for one in made]
+    paths = [cf.strain_path(one.value, STRAINS, throw=False).value for one in made]
     return {
         "status": cf.Status.ok,
         "bulk_modulus": [path.bulk_modulus for path in paths],
@@ -70,7 +70,7 @@ def claims(ds):
         Claim.tested(
             "design-curves", "networks of one topology and one B_0 soften, keep and stiffen on demand", "all",
             f"{ordered.sum()} of {len(ordered)} networks at γ = 0.01; B at γ = 1e-4 within {equal:.1e} of {MODULUS}",
-            ordered.all() and (ds.kind_status.values != cf.Status.infeasible).all(),
+            ordered.all() and not np.isin(ds.kind_status.values, MISSED).any(),
             "the growth changes within this strain",
         )
     ]  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 
 import critflow as cf
 from critflow.generators.random_networks import check_voronoi
+from critflow.result import StudyError
 from critflow.workflow import Claim, Study
 
 from .shared.checks import check_network
@@ -69,12 +70,12 @@ def samples(manifold, parameters, seed):
 def check(parameters, axes):
     """Refuse settings that could only fail."""
     if parameters["points"] < 2:
-        raise cf.StudyError(f"points={parameters['points']} must be at least the two ends")
+        raise StudyError(f"points={parameters['points']} must be at least the two ends")
     unknown = [name for name in parameters["fronts"] if name not in FRONTS]
     if unknown:
-        raise cf.StudyError(f"no front is called {unknown[0]}: choose from {', '.join(FRONTS)}")
+        raise StudyError(f"no front is called {unknown[0]}: choose from {', '.join(FRONTS)}")
     if not 0 < parameters["least_stress"] < 1:
-        raise cf.StudyError(f"least_stress={parameters['least_stress']} must lie between 0 and 1, the mean stress")
+        raise StudyError(f"least_stress={parameters['least_stress']} must lie between 0 and 1, the mean stress")
     for size in parameters["sizes"]:
         check_network(check_voronoi, size)
 

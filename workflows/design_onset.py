@@ -35,8 +35,10 @@ def case(parameters, *, seed):
 
 def designed(network, lengths, target):
     """Rest lengths of one onset, computed again from them."""
-    made, time = timed(cf.design_onset, network, lengths, target, throw=False)
-    again = cf.critical_strain(network, made.rest_lengths, "simple_shear", direction=int(np.sign(target)), throw=False)
+    start, targets = cf.spring_state(network, lengths, network.positions), {"onset[simple_shear]": target}
+    made, time = timed(cf.design, start, targets, change="rest_lengths", throw=False)
+    side = int(np.sign(target))
+    again = cf.critical_strain(network, made.value.rest_lengths, "simple_shear", direction=side, throw=False)
     return {
         "target": target,
         "achieved": again.strain,

@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 import critflow as cf
-from critflow.critical.transition import transition_modulus
+from critflow.critical.transition import PenalisedModulus, transition_modulus
+from critflow.result import StudyError
 from critflow.workflow import Claim, Study
 
 from .shared.checks import voronoi_check
@@ -45,16 +46,16 @@ def support(manifold, parameters, angle):
     """The largest S:A in one direction: in closed form with any signs, and by ascents of positive stresses."""
     direction = np.array([np.cos(angle), np.sin(angle)])
     A = direction[0] * MEAN + direction[1] * DIFFERENCE
-    objective = cf.transition_modulus(manifold.network, A)
+    objective = transition_modulus(manifold.network, A)
     try:
         signed = response(cf.optimize(manifold, objective, "closed_form", signs="any", throw=False).value)
     except cf.InputError:
         signed = np.full(2, np.nan)
-    limited = [ConstrainedModulus(objective, threshold) for threshold in parameters["thresholds"]]
+    limited = [PenalisedModulus(objective, threshold) for threshold in parameters["thresholds"]]
     steps = parameters["ascent"]
     ascents = [cf.optimize(manifold, one, "lbfgs", max_steps=steps, throw=False) for one in limited]
     return {
-        "support": np.sqrt(cf.upper_bound(manifold, transition_modulus(manifold.network, A))),
+        "support": np.sqrt(cf.upper_bound(manifold, objective)),
         "signed": signed if signed @ direction >= 0 else -signed,  # of both signs the one that works on the strain
         "tensile": [response(best.value) for best in ascents],
     }
@@ -75,7 +76,7 @@ def ratio_and_bulk(responses):
 def check(parameters, axes):
     """Refuse settings that could only fail."""
     if parameters["directions"] < 3 or not min(parameters["thresholds"]) > 0:
-        raise cf.StudyError("directions must be at least 3, and thresholds positive")
+        raise StudyError("directions must be at least 3, and thresholds positive")
     voronoi_check()(parameters, axes)
 
 

@@ -11,12 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 import critflow as cf
+from critflow.result import StudyError
 from critflow.workflow import Claim, Study, stable_rng
 
 from .shared.checks import voronoi_check
 from .shared.figures import legend_below, limit, panels, times
 from .shared.populations import LABELS, PAPER_POPULATIONS, configuration
-from .shared.reports import PAPER, parameters, series, target_summary
+from .shared.reports import MISSED, PAPER, parameters, series, target_summary
 from .shared.tables import networks, numbers, outcomes, seconds, stacked, timed
 
 SOURCES = (*PAPER_POPULATIONS, "log-normal stress")
@@ -66,7 +67,7 @@ def designed(manifold, targets):
 
 def fitted(critical):
     """B_0, C_B, C_G of the moduli on a path of dilation."""
-    path = cf.strain_path(critical.network, critical, STRAINS, throw=False).value
+    path = cf.strain_path(critical, STRAINS, throw=False).value
     (_, C_B, B_0), (_, C_G, _) = (np.polyfit(STRAINS, moduli, 2) for moduli in (path.bulk_modulus, path.shear_modulus))
     return B_0, C_B, C_G
 
@@ -76,7 +77,7 @@ def check(parameters, axes):
     voronoi_check()(parameters, axes)
     unknown = [source for source in parameters["sources"] if source not in SOURCES]
     if unknown:
-        raise cf.StudyError(f"no source is called {unknown[0]!r}: choose from {', '.join(SOURCES)}")
+        raise StudyError(f"no source is called {unknown[0]!r}: choose from {', '.join(SOURCES)}")
 
 
 def figure(ds):
@@ -88,7 +89,7 @@ def figure(ds):
         height=4.4,
     )
     for n, source in enumerate(parameters(ds)["sources"]):
-        targets, reached = ds.target.values[:, n], ds.target_status.values[:, n] != cf.Status.infeasible
+        targets, reached = ds.target.values[:, n], ~np.isin(ds.target_status.values[:, n], MISSED)
         style, label = series(n), LABELS.get(source, source)
         hollow = {"facecolors": "none", "edgecolors": style["color"], "marker": style["marker"]}
         for axes, column in ((left, 1), (middle, 2)):

@@ -11,6 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import critflow as cf
+from critflow.critical.backbone import backbone
+from critflow.result import NetworkError, StudyError
 from critflow.workflow import Claim, Study
 
 from .shared.checks import voronoi_check
@@ -56,7 +58,7 @@ def sequence(critical, path, law, cuts, rng):
         kept[chosen(critical.tensions, law, rng)] = False
         try:
             network, edges, _ = cf.pruned(network, kept)
-        except cf.NetworkError:
+        except NetworkError:
             yield cf.Status.floppy, None, np.nan
             return
         lengths = lengths[edges]
@@ -67,7 +69,7 @@ def sequence(critical, path, law, cuts, rng):
             return
         critical = onset.configuration
         try:
-            cf.backbone(critical)
+            backbone(critical)
         except cf.InputError:  # rounding leaves an edge taut that no other one balances
             yield cf.Status.ill_conditioned, None, np.nan
             return
@@ -91,14 +93,14 @@ def curves(steps, n_edges, n):
 
 def measures(critical, strain, n_edges):
     """The stored numbers of one critical configuration."""
-    parts = [known_moduli(part.configuration) for part in cf.backbone(critical).components]
+    bulk, shear = known_moduli(critical)
     taut = critical.sigma > 0
     L = critical.bond_vectors[taut]
     double = (L[:, 0] + 1j * L[:, 1]) ** 2 / critical.lengths[taut]
     return {
         "critical_strain": strain,
-        "bulk_modulus": sum(part.bulk for part in parts),
-        "shear_modulus": sum(part.shear for part in parts),
+        "bulk_modulus": bulk,
+        "shear_modulus": shear,
         "alignment": abs(double.sum()) / critical.lengths[taut].sum(),
         "taut_fraction": taut.sum() / n_edges,
     }
@@ -117,7 +119,7 @@ def check(parameters, axes):
     """Refuse settings that could only fail."""
     voronoi_check("cuts")(parameters, axes)
     if parameters["cuts"] >= parameters["n_vertices"]:
-        raise cf.StudyError(f"cuts={parameters['cuts']} must be smaller than the number of vertices")
+        raise StudyError(f"cuts={parameters['cuts']} must be smaller than the number of vertices")
 
 
 def figure(ds):

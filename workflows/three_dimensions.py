@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from critflow import foam_network
-from critflow.figures.plot import draw_in_depth, unit_pressure_tensions, violins
+from critflow.figures.plot import draw_in_depth, unit_pressure_tensions
 from critflow.generators.random_networks import FOAM_HARD_CORE, check_foam
 from critflow.paths.strain_path import check_strains
 from critflow.result import Status
@@ -35,6 +35,7 @@ from .shared.population_reports import (
 )
 from .shared.populations import LABELS, PAPER_POPULATIONS, configuration, prepared
 from .shared.reports import PAPER, parameters
+from .shared.violins import violins
 
 
 def case(parameters, *, seed, population, wanted):

@@ -146,7 +146,7 @@ def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("failures")
     settings = (
         "difficulties=near_singular,small_strain,extra_edges,stress_spread", "seeds=0:1", "n_vertices=12",
-        "n_steps=4", "quantities=configuration,elasticity,rigidity,equilibrium_newton,shear_modulus_auto",
+        "n_steps=4", "quantities=configuration,transition_moduli,rigidity,equilibrium_newton,shear_modulus_auto",
     )  # fmt: skip
     words = [word for setting in settings for word in ("--set", setting)]
     assert main(["run", "failure_map", "--workers", "0", "--out", str(folder), *words]) == 0
@@ -168,7 +168,7 @@ def test_the_study_writes_its_figures_and_claims(small, assert_picture):
 
 def test_every_point_that_was_asked_has_an_outcome(small):
     dataset, _ = small
-    refused = dataset.sel(difficulty="extra_edges", quantity="elasticity", seed=0).outcome.values[-1]
+    refused = dataset.sel(difficulty="extra_edges", quantity="transition_moduli", seed=0).outcome.values[-1]
     assert refused == Outcome.refused
     for name in ("near_singular", "small_strain", "extra_edges"):
         for quantity in map(str, dataset["quantity"].values):
@@ -232,7 +232,7 @@ def test_slack_edges_are_tied_to_a_critical_network():
     np.testing.assert_array_equal(critical.sigma[n:], 0)
     np.testing.assert_array_equal(critical.bond_vectors[:n], taut.bond_vectors)
     assert problem.stressed is problem.taut.network
-    assert quantities.finding("elasticity", problem).violation == 0
+    assert quantities.finding("transition_moduli", problem).violation == 0
 
 
 def test_a_skew_cell_has_the_same_lattice():

@@ -101,7 +101,7 @@ def test_configurations_agree_with_dense_numpy(network, exact):
     np.testing.assert_allclose(exact.bond_vectors.astype(float), L, atol=1e-13)
     cost = network.volume * np.sum(sigma**2 * np.sum(L**2, axis=1))
     expected = np.sum(sigma * np.sum(L**2, axis=1)) ** 2 / (4 * cost), np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / cost
-    np.testing.assert_allclose(reference.elasticity(network, exact).value.astype(float), expected, rtol=1e-12)
+    np.testing.assert_allclose(reference.transition_moduli(network, exact).astype(float), expected, rtol=1e-12)
 
 
 def test_critical_lengths_are_proportional_and_balanced(network, manifold):
@@ -188,8 +188,8 @@ def test_stiffening_coefficients_are_third_derivatives_of_the_energy(network, ex
     coefficients = reference.solve(powers, energies)[:, 0]
     second, third = 2 * coefficients[0], 6 * coefficients[1] / h
     V = reference.volume(network)
-    B_0, _, C_B, _, _ = reference.stiffening(exact)
-    assert relative(B_0, reference.elasticity(network, exact).value[0]) < 1e-50
+    B_0, _, C_B, _, _ = reference.stiffening(network, exact)
+    assert relative(B_0, reference.transition_moduli(network, exact)[0]) < 1e-50
     assert relative(B_0, second / V) < 1e-24
     assert relative(C_B, (second + third) / V) < 1e-18
 
@@ -201,7 +201,7 @@ def test_the_gradient_of_the_bulk_modulus_is_its_derivative(network, exact):
         step = 0 * sigma
         step[edge] = h
         around = [
-            reference.elasticity(network, reference.configuration(network, sigma + s * step)).value[0] for s in (-1, 1)
+            reference.transition_moduli(network, reference.configuration(network, sigma + s * step))[0] for s in (-1, 1)
         ]
         assert relative(gradient[edge], (around[1] - around[0]) / (2 * h)) < 1e-25
 
@@ -236,7 +236,7 @@ def test_double_double_configurations_and_gradients(network, manifold, exact):
     L, gradient = references.bulk_modulus_gradient(manifold, sigma)
     assert error(L, exact.bond_vectors) < 1e-28
     assert error(gradient, reference.bulk_modulus_gradient(network, exact) * volume) < 1e-28
-    (bulk, shear), truth = references.elasticity(manifold, sigma).value, reference.elasticity(network, exact).value
+    (bulk, shear), truth = references.transition_moduli(manifold, sigma), reference.transition_moduli(network, exact)
     assert error(bulk, truth[:1] * volume) < 1e-28
     assert error(shear, truth[1:] * volume) < 1e-26
 
@@ -259,9 +259,9 @@ def test_double_double_equilibria_and_moduli(network, manifold, exact, strain):
 
 def test_double_double_stiffening_coefficients(network, manifold, exact):
     sigma = random_stress(network.n_edges, 1)
-    truth = reference.stiffening(exact) * (reference.volume(network) / reference.numbers(network.volume))
+    truth = reference.stiffening(network, exact) * (reference.volume(network) / reference.numbers(network.volume))
     for options in ({}, {"reach": 2e-3, "n_strains": 10}):
-        C_B, C_G = references.stiffening(sigma, **options)
+        C_B, C_G = references.stiffening(manifold, sigma, **options)
         assert error(C_B, truth[2:3]) < 1e-18
         assert error(C_G, truth[3:4]) < 1e-18
 

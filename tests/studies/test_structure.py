@@ -2,16 +2,11 @@
 
 import numpy as np
 import pytest
-from critflow.rigidity.structure import (
-    face_anisotropy,
-    force_anisotropy,
-    polygon_anisotropy,
-)
 from problems import random_stress, voronoi_3d
 
 from critflow import CriticalManifold, InputError, voronoi_network
 from critflow.critical.variances import LengthVariance, TensionVariance
-from workflows.shared.structure import relative_variance
+from workflows.shared.structure import face_anisotropy, force_anisotropy, polygon_anisotropy, relative_variance
 
 
 def sides_of(corners):

@@ -37,7 +37,7 @@ def check_design(n_vertices, seed, source):
     manifold = CriticalManifold(voronoi_network(n_vertices, other))
     targets = design_stiffening.attained(manifold, parameters, other, source)
     critical = design(voronoi_network(n_vertices, seed), dict(zip(design_stiffening.NAMES, targets, strict=True))).value
-    path = strain_path(critical.network, critical, STRAINS).value
+    path = strain_path(critical, STRAINS).value
     energies = np.array([relaxed_energy(state) for state in path.states])
     # 2E/(V γ²) = B_0 + (C_B − B_0) γ/3 + …, at most cubic here.
     scaled = 2 * energies / (critical.network.volume * STRAINS**2)
@@ -49,7 +49,7 @@ def check_curves(n_vertices):
     """Largest relative difference of the energies of the three curves."""
     worst = 0.0
     for made in design_curves.designs(n_vertices, 0):
-        path = strain_path(made.value.network, made.value, design_curves.STRAINS).value
+        path = strain_path(made.value, design_curves.STRAINS).value
         for state, energy in zip(path.states[5::4], path.energy[5::4], strict=True):
             worst = max(worst, abs(relaxed_energy(state) / energy - 1))
     return worst

@@ -20,9 +20,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.optimize import NonlinearConstraint, minimize
 
-from critflow import CriticalManifold, delaunay_network, voronoi_network
+from critflow import CriticalManifold, delaunay_network, spring_state, voronoi_network
+from critflow.design.limits import parse_targets
 from critflow.design.problem import Preference, TargetProblem
-from critflow.design.stiffnesses import isotropic_targets
+from critflow.design.stiffnesses import Stiffnesses, isotropic_targets
+from critflow.design.stresses import Stresses
 from critflow.solvers.constrained import Point, minimise_constrained
 
 from .. import design_stiffening, design_stress
@@ -110,7 +112,7 @@ def critflow(tolerance):
 
 
 METHODS = {
-    "critflow": critflow(TARGET_NEAREST),
+    "critflow": critflow(Stresses.tolerance),
     "critflow, 1e-5": critflow(1e-5),
     "IPOPT": ipopt,
     "SLSQP": slsqp,
@@ -126,19 +128,21 @@ def problems(n_vertices, n_problems):
         rng = np.random.default_rng(seed)
         S = design_stress.attained(manifold, rng)
         stressed = other.configuration(np.exp(0.4 * rng.standard_normal(other.network.n_edges)))
-        unknowns = Unknowns.of(manifold.network, None, None, "positive")
-        preference = Preference(manifold.network, "least_change", None)
-        start = unknowns.origin + 0.1 * rng.standard_normal(len(unknowns.origin))
+        stresses = Stresses(manifold)
+        start = stresses.origin + 0.1 * rng.standard_normal(len(stresses.origin))
         for kind, names, targets in (
             ("S/√D", design_stress.NAMES, S),
             ("B₀, C_B, C_G", design_stiffening.NAMES, design_stiffening.triple(stressed)),
         ):
-            wants = wanted(manifold, dict(zip(names, targets.tolist(), strict=True)))
-            yield kind, TargetProblem(manifold, unknowns, preference, wants, []), start
+            parsed = parse_targets(manifold.network, dict(zip(names, targets.tolist(), strict=True)))
+            yield kind, TargetProblem(stresses, Preference(stresses), parsed), start
         cell = delaunay_network(n_vertices // 3, seed)
         ratio = float(np.linspace(-0.6, 0.7, n_problems)[seed])
-        goals = TensorGoals(cell, cell.positions, isotropic_targets(2, 1.0, ratio), cell.stiffness)
-        yield "isotropic tensor", goals, goals.origin
+        lengths = np.linalg.norm(cell.bond_vectors(cell.positions), axis=1)
+        stiffnesses = Stiffnesses(spring_state(cell, lengths, cell.positions))
+        parsed = parse_targets(cell, isotropic_targets(2, 1.0, ratio))
+        problem = TargetProblem(stiffnesses, Preference(stiffnesses), parsed)
+        yield "isotropic tensor", problem, stiffnesses.origin
 
 
 def measured(problem, start, name, seconds):

@@ -162,7 +162,7 @@ MEMBER = ("panel", "seed")
 VARIABLES = (
     *NETWORK,
     *numbers(("seed", "face"), "i1", chosen="1 for the faces that panels C and F inflate"),
-    *numbers(("seed",), upper_bound="largest B_0 that any stress can give, in units of k"),
+    *numbers(("seed",), bulk_modulus_bound="largest B_0 that any stress can give, in units of k"),
     *numbers(
         (*MEMBER, "edge"),
         sigma="geometric stress (tension per length), sum of squares N_b",

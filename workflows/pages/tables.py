@@ -38,7 +38,7 @@ REASONS = {
     "rest_lengths": "cone program, then Newton's method on lengths and stresses together",
     "strain_step": "Newton's method: the softness grows as 1/γ, and no other method reaches these errors",
     "moduli": "linear response with the factor of the last Newton step",
-    "elasticity": "sums over edges, without a factorisation",
+    "transition_moduli": "sums over edges, without a factorisation",
     "member": "only the requested variables are computed",
     "coefficients": "exact, from the transition alone; fits have a bias and need a strain path",
 }

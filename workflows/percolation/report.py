@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from critflow.result import Status
 from critflow.workflow import Claim
 
-from ..shared.reports import lettered, parameters, series
+from ..shared.figures import lettered
+from ..shared.reports import parameters, series
 
 # The spread that the paper prints as the largest with every edge stressed.
 PRINTED_SPREAD = 0.3
@@ -65,7 +66,7 @@ def percolation_figure(ds):
     if np.isfinite(power := threshold_power(sizes, halves)):
         law = rf"$s_{{1/2}} \propto N_v^{{{power:.2f}}}$"
         collapse.text(0.97, 0.95, law, ha="right", va="top", fontsize=10, transform=collapse.transAxes)
-    lettered(figure.axes)
+    lettered(*figure.axes)
     figure.suptitle(
         "Full percolation of stress is lost at ever smaller spreads of rest lengths as networks grow",
         fontsize=11,

@@ -14,6 +14,7 @@ PAPER = (
     "central-force networks (arXiv:2407.13939)"
 )
 MARKERS = "osD^v<>"
+MISSED = (Status.infeasible, Status.not_reached)  # outcomes of designs without their targets
 
 
 def series(n):
@@ -42,6 +43,14 @@ def status_counts(codes):
     """Number of cases by name of their status."""
     found, counts = np.unique(codes, return_counts=True)
     return {Status(int(code)).name: int(count) for code, count in zip(found, counts, strict=True)}
+
+
+def duration(seconds, digits=3):
+    """Seconds as text, in the unit that leaves few digits."""
+    for factor, unit in ((1e6, "µs"), (1e3, "ms"), (1.0, "s")):
+        value = seconds * factor
+        if value < 999.5 or unit == "s":
+            return f"{value:,.0f} {unit}" if value >= 99.5 else f"{value:.{digits}g} {unit}"
 
 
 def target_summary(ds, reached):

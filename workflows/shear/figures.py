@@ -9,9 +9,10 @@ from scipy.special import comb
 
 from critflow.figures.plot import COLOURS, COMPRESSED, draw_network
 
+from ..shared.figures import lettered
 from ..shared.populations import LABELS
-from ..shared.power_laws import exponent
-from ..shared.reports import lettered, parameters, quoted, series
+from ..shared.power_laws import exponent, quoted
+from ..shared.reports import parameters, series
 
 # Parts of the bound at which one network is drawn.
 SHOWN = (0.1, 0.25, 0.6)
@@ -44,7 +45,7 @@ def ascent_figure(ds):
     _draw_modulus(left, ds)
     _draw_extremes(middle, ds)
     _draw_compression(right, ds)
-    lettered((left, middle, right))
+    lettered(left, middle, right)
     for axes in (left, middle, right):
         axes.set(xscale="log", xlabel="step $s$ of the ascent (0 at the left edge)")
 
@@ -221,7 +222,7 @@ def scaling_figure(ds):
     _draw_sizes(by_size, ds)
     _draw_thresholds(by_threshold, detailed(ds))
     _draw_starts(by_start, detailed(ds))
-    lettered(figure.axes)
+    lettered(*figure.axes)
     figure.suptitle(
         "Only networks optimised for it keep a shear modulus; lower thresholds raise it, more starts hardly do "
         f"({ds.sizes['seed']} networks a size)",

@@ -13,16 +13,17 @@ from critflow import (
     elasticity,
     equilibrium,
     optimize,
-    quantity,
     rigidity,
     stiffening,
     strain_path,
 )
 from critflow.critical.derivatives import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.design.optimize import objective_of
 from critflow.quantities.stress_hessian import stress_hessian
 
 from .. import reference
+from ..elimination import subtraction_free_solve
 from ..reference import Unknown
 from .outcomes import Answer, Finding, Unavailable, assessed
 from .problems import METHODS, OBJECTIVES
@@ -226,7 +227,7 @@ def _optimum(objective, method):
 def _goal(problem, name):
     if name == "shear_modulus" and problem.threshold is None:
         return transition_modulus(problem.network, pure_shear(2))
-    return quantity(problem.network, name, problem.threshold or 0.1)
+    return objective_of(problem.network, name, problem.threshold or 0.1)
 
 
 def _optimum_error(name):
@@ -288,3 +289,27 @@ QUANTITIES = {
     "lengths_strain": (_lengths("strain"), _strain_error),
     **{f"{name}_{method}": (_optimum(name, method), _optimum_error(name)) for name in OBJECTIVES for method in METHODS},
 }
+
+
+# Configurations of positive stresses of any range
+
+
+ASSEMBLIES = {
+    "plain factor": lambda manifold, sigma: manifold.network.all_coordinates(manifold.balance(sigma).coordinates),
+    # The solution of the library: NaN where its status is not ok.
+    "refined factor": lambda manifold, sigma: manifold.solve(sigma).value.coordinates,
+    "without subtraction": lambda manifold, sigma: subtraction_free_solve(manifold.network, sigma),
+}
+# Difficulties of positive stresses.
+ASSEMBLED = ("stress_spread", "faint_edge", "faint_cut", "short_edge")
+
+
+def assembly_errors(problem, assemblies):
+    """Largest coordinate error of each assembly, relative to the largest coordinate; NaN where no answer is given."""
+    exact, errors = problem.exact.coordinates, []
+    for name in assemblies:
+        with np.errstate(all="ignore"):
+            x = ASSEMBLIES[name](problem.manifold, problem.sigma)
+        known = np.isfinite(x).all()
+        errors.append(reference.largest_error(x, exact, moved=True) / reference.largest(exact) if known else np.nan)
+    return errors

@@ -14,7 +14,6 @@ from functools import partial
 import numpy as np
 
 from critflow import Solution, stiffening, strain_path
-from critflow.mechanics.fits import fit_stiffening
 from critflow.networks.network import Array
 from critflow.paths.strain_path import StrainPath
 from critflow.response.elasticity import elasticity
@@ -39,7 +38,7 @@ _FITS = {
 
 def _methods(n_vertices: int, seed: int) -> list[Method]:
     manifold, critical = random_critical(n_vertices, seed)
-    error = partial(relative, references.stiffening(critical.sigma))
+    error = partial(relative, references.stiffening(manifold, critical.sigma))
     windows = WINDOWS if n_vertices < LARGE else WINDOWS[-1:]
 
     # Every run starts from a copy of the configuration without cached results.
@@ -48,13 +47,13 @@ def _methods(n_vertices: int, seed: int) -> list[Method]:
 
     def path_to(strains: Array) -> Solution[StrainPath]:
         start, pattern = replace(critical), manifold.hessian
-        return strain_path(manifold.network, start, strains, tensors=False, pattern=pattern, throw=False)
+        return strain_path(start, strains, tensors=False, pattern=pattern, throw=False)
 
     def fitted(degree: int, n_strains: int, window: float) -> Answer:
         solution = path_to(window * np.arange(1, n_strains + 1) / n_strains)
         path = solution.value
         moduli = path.bulk_modulus, path.shear_modulus
-        slopes = [fit_stiffening(path.strains, values, degree=degree).slope for values in moduli]
+        slopes = [_slope(path.strains, values, degree) for values in moduli]
         return Answer(slopes, solution.status, int(path.steps.sum()))
 
     def extrapolated(reach: float) -> Answer:
@@ -68,6 +67,11 @@ def _methods(n_vertices: int, seed: int) -> list[Method]:
         Method("Richardson", extrapolated, error, windows, backend="qdldl"),
         *(Method(name, partial(fitted, *fit), error, windows, backend="qdldl") for name, fit in _FITS.items()),
     ]
+
+
+def _slope(strains: Array, moduli: Array, degree: int) -> float:
+    """The slope at γ = 0 of the polynomial fitted to moduli; NaN where the path stopped."""
+    return float(np.polyfit(strains, moduli, degree)[-2]) if np.isfinite(moduli).all() else np.nan
 
 
 def _limit(quotients: Array) -> float:

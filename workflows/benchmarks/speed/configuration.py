@@ -16,7 +16,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from critflow import CriticalManifold, Network, voronoi_network
+from critflow import CriticalConfiguration, CriticalManifold, Network, voronoi_network
 from critflow.critical.transition import dilation, transition_modulus
 from critflow.linalg.backends import available_backends
 from critflow.linalg.matrices import edge_blocks
@@ -154,16 +154,16 @@ def _methods(n_vertices: int, seed: int, gradient: bool) -> list[Method]:
 
     def by_solver(factorise: Callable[[np.ndarray, float], Solve], level: float) -> Answer:
         solve = factorise(sigma, level)
-        L = b - g @ solve(divergence @ (sigma[:, None] * b))
+        x = -solve(divergence @ (sigma[:, None] * b))
+        L = b + g @ x
         if not gradient:
             return Answer(L)
-        _, (by_sigma, by_L) = goal.evaluate(sigma, L)
+        _, (by_sigma, by_L) = goal.evaluate(CriticalConfiguration(network, sigma, network.all_coordinates(x), L))
         return Answer(by_sigma - np.einsum("ad,ad->a", L, g @ solve(divergence @ by_L)))
 
     def by_manifold(manifold: CriticalManifold, level: float) -> Answer:
         balance = manifold.balance(sigma)
-        L = balance.bond_vectors
-        return Answer(balance.pull_back(*goal.evaluate(sigma, L)[1])[0] if gradient else L)
+        return Answer(balance.pull_back(*goal.evaluate(balance)[1])[0] if gradient else balance.bond_vectors)
 
     def method(name: str, run: Callable, *arguments: object, **options: object) -> Method:
         return Method(name, partial(run, *arguments), error, **options)

@@ -57,30 +57,25 @@ def _problem(n_vertices: int, seed: int) -> tuple[CriticalManifold, np.ndarray, 
 
 def _methods(n_vertices: int, seed: int) -> list[Method]:
     manifold, lengths, best = _problem(n_vertices, seed)
-    network, accuracy = manifold.network, accuracy_of_stress(best)
+    network, error = manifold.network, error_of_stress(best)
     path = BoundaryPath(network, Deformation.linear(np.eye(network.dimension)), analysed=manifold.saddle)
 
     def auto(level: float) -> Answer:
         solution = critical_from_lengths(manifold, lengths, throw=False)
         return Answer(solution.value.sigma, solution.status, solution.stats.steps + solution.polish_steps)
 
-    def cone(level: float, polished: bool) -> Answer:
+    def cone(level: float) -> Answer:
         fit = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, level)
-        sigma, steps = fit.sigma, fit.steps
-        if polished:
-            _, sigma, _, more = polish(saddle, network, lengths, network.all_coordinates(fit.coordinates), sigma)
-            steps += more
-        solved = fit.solved and (not polished or (sigma > 0).all())
-        return Answer(sigma, Status.ok if solved else Status.stalled, steps)
+        return Answer(fit.sigma, Status.ok if fit.solved else Status.stalled, fit.steps)
 
-    def polished(level):
-        found = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, level)
-        start = OnsetState(0.0, np.zeros(0), found.coordinates, found.sigma, np.ones(network.n_edges, bool))
-        end = newton_taut(path, found.ratio * lengths, start)
-        status = Status.ok if found.solved and (end.sigma > 0).all() else Status.stalled
-        return Answer(end.sigma, status, found.steps + end.steps)
+    def polished(level: float) -> Answer:
+        fit = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, level)
+        start = OnsetState(0.0, np.zeros(0), fit.coordinates, fit.sigma, np.ones(network.n_edges, bool))
+        end = newton_taut(path, fit.ratio * lengths, start)
+        status = Status.ok if fit.solved and (end.sigma > 0).all() else Status.stalled
+        return Answer(end.sigma, status, fit.steps + end.steps)
 
-    def strain(level, relaxation):
+    def strain(level: float, relaxation: str) -> Answer:
         # An energy of springs stretched by half a step beyond the transition.
         threshold = 0.5 * float(np.sum((0.5 * level * lengths) ** 2))
         solution = critical_from_lengths(
@@ -91,8 +86,8 @@ def _methods(n_vertices: int, seed: int) -> list[Method]:
 
     methods = [
         Method("auto", auto, error),
-        Method("cone + Newton", partial(cone, polished=True), error, CONE),
-        Method("cone", partial(cone, polished=False), error, CONE),
+        Method("cone + Newton", polished, error, CONE),
+        Method("cone", cone, error, CONE),
         Method("strain Newton", partial(strain, relaxation="newton"), error, STRAIN_STEPS),
         Method("bisection", partial(_bisected, manifold, lengths), error, WIDTHS),
     ]

@@ -36,7 +36,7 @@ QUESTIONS = {
         "all variables",
     ),
     "moduli": Question(
-        "$B_0$ at a configuration", "elasticity", "closed form", "linear response at γ → 0",
+        "$B_0$ at a configuration", "transition_moduli", "closed form", "linear response at γ → 0",
         "sums over the edges", "springs just past the transition",
     ),
     "configuration": Question(

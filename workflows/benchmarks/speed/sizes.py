@@ -9,8 +9,9 @@ from critflow.figures.plot import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ...shared.figures import lettered
 from ...shared.power_laws import exponent
-from ...shared.reports import MARKERS, duration, lettered
+from ...shared.reports import MARKERS, duration
 from ..timing import Backend
 from .charts import nothing
 from .stages import STAGES, WORD
@@ -69,7 +70,7 @@ def sizes_figure(ds):
     _draw_times(by_time, stages)
     _draw_memory(by_memory, stages)
     _draw_shares(by_share, stages)
-    lettered(figure.axes)
+    lettered(*figure.axes)
     by_share.spines["left"].set_visible(False)
     power, largest = fitted(stages, "configuration"), int(stages.n_vertices[-1])
     figure.suptitle(

@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from critflow import Network, Status, optimize, stiffening, voronoi_network
+from critflow import Network, Status, optimize, stiffening
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.critical.variances import LengthVariance
 from critflow.generators.random_networks import STANDARD_HARD_CORE
 from critflow.generators.random_points import random_sequential_addition
+from critflow.generators.tessellations import voronoi_tessellation
 from critflow.response.elasticity import elasticity
 from critflow.workflow import stable_rng
 
@@ -78,7 +79,7 @@ def measured(n_vertices: int, seed: int, least: float) -> tuple[list[Timing], di
     """Timings of every stage of one network, and its moduli."""
     stage, n_cells = _Stages(least), n_vertices // 2
     points = stage("points", _points, n_cells, seed)
-    network = stage("tessellation", voronoi_network, points, np.sqrt(n_vertices))
+    network = stage("tessellation", voronoi_tessellation, points)
     del points
     manifold = stage("analysis", CriticalManifold, network)
     sigma = stable_rng(seed, "stress", str(n_vertices)).uniform(0.5, 1.5, network.n_edges)
