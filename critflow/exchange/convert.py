@@ -190,6 +190,12 @@ def _one_sentence(source: object, kind: str) -> Iterator[None]:
         ) from None
     except UnicodeDecodeError:
         raise InputError(f"{source} is not a text file: check its name") from None
+    except RecursionError:
+        raise InputError(f"{source} cannot be read, its parts are nested too deeply: is it a network?") from None
+    except ArithmeticError:
+        raise InputError(
+            f"{source} cannot be read, one of its numbers is too large or not finite: correct it"
+        ) from None
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{source} cannot be read as {kind}: {reason:.300}") from error

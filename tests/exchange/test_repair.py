@@ -295,7 +295,7 @@ def test_pinned_patches_follow_strain_paths_with_moduli_per_named_volume():
     critical = critical_from_lengths(patch, np.ones(patch.n_edges), throw=False).value
     strains = np.array([0.5e-4, 1e-4, 1.5e-4])
     path = strain_path(critical, strains).value
-    moduli, exact = elasticity(critical).value, stiffening(patch, critical).value
+    moduli, exact = elasticity(critical).value, stiffening(critical).value
     # One formula per volume: with the pins, Σσ L·A L over the edges is the work of the boundary.
     work = critical.sigma @ critical.lengths**2
     assert moduli.bulk == pytest.approx(work**2 / (4 * 20.0 * (critical.tensions**2).sum()), rel=1e-12)

@@ -42,7 +42,7 @@ from critflow import (
 from critflow import voronoi_network as voronoi
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import critical_configuration
-from critflow.examination.examine import DEFORMATIONS
+from critflow.networks.deformation import DEFORMATIONS
 from critflow.springs.free_cell import stretched
 from workflows.benchmarks import reference
 

@@ -29,8 +29,7 @@ from critflow import (
     strain_path,
     voronoi_network,
 )
-from critflow.examination.examine import DEFORMATIONS
-from critflow.networks.deformation import deformation_of
+from critflow.networks.deformation import DEFORMATIONS, deformation_of
 from critflow.onset.rigidity_surface import strain_plane
 from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 
 from critflow import InputError
-from critflow.examination.examine import DEFORMATIONS
 from critflow.generators.random_networks import check_voronoi
+from critflow.networks.deformation import DEFORMATIONS
 from critflow.result import StudyError
 
 # Peak memory of a network with the analysis of its matrices, measured at 100,000 and 400,000 vertices.
