@@ -11,6 +11,7 @@ import numpy as np
 from critflow import CriticalConfiguration, CriticalManifold, Solution, equilibrium, spring_state, voronoi_network
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.precision.double_double import Extended, extended
+from critflow.response.tensor import Elasticity
 from critflow.springs.state import SpringState
 from critflow.workflow import stable_rng
 
@@ -64,8 +65,8 @@ def relative(exact: Sequence[Extended], values: Sequence[float]) -> float:
 
 def answer_of(solution: Solution[Any], *names: str) -> Answer:
     """Numbers of the value of a solution, and the largest relative bound that it claims on their errors."""
-    value, bounds = solution.value, solution.stats.error_bound
-    bound = np.nan
-    if isinstance(bounds, type(value)):
+    value, bound = solution.value, np.nan
+    bounds = value.errors if isinstance(value, Elasticity) else solution.stats.error_bound
+    if hasattr(bounds, names[0]):
         bound = max(getattr(bounds, name) / abs(getattr(value, name)) for name in names)
     return Answer([getattr(value, name) for name in names], solution.status, solution.stats.steps, bound)
