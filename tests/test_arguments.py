@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from critflow.response.perimeters import cells_of
 from problems import square_octagon
 
 import critflow
@@ -22,7 +21,6 @@ MANIFOLD = CriticalManifold(NETWORK)
 CRITICAL = MANIFOLD.configuration(np.ones(6))
 HEXAGONS = lattice("honeycomb", 2, 2)
 LATTICE = lattice("triangular", 2, 2)
-CELLS = cells_of(HEXAGONS)
 
 # Right arguments by the name of the parameter, and where a function gives a name another meaning.
 RIGHT = {

@@ -314,8 +314,8 @@ def advice_of(examination: Examination, file: str = "") -> tuple[str, ...]:
     if order == "floppy" and strains:
         name, onset = min(strains.items(), key=lambda item: abs(item[1].value.strain))
         advice.append(
-            f"of the deformations below, {name} makes it rigid first, at γ = {onset.value.strain:.4g} ({_taut(onset)} edges "
-            f"taut); {words['strain']}"
+            f"of the deformations below, {name} makes it rigid first, at γ = {onset.value.strain:.4g} ({_taut(onset)} "
+            f"edges taut); {words['strain']}"
         )
     if order == "floppy" and near is not None and not within:
         limit = "at most " if near.status in UNFINISHED else ""

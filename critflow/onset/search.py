@@ -43,6 +43,7 @@ MOST_HALVINGS = 60  # of a step to a strain that preserves the orientation of th
 
 Interior = tuple[Array, Array]
 SIDES_MEET = "cables stay floppy until the free sides of the cell meet: fix a side"
+FLAT_CELL = "the network stays floppy until the cell is flat, at strain {:.3g}: choose a deformation that extends it"
 NO_RESISTANCE = "no strain makes an edge taut, because the edges do not span the cell: choose another deformation"
 
 
@@ -124,7 +125,7 @@ def step(path: BoundaryPath, lengths: Array, search: Search) -> Search:
     r, flat = float(reach.parameters[-1]), path.flat_strain(s, q)
     beyond_flat = search.beyond_flat + 1 if r >= (1 - FLAT) * flat else 0
     if beyond_flat and (path.linear or beyond_flat == FLAT_STEPS):
-        return search.without_onset(Status.floppy, _flat_note(path, s + flat))
+        return search.without_onset(Status.floppy, FLAT_CELL.format(path.direction * (s + flat)))
     if path.linear or (search.accurate and not beyond_flat and abs(r) < NEARBY * (1 + s)):
         return _ended(path, lengths, search, reach)
     strain = _oriented(path, s, max(s + min(r, INSIDE * flat), 0.0))
@@ -151,13 +152,6 @@ def _oriented(path: BoundaryPath, s: float, trial: float) -> float:
         else:
             return trial
     return s
-
-
-def _flat_note(path: BoundaryPath, strain: float) -> str:
-    return (
-        f"the network stays floppy until the cell is flat, at strain {path.direction * strain:.3g}: "
-        "choose a deformation that extends it"
-    )
 
 
 def _ended(path: BoundaryPath, lengths: Array, search: Search, reach: Reach) -> Search:

@@ -3,7 +3,8 @@
 An equilibrium at strain γ has vertices x = (1 + Σ q E) F(γ) y with coordinates y that move with the cell and free
 components q of the cell.  A path is a curve z(γ) = (y, q).  One step from γ to γ + δ (`attempt`):
 
-1. Predict z(γ + δ) by a Hermite polynomial through the last points and their velocities (`Predictor`).
+1. Predict z(γ + δ) by a Hermite polynomial through the last points and their velocities (`Predictor`); floppy vertices
+   among slack cables are placed where none of these is tight (`slack`).
 2. Correct it by Newton's method, H u = f, or FIRE: forces on vertices and stresses conjugate to q vanish.
 3. Without compressed springs, or for cables of a convex law, the equilibrium is the global minimum and lies on the
    branch of taut states (`_unique`).  Otherwise the step is refused where the correction took many iterations, met an

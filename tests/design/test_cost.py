@@ -22,7 +22,7 @@ from critflow import (
 )
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.quantities.largest_modulus import largest_modulus
-from critflow.response.linear_response import strains_of
+from critflow.response.linear_response import linear_response, strains_of
 
 NETWORKS = {"planar": voronoi_network, "foam": foam_network}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]
@@ -54,7 +54,7 @@ def factorised(monkeypatch):
 def test_the_counter_counts_factorisations_of_springs(factorised, network, critical):
     """The other tests would pass with a counter that counts nothing."""
     path = strain_path(critical, STRAIN).value
-    assert factorised(network, lambda: linear_response(path.states[0])) == {SPRINGS: 1}
+    assert factorised(network, lambda: linear_response(path.states[0], network.volume)) == {SPRINGS: 1}
     assert factorised(network, lambda: strain_path(critical, STRAIN))[SPRINGS] >= len(STRAIN)
 
 

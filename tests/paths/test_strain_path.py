@@ -12,6 +12,7 @@ from problems import (
     partly_compressed,
     random_stress,
     relaxed_directly,
+    reordered,
     slack_lattice,
     stiff_lattice,
     taut_rows,
@@ -31,6 +32,7 @@ from critflow import (
     critical_from_lengths,
     critical_strain,
     equilibrium,
+    fibre_network,
     foam_network,
     spring_state,
     stiffening,
@@ -310,6 +312,13 @@ def test_floppy_vertices_do_not_end_a_path():
     path = strain_path(critical, [0.01, 0.1]).value
     assert path.max_force.max() < 1e-13 and path.coordinate_error.max() < 1e-10
     assert not path.inserted.any()
+
+
+def test_an_optimum_of_stresses_is_of_springs():
+    network = voronoi(20, seed=1)
+    best = optimize(network, "length_variance", "conic")
+    assert strain_path(best, [0.01]).value.states[0].law == Hookean()
+    assert strain_path(critical_from_lengths(network, np.ones(30)), [0.01]).value.states[0].law == Cable()
 
 
 def beginning(**changes):

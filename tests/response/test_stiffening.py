@@ -12,6 +12,7 @@ from problems import (
     critical_of,
     oblique,
     random_stress,
+    reordered,
     slack_lattice,
     taut_rows,
     voronoi_3d,
@@ -286,6 +287,12 @@ def test_stiffening_of_the_largest_bulk_modulus_in_closed_form():
     for n in (2, 3, 4, 7.5):
         found = stiffening(critical, law=PowerLaw(n)).value
         assert found.C_B == pytest.approx(0.5 * (n - 3) * found.bulk_0, rel=1e-9, abs=1e-11)
+
+
+def slope(gamma, values, window, degree):
+    """Slope at γ = 0 of a polynomial over a window."""
+    inside = gamma <= window * (1 + 1e-12)
+    return np.polyfit(gamma[inside], values[inside], degree)[-2]
 
 
 MANIFOLD = sys.modules["critflow.critical.manifold"]
