@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from critflow.rigidity.structure import face_anisotropy, force_anisotropy
+from workflows.shared.structure import face_anisotropy, force_anisotropy
 
 from critflow import InputError, Status, stiffening, strain_path, voronoi_network
 from critflow.critical.backbone import taut_configurations
