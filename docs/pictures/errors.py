@@ -38,7 +38,7 @@ for spread in spreads:
     square = np.sum(L**2, axis=1)[:, None]
     bulk = np.sum(sigma * square) ** 2 / (4 * Fraction(volume) * np.sum(sigma**2 * square))
     moduli = elasticity(critical).value
-    single = np.abs(x - exact(manifold.balance(stress).coordinates[1:])).max()
+    single = np.abs(x - exact(manifold.balance(stress).coordinates)).max()
     true = [np.abs(x - exact(critical.coordinates[1:])).max(), abs(bulk - Fraction(moduli.bulk)) / bulk]
     rows.append([*map(float, true), critical.error_bound, moduli.errors.bulk / moduli.bulk, float(single)])
 errors = np.array(rows)
