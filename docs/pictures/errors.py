@@ -47,6 +47,6 @@ for n, (name, colour) in enumerate({"coordinates": "#0072B2", "$B_0$, relative":
     axes.semilogy(spreads, errors[:, n], "o", color=colour, label=f"{name}: error")
     axes.semilogy(spreads, errors[:, n + 2], "-", color=colour, label=f"{name}: bound")
 axes.semilogy(spreads, errors[:, 4], "x", color="0.5", label="coordinates without refinement: error")
-axes.set(xlabel="decades of stress", ylabel="error", ylim=(1e-18, 1e-12))
+axes.set(xlabel="decades of stress", ylabel="error", ylim=(1e-18, 1e-10))
 axes.legend(frameon=False, fontsize=8)
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=80)

@@ -8,7 +8,7 @@ import numpy as np
 
 from critflow import critical_strain, fibre_network, strain_path
 
-network = fibre_network("mikado", 150, 3.4, seed=2)
+network = fibre_network("mikado", 150, z=3.4, seed=2)
 lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
 onset = critical_strain(network, lengths, "simple_shear")
 strains = np.linspace(0.002, 0.1, 40)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from workflows.shared.structure import face_anisotropy, force_anisotropy
 
 from critflow import InputError, Status, stiffening, strain_path, voronoi_network
 from critflow.critical.backbone import taut_configurations
@@ -17,7 +16,7 @@ from critflow.workflow import Variable
 from .own_network import own_manifold
 from .populations import configuration, prepared
 from .reports import parameters as parameters_of
-from .structure import relative_variance
+from .structure import face_anisotropy, force_anisotropy, relative_variance
 from .verification import BALANCED, bond_vectors, contradictions, forces
 from .verification import configuration as configuration_checks
 
@@ -69,8 +68,8 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
         "sigma": critical.sigma,
         "length": critical.lengths,
         "coordinates": critical.coordinates,
-        "bulk_modulus_0": at_transition.bulk,
-        "shear_modulus_0": at_transition.shear,
+        "bulk_modulus_0": bulk,
+        "shear_modulus_0": shear,
         "length_variance": relative_variance(critical.lengths),
         "tension_variance": relative_variance(critical.tensions),
         "stressed_fraction": stressed_fraction(critical.sigma),
