@@ -2,36 +2,41 @@
 
 import doctest
 import inspect
+from importlib import import_module
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pytest
-from public import checked_functions
 
-FUNCTIONS = checked_functions()
+import critflow
+
 # Their examples are on pages of the documents.
-ON_PAGES = {
-    *("add", "cut", "prune_towards", "pareto", "design", "design_onset", "design_stiffness", "isogonal_design"),
-    *("strained_response", "stiffening_bound", "surface_geometry"),
-    *("principal_curvatures", "gaussian_curvature", "geometric_split", "hookean_split", "bond_operator"),
-    "stress_hessian",
-}
+ON_PAGES = {"design", "pareto", "prune_towards"}
+
+FOLDER = Path(critflow.__file__).parent
+MODULES = [
+    ".".join(("critflow", *path.relative_to(FOLDER).with_suffix("").parts))
+    for path in sorted(FOLDER.rglob("*.py"))
+    if ">>> " in path.read_text(encoding="utf-8")
+]
 
 
-@pytest.fixture(scope="module")
-def examples():
-    finder = doctest.DocTestFinder(recurse=False)
-    return {name: finder.find(inspect.unwrap(f), name, globs={})[0].examples for name, f in FUNCTIONS.items()}
+def examples_of(function) -> list[doctest.DocTest]:
+    return doctest.DocTestFinder(recurse=False).find(inspect.unwrap(function), function.__name__, globs={})
 
 
-def test_every_public_function_has_an_example(examples):
-    assert {name for name, found in examples.items() if not found} <= ON_PAGES
+def test_every_public_function_has_an_example():
+    functions = {name: f for name, f in vars(critflow).items() if inspect.isfunction(f) and "critflow." in f.__module__}
+    assert {name for name, f in functions.items() if not examples_of(f)[0].examples} <= ON_PAGES
 
 
-def test_the_examples_of_docstrings_run(monkeypatch, tmp_path):
+@pytest.mark.parametrize("module", MODULES)
+def test_the_examples_of_docstrings_run(module, monkeypatch, tmp_path):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    finder, runner = doctest.DocTestFinder(recurse=False), doctest.DocTestRunner(optionflags=doctest.FAIL_FAST)
-    for name, function in FUNCTIONS.items():
-        for example in finder.find(inspect.unwrap(function), name, globs={}):
+    runner = doctest.DocTestRunner(optionflags=doctest.FAIL_FAST)
+    defined = [f for f in vars(import_module(module)).values() if getattr(f, "__module__", "") == module]
+    for function in filter(inspect.isfunction, defined):
+        for example in examples_of(function):
             report: list[str] = []
             runner.run(example, out=report.append)
             assert not runner.summarize(verbose=False).failed, "".join(report)

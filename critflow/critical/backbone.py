@@ -111,10 +111,11 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
     Raises `InputError` for stresses that are not finite or zero everywhere, and as `taut_networks`.
 
     >>> import critflow as cf
+    >>> from critflow.critical.backbone import backbone
     >>> import numpy as np
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
     >>> critical = cf.critical_from_lengths(network, np.linspace(0.5, 1.5, 30), throw=False).value
-    >>> found = cf.backbone(critical)
+    >>> found = backbone(critical)
     >>> int(found.taut.sum()), len(found.components)
     (30, 1)
     """

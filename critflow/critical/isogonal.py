@@ -137,7 +137,8 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     three tensions at a vertex parallel; `isogonal_modes` has none of these requirements.
 
     >>> import critflow as cf
-    >>> cf.face_modes(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus')).n_independent
+    >>> from critflow.critical.isogonal import face_modes
+    >>> face_modes(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus')).n_independent
     3
     """
     network = critical.network

@@ -39,9 +39,10 @@ def write_page(examination: Examination, path: str | PathLike[str], file: str = 
     file  name of the file that was examined, for advice that names commands in place of functions
 
     >>> import critflow as cf
+    >>> from critflow.examination.page import write_page
     >>> import tempfile
     >>> page = tempfile.mkdtemp() + '/page.md'
-    >>> cf.write_page(cf.examine(cf.lattice("honeycomb", 2, 2), deformations=()), page)
+    >>> write_page(cf.examine(cf.lattice("honeycomb", 2, 2), deformations=()), page)
     """
     target = Path(path)
     require_page(target)

@@ -32,9 +32,9 @@ def random_sequential_addition(
     distribution and makes the cost linear.  A packing that saturates early starts again.  The points are returned
     sorted by grid cell, so that neighbours lie near each other in memory.
 
-    >>> import critflow as cf
+    >>> from critflow.generators.random_points import random_sequential_addition
     >>> import numpy as np
-    >>> cf.random_sequential_addition(10, 0.1, np.random.default_rng(0)).shape
+    >>> random_sequential_addition(10, 0.1, np.random.default_rng(0)).shape
     (10, 2)
     """
     check_addition(n_points, distance, dimension)

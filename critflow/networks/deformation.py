@@ -232,8 +232,8 @@ def deformation_of(value: Deformation | str | ArrayLike | Function, dimension: i
 
     Raises `InputError` for unknown names and for other dimensions.
 
-    >>> import critflow as cf
-    >>> cf.deformation_of('simple_shear', 2).gradient(0.1)
+    >>> from critflow.networks.deformation import deformation_of
+    >>> deformation_of('simple_shear', 2).gradient(0.1)
     array([[1. , 0.1],
            [0. , 1. ]])
     """

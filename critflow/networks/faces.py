@@ -67,8 +67,9 @@ def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> 
     walks are no polygons because edges cross or have no length, or because a face winds around the cell.
 
     >>> import critflow as cf
+    >>> from critflow.networks.faces import planar_faces
     >>> network = cf.lattice("honeycomb", 2, 2)
-    >>> cf.planar_faces(network.edges, network.bond_vectors(network.positions), 8).sizes
+    >>> planar_faces(network.edges, network.bond_vectors(network.positions), 8).sizes
     array([6, 6, 6, 6])
     """
     edges, bond_vectors = np.asarray(edges), np.asarray(bond_vectors, dtype=float)

@@ -82,9 +82,9 @@ def strain_plane(first: ArrayLike, second: ArrayLike, n: int) -> Array:
 
     In two dimensions A = diag(1, −1) and B = 1 span pure shear and dilation.
 
-    >>> import critflow as cf
+    >>> from critflow.onset.rigidity_surface import strain_plane
     >>> import numpy as np
-    >>> cf.strain_plane(np.eye(2), np.diag([1.0, -1.0]), 4).shape
+    >>> strain_plane(np.eye(2), np.diag([1.0, -1.0]), 4).shape
     (4, 2, 2)
     """
     A, B = np.array(first, dtype=float), np.array(second, dtype=float)

@@ -74,7 +74,8 @@ def flat_directions(
     `InputError` for networks of more than 2,000 edges.
 
     >>> import critflow as cf
-    >>> cf.flat_directions(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).n_flat
+    >>> from critflow.quantities.stress_hessian import flat_directions
+    >>> flat_directions(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).n_flat
     4
     """
     n = critical.network.n_edges

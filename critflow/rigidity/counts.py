@@ -174,8 +174,9 @@ def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None
     `Status.singular` as for `rigidity`.  Raises `InputError` for modes that would not fit in memory.
 
     >>> import critflow as cf
+    >>> from critflow.rigidity.counts import zero_modes
     >>> network = cf.lattice("honeycomb", 2, 2)
-    >>> cf.zero_modes(network, network.positions).value.modes.shape
+    >>> zero_modes(network, network.positions).value.modes.shape
     (3, 8, 2)
     """
     x, L, length = _edges(network, coordinates)

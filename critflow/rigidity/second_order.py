@@ -90,8 +90,9 @@ def second_order_rigidity(
     decided where one factorisation suffices.
 
     >>> import critflow as cf
+    >>> from critflow.rigidity.second_order import second_order_rigidity
     >>> network = cf.lattice("kagome", 2, 2)
-    >>> cf.second_order_rigidity(network, network.positions).value.second_order_rigid
+    >>> second_order_rigidity(network, network.positions).value.second_order_rigid
     True
     """
     counted = rigidity(network, coordinates, tolerance, vectors=False)

@@ -71,9 +71,10 @@ def signed_stress(
     Raises `InputError` for wrong signs or coordinates, or an edge of no length.
 
     >>> import critflow as cf
+    >>> from critflow.rigidity.signed_stress import signed_stress
     >>> import numpy as np
     >>> network = cf.lattice("square", 3, 3)
-    >>> cf.signed_stress(network, network.positions, np.ones(18, int)).value.least
+    >>> signed_stress(network, network.positions, np.ones(18, int)).value.least
     1.0
     """
     x, s = _checked(network, coordinates, signs)

@@ -1,9 +1,10 @@
-"""The API reference: the directive `layer` documents every public name of one layer of the package.
+"""The API reference: the directive `layer` documents the public names of one layer of the package.
 
 Docstrings are plain text.  Tables of two columns become definition lists, indented lines displayed equations, and
 `names` links: to a public name, or to the equation of the paper with this label.
 """
 
+import ast
 import inspect
 import re
 from enum import Enum
@@ -27,14 +28,24 @@ LABELS = {  # label: the page that explains the equation
 CLASS = "   :members:\n   :member-order: bysource\n   :exclude-members: __init__, __new__\n"
 
 
+def exported() -> list[str]:
+    """The public names of `critflow`: those that it imports as themselves, and `draw`."""
+    lines = ast.parse(inspect.getsource(critflow)).body
+    names = [alias for line in lines if isinstance(line, ast.ImportFrom) for alias in line.names]
+    return ["draw", *(alias.name for alias in names if alias.asname == alias.name)]
+
+
+PUBLIC = exported()
+
+
 def public_names(layer: str) -> list[str]:
     """The names of `critflow` that are defined in this layer, in the order of their modules and lines."""
     found = []
-    for name in critflow.__all__:
-        thing = inspect.unwrap(getattr(critflow, name)) if callable(getattr(critflow, name)) else None
-        module = getattr(thing, "__module__", "").split(".")
-        if module[0] == "critflow" and module[1] == layer:
-            found.append((".".join(module), inspect.getsourcelines(thing)[1], name))
+    for name in PUBLIC:
+        thing = inspect.unwrap(getattr(critflow, name))
+        module = thing.__module__.split(".")
+        if module[1] == layer:
+            found.append((thing.__module__, inspect.getsourcelines(thing)[1], name))
     return [name for *_, name in sorted(found)]
 
 
@@ -46,7 +57,7 @@ def results_of(names: list[str]) -> list[str]:
         returned = str(getattr(thing, "__annotations__", {}).get("return", ""))
         for word in re.findall(r"[A-Z]\w+", returned):
             kind = getattr(import_module(thing.__module__), word, None)
-            if inspect.isclass(kind) and kind.__module__.startswith("critflow.") and word not in critflow.__all__:
+            if inspect.isclass(kind) and kind.__module__.startswith("critflow.") and word not in PUBLIC:
                 found[f"{kind.__module__}.{word}"] = None
     return list(found)
 
@@ -62,15 +73,20 @@ def autodoc(path: str) -> str:
 
 
 class Layer(Directive):
-    """`layer NAME`: every public name of the layer, then the classes that its functions return."""
+    """`layer NAME`: the public names of the layer, the classes that its functions return, and names of its modules.
+
+    The content lists the last ones, as MODULE.NAME.
+    """
 
     required_arguments = 1
+    has_content = True
 
     def run(self):
         layer = self.arguments[0]
         names = public_names(layer)
         paths = [f"critflow.{name}" for name in names]
         paths += [path for path in results_of(names) if path.split(".")[1] == layer]
+        paths += [f"critflow.{layer}.{name}" for name in " ".join(self.content).split()]
         text = "\n".join(["````{eval-rst}", *map(autodoc, paths), "````"])
         container = nodes.container()
         self.state.nested_parse(StringList(text.splitlines(), source=f"layer {layer}"), 0, container)
@@ -117,7 +133,7 @@ def escaped(line: str) -> str:
 def reference(name: str) -> str:
     if name in LABELS:
         return f":doc:`{name} </theory/{LABELS[name]}>`"
-    if name in critflow.__all__:
+    if name in PUBLIC:
         return f":py:obj:`~critflow.{name}`"
     return f"``{name}``"
 

@@ -6,10 +6,11 @@ Discs show the part of each vertex in the zero modes of a displaced Voronoi netw
 import numpy as np
 
 import critflow as cf
+from critflow.rigidity.counts import zero_modes
 
 network = cf.voronoi_network(n_vertices=100, seed=4)
 x = network.positions + 0.05 * np.random.default_rng(0).standard_normal(network.positions.shape)
-modes = cf.zero_modes(network, x).value.modes
+modes = zero_modes(network, x).value.modes
 moving = np.sum(modes**2, axis=(0, 2)) / 2
 axes = cf.draw(network, vertices=moving, title=f"{len(modes)} independent motions without a change of length")
 axes.figure.savefig("floppy.png", dpi=60)

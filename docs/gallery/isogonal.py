@@ -7,9 +7,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import critflow as cf
+from critflow.critical.isogonal import face_modes
 
 network = cf.voronoi_network(n_vertices=60, seed=3)
-modes = cf.face_modes(cf.optimize(network, "bulk_modulus").value)
+modes = face_modes(cf.optimize(network, "bulk_modulus").value)
 direction = np.random.default_rng(0).standard_normal(network.faces.n_faces)
 figure, row = plt.subplots(1, 3, figsize=(9, 3.3), layout="constrained")
 for axes, fraction in zip(row, (0.0, 0.45, 0.9), strict=True):

@@ -6,9 +6,10 @@ A linear program over the isogonal modes; no edge is shorter than 0.15.
 import numpy as np
 
 import critflow as cf
+from critflow.critical.isogonal import face_modes
 
 network = cf.voronoi_network(n_vertices=100, seed=6)
-modes = cf.face_modes(cf.optimize(network, "bulk_modulus").value)
+modes = face_modes(cf.optimize(network, "bulk_modulus").value)
 faces = network.faces
 chosen = int(faces.sizes.argmax())
 sides = faces.edges[faces.starts[chosen] : faces.starts[chosen + 1]]

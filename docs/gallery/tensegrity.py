@@ -6,12 +6,13 @@ Six cables around a hexagon are stretched by three struts, which are dashed.
 import numpy as np
 
 import critflow as cf
+from critflow.rigidity.signed_stress import signed_stress
 
 angles = np.arange(6) * np.pi / 3
 corners = np.column_stack([np.cos(angles), np.sin(angles)])
 sides = [[i, (i + 1) % 6] for i in range(6)]
 network = cf.Network([*sides, [0, 3], [1, 4], [2, 5]], pins={0: corners[0]})
-found = cf.signed_stress(network, corners, signs=[1] * 6 + [-1] * 3).value
+found = signed_stress(network, corners, signs=[1] * 6 + [-1] * 3).value
 stable = cf.stability(found.critical).super_stable
 axes = cf.draw(found.critical, width=3, title="super stable" if stable else "not shown to be super stable")
 axes.figure.savefig("tensegrity.png", dpi=60)

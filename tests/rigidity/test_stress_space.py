@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import NETWORKS, dense_free, pinned_grid, random_stress, square_octagon, with_random_stiffness
+from problems import NETWORKS, at, dense_free, pinned_grid, random_stress, square_octagon, with_random_stiffness
 
 from critflow import (
     CriticalManifold,
