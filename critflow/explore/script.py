@@ -8,7 +8,7 @@ from critflow.explore.model import OPTIMA, POPULATIONS, SPREAD
 from critflow.explore.session import Session
 
 _IMPORTED = (
-    *("CriticalManifold", "critical_from_lengths", "face_modes", "network_from", "optimize", "pruned", "stiffening"),
+    *("CriticalManifold", "critical_from_lengths", "network_from", "optimize", "pruned", "stiffening"),
     *("strain_path", "elasticity", "voronoi_network"),
 )
 
@@ -23,6 +23,7 @@ def script(session: Session) -> str:
     heads = ["import numpy as np"] * ("np." in text) + ["import xarray as xr"] * ("xr." in text)
     heads += [""] * bool(heads)
     heads.append(f"from critflow import {', '.join(name for name in _IMPORTED if f'{name}(' in text)}")
+    heads += ["from critflow.critical.isogonal import face_modes"] * ("face_modes(" in text)
     heads += ["from critflow.workflow import stable_rng"] * ("stable_rng(" in text)
     return "\n".join([*heads, "", text, ""])
 
