@@ -60,7 +60,7 @@ def examine(
 
     >>> import critflow as cf
     >>> examination = cf.examine(cf.lattice("honeycomb", 2, 2), deformations=())
-    >>> examination.order, examination.rigidity.value.n_self_stresses
+    >>> examination.order, examination.n_self_stresses
     ('critical', 1)
     """
     network, x, rest, notes, digits, names = _subject(network, coordinates, rest_lengths)

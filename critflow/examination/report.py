@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from importlib import import_module
+from os import PathLike
 
 import numpy as np
 
@@ -78,6 +80,16 @@ class Examination(Record):
     notes: tuple[str, ...] = ()
     names: tuple[str, ...] = field(default=(), repr=False)
     failures: tuple[str, ...] = ()
+
+    @property
+    def n_self_stresses(self) -> int:
+        """Number of self-stresses at the coordinates."""
+        return self.rigidity.value.n_self_stresses
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the page of the examination, Markdown or HTML by the ending, with its pictures."""
+        # Pictures need matplotlib, which takes most of the time of an import.
+        import_module("critflow.examination.page").write_page(self, path)
 
     def vertex_name(self, vertex: int) -> str:
         """Name of a vertex in the source."""

@@ -305,3 +305,12 @@ def test_what_cannot_be_written_is_refused_before_the_computation(tmp_path, monk
         monkeypatch.setattr(networks, name, lambda *_, **__: pytest.fail("computed"))
     assert main(words) == code
     assert word in capsys.readouterr().err
+
+
+def test_an_examination_saves_its_page(tmp_path):
+    examination = examine(
+        VORONOI, CriticalManifold(VORONOI).configuration(np.ones(VORONOI.n_edges)).coordinates, deformations=()
+    )
+    assert examination.n_self_stresses == 1
+    examination.save(tmp_path / "page.md")
+    assert "critical" in (tmp_path / "page.md").read_text()
