@@ -309,7 +309,7 @@ def test_what_cannot_be_written_is_refused_before_the_computation(tmp_path, monk
 
 def test_an_examination_saves_its_page(tmp_path):
     examination = examine(
-        VORONOI, CriticalManifold(VORONOI).configuration(np.ones(VORONOI.n_edges)).coordinates, deformations=()
+        VORONOI, critflow.CriticalManifold(VORONOI).configuration(np.ones(VORONOI.n_edges)).coordinates, deformations=()
     )
     assert examination.n_self_stresses == 1
     examination.save(tmp_path / "page.md")
