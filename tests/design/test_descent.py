@@ -152,7 +152,7 @@ def test_least_length_variance_of_slack_networks_has_a_value():
 
     def function(x):
         sigma = np.exp(x)
-        return variance.evaluate(sigma, manifold.balance(sigma).bond_vectors)[0]
+        return variance.evaluate(manifold.balance(sigma))[0]
 
     slow = minimize(
         function, np.zeros(network.n_edges), method="L-BFGS-B", options={"maxfun": 60_000, "maxiter": 2_000}

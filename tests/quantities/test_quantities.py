@@ -97,6 +97,8 @@ def test_derivatives_by_stiffness(kind, name):
 
     found = goal.by_stiffness(at(network, sigma, L))
     assert_derivative(value, found, network.stiffness, [direction], 1e-3, 1e-7, 1e-9 * np.abs(found).max() + 1e-12)
+    if kind != "oblique":
+        return
     # Without a formula of its own, by differences.
     general = Quantity.by_stiffness(goal, at(network, sigma, L))
     np.testing.assert_allclose(general, found, rtol=1e-6, atol=1e-8 * np.abs(found).max() + 1e-10)

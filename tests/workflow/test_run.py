@@ -5,6 +5,7 @@ import signal
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 import xarray as xr
 from disturbed import begun, contents_of, ended, messages, numbers_of, stamps_of, stored_whole, words_of
@@ -21,12 +22,14 @@ def serial(tmp_path_factory):
     """The folder of an undisturbed run of the algebra study in one process."""
     folder = tmp_path_factory.mktemp("serial")
     study = Path(__file__).with_name("algebra_study.py")
+    # Another test in this process may have left a connection open.
+    sockets = len(psutil.Process().net_connections("inet"))
     with threadpool_limits(limits=2):
         assert {library["num_threads"] for library in threadpool_info()} == {2}
         assert main(["run", str(study), "--out", str(folder), "--workers=0"]) == 0
     with xr.load_dataset(folder / "algebra.nc") as ds:
         assert (ds.threads == 1).all()
-        assert (ds.sockets == 0).all()  # without worker processes
+        assert (ds.sockets <= sockets).all()  # none without worker processes
     return folder
 
 
