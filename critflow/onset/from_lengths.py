@@ -20,8 +20,8 @@ from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.onset.boundary_path import BoundaryPath
-from critflow.onset.taut_edges import FITTED, ROUGH_CONE, OnsetState, newton_taut, unknown_configuration
-from critflow.onset.taut_set import EXACT_CONE, NO_STRESS, polish_taut, stressed
+from critflow.onset.taut_edges import ROUGH_CONE, OnsetState, newton_taut, unknown_configuration
+from critflow.onset.taut_set import EXACT_CONE, NO_STRESS, polish_taut, resolved, stressed
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.precision.geometry import ExtendedGeometry
 from critflow.result import InputError, Solution, Stats, Status
@@ -143,7 +143,9 @@ def _by_cone(manifold: CriticalManifold, lengths: Array) -> FromLengths:
         start = OnsetState(0.0, np.zeros(0), cone.coordinates, cone.sigma, taut)
         end = (newton_taut if rough else polish_taut)(path, cone.ratio * lengths, start)
         balanced = None
-        if end is not None and end.error < FITTED and np.array_equal(stressed(end), end.taut):
+        # A slack edge that is longer than its rest length shows a wrong set of taut edges.
+        fits = end is not None and resolved(path, cone.ratio * lengths, end)
+        if end is not None and fits and np.array_equal(stressed(end), end.taut):
             balanced = _balanced(manifold, path, end)
         if balanced is not None:
             break

@@ -20,6 +20,7 @@ from critflow import (
 )
 from critflow.onset.from_lengths import stressed_fraction
 from critflow.solvers.cone import fit_lengths
+from critflow.workflow import stable_rng
 
 NETWORK = voronoi_network(100, seed=1)
 
@@ -215,3 +216,14 @@ def test_a_strain_protocol_of_too_many_steps_ends(monkeypatch):
     solution = critical_from_lengths(network, lengths, "strain", strain_step=1e-6, throw=False)
     assert solution.status is Status.step_limit
     assert "steps" in solution.reason
+
+
+def test_no_slack_edge_is_longer_than_its_rest_length():
+    # The first program leaves out an edge that is needed: 16 % longer than its rest length without it.
+    rng = stable_rng(14, "random_lengths_wide")
+    lengths = 1 + 0.3 * rng.standard_normal(1500)
+    lengths[lengths <= 0] = 1 + 0.3 * rng.standard_normal((lengths <= 0).sum())
+    solution = critical_from_lengths(voronoi_network(1000, 14), lengths, throw=False)
+    slack = solution.value.sigma == 0
+    assert solution.status is Status.slack_edges and slack.sum() == 111
+    assert (solution.value.lengths[slack] <= solution.ratio * lengths[slack]).all()
