@@ -45,8 +45,8 @@ def _beyond_extreme(manifold: CriticalManifold, targets: Sequence[Target], posit
             return f"{target.name} is never negative here, and at most {target.high:.8g} was requested: raise it{signs}"
         if target.low > most + BOUND_ROUNDING * abs(most):
             return (
-                f"{target.name} is at most {most:.8g}, its bound for every stress of this network, and {target.low:.8g} "
-                "was requested"
+                f"{target.name} is at most {most:.8g}, its bound for every stress of this network, and "
+                f"{target.low:.8g} was requested"
             )
         if target.high < least - BOUND_ROUNDING * max(abs(least), abs(target.high)):
             return f"{target.name} is at least {least:.8g} under tension, and {target.high:.8g} was requested"
