@@ -55,6 +55,8 @@ def held(holder: Any, kinds: tuple[type, ...]) -> Any:
     if isinstance(holder, kinds):
         return holder
     one = holder.value if isinstance(holder, Solution) else holder
+    if getattr(one, "pressures", None) is not None:
+        return one if isinstance(one, kinds) else None  # Its network without the pressures is another problem.
     for part in (one, getattr(one, "configuration", None), getattr(one, "network", None)):
         if isinstance(part, kinds):
             return part
@@ -139,6 +141,8 @@ class _Kinds:
         """Where the value contains a suitable one."""
         if np.random.Generator in self.classes and is_number(value):
             return f": use numpy.random.default_rng({value})"
+        if getattr(value, "pressures", None) is not None:
+            return ": it is in balance under pressures, which this call does not contain"
         inner = [("value", value.value)] if isinstance(value, Solution) else []
         inner += [(f.name, getattr(value, f.name, None)) for f in fields(value)] if is_dataclass(value) else []
         if words := [name for name, part in inner if isinstance(part, tuple(self.classes))]:

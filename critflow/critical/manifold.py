@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import checked
+from critflow.critical.pressures import PressureManifold, PressurisedConfiguration
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
@@ -242,16 +243,31 @@ class CriticalManifold:
         return block_laplacian(self.network, self.backend)
 
     @cached_property
+    def pressurised(self) -> PressureManifold:
+        """The map of stresses and pressures, of a planar network with faces."""
+        return PressureManifold(self.network, self.backend)
+
+    @cached_property
     def refinement(self) -> Refinement:
         """Refines configurations to the last digit and bounds their errors."""
         return Refinement(self.network)
 
-    def configuration(self, sigma: ArrayLike, throw: bool = True) -> CriticalConfiguration:
+    @overload
+    def configuration(self, sigma: ArrayLike, *, throw: bool = True) -> CriticalConfiguration: ...
+    @overload
+    def configuration(self, sigma: ArrayLike, pressures: ArrayLike, throw: bool = True) -> PressurisedConfiguration: ...
+    def configuration(
+        self, sigma: ArrayLike, pressures: ArrayLike | None = None, throw: bool = True
+    ) -> CriticalConfiguration | PressurisedConfiguration:
         """The configuration x(σ) in balance under σ (N_b,) of any sign (`SelfStressParamaterization_coords`).
+
+        pressures  in the faces of a planar network, (N_f,): the configuration of tissues and foams
 
         Raises `NetworkError` for a σ that is not finite or of another shape, `SolveError` where P(σ) is singular or so
         nearly singular that no digit is certain.
         """
+        if pressures is not None:
+            return self.pressurised.solve(sigma, pressures, throw).value
         return self.solve(sigma, throw).value
 
     def solve(self, stress: ArrayLike, throw: bool = False) -> ForceBalance:

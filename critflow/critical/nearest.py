@@ -9,7 +9,7 @@ sparse system for displacement, multipliers and stresses together (Gauss-Newton,
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple, overload
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,6 +18,7 @@ from scipy.sparse.linalg import splu
 
 from critflow.arguments import checked
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
+from critflow.critical.pressure_inference import NearestPressures, infer_pressures
 from critflow.linalg.factor import Entries, FixedPattern
 from critflow.linalg.matrices import free_ends, spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
@@ -79,6 +80,28 @@ class _Iterate(NamedTuple):
     cost: float
 
 
+@overload
+def nearest_critical(
+    network: Network | CriticalManifold,
+    coordinates: ArrayLike,
+    error: float | None = None,
+    start: ArrayLike | None = None,
+    max_steps: int = _MOST_STEPS,
+    throw: bool = True,
+    *,
+    pressures: Literal[False] = False,
+) -> Nearest: ...
+@overload
+def nearest_critical(
+    network: Network | CriticalManifold,
+    coordinates: ArrayLike,
+    error: float | None = None,
+    start: None = None,
+    max_steps: int = _MOST_STEPS,
+    throw: bool = True,
+    *,
+    pressures: Literal[True],
+) -> NearestPressures: ...
 @checked
 def nearest_critical(
     network: Network | CriticalManifold,
@@ -87,11 +110,15 @@ def nearest_critical(
     start: ArrayLike | None = None,
     max_steps: int = _MOST_STEPS,
     throw: bool = True,
-) -> Nearest:
+    *,
+    pressures: bool = False,
+) -> Nearest | NearestPressures:
     """The configuration in balance under positive stresses that is nearest to observed coordinates (N_v, d).
 
     error  standard error s of the observed coordinates, from which those of the stresses follow; None: estimated
     start  stresses (N_b,) to begin with; by default those that balance best at the observed positions
+    pressures  infer a pressure in each face too, where three edges meet at each vertex: the positions then balance
+           exactly, and errors of coordinates are amplified far more (`NearestPressures`)
 
     The minimum is local: D is not convex in σ.  `stats.residual` is the largest component of dD/dθ over Σ|x̂|².
     Where the infimum is approached as edges shrink to zero length or lose their stress, the configuration is that of a
@@ -109,6 +136,11 @@ def nearest_critical(
     x = validated_coordinates(manifold.network, coordinates)
     if error is not None and not error > 0:
         raise InputError(f"the error of the coordinates must be positive, not {error}")
+    if pressures:
+        if start is not None:
+            raise InputError("pressures=True solves a linear system and needs no start: omit it")
+        inferred = infer_pressures(manifold.network, x, error)
+        return inferred.or_raise("no tensions and pressures balance here") if throw else inferred
     if max_steps < 0:
         raise InputError(f"max_steps must not be negative, not {max_steps}")
     sigma = _best_balance(manifold, x) if start is None else edge_values(start, manifold.network.n_edges, "start")

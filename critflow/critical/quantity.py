@@ -50,11 +50,13 @@ class Quantity(Record, ABC):
 
     maximise         whether the largest value is the best
     one_self_stress  whether the formula is valid only for networks with one self-stress
+    elastic          whether it is a response of springs, which pressures in faces would change
     exact            method that finds the optimum without a descent, or an empty string
     """
 
     maximise: ClassVar[bool] = False
     one_self_stress: ClassVar[bool] = False
+    elastic: ClassVar[bool] = False
     exact: ClassVar[str] = ""
 
     @property

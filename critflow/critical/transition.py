@@ -74,6 +74,7 @@ class TransitionModulus(Quantity):
 
     maximise: ClassVar[bool] = True
     one_self_stress: ClassVar[bool] = True
+    elastic: ClassVar[bool] = True
     exact: ClassVar[str] = "closed_form"
 
     @property
@@ -124,6 +125,7 @@ class PenalisedModulus(Quantity):
 
     maximise: ClassVar[bool] = True
     one_self_stress: ClassVar[bool] = True
+    elastic: ClassVar[bool] = True
     exponent: ClassVar[int] = 10
 
     def __post_init__(self) -> None:
@@ -184,6 +186,7 @@ class StressComponent(Quantity):
     label: str = "S"
 
     one_self_stress: ClassVar[bool] = True
+    elastic: ClassVar[bool] = True
 
     @property
     def name(self) -> str:
@@ -225,6 +228,7 @@ class TensorComponent(Quantity):
     second: StressComponent
 
     one_self_stress: ClassVar[bool] = True
+    elastic: ClassVar[bool] = True
 
     @property
     def name(self) -> str:

@@ -15,8 +15,10 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.pressures import PressurisedConfiguration
 from critflow.design.faces import FaceAmplitudes
 from critflow.design.limits import Target, edge_limits, parse_targets
+from critflow.design.pressures import StressesAndPressures
 from critflow.design.problem import TargetProblem, preference_of
 from critflow.design.rest_lengths import RestLengths
 from critflow.design.result import Achieved, Design, cosines
@@ -28,12 +30,12 @@ from critflow.result import InputError, Stats, Status
 from critflow.solvers.constrained import Minimum, minimise_constrained
 from critflow.springs.state import SpringState
 
-CHANGES = ("stress", "stiffness", "faces", "rest_lengths")
+CHANGES = ("stress", "stiffness", "faces", "rest_lengths", "pressures")
 
 
 @checked
 def design(
-    start: Network | CriticalManifold | CriticalConfiguration | SpringState,
+    start: Network | CriticalManifold | CriticalConfiguration | PressurisedConfiguration | SpringState,
     targets: Mapping[Any, Any],
     *,
     change: str = "stress",
@@ -47,13 +49,14 @@ def design(
 ) -> Design[Any]:
     """The configuration or state with requested properties that a preference selects.
 
-    start    what is changed: a network or a configuration (stress), a configuration (faces), a state (stiffness,
-             rest_lengths)
+    start    what is changed: a network or a configuration (stress, pressures), a configuration (faces), a state
+             (stiffness, rest_lengths)
     targets  name or `Quantity` → value, (low, high), or "largest" or "smallest" for one of them
     change   "stress": the configuration follows the stress; quantities are those of the transition
              "stiffness": springs at rest at the coordinates of a state; moduli and components "C_xxxx", ...
              "faces": lengths at a constant force network, which keeps S, D and every modulus at the transition
              "rest_lengths": of cables, for "onset[simple_shear]", ... at strains other than zero
+             "pressures": positive stresses and pressures in the faces, for lengths, areas, V_L and V_tau
     prefer   "least_change" from the start; for stress also "V_L", "V_tau", or a configuration or coordinates (N_v, d)
              to be near to; for rest lengths also "ratios": one factor for all
     within   limits (low, high), each a number, one an edge, or None: of "lengths", of "tensions" and "force_densities"
@@ -94,7 +97,7 @@ def design(
 
 
 def _variables(
-    start: Network | CriticalManifold | CriticalConfiguration | SpringState,
+    start: Network | CriticalManifold | CriticalConfiguration | PressurisedConfiguration | SpringState,
     change: str,
     within: Mapping[str, Any],
     signs: str | ArrayLike | None,
@@ -112,6 +115,9 @@ def _variables(
         manifold = start if isinstance(start, CriticalManifold) else CriticalManifold(network)
         return Stresses(manifold, sigma, free, "positive" if signs is None else signs, limits)
     require_unused(change, signs=signs, free=free)
+    if change == "pressures":
+        sigma = getattr(start, "sigma", None) if initial is None else initial
+        return StressesAndPressures(network, sigma, getattr(start, "pressures", None))
     if change == "faces":
         require_unused(change, initial=initial)
         if not isinstance(start, CriticalConfiguration):

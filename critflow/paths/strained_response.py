@@ -125,6 +125,7 @@ class StrainedQuantity(Quantity):
     largest: bool = False
 
     one_self_stress: ClassVar[bool] = True
+    elastic: ClassVar[bool] = True
 
     @property
     def maximise(self) -> bool:  # type: ignore[override]

@@ -64,9 +64,16 @@ class ExtendedGeometry:
 
     def divergence(self, edge_vectors: Extended) -> Extended:
         """gᵀ v over the free vertices, (n_free, d), of edge vectors v (N_b, d), to 32 digits of those."""
-        zero = np.zeros((1, edge_vectors.high.shape[1]))
-        high = np.concatenate([-edge_vectors.high, edge_vectors.high, zero])
-        low = np.concatenate([-edge_vectors.low, edge_vectors.low, zero])
+        return self._sums(Extended(-edge_vectors.high, -edge_vectors.low), edge_vectors)
+
+    def spread(self, edge_vectors: Extended) -> Extended:
+        """|g|ᵀ v over the free vertices, likewise: what each edge adds to both of its ends."""
+        return self._sums(edge_vectors, edge_vectors)
+
+    def _sums(self, at_tails: Extended, at_heads: Extended) -> Extended:
+        zero = np.zeros((1, at_tails.high.shape[1]))
+        high = np.concatenate([at_tails.high, at_heads.high, zero])
+        low = np.concatenate([at_tails.low, at_heads.low, zero])
         total, rest = high[self._around[0]], low[self._around[0]]
         for around in self._around[1:]:
             total, rounding = two_sum(total, high[around])

@@ -38,6 +38,7 @@ class Stiffening(Quantity):
     largest: bool = False
 
     one_self_stress: ClassVar[bool] = True
+    elastic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.deformation is not None and self.deformation.free:

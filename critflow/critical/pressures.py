@@ -1,0 +1,243 @@
+"""Configurations in balance under tensions and pressures: tissues and foams of the plane.
+
+With complex bond vectors L = g z + b, z = x + iy, a tension σ_α|L_α| along each edge and a pressure in each face,
+
+    gᵀ(σ ∘ L) + (i/2)|g|ᵀ(q ∘ L) = 0,     q_α = p_left − p_right,
+
+where each end of an edge carries half of the force of the pressures on it.  Balance is linear in z.  Its matrix
+P(σ) + iQ(q) is Hermitian, so the configuration costs one sparse solve, and derivatives one more with the same factor.
+It is positive definite for small differences of pressure; its inertia says where this ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+
+from critflow.linalg.factor import Entries, Factor, FixedPattern
+from critflow.linalg.matrices import free_ends
+from critflow.linalg.tolerances import EPS
+from critflow.networks.checks import edge_values
+from critflow.networks.faces import Faces
+from critflow.networks.network import Array, Network
+from critflow.precision.double_double import Extended, add, extended, multiply, two_sum
+from critflow.precision.geometry import ExtendedGeometry
+from critflow.precision.refinement import HOPELESS, LOST, MOST_STEPS, SAFETY, UNSEEN, magnification
+from critflow.result import InputError, Record, Solution, Stats, Status
+
+# Force of the pressures on an edge from its left to its right, from (L_x, L_y): q(L_y, −L_x), half at each end.
+_TURNED = np.array([0.5, -0.5])
+
+
+@dataclass(frozen=True, eq=False)
+class PressurisedConfiguration(Record):
+    """A planar network in balance under σ (N_b,) and pressures p (N_f,): coordinates (N_v, 2), bond vectors (N_b, 2).
+
+    σ and p have one scale, Σσ² = N_b.  Outside a patch the pressure is zero; of a periodic network only differences
+    count, and p has the mean zero.
+
+    error_bound  estimate of the largest error of a coordinate, against the exact configuration of the given σ and p
+    """
+
+    network: Network
+    sigma: Array
+    pressures: Array
+    coordinates: Array
+    bond_vectors: Array
+    error_bound: float = np.nan
+
+    @cached_property
+    def lengths(self) -> Array:
+        """|L_α|, (N_b,)."""
+        return np.linalg.norm(self.bond_vectors, axis=1)
+
+    @property
+    def bond_errors(self) -> Array:
+        """Estimates of the errors |δL_α|, (N_b,)."""
+        return np.full(len(self.sigma), np.sqrt(8) * self.error_bound)
+
+    @property
+    def tensions(self) -> Array:
+        """τ_α = σ_α |L_α|, (N_b,), up to the scale of σ and p."""
+        return self.sigma * self.lengths
+
+    @cached_property
+    def residual(self) -> float:
+        """Largest unbalanced force of tensions and pressures, over the mean tension."""
+        force = unbalanced_forces(self.network, self.sigma, self.pressures, self.bond_vectors)
+        return float(np.abs(force).max(initial=0.0) / np.abs(self.tensions).mean())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PressureSolution(Solution[PressurisedConfiguration]):
+    """The configuration of a stress and pressures.
+
+    negative_pivots  number of negative eigenvalues of P(σ) + iQ(q)
+    """
+
+    negative_pivots: int
+
+
+def pressure_jumps(network: Network) -> sp.csr_array:
+    """J (N_b, N_f) with q = J p, the pressure on the left of each edge less that on its right.
+
+    Raises `InputError` for networks that are not planar or have no known faces.
+    """
+    if network.dimension != 2 or network.faces is None:
+        raise InputError(
+            "pressures need the faces of a planar network: give positions, or a network from label images or polygons"
+        )
+    if (network.edges[:, 0] == network.edges[:, 1]).any():
+        raise InputError(
+            "pressures need edges between different vertices: repeat the cell, so that none is an own image"
+        )
+    faces: Faces = network.faces
+    owner = np.repeat(np.arange(faces.n_faces), faces.sizes)
+    return sp.csr_array((faces.signs.astype(float), (faces.edges, owner)), shape=(network.n_edges, faces.n_faces))
+
+
+def unbalanced_forces(network: Network, sigma: Array, pressures: Array, bond_vectors: Array) -> Array:
+    """−gᵀ(σ ∘ L) − (i/2)|g|ᵀ(q ∘ L) on the free vertices, (n_free, 2)."""
+    pushed = (pressure_jumps(network) @ pressures)[:, None] * bond_vectors[:, ::-1] * _TURNED
+    pulled = network.divergence @ (sigma[:, None] * bond_vectors)
+    return np.asarray(abs(network.divergence) @ pushed - pulled)
+
+
+class PressureManifold:
+    """The map (σ, p) → configuration of one planar network, and its pull-back."""
+
+    def __init__(self, network: Network, backend: str = "auto"):
+        self.network, self.jumps = network, pressure_jumps(network)
+        self.pattern = _pattern(network, backend)
+        self._geometry = ExtendedGeometry(network)
+        self._spread = abs(network.divergence)
+
+    def solve(self, sigma: ArrayLike, pressures: ArrayLike, throw: bool = False) -> PressureSolution:
+        """The configuration under σ (N_b,) of any sign and p (N_f,), refined, with an estimate of its error.
+
+        Coordinates are NaN where P + iQ is singular or so nearly singular that no digit is certain.
+        Raises `InputError` for values that are not finite or of another shape, and where σ is zero everywhere.
+        """
+        network = self.network
+        stress = edge_values(sigma, network.n_edges, "sigma", positive=False)
+        p = edge_values(pressures, self.jumps.shape[1], "pressures", place="face", positive=False)
+        if not stress.any():
+            raise InputError("sigma is zero on every edge: give each edge a force density, positive for tension")
+        # The balance is that of the values returned, after their scaling.
+        scale = np.sqrt(network.n_edges / np.sum(stress**2))
+        stress, p = scale * stress, scale * (p if network.cell is None else p - p.mean())
+        factor, x = self._placed(stress, self.jumps @ p)
+        x, L, error, condition, steps = self._refined(stress, p, factor, x)
+        placed = network.all_coordinates(x)
+        certain = factor.sound and condition * EPS < HOPELESS and bool(error < LOST * float(np.abs(L).max()))
+        if not certain:
+            placed, L, error = np.full_like(placed, np.nan), np.full_like(L, np.nan), np.nan
+        value = PressurisedConfiguration(network, stress, p, placed, L, error)
+        stats = Stats("force density", steps, residual=value.residual, condition=condition, error_bound=error)
+        solution = PressureSolution(
+            value=value,
+            status=Status.ok if certain else Status.ill_conditioned,
+            stats=stats,
+            negative_pivots=factor.n_negative // 2,
+        )
+        return solution.or_raise("no configuration for this stress and these pressures") if throw else solution
+
+    def balance(self, sigma: Array, pressures: Array) -> PressureBalance:
+        """The configuration with the factor for its derivatives, without refinement."""
+        factor, x = self._placed(sigma, self.jumps @ pressures)
+        L = self.network.free_incidence @ x + self.network.boundary_vectors
+        return PressureBalance(self, sigma, pressures, x, L, factor)
+
+    def _placed(self, sigma: Array, q: Array) -> tuple[Factor, Array]:
+        factor = self.pattern.factorize_signed(np.concatenate([sigma, q]))
+        b = self.network.boundary_vectors
+        load = self._spread @ (q[:, None] * b[:, ::-1] * _TURNED) - self.network.divergence @ (sigma[:, None] * b)
+        return factor, factor.solve(load.ravel()).reshape(load.shape)
+
+    def _refined(self, sigma: Array, p: Array, factor: Factor, x: Array) -> tuple[Array, Array, float, float, int]:
+        """Coordinates (n_free, 2) and bond vectors in double precision, their error, the condition, the steps.
+
+        Error bound (estimate): the force that is left in extended precision, times the condition of P + iQ.
+        """
+        b, degree = self.network.boundary_vectors, self._spread
+        at, last, step = extended(x), np.inf, 0
+        jumps = _exact_jumps(self.jumps, p)
+        weight = np.repeat(degree @ (2 * np.abs(sigma) + np.abs(jumps.high)), 2)[:, None]
+        condition = magnification(factor.solve, weight)[0]
+        while True:
+            step += 1
+            L = self._geometry.bond_vectors(at, b)
+            force = self._force(sigma, jumps, L)
+            left = float((np.abs(force.high.ravel()) / weight[:, 0]).max())
+            error = SAFETY * condition * (left + EPS**2 * float(np.abs(L.high).max()))
+            if error <= UNSEEN * EPS * float(np.abs(b).max()) or not error < 0.5 * last or step == MOST_STEPS:
+                break
+            last = error
+            at = add(at, extended(factor.solve(force.high.ravel()).reshape(x.shape)))
+        return at.high, L.high, error + float(np.abs(at.low).max()), condition, step
+
+    def _force(self, sigma: Array, q: Extended, L: Extended) -> Extended:
+        """The unbalanced forces (n_free, 2) in extended precision."""
+        pulled = multiply(extended(-np.repeat(sigma[:, None], 2, axis=1)), L)
+        turned = Extended(L.high[:, ::-1] * _TURNED, L.low[:, ::-1] * _TURNED)
+        pushed = multiply(Extended(q.high[:, None], q.low[:, None]), turned)
+        return add(self._geometry.divergence(pulled), self._geometry.spread(pushed))
+
+
+@dataclass(frozen=True, eq=False)
+class PressureBalance:
+    """A stress, pressures, their configuration, and the factor of P + iQ.
+
+    coordinates   of the free vertices, (n_free, 2)
+    bond_vectors  L(σ, p), (N_b, 2)
+    """
+
+    manifold: PressureManifold
+    sigma: Array
+    pressures: Array
+    coordinates: Array
+    bond_vectors: Array
+    factor: Factor = field(repr=False)
+
+    @property
+    def network(self) -> Network:
+        return self.manifold.network
+
+    def pull_back(self, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
+        """Total derivatives dO/dσ (N_b,) and dO/dp (N_f,) of a function of σ and L, by one solve.
+
+        With y = (P + iQ)⁻¹ gᵀ ∂O/∂L:  dO/dσ = ∂O/∂σ − L·(g y),  dO/dq = −Re[½ i L (|g| y)*],  dO/dp = Jᵀ dO/dq.
+        """
+        network = self.manifold.network
+        right = network.divergence @ dO_dL
+        y = self.factor.solve(right.ravel()).reshape(right.shape)
+        by_stress = dO_dsigma - np.einsum("ad,ad->a", self.bond_vectors, network.free_incidence @ y)
+        pushed = self.bond_vectors[:, ::-1] * _TURNED
+        by_jump = np.einsum("ad,ad->a", pushed, abs(network.free_incidence) @ y)
+        return by_stress, self.manifold.jumps.T @ by_jump
+
+
+def _pattern(network: Network, backend: str) -> FixedPattern:
+    """[[P, −Q], [Q, P]] over the free coordinates, (2 n_free)², from (σ, q) (2 N_b,)."""
+    n, edge = len(network.free), np.arange(network.n_edges)
+    tail, head = free_ends(network).T
+    entries = []
+    for i, j, sign in ((tail, tail, 1.0), (head, head, 1.0), (tail, head, -1.0), (head, tail, -1.0)):
+        inside = (i >= 0) & (j >= 0)
+        entries += [Entries(2 * i[inside] + a, 2 * j[inside] + a, edge[inside], sign) for a in (0, 1)]
+    inside = (tail >= 0) & (head >= 0)
+    t, h, source = tail[inside], head[inside], network.n_edges + edge[inside]
+    # The contributions of the edges around a vertex to its own block cancel, since q sums to zero there.
+    for i, j, sign in ((2 * t, 2 * h + 1, -0.5), (2 * h, 2 * t + 1, 0.5)):
+        entries += [Entries(i, j, source, sign), Entries(j, i, source, sign)]
+    return FixedPattern(2 * n, 2 * network.n_edges, entries, backend)
+
+
+def _exact_jumps(jumps: sp.csr_array, p: Array) -> Extended:
+    """q = J p in extended precision, (N_b,): differences of at most two pressures."""
+    left, right = jumps.maximum(0) @ p, jumps.minimum(0) @ p
+    return two_sum(left, right)

@@ -1,0 +1,241 @@
+"""Configurations under tensions and pressures, their derivatives, and what positions determine."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Status,
+    design,
+    elasticity,
+    lattice,
+    nearest_critical,
+    quantity,
+    strain_path,
+    voronoi_network,
+)
+from critflow.critical.pressures import PressureManifold, unbalanced_forces
+from critflow.design.pressures import StressesAndPressures
+
+
+def loaded(n_vertices=20, seed=1, size=0.1):
+    """A network with random stresses and pressures."""
+    network, rng = voronoi_network(n_vertices, seed), np.random.default_rng(seed)
+    return (
+        network,
+        np.exp(0.3 * rng.standard_normal(network.n_edges)),
+        size * rng.standard_normal(network.faces.n_faces),
+    )
+
+
+def areas(network, x):
+    """Areas of the faces by the shoelace formula."""
+    faces, L = network.faces, network.bond_vectors(x)
+    walks = [slice(a, b) for a, b in zip(faces.starts, faces.starts[1:], strict=False)]
+    corners = [np.cumsum(L[faces.edges[w]] * faces.signs[w][:, None], axis=0) for w in walks]
+    return np.array([0.5 * np.sum(c[:-1, 0] * c[1:, 1] - c[:-1, 1] * c[1:, 0]) for c in corners])
+
+
+def exact_coordinates(network, sigma, pressures):
+    """The configuration by rational elimination of the forces −∂(½Σσ|L|² − Σ p a)/∂x, each face a polygon."""
+    n, d = network.n_vertices, 2
+    free = {vertex: place for place, vertex in enumerate(network.free)}
+    A = [[Fraction(0)] * (d * len(free) + 1) for _ in range(d * len(free))]
+    b = [[Fraction(v) for v in row] for row in network.boundary_vectors.tolist()]
+    q = [Fraction(0)] * network.n_edges
+    faces = network.faces
+    for face in range(faces.n_faces):
+        for place in range(faces.starts[face], faces.starts[face + 1]):
+            q[faces.edges[place]] += int(faces.signs[place]) * Fraction(pressures[face])
+
+    def add(row, axis, edge, factor):
+        """factor × L[edge, axis] in one equation."""
+        tail, head = network.edges[edge]
+        for vertex, sign in ((tail, -1), (head, 1)):
+            if vertex in free:
+                A[row][d * free[vertex] + axis] += sign * factor
+        A[row][-1] -= factor * b[edge][axis]
+
+    for edge, (tail, head) in enumerate(network.edges):
+        for vertex, sign in ((tail, 1), (head, -1)):
+            if vertex in free:
+                row = d * free[vertex]
+                for axis in range(d):
+                    add(row + axis, axis, edge, sign * Fraction(sigma[edge]))
+                add(row, 1, edge, q[edge] / 2)
+                add(row + 1, 0, edge, -q[edge] / 2)
+    size = len(A)
+    for k in range(size):
+        pivot = next(i for i in range(k, size) if A[i][k])
+        A[k], A[pivot] = A[pivot], A[k]
+        for i in range(size):
+            if i != k and A[i][k]:
+                ratio = A[i][k] / A[k][k]
+                A[i] = [x - ratio * y if y else x for x, y in zip(A[i], A[k], strict=True)]
+    x = np.full((n, d), Fraction(0))
+    for vertex, place in free.items():
+        x[vertex] = [A[d * place + axis][-1] / A[d * place + axis][d * place + axis] for axis in range(d)]
+    return x
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_error_estimate_holds_against_rational_elimination(seed):
+    network, sigma, pressures = loaded(8, seed)
+    value = CriticalManifold(network).configuration(sigma, pressures)
+    exact = exact_coordinates(network, value.sigma, value.pressures)
+    error = max(abs(float(Fraction(v) - e)) for v, e in zip(value.coordinates.ravel(), exact.ravel(), strict=True))
+    assert error <= value.error_bound < 1e-14
+
+
+def test_forces_are_gradients_of_stress_and_areas():
+    network, sigma, pressures = loaded()
+    x = network.positions
+    force = unbalanced_forces(network, sigma, pressures, network.bond_vectors(x))
+
+    def energy(x):
+        return 0.5 * sigma @ np.sum(network.bond_vectors(x) ** 2, axis=1) - pressures @ areas(network, x)
+
+    for vertex, axis in ((1, 0), (1, 1), (7, 0), (13, 1)):
+        step = np.zeros_like(x)
+        step[vertex, axis] = 1e-3  # The energy is quadratic.
+        slope = (energy(x + step) - energy(x - step)) / 2e-3
+        assert slope == pytest.approx(-force[vertex - 1, axis], abs=1e-11)
+
+
+def test_equal_pressures_change_nothing():
+    network, sigma, pressures = loaded()
+    manifold = CriticalManifold(network)
+    plain = manifold.configuration(sigma)
+    assert manifold.configuration(sigma, 0 * pressures + 3.0).coordinates == pytest.approx(plain.coordinates, abs=1e-14)
+    pressurised = manifold.configuration(sigma, pressures)
+    assert np.abs(pressurised.coordinates - plain.coordinates).max() > 0.01
+    assert pressurised.residual < 1e-14
+    assert areas(network, pressurised.coordinates).sum() == pytest.approx(network.volume)
+
+
+def test_pull_back_is_the_gradient_by_stress_and_pressure():
+    network, sigma, pressures = loaded()
+    rng = np.random.default_rng(2)
+    manifold = PressureManifold(network)
+    weights, dsigma, dp = (rng.standard_normal(a.shape) for a in (network.boundary_vectors, sigma, pressures))
+    by_stress, by_pressure = manifold.balance(sigma, pressures).pull_back(0 * sigma, weights)
+
+    def value(step):
+        return np.sum(weights * manifold.balance(sigma + step * dsigma, pressures + step * dp).bond_vectors)
+
+    h = 1e-3
+    slope = (8 * (value(h) - value(-h)) - (value(2 * h) - value(-2 * h))) / (12 * h)
+    assert by_stress @ dsigma + by_pressure @ dp == pytest.approx(slope, rel=1e-7)
+
+
+def test_inertia_counts_the_negative_eigenvalues():
+    network, sigma, pressures = loaded()
+    manifold = PressureManifold(network)
+    for scale in (1.0, 30.0, 100.0):
+        g, q = network.free_incidence.toarray(), scale * manifold.jumps @ pressures
+        matrix = g.T @ (sigma[:, None] * g) + 0.5j * abs(g).T @ (q[:, None] * network.free_incidence.toarray())
+        matrix -= np.diag(np.diag(matrix).imag) * 1j
+        negative = int(np.sum(np.linalg.eigvalsh((matrix + matrix.conj().T) / 2) < 0))
+        assert manifold.solve(sigma, scale * pressures).negative_pivots == negative
+
+
+def test_planted_tensions_and_pressures_are_recovered():
+    deviations = []
+    for seed in range(50):
+        network, sigma, pressures = loaded(20, seed, 0.05)
+        planted = CriticalManifold(network).configuration(sigma, pressures)
+        noise = 1e-9 * np.random.default_rng(seed).standard_normal(planted.coordinates.shape)
+        found = nearest_critical(network, planted.coordinates + noise, 1e-9, pressures=True)
+        assert found.distance < 1e-10
+        deviations.append((found.value.sigma - planted.sigma) / found.stress_error)
+        deviations.append((found.value.pressures - planted.pressures) / found.pressure_error)
+    deviation = np.concatenate(deviations)
+    # Standard errors: a mean square of one, with few independent numbers a network, and no far outlier.
+    assert np.mean(deviation**2) == pytest.approx(1, abs=0.15)
+    assert np.abs(deviation).max() < 5
+
+
+def test_exact_positions_give_stresses_and_pressures_to_rounding():
+    network, sigma, pressures = loaded(60, 3)
+    planted = CriticalManifold(network).configuration(sigma, pressures)
+    found = nearest_critical(network, planted.coordinates, pressures=True)
+    assert found.value.sigma == pytest.approx(planted.sigma, abs=1e-11)
+    assert found.value.pressures == pytest.approx(planted.pressures, abs=1e-11)
+    assert found.amplification > 50  # Without pressures it is of order one.
+    assert np.isnan(found.stress_error).all()
+
+
+def test_design_reaches_areas_and_tensions_by_pressures():
+    network = voronoi_network(20, seed=1)
+    targets = {"area[3]": 3.0, "area[4]": 2.0, "V_tau": (0, 1e-3)}
+    found = design(network, targets, change="pressures")
+    assert found.reached
+    for name, value in (("area[3]", 3.0), ("area[4]", 2.0)):
+        assert found.targets[name].value == pytest.approx(value, abs=1e-10)
+        assert quantity(network, name).evaluate(found.value)[0] == pytest.approx(value, abs=1e-10)
+    assert np.var(found.value.tensions) / np.mean(found.value.tensions) ** 2 < 1e-3 + 1e-9
+
+
+def test_equal_tensions_of_a_foam_meet_at_120_degrees():
+    network = lattice("honeycomb", 3, 3)
+    found = CriticalManifold(network).configuration(np.ones(network.n_edges), np.full(network.faces.n_faces, 0.3))
+    unit = found.bond_vectors / found.lengths[:, None]
+    for vertex in range(network.n_vertices):
+        signs = (network.edges == vertex) @ np.array([1, -1])
+        around = (signs[:, None] * unit)[signs != 0]
+        assert around @ around.T == pytest.approx(1.5 * np.eye(3) - 0.5, abs=1e-12)
+
+
+def test_what_pressures_cannot_serve_is_refused():
+    network, sigma, pressures = loaded()
+    value = CriticalManifold(network).configuration(sigma, pressures)
+    for call in (
+        lambda: elasticity(value),
+        lambda: strain_path(value, [0.01]),
+        lambda: design(network, {"B_0": 0.2}, change="pressures"),
+        lambda: CriticalManifold(network).configuration(sigma, pressures[1:]),
+        lambda: CriticalManifold(lattice("cubic", 2, 2, 2)).configuration(np.ones(24), np.ones(3)),
+        lambda: nearest_critical(lattice("square", 3, 3), lattice("square", 3, 3).positions, pressures=True),
+        lambda: nearest_critical(network, network.positions, start=sigma, pressures=True),
+    ):
+        with pytest.raises(InputError, match=r"pressure|three edges"):
+            call()
+
+
+def test_singular_balance_has_no_coordinates():
+    network, sigma, pressures = loaded(8)
+    manifold = PressureManifold(network)
+    low, high = 1.0, 100.0
+    for _ in range(80):  # Where the inertia changes.
+        middle = (low + high) / 2
+        low, high = (middle, high) if not manifold.solve(sigma, middle * pressures).negative_pivots else (low, middle)
+    found = manifold.solve(sigma, low * pressures)
+    assert found.status is Status.ill_conditioned and np.isnan(found.value.coordinates).all()
+
+
+def test_standard_errors_are_those_of_differences():
+    network, sigma, pressures = loaded(8)
+    x = CriticalManifold(network).configuration(sigma, pressures).coordinates
+    found, columns = nearest_critical(network, x, 1.0, pressures=True), []
+    for entry in np.ndindex(x.shape):
+        step = np.zeros_like(x)
+        step[entry] = 1e-5
+        ends = [nearest_critical(network, x + sign * step, pressures=True).value for sign in (1, -1)]
+        # The scale of the standard errors: Σσ is kept.
+        ends = [np.concatenate([end.sigma, end.pressures]) * found.value.sigma.sum() / end.sigma.sum() for end in ends]
+        columns.append((ends[0] - ends[1]) / 2e-5)
+    spread = np.linalg.norm(columns, axis=0)
+    assert np.concatenate([found.stress_error, found.pressure_error]) == pytest.approx(spread, rel=1e-5)
+
+
+def test_gradients_of_a_design_by_stress_and_pressure():
+    network, sigma, pressures = loaded(8)
+    variables = StressesAndPressures(network, sigma, pressures)
+    quantities = [quantity(network, name) for name in ("V_L", "V_tau", "length[2]", "area[1]")]
+    step = 1e-5 * np.random.default_rng(1).standard_normal(len(variables.origin))
+    ends = [variables.values(variables.at(variables.origin + sign * step), quantities)[0] for sign in (1, -1)]
+    rows = variables.values(variables.at(variables.origin), quantities)[1]
+    assert 2 * rows @ step == pytest.approx(ends[0] - ends[1], rel=1e-7)
