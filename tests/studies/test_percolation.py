@@ -19,8 +19,17 @@ def test_narrow_rest_lengths_stress_every_edge(dataset, folder, assert_picture):
     assert (slack[:, -1] > 0).all() and (full[:, -1] < 1).all()
     assert (dataset.solve_status.isel(spread=0) == Status.ok).all()
     assert_picture(folder / "figures" / "percolation.png")
+    assert_picture(folder / "figures" / "spread.png")
     claims = {claim["key"] for claim in json.loads((folder / "claims.json").read_text())}
-    assert claims == {"percolation-threshold", "percolation-size"}
+    assert claims == {"percolation-bulk", "percolation-protocol", "percolation-threshold", "percolation-size"}
+
+
+def test_both_methods_agree_where_every_edge_is_stressed(dataset):
+    narrow = dataset.isel(spread=0)
+    assert (narrow.strained_stressed_fraction == 1).all()
+    # The protocol stops past the transition, where moduli have grown by about C_B γ.
+    np.testing.assert_allclose(narrow.strained_bulk, narrow.bulk, rtol=0.1)
+    assert (dataset.bulk <= 1 + 1e-12).all()
 
 
 def test_the_half_point_and_its_power_are_recovered():

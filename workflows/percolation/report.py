@@ -1,4 +1,4 @@
-"""The percolation curve: figure, half points and claims on the spread of rest lengths at which edges fall slack."""
+"""Figures and claims on the spread of rest lengths: stressed edges by size, bulk modulus and C_B by both methods."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from matplotlib.figure import Figure
 from critflow.result import Status
 from critflow.workflow import Claim
 
-from ..shared.figures import lettered
+from ..shared.figures import legend_below, lettered, panels
 from ..shared.reports import parameters, series
 
 # The spread that the paper prints as the largest with every edge stressed.
 PRINTED_SPREAD = 0.3
+# B_0 of random rest lengths over the largest: the "about 10 %" below it of the paper, with half of that as margin.
+PRINTED_BULK, BULK_TOLERANCE = 0.9, 0.05
 
 
 def curve(ds):
@@ -74,8 +76,47 @@ def percolation_figure(ds):
     return figure
 
 
+SPREAD_PANELS = {
+    "bulk": "$B_0$ / largest possible", "stressed_fraction": "part of stressed edges", "C_B": "$C_B$  [k]"
+}  # fmt: skip
+
+
+def of_largest(ds):
+    """The largest networks, those that were strained."""
+    large = ds.isel(n_vertices=int(ds.n_vertices.values.argmax()))
+    strained = large.strained_solve_status.isin([Status.missing]).all("spread")
+    return large.isel(seed=np.flatnonzero(~strained.values))
+
+
+def spread_figure(ds):
+    """B_0, stressed part and C_B against the spread, by the cone program and by the protocol of the paper."""
+    large, spreads = of_largest(ds), ds.spread.values
+    size, count = int(large.n_vertices), large.sizes["seed"]
+    figure, panels_ = panels(3, f"Random rest lengths by two methods: {count} networks, $N_v$ = {size:,}", height=3.9)
+    for axes, (name, label) in zip(panels_, SPREAD_PANELS.items(), strict=True):
+        for n, (prefix, method) in enumerate((("", "cone program"), ("strained_", "strain protocol of the paper"))):
+            values = large[prefix + name].transpose("spread", "seed").values
+            known = np.isfinite(values).any(axis=1)
+            low, middle, high = np.nanquantile(values[known], (0.1, 0.5, 0.9), axis=1)
+            style = {**series(n), "markersize": 4, "linewidth": 1.3, "linestyle": ("-", "--")[n]}
+            axes.plot(spreads[known], middle, label=method, **style)
+            axes.fill_between(spreads[known], low, high, color=style["color"], alpha=0.15, linewidth=0)
+        axes.axvline(PRINTED_SPREAD, color="0.3", linestyle=":", linewidth=1)
+        axes.set(xlabel="spread of rest lengths $s$", ylabel=label, xlim=(0, spreads.max()))
+    left, middle, right = panels_
+    left.axhline(PRINTED_BULK, color="0.3", linestyle=":", linewidth=1)
+    left.text(0.98, PRINTED_BULK + 0.01, "paper: 0.9", fontsize=8.5, ha="right", transform=left.get_yaxis_transform())
+    left.text(PRINTED_SPREAD + 0.01, 0.02, "paper: $s$ = 0.3", fontsize=8.5, transform=left.get_xaxis_transform())
+    left.set_ylim(0, 1)
+    right.axhline(0, color="0.6", linewidth=0.8)
+    lettered(*panels_)
+    legend_below(figure, left, ncols=2)
+    return figure
+
+
 def claims(ds):
-    """The largest spread with every edge stressed, and its dependence on size."""
+    """The bulk modulus and the stressed part at the printed spread, and the largest spread with every edge stressed."""
+    yield from printed_claims(ds)
     sizes = ds.n_vertices.values
     halves = np.array([half_point(ds.spread.values, row) for row in curve(ds)[0]])
     text = ", ".join(f"s = {half:.3f} at N_v = {size}" for half, size in zip(halves, sizes, strict=True))
@@ -88,6 +129,31 @@ def claims(ds):
         "percolation-size", "how full percolation depends on size", "not stated",
         f"the spread at which half of the networks lose it changes as N_v^{threshold_power(sizes, halves):.2f}",
         "measured",
+    )  # fmt: skip
+
+
+def printed_claims(ds):
+    """What the paper says of its printed spread, by both methods, and the spread at which the bulk modulus agrees."""
+    large, sample = of_largest(ds), of_largest(ds).sizes["seed"]
+    size, spreads = int(large.n_vertices), ds.spread.values
+    found = {
+        name: large[name].median("seed").values for name in ("bulk", "strained_bulk", "strained_stressed_fraction")
+    }
+    at = int(np.argmin(np.abs(spreads - PRINTED_SPREAD)))
+    below = found["bulk"] < PRINTED_BULK - BULK_TOLERANCE
+    agreeing = spreads[: int(np.argmax(below))].max(initial=np.nan) if below.any() else spreads.max()
+    yield Claim.tested(
+        "percolation-bulk", "at a spread of 0.3 B_0 is about 10 % below its largest value (0.9, within 0.05)", "0.9",
+        f"cone program {found['bulk'][at]:.2f}, strain protocol of the paper {found['strained_bulk'][at]:.2f} (medians "
+        f"of {sample} networks, N_v = {size}); within 0.05 of 0.9 up to s = {agreeing:g}",
+        abs(found["strained_bulk"][at] - PRINTED_BULK) <= BULK_TOLERANCE,
+        "both methods agree, so that the value belongs to a narrower spread than the one printed",
+    )  # fmt: skip
+    stressed = found["strained_stressed_fraction"][at]
+    yield Claim.tested(
+        "percolation-protocol", "the strain protocol of the paper stresses every edge at a spread of 0.3", "all edges",
+        f"{100 * stressed:.1f} % of the edges (median of {sample} networks, N_v = {size})", stressed == 1,
+        "the other edges are slack at the transition and slightly compressed where the protocol stops",
     )  # fmt: skip
 
 

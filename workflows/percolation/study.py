@@ -1,14 +1,15 @@
-"""Percolation of stress: slack edges against the spread of the rest lengths and the size of the network.
+"""Random rest lengths: stressed edges, bulk modulus and C_B against their spread, by the cone program and by strain.
 
 Rest lengths of one network are the same random numbers for every spread, scaled.  The paper prints a spread of 0.3 for
-populations in which every edge is stressed.
+populations in which every edge is stressed and whose bulk modulus is about 10 % below the largest.  The cone program
+gives the configuration exactly at the transition; the protocol of the paper strains springs until their energy is 1e-4.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_network
+from critflow import CriticalManifold, Status, critical_from_lengths, quantity, stiffening, upper_bound, voronoi_network
 from critflow.generators.random_networks import check_voronoi
 from critflow.onset.from_lengths import stressed_fraction
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
@@ -16,19 +17,39 @@ from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 from ..shared.checks import check_network
 from ..shared.populations import random_lengths
 from ..shared.reports import PAPER
-from .report import claims, percolation_figure, summary
+from ..shared.tables import numbers, outcomes
+from .report import claims, percolation_figure, spread_figure, summary
+
+NOT_COMPUTED = (Status.missing, np.nan, np.nan, np.nan)
 
 
 def case(parameters, *, seed, n_vertices):
-    """The part of the edges of one network that is stressed, at every spread."""
-    manifold, statuses, stressed = CriticalManifold(voronoi_network(n_vertices, seed)), [], []
+    """Stressed edges and moduli of one network at every spread, by both methods."""
+    manifold = CriticalManifold(voronoi_network(n_vertices, seed))
+    rows, strained = [], []
     for spread in parameters["spreads"]:
         lengths = random_lengths(stable_rng(seed, "percolation", str(n_vertices)), manifold.network.n_edges, spread)
-        solution = critical_from_lengths(manifold, lengths, throw=False)
-        solved = solution.status in (Status.ok, Status.slack_edges)
-        statuses.append(solution.status)
-        stressed.append(stressed_fraction(solution.value.sigma) if solved else np.nan)
-    return {"status": Status.ok, "solve_status": statuses, "stressed_fraction": stressed}
+        rows.append(measured(manifold, lengths, "conic"))
+        protocol = seed < parameters["protocol_networks"]
+        strained.append(measured(manifold, lengths, "strain") if protocol else NOT_COMPUTED)
+    names = ("solve_status", "stressed_fraction", "bulk", "C_B")
+    return {
+        "status": Status.ok,
+        **{name: [row[n] for row in rows] for n, name in enumerate(names)},
+        **{f"strained_{name}": [row[n] for row in strained] for n, name in enumerate(names)},
+    }
+
+
+def measured(manifold, lengths, method):
+    """Status, stressed part, B_0 over the largest possible, and C_B of one set of rest lengths."""
+    solution = critical_from_lengths(manifold, lengths, method, throw=False)
+    if solution.status not in (Status.ok, Status.slack_edges):
+        return (solution.status, np.nan, np.nan, np.nan)
+    network, critical = manifold.network, solution.value
+    bulk = quantity(network, "B_0").evaluate(critical)[0] / upper_bound(manifold, "B_0")
+    coefficients = stiffening(critical, throw=False)
+    C_B = coefficients.value.C_B if coefficients.ok else np.nan
+    return solution.status, stressed_fraction(critical.sigma), bulk, C_B
 
 
 def check(parameters, axes):
@@ -38,6 +59,7 @@ def check(parameters, axes):
 
 
 EACH = ("seed", "n_vertices")
+SPREAD = (*EACH, "spread")
 
 study = Study(
     name="percolation",
@@ -47,16 +69,27 @@ study = Study(
         Axis("seed", range(80), "seed of the network", noun="networks"),
         Axis("n_vertices", (50, 100, 200, 400, 1000), "number of vertices", key="n_vertices"),
     ),
-    parameters={"spreads": (0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.14, 0.16, 0.18, 0.2, 0.25, 0.3, 0.4, 0.5)},
+    parameters={
+        "protocol_networks": 20,
+        "spreads": (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.14, 0.16, 0.18, 0.2, 0.25, 0.3, 0.4, 0.5),
+    },
     coordinates=(Coordinate("spread", "spreads", "spread s of the rest lengths"),),
     case=case,
     check=check,
     variables=(
-        Variable("stressed_fraction", (*EACH, "spread"), "f8", long_name="part of the edges under tension"),
-        Variable("solve_status", (*EACH, "spread"), "i1", long_name="outcome by spread", flags=Status),
+        *numbers(
+            SPREAD,
+            stressed_fraction="part of the edges under tension",
+            bulk="B_0 over the largest possible on the network",
+            C_B="C_B of the stressed part [k]",
+            strained_stressed_fraction="part of the edges under tension by the strain protocol",
+            strained_bulk="B_0 by the strain protocol, over the largest possible",
+            strained_C_B="C_B by the strain protocol [k]",
+        ),
+        *outcomes(SPREAD, solve_status="outcome by spread", strained_solve_status="outcome of the strain protocol"),
         Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={"percolation": percolation_figure},
+    figures={"percolation": percolation_figure, "spread": spread_figure},
     claims=claims,
     summary=summary,
 )
