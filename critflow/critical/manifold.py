@@ -49,9 +49,9 @@ class CriticalConfiguration(Record):
 
     σ is the force density (tension per length) with Σσ² = N_b; it is defined up to that scale.
 
-    error_bound  bound on the error of every coordinate, against the exact configuration of the given stress before
-                 scaling, for the boundary vectors b as rounded from the cell; NaN if unknown.  A proof for stresses of
-                 one sign, else an estimate (`Refined`)
+    error_bound  bound on the error of every coordinate, against the exact configuration of σ as stored and of the
+                 stress that was given, before its scaling was rounded, for the boundary vectors b as rounded from the
+                 cell; NaN if unknown.  A proof for stresses of one sign, else an estimate (`Refined`)
     bond_errors  (N_b,) bounds on |δL_α| likewise, relative to the length of the edge and not of the cell
     rest_lengths  ℓ (N_b,) of the cables of which it is the onset: |L| on taut edges and more on slack ones.  None where
                   it is made from a stress, without knowledge of slack edges
