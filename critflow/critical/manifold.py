@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
@@ -73,6 +73,11 @@ class CriticalConfiguration(Record):
     def lengths(self) -> Array:
         """|L_α|, (N_b,)."""
         return np.linalg.norm(self.bond_vectors, axis=1)
+
+    @property
+    def collapsed_edges(self) -> NDArray[np.intp]:
+        """Edges whose length vanishes, by rounding or to half of its digits: they have no direction."""
+        return np.flatnonzero(~(self.lengths > COLLAPSED * self.lengths.mean()))
 
     @cached_property
     def manifold(self) -> CriticalManifold:
