@@ -207,7 +207,9 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
 def _directions(critical: CriticalConfiguration) -> Array:
     """Unit vectors along the edges, (N_b, d), else an `InputError`."""
     if len(critical.collapsed_edges):
-        raise InputError(f"edge {critical.collapsed_edges[0]} has no length, so no direction to keep: change its stress")
+        raise InputError(
+            f"edge {critical.collapsed_edges[0]} has no length, so no direction to keep: change its stress"
+        )
     return critical.bond_vectors / critical.lengths[:, None]
 
 

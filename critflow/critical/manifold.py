@@ -274,6 +274,8 @@ class CriticalManifold:
         balance = self.balance(sigma)
         n_negative, status = balance.factor.n_negative, Status.ok
         refined = self.refinement(exact, balance.factor, balance.coordinates)
+        if not refined.certain and balance.factor.eliminate():
+            refined, n_negative = self.refinement(exact, balance.factor, balance.coordinates), balance.factor.n_negative
         if not refined.certain:
             refined, n_negative, status = self._solve_shifted(exact, refined)
         x = self.network.all_coordinates(refined.x)

@@ -94,7 +94,7 @@ class Refinement:
             step += 1
             L = self._geometry.bond_vectors(at, self._b)
             force = self._geometry.divergence(multiply(factors, L))
-            correction = -factor.solve(force.high)
+            correction = -factor.solve_roughly(force.high)
             change = self._g @ correction
             # The force after a correction of this size needs no extended precision.
             left = force.high + self._divergence @ (stress * change) + force.low
@@ -126,7 +126,7 @@ class Refinement:
         The forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L) are small, so that one solve in doubles has all digits that count.
         """
         force = -self._divergence @ (low * L)
-        shift = -factor.solve(force)
+        shift = -factor.solve_roughly(force)
         change = self._g @ shift
         left = _largest(force + self._divergence @ (bound.stress * change))
         rounding = self.sum_of_sizes(bound.stress, change) + self.sum_of_sizes(low, L)
