@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from critflow.arguments import checked
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array
@@ -209,7 +209,7 @@ def principal_curvatures(
     status, residual = found.status, found.stats.residual
     value = PrincipalCurvatures(*(np.full(shape, np.nan) for shape in ((k or n - 1,), (k or n - 1, n), (k or n - 1,))))
     method = "dense" if k is None else "Lanczos"
-    if found.ok and not found.value.lengths.min() > COLLAPSED * found.value.lengths.mean():
+    if found.ok and len(found.value.collapsed_edges):
         status = Status.edge_collapse
     elif found.ok:
         try:

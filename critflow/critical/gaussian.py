@@ -21,7 +21,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.linalg.factor import Factor
 from critflow.linalg.matrices import edge_blocks
 from critflow.linalg.tolerances import EPS
@@ -74,7 +74,7 @@ def _solve(manifold: CriticalManifold, sigma: ArrayLike) -> Solution[GaussianCur
         infinite = GaussianCurvature(np.inf, 0)
         note = "the configuration has several self-stresses, so that some curvatures are infinite: remove edges"
         return Solution(infinite, Status.singular, stats, note)
-    if not critical.lengths.min() > COLLAPSED * critical.lengths.mean():
+    if len(critical.collapsed_edges):
         note = "an edge without length leaves the manifold no tangent plane here: move the stress away"
         return Solution(nothing, Status.edge_collapse, stats, note)
     method = _dense if n_coordinates + n <= DENSE_SADDLE else _extrapolated

@@ -193,7 +193,7 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
             f"a matrix of {size} × {size} is too large to find all modes at once: where every vertex has three edges, "
             "face_modes() finds them"
         )
-    unit = critical.bond_vectors / critical.lengths[:, None]
+    unit = _directions(critical)
     across = spread_columns(network, np.stack([-unit[:, 1], unit[:, 0]], axis=1))
     _, values, right = np.linalg.svd(across.toarray())
     zero = np.concatenate([values, np.zeros(len(right) - len(values))]) < tolerance
@@ -204,10 +204,18 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
     return IsogonalModes(critical, flat, _elongations(critical, flat), len(flat), gap)
 
 
+def _directions(critical: CriticalConfiguration) -> Array:
+    """Unit vectors along the edges, (N_b, d), else an `InputError`."""
+    if len(critical.collapsed_edges):
+        raise InputError(
+            f"edge {critical.collapsed_edges[0]} has no length, so no direction to keep: change its stress"
+        )
+    return critical.bond_vectors / critical.lengths[:, None]
+
+
 def _elongations(critical: CriticalConfiguration, displacements: Any) -> Any:
     """Elongations (n_modes, N_b) of the edges along their directions, by displacements (n_modes, N_v·2)."""
-    unit = critical.bond_vectors / critical.lengths[:, None]
-    g = critical.network.incidence
+    unit, g = _directions(critical), critical.network.incidence
     return sum(displacements[:, axis::2] @ sp.csr_array(g.T @ sp.diags_array(unit[:, axis])) for axis in range(2))
 
 

@@ -17,7 +17,7 @@ from typing import Any, overload
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
@@ -50,9 +50,9 @@ class CriticalConfiguration(Record):
 
     σ is the force density (tension per length) with Σσ² = N_b; it is defined up to that scale.
 
-    error_bound  bound on the error of every coordinate, against the exact configuration of the given stress before
-                 scaling, for the boundary vectors b as rounded from the cell; NaN if unknown.  A proof for stresses of
-                 one sign, else an estimate (`Refined`)
+    error_bound  bound on the error of every coordinate, against the exact configuration of σ as stored and of the
+                 stress that was given, before its scaling was rounded, for the boundary vectors b as rounded from the
+                 cell; NaN if unknown.  A proof for stresses of one sign, else an estimate (`Refined`)
     bond_errors  (N_b,) bounds on |δL_α| likewise, relative to the length of the edge and not of the cell
     rest_lengths  ℓ (N_b,) of the cables of which it is the onset: |L| on taut edges and more on slack ones.  None where
                   it is made from a stress, without knowledge of slack edges
@@ -74,6 +74,11 @@ class CriticalConfiguration(Record):
     def lengths(self) -> Array:
         """|L_α|, (N_b,)."""
         return np.linalg.norm(self.bond_vectors, axis=1)
+
+    @property
+    def collapsed_edges(self) -> NDArray[np.intp]:
+        """Edges whose length vanishes, by rounding or to half of its digits: they have no direction."""
+        return np.flatnonzero(~(self.lengths > COLLAPSED * self.lengths.mean()))
 
     @cached_property
     def manifold(self) -> CriticalManifold:
@@ -285,6 +290,8 @@ class CriticalManifold:
         balance = self.balance(sigma)
         n_negative, status = balance.factor.n_negative, Status.ok
         refined = self.refinement(exact, balance.factor, balance.coordinates)
+        if not refined.certain and balance.factor.eliminate():
+            refined, n_negative = self.refinement(exact, balance.factor, balance.coordinates), balance.factor.n_negative
         if not refined.certain:
             refined, n_negative, status = self._solve_shifted(exact, refined)
         x = self.network.all_coordinates(refined.x)

@@ -24,11 +24,11 @@ class LengthVariance(Quantity):
         L = balance.bond_vectors
         length = np.linalg.norm(L, axis=1)
         value, derivative = _relative_variance(length)
-        return value, (np.zeros_like(balance.sigma), (derivative / length)[:, None] * L)
+        return value, (np.zeros_like(balance.sigma), (derivative / _divisors(length))[:, None] * L)
 
     def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
         L = balance.bond_vectors
-        length = np.linalg.norm(L, axis=1)
+        length = _divisors(np.linalg.norm(L, axis=1))
         unit = L / length[:, None]
         dlength = np.einsum("ad,ad->a", unit, dL)
         derivative, change = _relative_variance_differential(length, dlength)
@@ -52,11 +52,11 @@ class TensionVariance(Quantity):
         sigma, L = balance.sigma, balance.bond_vectors
         length = np.linalg.norm(L, axis=1)
         value, derivative = _relative_variance(sigma * length)
-        return value, (derivative * length, (derivative * sigma / length)[:, None] * L)
+        return value, (derivative * length, (derivative * sigma / _divisors(length))[:, None] * L)
 
     def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
         sigma, L = balance.sigma, balance.bond_vectors
-        length = np.linalg.norm(L, axis=1)
+        length = _divisors(np.linalg.norm(L, axis=1))
         unit = L / length[:, None]
         dlength = np.einsum("ad,ad->a", unit, dL)
         derivative, change = _relative_variance_differential(sigma * length, dsigma * length + sigma * dlength)
@@ -84,12 +84,12 @@ class EdgeLength(Quantity):
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         by_L = np.zeros_like(balance.bond_vectors)
         length = float(np.linalg.norm(balance.bond_vectors[self.edge]))
-        by_L[self.edge] = balance.bond_vectors[self.edge] / length
+        by_L[self.edge] = balance.bond_vectors[self.edge] / (length or np.nan)
         return length, (np.zeros_like(balance.sigma), by_L)
 
     def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
         ddL = np.zeros_like(dL)
-        length = np.linalg.norm(balance.bond_vectors[self.edge])
+        length = np.linalg.norm(balance.bond_vectors[self.edge]) or np.nan
         unit = balance.bond_vectors[self.edge] / length
         ddL[self.edge] = (dL[self.edge] - (unit @ dL[self.edge]) * unit) / length
         return np.zeros_like(dsigma), ddL
@@ -138,6 +138,11 @@ class FaceArea(Quantity):
         walk = slice(faces.starts[self.face], faces.starts[self.face + 1])
         edges, signs = faces.edges[walk], faces.signs[walk]
         return edges, signs, signs[:, None] * vectors[edges]
+
+
+def _divisors(length: Array) -> Array:
+    """Lengths (N_b,), NaN for an edge without length: there |L| has no derivative."""
+    return np.where(length > 0, length, np.nan)
 
 
 def _turned(vectors: Array) -> Array:

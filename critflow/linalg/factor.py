@@ -14,18 +14,22 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from critflow.linalg.backends import Backend, choose_backend, make_backend, multiply
+from critflow.linalg import multigrid
+from critflow.linalg.backends import MULTIGRID, Backend, choose_backend, make_backend, multiply
 from critflow.linalg.tolerances import EPS
+from critflow.result import InputError
 
 # Shift δ in units of the mean value.  A matrix with the same inertia at ±δ counts as regular; the shift is far above
 # the rounding of pivots.
 INERTIA_SHIFT = 1e-9
+CORRECTED = 1e-6  # reduction of a residual by multigrid in one of several corrections
 REFINED_SOLVES = 20  # most refinements of a solve with A + δ.  Each reduces the error by δ over the smallest eigenvalue
 
 Array = NDArray[np.float64]
@@ -50,9 +54,15 @@ class FixedPattern:
 
     size       number of rows n
     n_sources  number of values
+    in_space   whether it is the Laplacian of a network in three dimensions, where multigrid is the fastest
+
+    Multigrid serves positive values alone and has no inertia.  By its name it refuses everything else; chosen by
+    "auto" it leaves everything else to elimination.
     """
 
-    def __init__(self, size: int, n_sources: int, entries: Iterable[Entries], backend: str = "auto"):
+    def __init__(
+        self, size: int, n_sources: int, entries: Iterable[Entries], backend: str = "auto", in_space: bool = False
+    ):
         parts = [_upper(*np.broadcast_arrays(*part)) for part in entries]
         rows, cols, sources, coefficients = (np.concatenate(part) for part in zip(*parts, strict=True))
         del parts
@@ -78,7 +88,9 @@ class FixedPattern:
         self._transposed = self._matrix.T
         # The diagonal ends each column of an upper triangle.
         self._diagonal = self._matrix.indptr[1:] - 1
-        self.backend = choose_backend(backend, len(rows))
+        self.backend = choose_backend(backend, len(rows), in_space)
+        self._elimination = choose_backend("auto", len(rows)) if self.backend == MULTIGRID else self.backend
+        self._only_multigrid = backend == MULTIGRID
         # Solvers and the factors whose numbers they contain; the first one belongs to the newest factor.
         self._solvers: list[Backend] = []
         self._owners: list[Callable[[], Factor | None]] = []
@@ -89,10 +101,24 @@ class FixedPattern:
         if np.ndim(shift) or shift:
             data[self._diagonal] += shift
         factor = Factor(self, data)
+        if self.backend == MULTIGRID:
+            self._matrix.data = data
+            if multigrid.serves(self._matrix):
+                factor._multigrid = multigrid.Multigrid(self._matrix)
+                return factor
+            self._refuse("mixed signs or other matrices")
         if not self._solvers:
-            self._add(make_backend(self.backend, self._model()))
+            self._add(make_backend(self._elimination, self._model()))
         self._eliminate(factor, 0)
         return factor
+
+    def _refuse(self, call: str) -> None:
+        """Raise `InputError` where multigrid was chosen by its name and cannot serve a call."""
+        if self._only_multigrid:
+            raise InputError(
+                f"the backend {MULTIGRID!r} serves solves with positive stresses alone, not {call}: choose "
+                f"backend={self._elimination!r}, or 'auto'"
+            )
 
     def factorize_shifted(self, values: Array) -> tuple[Factor, bool, int]:
         """L D Lᵀ of A + δ, whether its inertia is that of A, and the number of negative pivots of A − δ.
@@ -137,7 +163,9 @@ class FixedPattern:
         # The first solver stays with the newest factor, or two factors in use would overwrite each other in turn.
         unused = (place for place, owner in enumerate(self._owners) if place and owner() is None)
         place = next(unused, len(self._solvers))
-        if place == len(self._solvers):
+        if not self._solvers:
+            self._add(make_backend(self._elimination, self._model()))
+        elif place == len(self._solvers):
             self._add(self._solvers[0].another(self._model()))
         self._eliminate(factor, place)
         return self._solvers[place]
@@ -163,12 +191,13 @@ class Factor:
     A factor that another one of the same pattern has displaced repeats its elimination at its next use.
     """
 
-    __slots__ = ("__weakref__", "_data", "_pattern", "_pivots", "_shift", "_singular")
+    __slots__ = ("__weakref__", "_data", "_multigrid", "_pattern", "_pivots", "_shift", "_singular")
 
     def __init__(self, pattern: FixedPattern, data: Array):
         # The upper triangle of A + shift, which stands in for A where the shift is not zero.
         self._pattern, self._data, self._shift = pattern, data, 0.0
         self._pivots: Array | None = None
+        self._multigrid: multigrid.Multigrid | None = None
         self._singular = False
 
     def _refine(self, shift: float, regular: bool) -> None:
@@ -178,20 +207,36 @@ class Factor:
     @property
     def backend(self) -> str:
         """Name of the solver (`critflow.linalg.backends`)."""
-        return self._pattern.backend
+        return MULTIGRID if self._multigrid else self._pattern._elimination
 
     def solve(self, right_side: Array) -> Array:
         """x of A x = r, for r of shape (n,) or (n, d)."""
-        return self._refined(right_side) if self._shift else self._solved(right_side)
+        x = self._iterated(right_side, multigrid.REDUCED)
+        if x is None:
+            x = self._refined(right_side) if self._shift else self._solved(right_side)
+        return x
+
+    def solve_roughly(self, right_side: Array) -> Array:
+        """As `solve`, with the digits that a correction needs where the solver iterates."""
+        x = self._iterated(right_side, CORRECTED)
+        return self.solve(right_side) if x is None else x
+
+    def _iterated(self, right_side: Array, reduction: float) -> Array | None:
+        """x by multigrid, up to a reduced residual; None where elimination serves."""
+        if not self._multigrid:
+            return None
+        x = _by_columns(partial(self._multigrid.solve, reduction=reduction), right_side)
+        return None if not np.isfinite(x).all() and self.eliminate() else x
+
+    def eliminate(self) -> bool:
+        """Leave multigrid for elimination where "auto" chose it; whether anything changed."""
+        changes = self._multigrid is not None and not self._pattern._only_multigrid
+        if changes:
+            self._multigrid = None
+        return changes
 
     def _solved(self, right_side: Array) -> Array:
-        solver = self._pattern._solver_of(self)
-        if right_side.ndim == 1:
-            return solver.solve(right_side)
-        x = np.empty(right_side.shape)
-        for column in range(right_side.shape[1]):
-            x[:, column] = solver.solve(right_side[:, column])
-        return x
+        return _by_columns(self._pattern._solver_of(self).solve, right_side)
 
     def _refined(self, right_side: Array) -> Array:
         """Iterative refinement, which removes the shift."""
@@ -213,23 +258,25 @@ class Factor:
     def pivots(self) -> Array:
         """The diagonal D in the order of elimination, (n,); zero where a pivot vanished."""
         if self._pivots is None:
+            if self._multigrid:
+                self._pattern._refuse("pivots and determinants")
             self._pivots = self._pattern._solver_of(self).pivots()
         return self._pivots
 
     @property
     def n_negative(self) -> int:
         """Number of negative eigenvalues of A (Sylvester's law of inertia)."""
-        return int(np.count_nonzero(self.pivots < 0))
+        return 0 if self._multigrid else int(np.count_nonzero(self.pivots < 0))
 
     @property
     def sound(self) -> bool:
         """Whether the elimination is complete: all pivots are finite and not zero, so that their signs count."""
-        return bool(np.isfinite(self.pivots).all() and (self.pivots != 0).all())
+        return self._multigrid is not None or bool(np.isfinite(self.pivots).all() and (self.pivots != 0).all())
 
     @property
     def singular(self) -> bool:
         """Whether a pivot vanishes, is not finite, or is below the rounding of the largest one."""
-        if self._shift:
+        if self._shift or self._multigrid:
             return self._singular
         size = np.abs(self.pivots)
         return not bool(size.min() > len(size) * EPS * size.max() and np.isfinite(size).all())
@@ -238,6 +285,16 @@ class Factor:
     def indefinite(self) -> bool:
         """Whether A is not safely positive definite."""
         return self.singular or self.n_negative > 0
+
+
+def _by_columns(solve: Callable[[Array], Array], right_side: Array) -> Array:
+    """Solutions for one right-hand side (n,) or several (n, d)."""
+    if right_side.ndim == 1:
+        return solve(right_side)
+    x = np.empty(right_side.shape)
+    for column in range(right_side.shape[1]):
+        x[:, column] = solve(right_side[:, column])
+    return x
 
 
 def _upper(rows: Any, cols: Any, sources: Any, coefficients: Any) -> tuple[IntArray, IntArray, IntArray, Array]:

@@ -30,7 +30,7 @@ def laplacian(network: Network, backend: str = "auto") -> FixedPattern:
         Entries(head, head, edge, 1.0),
         Entries(low, high, edge, np.where(tail == head, -2.0, -1.0)),
     ]
-    return FixedPattern(len(network.free), network.n_edges, entries, backend)
+    return FixedPattern(len(network.free), network.n_edges, entries, backend, network.dimension > 2)
 
 
 def block_laplacian(network: Network, backend: str = "auto") -> FixedPattern:

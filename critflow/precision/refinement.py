@@ -80,7 +80,10 @@ class Refinement:
         self._roundings = EPS * (4 + int(np.diff(self._spread.indptr).max()))
 
     def __call__(self, sigma: Extended, factor: Factor, x: Array) -> Refined:
-        """Refine x (n_free, d) to the configuration of σ (N_b,), with a factor of P(σ) or of a matrix near it."""
+        """Refine x (n_free, d) to the configuration of σ (N_b,), with a factor of P(σ) or of a matrix near it.
+
+        The bounds hold for the configuration of σ and for that of σ rounded to doubles, as it is stored.
+        """
         stress = sigma.high[:, None]
         bound = _Bound(self, factor, stress, 2 * (self._spread @ np.abs(stress)))
         if not (bound.founded and np.isfinite(x).all()):
@@ -92,7 +95,7 @@ class Refinement:
             step += 1
             L = self._geometry.bond_vectors(at, self._b)
             force = self._geometry.divergence(multiply(factors, L))
-            correction = -factor.solve(force.high)
+            correction = -factor.solve_roughly(force.high)
             change = self._g @ correction
             # The force after a correction of this size needs no extended precision.
             left = force.high + self._divergence @ (stress * change) + force.low
@@ -106,10 +109,29 @@ class Refinement:
             last = error
         rounded = two_sum(L.high, L.low + change)
         rough = np.abs(rounded.low) + EPS * (np.abs(L.low) + np.abs(change)) + EXTENDED_ROUNDING * size
+        certain = bool(error < LOST * size)
+        if factors.low.any():
+            shift, more = self._shift_by_rounding(bound, factor, factors.low, L.high, goal)
+            rough, errors = rough + np.abs(self._g @ shift), errors + more
+            error = float((_largest(shift) + errors).max())
         rough += self._ends @ errors
         L_errors = np.sqrt(np.einsum("ad,ad->a", rough, rough))
-        total, certain = float(np.abs(at.low).max()) + error, bool(error < LOST * size)
+        total = float(np.abs(at.low).max()) + error
         return Refined(at.high, rounded.high, total, L_errors, bound.condition, step, certain)
+
+    def _shift_by_rounding(
+        self, bound: _Bound, factor: Factor, low: Array, L: Array, goal: float
+    ) -> tuple[Array, Array]:
+        """Displacement (n_free, d) from the configuration of σ to that of σ − low, and bounds (n_free, 1) on its error.
+
+        The forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L) are small, so that one solve in doubles has all digits that count.
+        """
+        force = -self._divergence @ (low * L)
+        shift = -factor.solve_roughly(force)
+        change = self._g @ shift
+        left = _largest(force + self._divergence @ (bound.stress * change))
+        rounding = self.sum_of_sizes(bound.stress, change) + self.sum_of_sizes(low, L)
+        return shift, bound(left + self._roundings * rounding, goal)
 
     def _errors(self, bound: _Bound, left: Array, L: Extended, change: Array, size: float, goal: float) -> Array:
         """Bounds (n_free, 1) on the errors of coordinates of a size, by the forces that are left, (n_free, d)."""

@@ -84,7 +84,9 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     )
     attained = vanishes(F, moment, A) or abs(optimum.gap) < BALANCED
     if value.residual < BALANCED and attained and shortest > NO_LENGTH:
-        return optimum
+        edges = value.collapsed_edges
+        note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""
+        return replace(optimum, collapsed_edges=edges, note=note)
     # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
     status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if found.ok else found.status
     unknown = np.full_like(value.bond_vectors, np.nan)

@@ -25,7 +25,8 @@ class Optimum(Solution[CriticalConfiguration]):
                       for moduli other than B_0, where the rounding of the bound is an estimate
     uncertainty       |objective − limit| where the optimum is not attained.  Error bound (estimate)
     bound             largest value over all stresses in closed form (moduli without a penalty)
-    collapsed_edges   edges whose length tends to zero (`Status.edge_collapse`)
+    collapsed_edges   edges whose length is zero at an optimum that is attained, or tends to zero
+                      (`Status.edge_collapse`)
     slack_edges       edges whose tension tends to zero (`Status.slack_edges`)
     saddles           saddle points left on the descent; None where the end was not tested
     start             number of the start that led here

@@ -21,10 +21,16 @@ from problems import (
 
 from critflow import (
     CriticalManifold,
+    InputError,
+    Network,
     SolveError,
     Status,
     elasticity,
+    isogonal_modes,
     lattice,
+    optimize,
+    properties,
+    quantity,
     three_bar_linkage,
     upper_bound,
     voronoi_network,
@@ -356,3 +362,23 @@ def test_collapsing_parts_raise():
     offsets = np.concatenate([network.offsets, np.zeros((4, 2), int)])
     with pytest.raises(NetworkError, match="edge 6"):
         CriticalManifold(type(network)(edges, offsets, network.cell))
+
+
+def test_edge_between_twins_has_no_length():
+    # Two vertices with the same neighbours coincide at equal stresses, so that the edge between them collapses.
+    edges = [[0, 3], [1, 3], [2, 3], [0, 4], [1, 4], [2, 4], [3, 4]]
+    network = Network(edges, pins={0: [0.0, 0.0], 1: [4.0, 0.0], 2: [0.0, 3.0]}).with_volume(6.0)
+    best = optimize(network, "bulk_modulus")
+    assert best.status is Status.ok
+    assert best.objective == pytest.approx(upper_bound(network, "B_0"), rel=1e-14)
+    np.testing.assert_array_equal(best.collapsed_edges, [6])
+    assert "6" in best.note
+    with pytest.raises(InputError, match="edge 6"):
+        isogonal_modes(best)
+    # A length that vanishes is known; its derivative is not.
+    found = properties(best, ["length[6]", "V_L", "V_tau"])
+    assert found.values["length[6]"] == 0
+    assert all(np.isnan(found.by_stress[name]).any() for name in found.values)
+    for name in found.values:
+        second = quantity(network, name).differential(best.value, np.ones(7), best.value.bond_vectors)
+        assert np.isnan(second[1]).any()

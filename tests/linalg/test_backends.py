@@ -6,11 +6,11 @@ from problems import random_stress
 
 from critflow import CriticalManifold, InputError, voronoi_network
 from critflow.linalg import backends
-from critflow.linalg.backends import CROSSOVERS, available_backends, choose_backend
+from critflow.linalg.backends import CROSSOVERS, available_backends, choose_backend, eliminating_backends
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, laplacian
 
-BACKENDS = available_backends()
+BACKENDS = tuple(eliminating_backends())
 
 
 def sparse_symmetric(size, seed):
@@ -165,7 +165,7 @@ def extras(request, monkeypatch):
 
 
 def test_the_choice_by_size(extras):
-    assert set(available_backends()) == {"qdldl", "superlu"} | extras
+    assert set(eliminating_backends()) == {"qdldl", "superlu"} | extras
     best = "pardiso" if "pardiso" in extras else "metis" if "metis" in extras else "superlu"
     for n_entries in np.logspace(0, 8, 200).astype(int):
         chosen = choose_backend("auto", n_entries)
@@ -178,7 +178,9 @@ def test_what_is_missing_is_said(extras):
     for name in {"metis", "pardiso"} - extras:
         with pytest.raises(InputError, match=rf"'{name}' is not installed: pip install 'critflow\[fast\]'"):
             laplacian(voronoi_network(20, seed=1), name)
-    with pytest.raises(InputError, match=r"no backend 'umfpack': choose 'auto' or one of .*qdldl.*critflow\[fast\]"):
+    with pytest.raises(
+        InputError, match=r"no backend 'umfpack': choose 'auto' or one of .*qdldl.*critflow\[fast,multigrid\]"
+    ):
         CriticalManifold(voronoi_network(20, seed=1), backend="umfpack")
 
 
