@@ -31,14 +31,14 @@ from critflow.quantities.vocabulary import quantity
 from critflow.response.tensor import TRUSTED_ERROR
 from critflow.result import InputError, Record, Solution, Stats, Status
 
-# Rounding of columns that were updated, and of refined ones, relative to r: 1 − σ_α r below its square times Σ|σ|/|σ_α| is
-# that of a bridge, and Σσ²|L|²/k below it times the terms of the sum that of a network that collapses.
+# Rounding of columns that were updated, and of refined ones, relative to r: 1 − σ_α r below its square times Σ|σ|/|σ_α|
+# is that of a bridge, and Σσ²|L|²/k below it times the terms of the sum that of a network that collapses.
 UPDATED, EXACT = 1e-9, 1e-14
 NO_LENGTH = 1e-10  # longest edge, relative to all, of a network that has collapsed
 # Corrections of a column below this part of it have converged; most corrections, and the least decrease of each.
 _REFINED, _MOST_CORRECTIONS, _DECREASE = 1e-13, 10, 0.5
 # Ratio of stresses beyond which corrections of columns may not converge: P then keeps no digit of the smallest.
-LARGEST_RATIO = 1e13
+LARGEST_RATIO = 1e12
 _MARGIN = 30.0  # errors of values in units of the changes that two sets of roundings cause
 
 Mask = NDArray[np.bool_]
@@ -130,20 +130,17 @@ def _columns(network: Network, sigma: Array, factor: Factor, edges: IntArray) ->
         return np.asarray(g @ factor.solve(load - np.asarray(g.T @ (sigma[:, None] * columns))))
 
     columns = np.asarray(g @ factor.solve(load))
-    weight, before = np.abs(sigma)[:, None], np.inf
-    for step in range(_MOST_CORRECTIONS):
+    weight, before, size, steps = np.abs(sigma)[:, None], np.inf, 1.0, 0
+    while _REFINED < size < _DECREASE * before and steps < _MOST_CORRECTIONS:
         change = correction(columns)
-        columns = columns + change
+        columns, before, steps = columns + change, size if steps else np.inf, steps + 1
         around = columns.copy()
         around[edges, own] = 0.0
         size = float(np.sqrt(np.max(np.sum(weight * change**2, axis=0) / np.sum(weight * around**2, axis=0))))
-        if not _REFINED < size < _DECREASE * before:
-            break
-        before = size
     # Differences of displacements have their rounding, which a correction spreads over the softest edges.
-    size = EPS * np.abs(columns[edges, own])
-    others = [columns + size * _signs(seed, *columns.shape) for seed in range(2)]
-    return columns, [other + correction(other) for other in others], step + 1
+    rounding = EPS * np.abs(columns[edges, own])
+    others = [columns + rounding * _signs(seed, *columns.shape) for seed in range(2)]
+    return columns, [other + correction(other) for other in others], steps
 
 
 def _signs(seed: int, *shape: int) -> Array:

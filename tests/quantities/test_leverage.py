@@ -59,7 +59,7 @@ def test_the_best_cut_of_the_stiffest_network_has_a_closed_form():
     assert found.after[edge] == pytest.approx(optimize(network.without_edges(edge), "B_0").objective, rel=1e-10)
 
 
-@pytest.mark.parametrize("decades", [8, 10, 12.5])
+@pytest.mark.parametrize("decades", [8, 10, 12])
 @pytest.mark.parametrize("seed", [0, 3])
 def test_stresses_over_many_decades(decades, seed):
     network = with_random_stiffness(voronoi_network(n_vertices=20, seed=seed), seed)
