@@ -226,7 +226,7 @@ def _leverage(critical: CriticalConfiguration | None, attempts: _Attempts) -> Ed
     """B_0 after the cut of each edge; None for large networks."""
     if critical is None or critical.network.n_edges > _MOST_CUTS:
         return None
-    return attempts.value("the cuts of edges", lambda: edge_leverage(critical))
+    return attempts.value("the cuts of edges", lambda: edge_leverage(critical).value)
 
 
 def _participation(network: Network, x: Array, tolerance: float) -> Array:

@@ -1,11 +1,13 @@
 """Linear elasticity of springs at rest, which resist a strain through their self-stresses.
 
-With tensions t of all self-stresses (N_s, N_b) and affine extensions e_a = L·E_a L/|L|,
-    V C_ab = (t e_a)ᵀ (t k⁻¹ tᵀ)⁻¹ (t e_b)  (`SelfStressModuli`).
+With affine extensions e_a = L·E_a L/|L| and the rigidity matrix R,
+    V ε·Cε = min_u Σ k (e ε + R u)²,
+to which only the self-stresses contribute, the tensions k (e ε + R u) of the minimum (`SelfStressModuli`).
 Springs on the perimeters of faces have the extensions A e, with the sides A, and likewise for motions.
 
 Small networks, and those of large contrast, are decomposed densely (`hierarchical_response`), which is accurate for any
-stiffnesses; large ones of moderate contrast by the self-stresses that `rigidity` finds.
+stiffnesses; large ones of moderate contrast by the normal equations, refined on their residual: the number of
+self-stresses follows from the inertia of RᵀR, and none of them is computed.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+from critflow.critical.manifold import COLLAPSED
 from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
@@ -23,18 +26,17 @@ from critflow.response.linear_response import accumulated_rounding
 from critflow.response.stiffness_contrast import hierarchical_response
 from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity
 from critflow.result import Solution, Stats, Status
-from critflow.rigidity.counts import rigidity
-from critflow.rigidity.spectrum import CLEAR_GAP, DENSE_EDGES, ZERO_MODE, rounding_note
+from critflow.rigidity.spectrum import CLEAR_GAP, ZERO_MODE, Spectrum, rounding_note
 from critflow.springs.tissue import FaceSprings
 
-# Up to this contrast the self-stresses of a large network give its moduli with the rounding errors of their
-# compliance, which grow with it.
+# Up to this contrast the normal equations resolve the softest springs beside the stiffest.
 MODERATE_CONTRAST = 1e6
 # Entries of the rigidity matrix up to which networks of larger contrast are decomposed densely.
 LARGEST_RESPONSE = 6_000_000
 
-# Shift of RᵀR that excludes floppy motions, in units of its squared singular values.
-_SHIFT = 1e-9
+# Shift of Rᵀ k R in units of the largest k, which stops floppy motions and which corrections remove; most corrections,
+# and the decrease of their work that shows that they converge.
+_SHIFT, _MOST_CORRECTIONS, _DECREASE = 1e-12, 20, 0.25
 _DOUBTFUL = (
     "a singular value of {:.1e} of the rigidity matrix is neither zero to rounding nor far from it, so the number of "
     "self-stresses is not certain: move the configuration"
@@ -64,17 +66,21 @@ def response_at_rest(
     Errors (estimate) are those for the coordinates as given; singular values that are zero to the rounding of the
     coordinates count as zero.
     `Status.floppy` and zeros without self-stress, or where no strain loads one; `Status.singular` and NaN where that
-    number is in doubt; `Status.ill_conditioned` and NaN where an error exceeds a tenth of the tensor, or a large
-    network has a contrast of stiffness beyond the rounding of its compliance.
+    number is in doubt, or an edge has no length; `Status.ill_conditioned` and NaN where an error exceeds a tenth of the
+    tensor, or a large network has a contrast of stiffness beyond the rounding of the normal equations.
     """
+    length = np.linalg.norm(network.bond_vectors(coordinates), axis=1)
+    if length.min() <= COLLAPSED * length.mean():
+        note = f"edge {int(length.argmin())} has no length, so no direction: move its ends apart, or remove it"
+        value, stats = no_elasticity(network.dimension, volume), Stats("self-stress")
+        return ResponseAtRest(value, Status.singular, stats, note, n_self_stresses=0)
     springs = _Springs.of(network, coordinates, faces)
     m, n_springs = springs.extension.shape[1], len(springs.stiffness)
     size = n_springs * network.dimension * len(network.free)
-    moderate = springs.contrast <= MODERATE_CONTRAST and faces is None
-    if n_springs <= DENSE_EDGES or (not moderate and size <= LARGEST_RESPONSE):
+    if springs.contrast <= MODERATE_CONTRAST and faces is None:
+        found = _by_motions(network, coordinates, springs)
+    elif size <= LARGEST_RESPONSE:
         found = _dense(springs, coordinates)
-    elif moderate:
-        found = _by_self_stresses(network, coordinates, springs)
     else:
         note = f"the stiffnesses differ by {springs.contrast:.1e}, too much for so large a network: remove the softest"
         found = _unknown(m, 0, Status.ill_conditioned, note if faces is None else "the tissue is too large for moduli")
@@ -83,7 +89,7 @@ def response_at_rest(
 
 def _solution(springs: _Springs, d: int, volume: float, found: _Found) -> ResponseAtRest:
     status, note = found.status, found.note
-    tensor, errors = found.factors.T @ found.factors / volume, (found.errors + found.errors.T) / (2 * volume)
+    tensor, errors = found.form / volume, (found.errors + found.errors.T) / (2 * volume)
     affine = (springs.extension.T * springs.stiffness) @ springs.extension / volume
     if status is Status.ok and errors.max() > TRUSTED_ERROR * np.abs(tensor).max():
         if springs.contrast * errors.max() <= EPS * np.abs(affine).max():
@@ -134,9 +140,9 @@ class _Springs:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Factors (r, m) of V C and errors (m, m) of it."""
+    """V C (m, m) and its errors."""
 
-    factors: Array
+    form: Array
     errors: Array
     n_self_stresses: int
     status: Status = Status.ok
@@ -145,7 +151,13 @@ class _Found:
 
 
 def _unknown(m: int, n_self_stresses: int, status: Status, note: str, residual: float = np.nan) -> _Found:
-    return _Found(np.zeros((0, m)), np.zeros((m, m)), n_self_stresses, status, note, residual)
+    return _Found(np.zeros((m, m)), np.zeros((m, m)), n_self_stresses, status, note, residual)
+
+
+def _in_doubt(springs: _Springs, coordinates: Array, near: float, n_self_stresses: int, residual: float) -> _Found:
+    """A number of self-stresses that a singular value near the tolerance leaves open."""
+    note = rounding_note(coordinates, springs.lengths, near) or _DOUBTFUL.format(near)
+    return _unknown(springs.extension.shape[1], n_self_stresses, Status.singular, note, residual)
 
 
 def _dense(springs: _Springs, coordinates: Array) -> _Found:
@@ -153,40 +165,44 @@ def _dense(springs: _Springs, coordinates: Array) -> _Found:
     mean, k = float(springs.lengths.mean()), springs.stiffness
     found = hierarchical_response(springs.directions.toarray(), springs.extension / mean, k / k.max(), springs.errors)
     if np.isfinite(found.doubtful):
-        note = rounding_note(coordinates, springs.lengths, found.doubtful) or _DOUBTFUL.format(found.doubtful)
-        m = springs.extension.shape[1]
-        return _unknown(m, found.n_self_stresses, Status.singular, note, found.largest_zero)
+        return _in_doubt(springs, coordinates, found.doubtful, found.n_self_stresses, found.largest_zero)
     status = Status.ok if found.n_self_stresses else Status.floppy
     unit = mean * np.sqrt(k.max())
-    factors, errors = unit * found.factors, unit**2 * found.errors
-    return _Found(factors, errors, found.n_self_stresses, status, residual=found.largest_zero)
+    form, errors = unit**2 * (found.factors.T @ found.factors), unit**2 * found.errors
+    return _Found(form, errors, found.n_self_stresses, status, residual=found.largest_zero)
 
 
-def _by_self_stresses(network: Network, coordinates: Array, springs: _Springs) -> _Found:
-    """By all self-stresses, for moderate contrast: V C = wᵀ (t k⁻¹ tᵀ)⁻¹ w with w = t e."""
+def _by_motions(network: Network, coordinates: Array, springs: _Springs) -> _Found:
+    """By the motions u that follow the strains, for moderate contrast: V C = rᵀ k r, r = e + R u, Rᵀ k r = 0.
+
+    An error of u changes V C by its square, which the work of the last correction estimates.
+    """
     k, length, R, extension = springs.stiffness, springs.lengths, springs.directions, springs.extension
-    counts = rigidity(network, coordinates)
-    n_stresses = counts.value.n_self_stresses
-    if not counts.ok:
-        largest, smallest = counts.value.largest_zero, counts.value.smallest_nonzero
-        note = counts.note
-        if counts.status is Status.singular and np.isfinite(largest):
-            near = max(largest, smallest if smallest < CLEAR_GAP * ZERO_MODE else 0.0)
-            note = rounding_note(coordinates, length, near) or _DOUBTFUL.format(near)
-        return _unknown(extension.shape[1], n_stresses, counts.status, note, counts.stats.residual)
-    tensions = counts.value.self_stresses * length
-    U = np.asarray(np.linalg.qr(tensions.T / np.sqrt(k)[:, None], mode="r"))
-    factors = np.linalg.solve(U.T, tensions @ extension)
-    loads = tensions.T @ np.linalg.solve(U, factors)
-
-    # The motion that follows the strain; where tensions do not balance, it does work that is an error.
-    n, L = network.n_edges, network.bond_vectors(coordinates)
-    factor = block_laplacian(network).factorize(edge_blocks(np.ones(n), L / length[:, None], np.zeros(n)), _SHIFT)
-    u = factor.solve(np.asarray(R.T @ (loads / k[:, None] - extension)))
-    unbalanced = np.asarray(R.T @ loads)
-    work = np.abs(unbalanced.T @ u) + np.linalg.norm(u, axis=0) * np.linalg.norm(unbalanced, axis=0)[:, None] * EPS
-    rounding = springs.errors[:, None] * (abs(R) @ np.abs(u) + np.abs(extension))
-    pairs = np.abs(loads).T[:, None] * (rounding + 8 * EPS * np.abs(loads) / k[:, None]).T
-    errors = 2 * work + accumulated_rounding(pairs) + len(k) * EPS * np.abs(factors.T @ factors)
-    factors = np.asarray(np.linalg.qr(factors, mode="r"))
-    return _Found(factors, errors + errors.T, n_stresses, residual=counts.stats.residual)
+    L = network.bond_vectors(coordinates)
+    spectrum = Spectrum(network, coordinates, L, length, None)
+    n_stresses = network.n_edges - spectrum.n_coordinates + spectrum.n_motions
+    m, largest = extension.shape[1], spectrum.largest_zero()
+    if spectrum.doubt(largest, spectrum.gap[1]):
+        near = max(largest, spectrum.gap[1] if spectrum.gap[1] < CLEAR_GAP * ZERO_MODE else 0.0)
+        return _in_doubt(springs, coordinates, near, n_stresses, largest)
+    if not n_stresses:
+        return _unknown(m, 0, Status.floppy, "", largest)
+    blocks = edge_blocks(k, L / length[:, None], np.zeros(network.n_edges))
+    pattern = block_laplacian(network) if spectrum.pattern is None else spectrum.pattern
+    factor = pattern.factorize(blocks, _SHIFT * float(k.max()))
+    u, work = np.zeros((R.shape[1], m)), np.full(m, np.inf)
+    for _ in range(_MOST_CORRECTIONS):
+        tension = k[:, None] * (extension + R @ u)
+        force = np.asarray(R.T @ tension)
+        change = factor.solve(force)
+        before, work = work, np.abs(np.einsum("na,na->a", force, change))
+        if not (work < _DECREASE * before).any():
+            break
+        u -= change
+    rounding = (
+        springs.errors[:, None] * (abs(R) @ np.abs(u) + np.abs(extension)) + 8 * EPS * np.abs(tension) / k[:, None]
+    )
+    errors = 2 * accumulated_rounding(np.abs(tension).T[:, None] * rounding.T) + 2 * np.sqrt(np.outer(work, work))
+    # Sums over the last axis are pairwise, so that their rounding is that of their terms.
+    form = np.sum(tension.T[:, None] * (tension / k[:, None]).T, axis=-1)
+    return _Found(form, errors, n_stresses, residual=largest)

@@ -23,6 +23,7 @@ from critflow.networks.network import Array, Network
 from critflow.precision.residual import inverse_norm
 from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity, strain_components, total_errors
 from critflow.result import InputError, Solution, Stats, Status
+from critflow.springs.minimum import stability_of
 from critflow.springs.newton import FLOPPY_SHIFT
 from critflow.springs.state import ElasticState
 
@@ -65,7 +66,8 @@ def linear_response(
 
     Errors (estimate) are those against the exact equilibrium (see `equilibrium`); roundings are summed by
     `accumulated_rounding`.
-    `Status.unstable` and NaN where the Hessian has negative eigenvalues: the springs then buckle under any strain.
+    `Status.unstable` and NaN where the Hessian has negative eigenvalues: the springs then buckle under any strain;
+    `Status.undecided` and NaN where rounding hides whether it has.
     `Status.ill_conditioned` and NaN where an error exceeds a tenth of the larger modulus.
     Floppy parts, such as slack ones, do not resist and contribute nothing.
     """
@@ -81,9 +83,11 @@ def linear_response(
     floppy = found is None or not found.converged
     if floppy:
         factor = state.factorize(pattern, FLOPPY_SHIFT * state.stiffness_scale)
-        if factor.indefinite:
+        # The shift hides eigenvalues that compression makes negative but small.
+        stable, note = (Status.unstable, "") if factor.indefinite else stability_of(state, pattern)
+        if stable is not Status.ok:
             nothing, stats = np.zeros((d * (d + 1) // 2, *state.forces.shape)), Stats("linear response", 2)
-            return LinearResponse(no_elasticity(d, volume), Status.unstable, stats, relaxations=nothing)
+            return LinearResponse(no_elasticity(d, volume), stable, stats, note, relaxations=nothing)
         found = _responses(state, factor, volume, strains)
     assert found is not None
     errors: Errors | None = found.elasticity.errors if found.converged else None

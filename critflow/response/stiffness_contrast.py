@@ -20,7 +20,7 @@ import scipy.linalg
 
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
-from critflow.rigidity.spectrum import CLEAR_GAP, ITERATION_ERROR, ROUNDING_MARGIN, ZERO_MODE
+from critflow.rigidity.spectrum import CLEAR_GAP, ROUNDING_MARGIN, ZERO_MODE
 
 # Stiffnesses within this factor are compared directly; beyond it motions that stiffer edges resist are separated from
 # those that they do not.  Its square root enters rounding errors.
@@ -59,8 +59,7 @@ def hierarchical_response(R: Array, extension: Array, stiffness: Array, row_erro
     """
     order = np.argsort(-stiffness, kind="stable")
     R, extension, k, row_errors = R[order], extension[order], stiffness[order], row_errors[order]
-    zero = max(ROUNDING_MARGIN * float(np.linalg.norm(row_errors)), ITERATION_ERROR)
-    basis = _Basis(R, extension, _groups(k), zero)
+    basis = _Basis(R, extension, _groups(k), ROUNDING_MARGIN * float(np.linalg.norm(row_errors)))
     return _solved(basis, R, extension, k, row_errors)
 
 
@@ -77,7 +76,8 @@ class _Basis:
     """Motions and strains by the group that first resists them.
 
     motions   (n, r) orthonormal, with their groups
-    strains   (m, s) orthonormal strains with the motions (n, s) that keep stiffer groups unchanged, and their groups
+    strains   (m, s) orthonormal strains with the motions (n, s) that keep stiffer groups unchanged, their groups and
+              their rounding errors (m, s)
     """
 
     def __init__(self, R: Array, extension: Array, groups: list[slice], zero: float):
@@ -85,7 +85,7 @@ class _Basis:
         self.groups, self._zero = groups, zero
         self.largest_zero, self.doubtful = 0.0, np.nan
         free, strains, following = np.eye(n), np.eye(m), np.zeros((n, m))
-        motions, resisted, followed = [], [], []
+        motions, resisted, followed, turned = [], [], [], []
         self.motion_groups: list[int] = []
         self.strain_groups: list[int] = []
         for number, group in enumerate(groups):
@@ -99,6 +99,9 @@ class _Basis:
             n_resisted = self._rank(sizes / np.sqrt(len(rest)), _CLEAR_STRAIN * zero)
             resisted.append(strains @ directions[:n_resisted].T)
             followed.append(following @ directions[:n_resisted].T)
+            # A strain that changes nothing stays apart exactly.
+            mixed = np.abs(strains) @ rest.any(axis=0)
+            turned.append(np.repeat(_PRODUCT * EPS * mixed[:, None], n_resisted, axis=1))
             left_over = directions[n_resisted:].T
             strains = strains @ left_over
             following = following @ left_over - free @ (
@@ -109,7 +112,7 @@ class _Basis:
             self.motion_groups += [number] * rank
             self.strain_groups += [number] * n_resisted
         self.motions, self.strains = np.hstack(motions), np.hstack(resisted)
-        self.following = np.hstack(followed)
+        self.following, self.strain_errors = np.hstack(followed), np.hstack(turned)
 
     def _rank(self, values: Array, clear: float) -> int:
         """The number of singular values that are not zero; records the largest zero and those that are not clear."""
@@ -145,7 +148,8 @@ def _solved(basis: _Basis, R: Array, extension: Array, k: Array, row_errors: Arr
     rest = loads + columns @ amplitudes
     # Repeated once, so that the remainder is orthogonal to the columns to rounding.
     rest -= Q @ (Q.T @ rest)
-    factors = np.linalg.qr(rest, mode="r") * strain_scale @ basis.strains.T
+    factors_of_strains = np.linalg.qr(rest, mode="r") * strain_scale
+    factors = factors_of_strains @ basis.strains.T
 
     # Errors in scaled strains: tension times the error of the change of length.
     u = basis.motions @ (amplitudes / motion_scale[:, None]) + basis.following / strain_scale
@@ -160,6 +164,10 @@ def _solved(basis: _Basis, R: Array, extension: Array, k: Array, row_errors: Arr
     errors = np.sqrt(k)[:, None] * errors + 4 * EPS * np.abs(rest)
     form = np.abs(rest).T @ errors
     form = (form + form.T) * np.outer(strain_scale, strain_scale)
-    total = np.abs(basis.strains) @ form @ np.abs(basis.strains).T
+    # An error of the directions of the strains gives a small component of the tensor a part of the large ones.
+    size, turned = np.abs(basis.strains), basis.strain_errors
+    scaled = np.abs(factors_of_strains).T @ np.abs(factors_of_strains)
+    mixed = size @ scaled @ turned.T
+    total = size @ form @ size.T + mixed + mixed.T + turned @ scaled @ turned.T
     n_self_stresses = len(k) - basis.motions.shape[1]
     return Hierarchy(factors, total, n_self_stresses, basis.doubtful, basis.largest_zero)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
+from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
 from critflow.linalg.tolerances import EPS
 from critflow.networks.digits import digits_of
@@ -34,6 +35,7 @@ FROM_ROUNDING = 6.0
 # Inverse iteration: shift in units of the squared tolerance, so that values below it gain a hundredfold in every step;
 # most steps; largest singular value, in units of the tolerance, of a null space that has converged.
 _SHIFT, _MOST_ITERATIONS, _CONVERGED = 0.01, 6, 1e-6
+_PROBES = 8  # random null vectors that estimate the largest singular value of all
 # Squared singular values near the first of these are resolved best in the search for the smallest that is not zero;
 # the others follow where it does not converge within this number of restarts times edges, as for long chains.
 _MODERATE, _RESTARTS_TIMES_SIZE = (1e-3, 1e-6, 1e-9), 3_000_000
@@ -47,6 +49,7 @@ class Spectrum:
 
     n_coordinates, n_motions  number of free coordinates, and of zero modes among them
     gap                       largest value that counts as zero and the smallest that does not, or limits of them
+    pattern                   of RᵀR; None for small networks
 
     Raises `InputError` for a tolerance that is not positive, or too small for a large network.
     """
@@ -55,16 +58,17 @@ class Spectrum:
         self._tolerance = ZERO_MODE if tolerance is None else tolerance
         if not self._tolerance > 0:
             raise InputError(f"the tolerance must be positive, not {self._tolerance}: 1e-6 separates most networks")
+        self._dense = network.n_edges <= DENSE_EDGES
         self._largest_rounding = np.inf
         if tolerance is None:
             # Norm of the change of all rows, each √2 times a direction.
             reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
-            rounding = EPS * reach * float(np.linalg.norm(np.sqrt(2) / length))
-            self._largest_rounding = max(ROUNDING_MARGIN * rounding, ITERATION_ERROR)
+            rounding = EPS * float(np.linalg.norm(np.sqrt(2) * (1 + reach / length)))
+            self._largest_rounding = max(ROUNDING_MARGIN * rounding, 0.0 if self._dense else ITERATION_ERROR)
         self.n_coordinates = network.dimension * len(network.free)
         unit = L / length[:, None]
         self._R = spread_columns(network, unit)
-        self._dense = network.n_edges <= DENSE_EDGES
+        self.pattern: FixedPattern | None = None
         if self._dense:
             self._decompose()
         else:
@@ -87,7 +91,7 @@ class Spectrum:
                 f"singular values below {SQUARED_ROUNDING:.0e} are below the rounding of RᵀR, which counts networks "
                 f"of more than {DENSE_EDGES} edges: raise the tolerance from {tolerance:.1e}"
             )
-        self._pattern = block_laplacian(network)
+        self.pattern = block_laplacian(network)
         self._values = edge_blocks(np.ones(network.n_edges), unit, np.zeros(network.n_edges))
         counted, fewest = self._below(tolerance), max(self.n_coordinates - network.n_edges, 0)
         self.n_motions = max(counted, fewest)
@@ -96,7 +100,7 @@ class Spectrum:
 
     def _below(self, threshold: float) -> int:
         """Number of singular values below a threshold: negative eigenvalues of RᵀR − threshold² (Sylvester)."""
-        return self._pattern.factorize(self._values, -(threshold**2)).n_negative
+        return self.pattern.factorize(self._values, -(threshold**2)).n_negative
 
     def doubt(self, largest_zero: float, smallest_nonzero: float) -> str:
         """The reason why a count with this gap cannot be trusted, or an empty string."""
@@ -121,6 +125,24 @@ class Spectrum:
         """An orthonormal basis of unit tensions (count, N_b) or motions (count, d·n_free), and the gap."""
         if self._dense:
             return self._null[0 if of_stresses else 1], self.gap
+        vectors, largest = self._null_vectors(count, of_stresses)
+        return vectors.T, (largest, self._smallest_nonzero(vectors, of_stresses))
+
+    def largest_zero(self) -> float:
+        """The largest singular value that counts as zero: of large networks an estimate from a few null vectors.
+
+        Tensions and motions share their singular values, so the smaller null space has all that matter.  A value of one
+        of its n vectors appears in p random ones reduced by √(p/n), to a factor of ten or so.
+        """
+        n_stresses, n_motions = self._R.shape[0] - self.n_coordinates + self.n_motions, self.n_motions
+        count = min(n_stresses, n_motions)
+        if self._dense or not count:
+            return self.gap[0]
+        probes = min(count, _PROBES)
+        return self._null_vectors(probes, n_stresses < n_motions)[1] * float(np.sqrt(count / probes))
+
+    def _null_vectors(self, count: int, of_stresses: bool) -> tuple[Array, float]:
+        """Orthonormal vectors (n, count) of a null space, random ones of a larger one, and the norm of R on them."""
         M = self._R.T if of_stresses else self._R
         amplified = self._filter(_SHIFT * self._tolerance**2, of_stresses)
         vectors = np.random.default_rng(0).standard_normal((M.shape[1], count))
@@ -130,7 +152,7 @@ class Spectrum:
             largest = float(np.linalg.svd(M @ vectors, compute_uv=False)[0])
             if largest < _CONVERGED * self._tolerance:
                 break
-        return vectors.T, (largest, self._smallest_nonzero(vectors, of_stresses))
+        return vectors, largest
 
     def _smallest_nonzero(self, null: Array, of_stresses: bool) -> float:
         """The smallest singular value outside a null space (n, count), by Lanczos iteration."""
@@ -156,7 +178,7 @@ class Spectrum:
 
     def _filter(self, shift: float, of_stresses: bool) -> Callable[[Array], Array]:
         """The map shift/(s² + shift) of the singular values s, on tensions or on motions (n, count)."""
-        factor = self._pattern.factorize(self._values, shift)
+        factor = self.pattern.factorize(self._values, shift)
 
         def on_stresses(v: Array) -> Array:
             return v - np.asarray(self._R @ factor.solve(np.asarray(self._R.T @ v)))

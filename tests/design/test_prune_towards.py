@@ -41,7 +41,7 @@ def test_values_and_choices_are_those_of_new_factorisations(objective):
     for edge, value in zip(found.cuts, found.values[1:], strict=True):
         part = pruned(before.network, kept)
         now = CriticalManifold(part.network).configuration(before.sigma[part.edges])
-        after = edge_leverage(now, objective).after
+        after = edge_leverage(now, objective).value.after
         assert after[np.flatnonzero(part.edges == edge)[0]] == pytest.approx(after[best(after)], rel=1e-9)
         assert value == pytest.approx(after[best(after)], rel=1e-9)
         kept[edge] = False

@@ -20,6 +20,7 @@ from critflow import (
     CriticalManifold,
     Deformation,
     InputError,
+    Network,
     PowerLaw,
     Status,
     WormLike,
@@ -321,6 +322,15 @@ def test_compressed_springs_are_unstable():
     state = spring_state(network, critical.lengths, critical.coordinates).deformed(0.95 * np.eye(2))
     found = linear_response(state, network.volume)
     assert found.status is Status.unstable and np.isnan(found.value.bulk)
+
+
+@pytest.mark.parametrize("compression", [1e-13, 1e-12, 1e-9, 1e-3])
+def test_weakly_compressed_chains_are_unstable(compression):
+    # A compressed chain buckles sideways however small its stress is; it must not have a negative shear modulus.
+    corners = np.array([[0.0, 0], [1, 0], [2, 0], [3, 0]])
+    chain = Network([[0, 1], [1, 2], [2, 3], [3, 0]], [[0, 0]] * 3 + [[1, 0]], 4 * np.eye(2), positions=corners)
+    found = linear_response(spring_state(chain, np.full(4, 1 + compression), corners), 16.0)
+    assert found.status is Status.unstable and np.isnan(found.value.shear)
 
 
 # Errors under stress

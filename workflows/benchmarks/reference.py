@@ -105,6 +105,13 @@ def configuration(network, sigma):
 
 
 @precise
+def bypass(network, sigma):
+    """1 − σ_α g_αᵀ P⁻¹ g_α of each edge, (N_b,)."""
+    sigma, g = numbers(sigma), incidence(network)
+    return 1 - sigma * dot(g, solve(laplacian(network, sigma), g.T).T)
+
+
+@precise
 def transition_moduli(network, critical):
     """B_0 and G_0 of a configuration with one self-stress: (Σσḣ)²/(V Σσ²|L|²/k) with ḣ = L·A L."""
     L, sigma, k = critical.bond_vectors, critical.sigma, numbers(network.stiffness)
