@@ -27,7 +27,7 @@ from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError,
 from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
 from critflow.workflow.provenance import code_version, timestamp
-from critflow.workflow.study import Study
+from critflow.workflow.study import KINDS, Study, tally
 from critflow.workflow.tasks import HOUR, Interrupted
 
 if TYPE_CHECKING:
@@ -336,5 +336,5 @@ def _print_report(folder: Folder, report: Report) -> None:
     if report.left_out:
         print(f"{folder.path}: not made, because the run does not store their variables: {', '.join(report.left_out)}")
     if report.claims:
-        verdicts = [claim.verdict for claim in report.claims if claim.verdict != "measured"]
-        print(f"{folder.path / 'claims.md'}: {verdicts.count('holds')} of {len(verdicts)} claims hold")
+        counts = [f"{KINDS[kind]}: {count}" for kind, count in tally(report.claims).items()]
+        print(f"{folder.path / 'claims.md'}: {'; '.join(counts) or 'nothing was tested'}")
