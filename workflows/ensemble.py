@@ -184,7 +184,7 @@ def _alike(ds):
         spread = f" (s = {parameters(ds)[SPREADS[other]]:g})" if other in SPREADS else ""
         yield Claim.tested(
             f"StructuralMetrics-{one}-{other}", f"{NAMES[one]} and {NAMES[other]}{spread} are {word} in all metrics",
-            word, "medians differ by " + ", ".join(f"{name} {value:.2g} %" for name, value in gap.items()),
+            word, "medians differ by " + ", ".join(f"{name} {value:.3g} %" for name, value in gap.items()),
             max(gap.values()) <= ALIKE, "rest lengths that spread gather tension on some edges",
             criterion=f"each within {ALIKE} % of the range of all populations",
             sample=counts(ds, "stressed_fraction", (one, other)), kind="paper",

@@ -100,7 +100,8 @@ def _bulk(ds, kind):
     for p in (*GAPS, "random_lengths_wide"):
         if p not in ds.population or not len(of(ds, "bulk_modulus_0", p)):
             continue
-        printed, spread = GAPS[p.removesuffix("_wide")], f" (s = {parameters(ds)[SPREADS[p]]:g})" * (p in SPREADS)
+        printed = GAPS[p.removesuffix("_wide")]
+        spread = f" (s = {parameters(ds)[SPREADS[p]]:g})" if p in SPREADS else ""
         best, other = (ds.bulk_modulus_0.sel(population=name) for name in ("bulk_modulus", p))
         above = finite(100 * (best / other - 1))
         slack = 100 * (1 - np.mean(of(ds, "stressed_fraction", p)))
