@@ -25,13 +25,13 @@ from rich.progress import (
 )
 
 from critflow.result import IntegrityError, Status, StudyError
-from critflow.workflow.dataset import labelled_dataset, write_dataset
+from critflow.workflow.dataset import Assembly, write_dataset
 from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, MISSING, CaseState, Folder, Note, reason_lines
 from critflow.workflow.load import StudyFile
 from critflow.workflow.plan import LONGEST, Case, Selection, spelled
 from critflow.workflow.provenance import code_version, environment, timestamp
 from critflow.workflow.report import Report, ReportError, write_report
-from critflow.workflow.store import delete_failure, read_shard
+from critflow.workflow.store import delete_failure
 from critflow.workflow.tasks import Interrupted, Job
 from critflow.workflow.workers import Task, Workers, compute, interruption
 
@@ -109,8 +109,7 @@ def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
         if not complete:
             raise StudyError(f"no dataset and {sizes} complete in {folder.path}: {_RESUME}")
         partial = replace(selection, axes={**selection.axes, axis.name: complete})
-        shards = ((c, s) for c, _, _ in folder.states(partial) if (s := read_shard(folder.shards, partial.study, c)))
-        write_dataset(labelled_dataset(partial, shards, []), folder.dataset(partial.study.name), origin)
+        write_dataset(Assembly(partial, folder.shards), folder.dataset(partial.study.name), origin)
     return f"{sizes} are complete: {_RESUME}"
 
 
@@ -194,13 +193,11 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
     """Write the dataset of all stored cases, and its report."""
     study, states = plan.selection.study, folder.states(plan.selection)
     path = folder.dataset(study.name)
-    shards = ((c, s) for c, state, _ in states if state == DONE and (s := read_shard(folder.shards, study, c)))
     failed = [(case, reason) for case, state, reason in states if state == FAILED]
     progress.say(f"{study.name}: writing the dataset of {len(states)} cases")
-    dataset = labelled_dataset(plan.selection, shards, [case for case, _ in failed])
-    write_dataset(dataset, path, origin)
+    attributes = write_dataset(Assembly(plan.selection, folder.shards, [case.id for case, _ in failed]), path, origin)
     requested = {case.id: reason for case, reason in failed if _selects(plan.requested, case)}
-    messages = _messages_of_changed_code(dataset.attrs.get("cases_code", ""), code_version(study))
+    messages = _messages_of_changed_code(attributes.get("cases_code", ""), code_version(study))
     progress.say(f"{study.name}: drawing the figures and testing the claims")
     try:
         report = write_report(study, folder)
