@@ -63,7 +63,8 @@ class Assembly:
                     self.table.add(case, {**shard.arrays, "status": np.asarray(int(shard.status))})
                     self.origins.append((case.id, shard.checksum, shard.code, shard.environment))
             last = start + n >= len(values)
-            names = [v.name for v in self.selection.study.variables if last or self.first in v.dims]
+            shared = [v.name for v in self.selection.study.variables if self.first not in v.dims]
+            names = [name for name in self.table.variables if name not in shared] + shared * last
             yield slice(start, start + len(part.axes[self.first])), {name: self.table.array(name) for name in names}
 
     def template(self) -> xr.Dataset:

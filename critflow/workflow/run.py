@@ -53,7 +53,7 @@ class RunPlan:
 class RunResult:
     """The files and counts of a finished run."""
 
-    dataset: Path
+    dataset: Path | None  # None for a part that is not the last
     kept: int  # requested cases that were stored before
     failed: dict[str, str] = field(default_factory=dict)  # ids of requested cases, with reasons
     report: Report = field(default_factory=Report)
@@ -63,7 +63,7 @@ class RunResult:
 def plan_run(folder: Folder, requested: Selection, retry_failed: bool) -> RunPlan:
     """The cases to compute; every stored shard is read and verified."""
     selection, messages = _dataset_selection(folder, requested)
-    states = folder.states(selection, read=True)
+    states = folder.states(folder.part.within(selection) if folder.part else selection, read=True)
     todo = [
         case
         for case, state, _ in states
@@ -92,7 +92,23 @@ def run_study(
             delete_failure(folder.failed, case)
         progress = _RunProgress(plan.selection.study.name, len(plan.todo))
         _compute(loaded, plan, folder, workers, progress)
-        return _finish(plan, folder, origin, progress)
+        if folder.part is None:
+            return _finish(plan, folder, origin, progress)
+        states = folder.states(plan.selection)
+        if others := sum(state == MISSING for _, state, _ in states):
+            message = f"{others} cases of other parts are missing: the last part writes the dataset"
+        else:
+            with folder.merging() as last:
+                if last:
+                    return _finish(plan, folder, origin, progress)
+            message = "another run writes the dataset of all parts"
+        failed = {case.id: reason for case, state, reason in states if state == FAILED}
+        return RunResult(
+            None,
+            _kept(plan),
+            {s.case.id: failed[s.case.id] for s in plan.states if s.case.id in failed},
+            messages=[message],
+        )
 
 
 def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
@@ -165,7 +181,7 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
     command = (word, f"--out={folder.path}-alone", "--retry-failed", *workers.options)
     seconds = workers.case_seconds if workers.processes or workers.remote else None
     parameters, path = dict(plan.selection.parameters), str(folder.path.absolute())
-    job = Job(str(loaded.path), loaded.digest, path, parameters, study.selected, command, seconds)
+    job = Job(str(loaded.path), loaded.digest, path, parameters, study.selected, command, seconds, folder.part)
     groups = groupby(plan.todo, lambda case: case.values[first])
     tasks: list[Task] = [[case.values for case in group] for _, group in groups]
     stored = 0
@@ -206,8 +222,11 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
             raise
         report = Report()
         messages.append(str(error))
-    kept = plan.requested.count - sum(_selects(plan.requested, case) for case in plan.todo)
-    return RunResult(path, kept, requested, report, messages)
+    return RunResult(path, _kept(plan), requested, report, messages)
+
+
+def _kept(plan: RunPlan) -> int:
+    return plan.requested.count - sum(_selects(plan.requested, case) for case in plan.todo)
 
 
 def _messages_of_changed_code(cases_code: str, code: str) -> list[str]:
