@@ -48,7 +48,7 @@ def test_a_run_by_name_writes_its_folder(here, capsys):
     out, err = capsys.readouterr()
     names = [line.split(":")[0].removeprefix("results/tiny") for line in out.splitlines()]
     assert (names[0], names[-1], len(names)) == ("/tiny.nc", "/claims.md", 3)
-    assert "1 of 2 claims hold" in out
+    assert "claims of ours: 1 of 2 hold" in out
     assert "8/8 cases" in err.splitlines()[-3]
     assert ["dataset" in err.splitlines()[-2], "figures" in err.splitlines()[-1]] == [True, True]
     folder = here / "results" / "tiny"
@@ -58,7 +58,10 @@ def test_a_run_by_name_writes_its_folder(here, capsys):
     assert (folder / "figures" / "growth.gif").read_bytes().startswith(b"GIF89a")
     claims = json.loads((folder / "claims.json").read_text())
     assert [claim["verdict"] for claim in claims] == ["holds", "measured", "differs"]
-    assert "| large | residuals \\| are large | 7 | 0.5 | differs |" in (folder / "claims.md").read_text()
+    assert (
+        "| large | residuals \\| are large | 7 | = 7 | 0.5 | 4 networks | differs |"
+        in (folder / "claims.md").read_text()
+    )
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["count"], summary["nothing"]) == (4, None)
     assert sum(line.startswith("seed") for line in (folder / "run.log").read_text().splitlines()) == 8
@@ -214,7 +217,7 @@ def test_figures_are_drawn_from_the_dataset_alone(here, capsys):
     assert (folder / "figures" / "modulus.png").read_bytes() == first
     assert main(["figures", str(folder), "--format", "pdf"]) == 0
     assert (folder / "figures" / "modulus.pdf").read_bytes().startswith(b"%PDF")
-    assert "1 of 2 claims hold" in capsys.readouterr().out
+    assert "claims of ours: 1 of 2 hold" in capsys.readouterr().out
 
 
 def test_version_and_help(capsys):

@@ -92,18 +92,18 @@ def claims(ds):
         Claim.tested(
             "DesignIsogonalKeeps", "isogonal designs keep B_0 and G_0 to rounding", "< 1e-12",
             f"largest relative change {kept:.1g} of B_0, {sheared:.1g} of G_0", kept < 1e-12 and sheared < 1e-9,
-            "they change",
+            "they change", criterion="1e-12 of B_0, 1e-9 of G_0", kind="check",
         ),
         Claim.tested(
             "DesignIsogonalTargets",
             "targets of C_B above the least one of each family are met to 1e-9, with edges of at least ⟨L⟩/20",
             "all", f"largest error {error:.1g}, outcomes {counts}, median {time:.2g} s each", error < 1e-9 and every,
-            "some are missed",
+            "some are missed", criterion="1e-9, every target", kind="check",
         ),
         Claim.tested(
             "DesignIsogonalReach", "no member of a family softens more than C_B = −B_0/2", "≥ −1/2",
             f"least C_B/B_0 found in each family {spread(low)}, least {low.min():.4g}",
-            bool((low >= -0.5 - 1e-9).all()), "some do",
+            bool((low >= -0.5 - 1e-9).all()), "some do", criterion="C_B/B_0 ≥ −1/2 to 1e-9",
         ),
     ]  # fmt: skip
 

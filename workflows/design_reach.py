@@ -164,18 +164,18 @@ def claims(ds):
             f"attained to {np.abs(error).max():.0e} in {len(error)} of {ratio.size} directions; part of σ > 0: "
             f"{np.nanmin(tensile[..., -1]):.2f} to {np.nanmax(tensile[..., -1]):.2f}",
             len(error) == ratio.size and np.abs(error).max() < 1e-8 and np.nanmax(tensile) < 1 + 1e-9,
-            "the bound is not attained in some directions",
+            "the bound is not attained in some directions", criterion="1e-8 in every direction", kind="check",
         ),
         Claim.tested(
             "DesignTensileReach", "S of positive stresses is positive definite", "always",
             f"{len(positive)} configurations", (np.abs(positive[:, 1]) < positive[:, 0]).all(),
-            "some stress is indefinite",
+            "some stress is indefinite", criterion="every stress", sample=f"{len(positive)} stresses", kind="check",
         ),
         Claim.tested(
             "DesignAuxetic", "at the transition positive stresses have ν > 0, and compressed edges have either sign",
             "ν > 0 for σ > 0",
             f"ν from {stretched.min():.2g} to {stretched.max():.2g} for σ > 0, from {signed.min():.2g} otherwise",
-            bool(stretched.min() > 0 and signed.min() < 0), "the signs differ",
+            bool(stretched.min() > 0 and signed.min() < 0), "the signs differ", criterion="every σ > 0, some other",
         ),
     ]  # fmt: skip
 

@@ -16,25 +16,13 @@ from critflow import foam_network
 from critflow.figures.plot import draw_in_depth, unit_pressure_tensions
 from critflow.generators.random_networks import FOAM_HARD_CORE, check_foam
 from critflow.paths.strain_path import check_strains
-from critflow.result import Status
-from critflow.workflow import Axis, Claim, Coordinate, Study, decimals
+from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from .shared.checks import check_network, check_positive
 from .shared.measurements import DRAWN, identified, measured, table, verify
-from .shared.population_reports import (
-    CONVENTIONS,
-    large_shear,
-    largest_bulk,
-    linear_change,
-    of,
-    opposed_ranks,
-    shear_gain,
-    signs_of_bulk,
-    signs_of_shear,
-    summary,
-)
+from .shared.population_reports import population_claims, summary
 from .shared.populations import LABELS, PAPER_POPULATIONS, configuration, prepared
-from .shared.reports import PAPER, parameters
+from .shared.reports import PAPER
 from .shared.violins import violins
 
 
@@ -68,7 +56,7 @@ LEAST_SHOWN = 1e-8
 def response_figure(ds):
     """`ResponseMetrics` in three dimensions: two networks in projection, moduli and their growth."""
     figure = Figure(figsize=(12.5, 8.0), dpi=110, layout="constrained")
-    figure.suptitle("Critical networks in three dimensions: the order and the signs of the plane", fontsize=13)
+    figure.suptitle("Critical networks in three dimensions", fontsize=13)
     left, right = figure.subfigures(1, 2, width_ratios=(1, 2.15))
     seed = int(ds.seed[0])
     for axes, population in zip(left.subplots(2, 1), ("bulk_modulus", "shear_modulus"), strict=True):
@@ -121,85 +109,11 @@ def _draw(axes, one):
     draw_in_depth(axes, one.edges.values, one.offsets.values, one.cell.values, one.coordinates.values, tensions)
 
 
-# Claims
-
-
 def claims(ds):
     """The statements of the paper on planar networks, tested in three dimensions if all populations were run."""
     if not set(PAPER_POPULATIONS) <= {str(name) for name in ds.population.values}:
         return []
-    return [*_variances(ds), *_bulk(ds), *_growth(ds), *_shear(ds), *_percolation(ds)]
-
-
-def _shown(ds, name):
-    """Median and 5 % to 95 % of every population: single networks with few stressed edges lie far off."""
-    known = [(p, of(ds, name, p)) for p in PAPER_POPULATIONS]
-    parts = ((p, *np.quantile(values, (0.5, 0.05, 0.95))) for p, values in known if len(values))
-    shown = "; ".join(f"{p} {median:.2g} ({low:.2g} to {high:.2g})" for p, median, low, high in parts)
-    unknown = [p for p, values in known if not len(values)]
-    return shown + (f"; not defined for {', '.join(unknown)}" if unknown else "")
-
-
-def _variances(ds):
-    V_L, status = (ds[name].sel(population="length_variance").values for name in ("length_variance", "status"))
-    whole = status == Status.ok
-    slack = 100 * (1 - of(ds, "stressed_fraction", "length_variance").mean())
-    yield Claim.tested(
-        "LengthVariance", "equal lengths are reached up to V_L ≲ 1e-7", "≲ 1e-7",
-        f"in {whole.sum()} of {len(whole)} networks; at most {np.nanmax(V_L):.1g} in the others", whole.all(),
-        f"equal lengths leave edges slack ({slack:.1f} % on average), which are shorter than the others",
-    )  # fmt: skip
-    V_t, status = (ds[name].sel(population="tension_variance").values for name in ("tension_variance", "status"))
-    collapsed = int(np.sum(status != Status.ok))
-    yield Claim.tested(
-        "TensionVariance", "the least tension variance is about 1e-2, not zero", "≈ 1e-2",
-        f"{np.nanmean(V_t):.2g} ± {np.nanstd(V_t):.1g} near an infimum that {collapsed} of {len(status)} networks do "
-        "not attain", collapsed == 0 and 0.005 < np.nanmean(V_t) < 0.02,
-        "four equal tensions balance at many angles, so V_τ falls lower than where three must meet at 120°, and edges "
-        "shrink to zero length on the way",
-    )  # fmt: skip
-
-
-def _bulk(ds):
-    yield largest_bulk(ds, PAPER_POPULATIONS)
-    for p, printed, within, because in (
-        ("length_variance", 10, 5, "equal lengths leave edges slack, and B_0 falls with them"),
-        ("random_lengths", 10, 5, "edges are slack in every network, and B_0 falls with them"),
-        ("shear_modulus", 50, 10, "the number is that of planar networks"),
-        ("random_stress", 50, 10, "the number is that of planar networks"),
-    ):
-        above = 100 * (ds.bulk_modulus_0.sel(population="bulk_modulus") / ds.bulk_modulus_0.sel(population=p) - 1)
-        low, median, high = above.quantile((0.05, 0.5, 0.95)).values
-        yield Claim.tested(
-            f"ResponseMetrics-A-{p}", f"max B_0 lies about {printed} % above {p}", f"{printed} %",
-            f"{median:.0f} % ({low:.0f} to {high:.0f} %)", abs(median - printed) <= within, because,
-        )  # fmt: skip
-
-
-def _growth(ds):
-    yield signs_of_bulk(ds, PAPER_POPULATIONS, _shown(ds, "C_B_exact"))
-    for name in CONVENTIONS:
-        because = "most networks of some population have the other sign"
-        yield signs_of_shear(ds, name, PAPER_POPULATIONS, _shown(ds, name), because)
-    yield opposed_ranks(ds, PAPER_POPULATIONS)
-    yield linear_change(ds, PAPER_POPULATIONS)
-
-
-def _shear(ds):
-    best = float(np.median(of(ds, "shear_modulus_0", "shear_modulus")))
-    yield large_shear(shear_gain(ds, PAPER_POPULATIONS), f"{best:.3g}")
-
-
-def _percolation(ds):
-    fraction, spread = of(ds, "stressed_fraction", "random_lengths"), parameters(ds)["spread"]
-    whole, few = int(np.sum(fraction == 1)), int(np.sum(fraction < 0.5))
-    yield Claim.tested(
-        "percolation", f"random rest lengths (s = {spread:g}) leave every edge stressed", "full rigidity percolation",
-        f"{whole} of {len(fraction)} networks; {100 * np.median(fraction):.1f} % of the edges (median)",
-        whole >= 0.9 * len(fraction),
-        "with four edges a vertex even equal lengths leave some slack"
-        + (f"; in {few} network(s) a single chain around the cell is taut before all else" if few else ""),
-    )  # fmt: skip
+    return list(population_claims(ds, "ours"))
 
 
 study = Study(

@@ -23,11 +23,11 @@ from critflow.command.networks import convert, examine_file, make
 from critflow.exchange.data import counted
 from critflow.linalg.backends import available_backends
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
-from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, reason_lines
+from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, Part, reason_lines
 from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
 from critflow.workflow.provenance import code_version, timestamp
-from critflow.workflow.study import Study
+from critflow.workflow.study import KINDS, Study, tally
 from critflow.workflow.tasks import HOUR, Interrupted
 
 if TYPE_CHECKING:
@@ -134,6 +134,12 @@ def run(
     memory_limit: Annotated[
         float | None, typer.Option(metavar="GB", help="Memory limit of a worker process; an equal share by default.")
     ] = None,
+    part: Annotated[
+        str,
+        typer.Option(
+            metavar="I/N", help="Compute one of N parts; parts share the folder, the last writes the dataset."
+        ),
+    ] = "",
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute failed cases again.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan and write nothing.")] = False,
 ) -> int:
@@ -157,7 +163,7 @@ def run(
     processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
     place = Workers(processes, scheduler, cluster, jobs, insecure, time_limit, memory_limit)
     requested = select(loaded.study, settings)
-    folder = Folder(Path(out) if out else Path("results") / loaded.study.name)
+    folder = Folder(Path(out) if out else Path("results") / loaded.study.name, Part.of(part))
     folder.check_owner(loaded)
     if dry_run:
         return _print_plan(loaded, requested, folder, plan_run(folder, requested, retry_failed))
@@ -186,7 +192,7 @@ def _print_plan(loaded: StudyFile, requested: Selection, folder: Folder, plan: R
 
 def _print_result(requested: Selection, folder: Folder, result: RunResult) -> int:
     stored = f"{result.kept} of {requested.count} requested cases were stored before"
-    print(f"{result.dataset}: {requested.sizes}, {stored}")
+    print(f"{result.dataset or folder.path}: {requested.sizes}, {stored}")
     for message in result.messages:
         _warn(message)
     _print_report(folder, result.report)
@@ -336,5 +342,5 @@ def _print_report(folder: Folder, report: Report) -> None:
     if report.left_out:
         print(f"{folder.path}: not made, because the run does not store their variables: {', '.join(report.left_out)}")
     if report.claims:
-        verdicts = [claim.verdict for claim in report.claims if claim.verdict != "measured"]
-        print(f"{folder.path / 'claims.md'}: {verdicts.count('holds')} of {len(verdicts)} claims hold")
+        counts = [f"{KINDS[kind]}: {count}" for kind, count in tally(report.claims).items()]
+        print(f"{folder.path / 'claims.md'}: {'; '.join(counts) or 'nothing was tested'}")

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import dask.array
+import netCDF4
 import numpy as np
 import xarray as xr
 
 from critflow.result import IntegrityError, Status, StudyError
 from critflow.workflow.plan import SEED_ENTROPY, Case, Selection
 from critflow.workflow.provenance import code_version, dataset_versions, source_tree, timestamp
-from critflow.workflow.store import SCHEMA_VERSION, Shard, append_seal, replacing, verified_checksum
+from critflow.workflow.store import SCHEMA_VERSION, append_seal, read_shard, replacing, verified_checksum
 from critflow.workflow.study import Variable
 
 REWRITE = "run the study again to write it"  # end of a message about a damaged or outdated file
@@ -27,49 +31,106 @@ _COMMENT = (
     "adds up, modulo 2**256, the SHA-256 of a line for each case: its name and its shard's checksum."
 )
 _MOST_CHECKSUMS = 100  # checksums of single shards in the attributes
+_PIECE = 2**26  # bytes of a dataset in memory at once
 
 
-def labelled_dataset(selection: Selection, shards: Iterable[tuple[Case, Shard]], failed: Iterable[Case]) -> xr.Dataset:
-    """The dataset of a selection, in memory; cases without a result have fill values and the status `missing`.
+class Assembly:
+    """The dataset of a selection in pieces along its first axis, so that one piece at a time is in memory.
 
-    Raises `IntegrityError` if inner sizes differ between cases, or values that cases share differ.
+    Cases without a shard have fill values and the status `missing`.
     """
-    study = selection.study
-    table = _Table(selection)
-    origins = []
-    for case, shard in shards:
-        table.add(case, {**shard.arrays, "status": np.asarray(int(shard.status))})
-        origins.append((case.id, shard.checksum, shard.code, shard.environment))
-    for case in failed:
-        table.add(case, {"status": np.asarray(int(Status.failed))})
-    data = {
-        variable.name: xr.Variable(variable.dims, table.array(variable), variable_attributes(variable))
-        for variable in study.variables
-    }
-    attributes = _global_attributes(selection) | _origin_attributes(selection, origins)
-    stated = {name: value for name, value in attributes.items() if value != ""}
-    dataset = xr.Dataset(data, _coordinates(selection), stated)
-    for name, labelled in dataset.variables.items():
-        filled = labelled.dtype.kind == "f" and name in data  # xarray would add a fill value to coordinates
-        labelled.encoding["_FillValue"] = np.nan if filled else None
-        if labelled.dtype.kind == "U":
-            # Fixed characters: the library crashes on strings of variable length in a file that is opened twice.
-            labelled.encoding["dtype"] = "S1"
-    return dataset
+
+    def __init__(self, selection: Selection, shards: Path, failed: Iterable[str] = ()):
+        self.selection, self.shards, self.failed = selection, shards, frozenset(failed)
+        self.first = selection.study.axis_names[0]
+        self.table = _Table(selection)
+        self.origins: list[tuple[str, str, str, str]] = []
+
+    def pieces(self) -> Iterator[tuple[slice, dict[str, np.ndarray]]]:
+        """Rows of the first axis and the arrays of these rows; variables without this axis come with the last piece.
+
+        Raises `IntegrityError` if inner sizes differ between cases, or values that cases share differ.
+        """
+        self.origins.clear()
+        values, n = self.selection.axes[self.first], self._rows()
+        for start in range(0, len(values), n):
+            part = replace(self.selection, axes={**self.selection.axes, self.first: values[start : start + n]})
+            self.table.begin(part)
+            for case in part.cases():
+                if case.id in self.failed:
+                    self.table.add(case, {"status": np.asarray(int(Status.failed))})
+                elif shard := read_shard(self.shards, self.selection.study, case):
+                    self.table.add(case, {**shard.arrays, "status": np.asarray(int(shard.status))})
+                    self.origins.append((case.id, shard.checksum, shard.code, shard.environment))
+            last = start + n >= len(values)
+            shared = [v.name for v in self.selection.study.variables if self.first not in v.dims]
+            names = [name for name in self.table.variables if name not in shared] + shared * last
+            yield slice(start, start + len(part.axes[self.first])), {name: self.table.array(name) for name in names}
+
+    def template(self) -> xr.Dataset:
+        """The dataset with its sizes, coordinates and attributes, and lazy fill values in place of the variables."""
+        self._rows()
+        sizes = self.table.sizes | {name: len(values) for name, values in self.selection.axes.items()}
+        data = {}
+        for variable in self.selection.study.variables:
+            shape = [sizes.setdefault(dim, 0) for dim in variable.dims]  # 0: no case has this variable
+            empty = dask.array.full(shape, variable.filler, dtype=variable.dtype, chunks=-1)
+            data[variable.name] = xr.Variable(variable.dims, empty, variable_attributes(variable))
+        attributes = {name: value for name, value in _global_attributes(self.selection).items() if value != ""}
+        dataset = xr.Dataset(data, _coordinates(self.selection), attributes)
+        for name, labelled in dataset.variables.items():
+            filled = labelled.dtype.kind == "f" and name in data  # xarray would add a fill value to coordinates
+            labelled.encoding["_FillValue"] = np.nan if filled else None
+            if labelled.dtype.kind == "U":
+                # Fixed characters: the library crashes on strings of variable length in a file that is opened twice.
+                labelled.encoding["dtype"] = "S1"
+        return dataset
+
+    def origin_attributes(self) -> dict[str, str]:
+        """Attributes about the shards of the pieces, known after the last one."""
+        return {k: v for k, v in _origin_attributes(self.selection, self.origins).items() if v != ""}
+
+    def _rows(self) -> int:
+        """Rows of a piece of about `_PIECE` bytes; the inner sizes are those of the first cases that have them."""
+        sizes, variables = self.table.sizes, self.selection.study.variables
+        for case in self.selection.cases():
+            if all(dim in sizes for variable in variables for dim in variable.dims):
+                break
+            if case.id not in self.failed and (shard := read_shard(self.shards, self.selection.study, case)):
+                self.table.measure(case, shard.arrays)
+        row = sum(
+            np.dtype(v.dtype).itemsize * math.prod(sizes.get(dim, 0) for dim in v.dims if dim != self.first)
+            for v in variables
+            if self.first in v.dims
+        )
+        return max(1, _PIECE // max(row, 1))
 
 
-def write_dataset(dataset: xr.Dataset, path: Path, origin: Mapping[str, str]) -> None:
-    """Write the file; its `history` is the only attribute that differs between equal runs.
+def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> dict[str, str]:
+    """Write the file in pieces and read every byte of them back; return the attributes about its shards.
 
-    origin: attributes about the command that writes it, which is its `history`
+    origin: attributes about the command that writes it, which is its `history`, the only one that differs between
+    equal runs
     """
+    stamped = assembly.template().assign_attrs({**origin, "history": f"{timestamp()} {origin['history']}"})
     with replacing(path) as partial:
-        stamped = dataset.assign_attrs({**origin, "history": f"{timestamp()} {origin['history']}"})
-        stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4")
-        with xr.open_dataset(partial, engine="netcdf4") as written:
-            if not written.equals(dataset):
+        stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4", compute=False)
+        written = []
+        with netCDF4.Dataset(partial, "a") as file:
+            file.set_auto_maskandscale(False)
+            for rows, arrays in assembly.pieces():
+                for name, array in arrays.items():
+                    place = (*(rows if dim == assembly.first else slice(None) for dim in file[name].dimensions),)
+                    file[name][place] = array
+                    written.append((name, place, sha256(array.tobytes()).digest()))
+            attributes = assembly.origin_attributes()
+            file.setncatts(attributes)
+        with netCDF4.Dataset(partial) as file:
+            file.set_auto_maskandscale(False)
+            if any(sha256(file[name][place].tobytes()).digest() != digest for name, place, digest in written):
                 raise OSError("it does not read back as written")
         append_seal(partial)
+    return attributes
 
 
 @contextmanager
@@ -105,30 +166,40 @@ def variable_attributes(variable: Variable) -> dict[str, Any]:
 
 
 class _Table:
-    """The arrays of a dataset during the merge; sizes of inner dimensions come from the first case that has them."""
+    """The arrays of one piece of a dataset, and of the variables that all pieces share."""
 
     def __init__(self, selection: Selection):
+        self.study = selection.study
         self.variables = {variable.name: variable for variable in selection.study.variables}
-        self.inner_dims = selection.study.inner_dims
         self.sizes = {c.name: len(selection.parameters[c.parameter]) for c in selection.study.coordinates}
         self.sizes |= {name: len(values) for name, values in selection.axes.items()}
-        self.rows = {name: {value: row for row, value in enumerate(values)} for name, values in selection.axes.items()}
+        self.rows: dict[str, dict] = {}
         self.arrays: dict[str, np.ndarray] = {}
         self.shared: set[tuple[str, tuple]] = set()  # filled places of variables without some axis
 
-    def add(self, case: Case, arrays: Mapping[str, np.ndarray]) -> None:
-        """Insert the arrays of one case at the place of its axis values."""
+    def begin(self, piece: Selection) -> None:
+        """Begin a piece: arrays without the first axis stay, with what filled them."""
+        first = self.study.axis_names[0]
+        self.rows = {name: {value: row for row, value in enumerate(values)} for name, values in piece.axes.items()}
+        self.sizes |= {name: len(values) for name, values in piece.axes.items()}
+        self.arrays = {name: array for name, array in self.arrays.items() if first not in self.variables[name].dims}
+        self.shared = {place for place in self.shared if first not in self.variables[place[0]].dims}
+
+    def measure(self, case: Case, arrays: Mapping[str, np.ndarray]) -> None:
+        """Take the inner sizes of a case, and refuse those that differ."""
         for name, array in arrays.items():
-            variable = self.variables[name]
-            for dim, size in zip(self.inner_dims[name], array.shape, strict=True):
+            for dim, size in zip(self.study.inner_dims[name], array.shape, strict=True):
                 if self.sizes.setdefault(dim, size) != size:
                     lengths = f"length {size} in {dim!r} of {name!r}, cases before it {self.sizes[dim]}"
                     raise IntegrityError(f"case {case.id} has {lengths}: run different sizes as separate studies")
-            place = tuple(
-                self.rows[dim][case.values[dim]] if dim in self.rows else slice(None) for dim in variable.dims
-            )
-            merged = self.array(variable)
-            if not self.rows.keys() <= set(variable.dims):
+
+    def add(self, case: Case, arrays: Mapping[str, np.ndarray]) -> None:
+        """Insert the arrays of one case at the place of its axis values."""
+        self.measure(case, arrays)
+        for name, array in arrays.items():
+            dims, merged = self.variables[name].dims, self.array(name)
+            place = tuple(self.rows[dim][case.values[dim]] if dim in self.rows else slice(None) for dim in dims)
+            if not self.rows.keys() <= set(dims):
                 where = (name, tuple(row for row in place if isinstance(row, int)))
                 if where in self.shared and merged[place].tobytes() != array.tobytes():
                     advice = "correct the case function and raise the study's version"
@@ -136,12 +207,13 @@ class _Table:
                 self.shared.add(where)
             merged[place] = array
 
-    def array(self, variable: Variable) -> np.ndarray:
+    def array(self, name: str) -> np.ndarray:
         """The array of a variable; fill values where no case has given any."""
-        if variable.name not in self.arrays:
-            shape = [self.sizes.setdefault(dim, 0) for dim in variable.dims]  # 0: no case has this variable
-            self.arrays[variable.name] = np.full(shape, variable.filler, variable.dtype)
-        return self.arrays[variable.name]
+        if name not in self.arrays:
+            variable = self.variables[name]
+            shape = [self.sizes.setdefault(dim, 0) for dim in variable.dims]
+            self.arrays[name] = np.full(shape, variable.filler, variable.dtype)
+        return self.arrays[name]
 
 
 def _origin_attributes(selection: Selection, origins: Sequence[tuple[str, str, str, str]]) -> dict[str, str]:

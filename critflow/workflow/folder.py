@@ -14,23 +14,26 @@ from __future__ import annotations
 import json
 import os
 import platform
+import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from filelock import FileLock, Timeout
 
-from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, StudyError
+from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError, StudyError
 from critflow.workflow.load import StudyFile, load_file, load_study
 from critflow.workflow.plan import Case, Selection
 from critflow.workflow.provenance import code_version
 from critflow.workflow.store import PARTIAL, SCHEMA_VERSION, OtherTable, failure_reason, read_shard, write_text
 
 DONE, FAILED, MISSING, DAMAGED, CHANGED = STATES = ("done", "failed", "missing", "damaged", "changed")
+
+_PATIENCE = 5.0  # seconds: parts that begin or end hold the lock of the whole for a moment
 
 
 class LockedError(CritflowError):
@@ -43,6 +46,33 @@ class CaseState(NamedTuple):
     case: Case
     state: str
     reason: str = ""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One of several runs that share a folder: of n parts, the i-th has every n-th value of the first axis."""
+
+    i: int  # from 1
+    n: int
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.i <= self.n:
+            raise InputError(f"--part {self.i}/{self.n} must be from 1/{self.n} to {self.n}/{self.n}")
+
+    @classmethod
+    def of(cls, text: str) -> Part | None:
+        """The part i/n of a text, None if it is empty."""
+        if text and not re.fullmatch("[0-9]{1,6}/[0-9]{1,6}", text):
+            raise InputError(f"--part {text} must be i/n, as in --part 1/4")
+        return cls(*map(int, text.split("/"))) if text else None
+
+    def __str__(self) -> str:
+        return f"-{self.i}-of-{self.n}"
+
+    def within(self, selection: Selection) -> Selection:
+        """The cases of this part."""
+        first = selection.study.axis_names[0]
+        return replace(selection, axes={**selection.axes, first: selection.axes[first][self.i - 1 :: self.n]})
 
 
 @dataclass(frozen=True)
@@ -68,11 +98,11 @@ class Note:
 class Folder:
     """Paths of one results folder."""
 
-    def __init__(self, path: Path):
-        self.path = path
+    def __init__(self, path: Path, part: Part | None = None):
+        self.path, self.part = path, part
         self.shards, self.failed, self.figures = path / "shards", path / "failed", path / "figures"
         self.note, self.log = path / "study.json", path / "run.log"
-        self.stop = path / ".stop"  # if it exists, workers begin no further case
+        self.stop = path / f".stop{part or ''}"  # if it exists, workers begin no further case
 
     def dataset(self, study: str) -> Path:
         return self.path / f"{study}.nc"
@@ -82,20 +112,27 @@ class Folder:
 
     @contextmanager
     def locked(self, loaded: StudyFile) -> Iterator[None]:
-        """Exclude other runs, and delete temporary files of runs that were killed.
+        """Exclude other runs; a run of the whole folder also deletes temporary files of runs that were killed.
 
-        The lock is released by the end of the process.  Raises `LockedError` if another run is active.
+        A part excludes itself and runs of the whole, which exclude all parts.  The lock is released by the end of the
+        process.  Raises `LockedError` if another run is active.
         """
         self.check_owner(loaded)
-        lock = FileLock(self.path / ".lock", timeout=0, mode=0o660)  # every reader could lock it
-        holder = Path(lock.lock_file)
+        lock, whole = self._lock(str(self.part or "")), self._lock("")
         try:
             for folder in (self.shards, self.failed, self.figures):
                 folder.mkdir(parents=True, exist_ok=True)
+            holder = Path(lock.lock_file)
             lock.acquire()
             holder.write_text(f"process {os.getpid()} on {platform.node()} since {time.ctime()}\n")
-            self._delete_temporary()
+            for other in [whole] if self.part else [self._lock(file.name[5:]) for file in self.path.glob(".lock?*")]:
+                holder = Path(other.lock_file)
+                with other.acquire(timeout=_PATIENCE):  # free: nobody else holds it
+                    pass
+            if not self.part:
+                self._delete_temporary()
         except Timeout:
+            lock.release()
             name = holder.read_text(errors="replace")[:200].strip()
             advice = "wait for its end, or choose another folder with --out"
             raise LockedError(f"another run is active in {self.path} ({name or 'unknown process'}): {advice}") from None
@@ -108,9 +145,21 @@ class Folder:
             self.stop.unlink(missing_ok=True)
             lock.release()
 
+    @contextmanager
+    def merging(self) -> Iterator[bool]:
+        """Whether this part has the lock of the whole, to write the dataset of all parts."""
+        try:
+            with self._lock("").acquire(timeout=_PATIENCE):
+                yield True
+        except Timeout:
+            yield False
+
+    def _lock(self, suffix: str) -> FileLock:
+        return FileLock(self.path / f".lock{suffix}", timeout=0, mode=0o660)  # every reader could lock it
+
     def _delete_temporary(self) -> None:
         for folder in (self.path, self.shards, self.failed, self.figures):
-            for pattern in (f".*{PARTIAL}", ".*.trace", ".stop", ".dask-jobqueue.*"):
+            for pattern in (f".*{PARTIAL}", ".*.trace", ".stop*", ".dask-jobqueue.*"):
                 for file in folder.glob(pattern):
                     file.unlink(missing_ok=True)
 

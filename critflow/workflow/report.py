@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ from critflow.result import CritflowError, StudyError
 from critflow.workflow.dataset import opened_dataset
 from critflow.workflow.folder import Folder
 from critflow.workflow.store import replacing
-from critflow.workflow.study import Claim, Study
+from critflow.workflow.study import KINDS, Claim, Study, tally
 
 FORMATS = ("png", "pdf", "svg")
 
@@ -90,7 +90,7 @@ def text_parts(study: Study, folder: Folder) -> list[Part]:
     parts, path = [], folder.path
     if (claims := study.claims) is not None:
         files = [path / "claims.json", path / "claims.md"]
-        parts.append(Part("claims", files, lambda dataset: _claims_files(study, list(claims(dataset)))))
+        parts.append(Part("claims", files, lambda dataset: _claims_files(study, dataset, claims(dataset))))
     if (summary := study.summary) is not None:
         parts.append(Part("summary", [path / "summary.json"], lambda dataset: [_json(summary(dataset))]))
     return parts
@@ -130,15 +130,23 @@ def _animation(frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dat
     return [file.getvalue()]
 
 
-def _claims_files(study: Study, claims: Sequence[Claim]) -> list[bytes]:
-    """The claims as JSON, and as a Markdown table followed by the reasons."""
-    lines = [f"# {study.title}", "", "| claim | the paper says | paper | here | verdict |", "|---|---|---|---|---|"]
-    for c in claims:
-        cells = [text.replace("|", "\\|") for text in (c.key, c.statement, c.paper, c.value, c.verdict)]
-        lines.append(f"| {' | '.join(cells)} |".replace("\n", " "))
-    reasons = [f"- **{c.key}** {c.verdict}: {c.because}" for c in claims if c.because]
+def _claims_files(study: Study, dataset: xr.Dataset, claims: Iterable[Claim]) -> list[bytes]:
+    """The claims as JSON, and as Markdown: a table for each kind, followed by the reasons."""
+    axis = study.axes[0]
+    whole = f"{dataset.sizes[axis.name]} {axis.noun}"
+    stated = [replace(claim, sample=claim.sample or whole) for claim in claims]
+    lines, counts = [f"# {study.title}"], tally(stated)
+    for kind, title in KINDS.items():
+        if of_kind := [claim for claim in stated if claim.kind == kind]:
+            lines += ["", f"## {title.capitalize()}" + (f": {counts[kind]}" if kind in counts else ""), ""]
+            lines += ["| claim | statement | paper | criterion | here | sample | verdict |", "|---" * 7 + "|"]
+            for c in of_kind:
+                cells = (c.key, c.statement, c.paper, c.criterion, c.value, c.sample, c.verdict)
+                row = " | ".join(text.replace("|", "\\|") for text in cells)
+                lines.append(f"| {row} |".replace("\n", " "))
+    reasons = [f"- **{c.key}** {c.verdict}: {c.because}" for c in stated if c.because]
     table = "\n".join([*lines, *(["", *reasons] if reasons else [])]) + "\n"
-    return [_json([asdict(claim) for claim in claims]), table.encode()]
+    return [_json([asdict(claim) for claim in stated]), table.encode()]
 
 
 def _json(value: Any) -> bytes:

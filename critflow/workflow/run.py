@@ -25,13 +25,13 @@ from rich.progress import (
 )
 
 from critflow.result import IntegrityError, Status, StudyError
-from critflow.workflow.dataset import labelled_dataset, write_dataset
+from critflow.workflow.dataset import Assembly, write_dataset
 from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, MISSING, CaseState, Folder, Note, reason_lines
 from critflow.workflow.load import StudyFile
 from critflow.workflow.plan import LONGEST, Case, Selection, spelled
 from critflow.workflow.provenance import code_version, environment, timestamp
 from critflow.workflow.report import Report, ReportError, write_report
-from critflow.workflow.store import delete_failure, read_shard
+from critflow.workflow.store import delete_failure
 from critflow.workflow.tasks import Interrupted, Job
 from critflow.workflow.workers import Task, Workers, compute, interruption
 
@@ -53,7 +53,7 @@ class RunPlan:
 class RunResult:
     """The files and counts of a finished run."""
 
-    dataset: Path
+    dataset: Path | None  # None for a part that is not the last
     kept: int  # requested cases that were stored before
     failed: dict[str, str] = field(default_factory=dict)  # ids of requested cases, with reasons
     report: Report = field(default_factory=Report)
@@ -63,7 +63,7 @@ class RunResult:
 def plan_run(folder: Folder, requested: Selection, retry_failed: bool) -> RunPlan:
     """The cases to compute; every stored shard is read and verified."""
     selection, messages = _dataset_selection(folder, requested)
-    states = folder.states(selection, read=True)
+    states = folder.states(folder.part.within(selection) if folder.part else selection, read=True)
     todo = [
         case
         for case, state, _ in states
@@ -92,7 +92,23 @@ def run_study(
             delete_failure(folder.failed, case)
         progress = _RunProgress(plan.selection.study.name, len(plan.todo))
         _compute(loaded, plan, folder, workers, progress)
-        return _finish(plan, folder, origin, progress)
+        if folder.part is None:
+            return _finish(plan, folder, origin, progress)
+        states = folder.states(plan.selection)
+        if others := sum(state == MISSING for _, state, _ in states):
+            message = f"{others} cases of other parts are missing: the last part writes the dataset"
+        else:
+            with folder.merging() as last:
+                if last:
+                    return _finish(plan, folder, origin, progress)
+            message = "another run writes the dataset of all parts"
+        failed = {case.id: reason for case, state, reason in states if state == FAILED}
+        return RunResult(
+            None,
+            _kept(plan),
+            {s.case.id: failed[s.case.id] for s in plan.states if s.case.id in failed},
+            messages=[message],
+        )
 
 
 def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
@@ -109,8 +125,7 @@ def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
         if not complete:
             raise StudyError(f"no dataset and {sizes} complete in {folder.path}: {_RESUME}")
         partial = replace(selection, axes={**selection.axes, axis.name: complete})
-        shards = ((c, s) for c, _, _ in folder.states(partial) if (s := read_shard(folder.shards, partial.study, c)))
-        write_dataset(labelled_dataset(partial, shards, []), folder.dataset(partial.study.name), origin)
+        write_dataset(Assembly(partial, folder.shards), folder.dataset(partial.study.name), origin)
     return f"{sizes} are complete: {_RESUME}"
 
 
@@ -166,7 +181,7 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
     command = (word, f"--out={folder.path}-alone", "--retry-failed", *workers.options)
     seconds = workers.case_seconds if workers.processes or workers.remote else None
     parameters, path = dict(plan.selection.parameters), str(folder.path.absolute())
-    job = Job(str(loaded.path), loaded.digest, path, parameters, study.selected, command, seconds)
+    job = Job(str(loaded.path), loaded.digest, path, parameters, study.selected, command, seconds, folder.part)
     groups = groupby(plan.todo, lambda case: case.values[first])
     tasks: list[Task] = [[case.values for case in group] for _, group in groups]
     stored = 0
@@ -194,13 +209,11 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
     """Write the dataset of all stored cases, and its report."""
     study, states = plan.selection.study, folder.states(plan.selection)
     path = folder.dataset(study.name)
-    shards = ((c, s) for c, state, _ in states if state == DONE and (s := read_shard(folder.shards, study, c)))
     failed = [(case, reason) for case, state, reason in states if state == FAILED]
     progress.say(f"{study.name}: writing the dataset of {len(states)} cases")
-    dataset = labelled_dataset(plan.selection, shards, [case for case, _ in failed])
-    write_dataset(dataset, path, origin)
+    attributes = write_dataset(Assembly(plan.selection, folder.shards, [case.id for case, _ in failed]), path, origin)
     requested = {case.id: reason for case, reason in failed if _selects(plan.requested, case)}
-    messages = _messages_of_changed_code(dataset.attrs.get("cases_code", ""), code_version(study))
+    messages = _messages_of_changed_code(attributes.get("cases_code", ""), code_version(study))
     progress.say(f"{study.name}: drawing the figures and testing the claims")
     try:
         report = write_report(study, folder)
@@ -209,8 +222,11 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
             raise
         report = Report()
         messages.append(str(error))
-    kept = plan.requested.count - sum(_selects(plan.requested, case) for case in plan.todo)
-    return RunResult(path, kept, requested, report, messages)
+    return RunResult(path, _kept(plan), requested, report, messages)
+
+
+def _kept(plan: RunPlan) -> int:
+    return plan.requested.count - sum(_selects(plan.requested, case) for case in plan.todo)
 
 
 def _messages_of_changed_code(cases_code: str, code: str) -> list[str]:

@@ -83,7 +83,7 @@ def write_text(path: Path, text: str) -> None:
 
 def append_seal(path: Path) -> str:
     """End a file with the seal of its bytes; return the checksum."""
-    checksum = sha256(path.read_bytes()).hexdigest()
+    checksum = _checksum(path, path.stat().st_size)
     with open(path, "ab") as file:
         file.write(_MARK + checksum.encode())
     return checksum
@@ -94,16 +94,28 @@ def verified_checksum(path: Path) -> str:
     try:
         if not path.is_file():  # reading a pipe would block
             raise IntegrityError(f"{path} is damaged: it is not a file")
-        contents = path.read_bytes()
+        length = max(path.stat().st_size - _SEAL_LENGTH, 0)
+        with open(path, "rb") as file:
+            file.seek(length)
+            seal = file.read()
+        if not seal.startswith(_MARK):
+            raise IntegrityError(f"{path} is damaged: it is cut short, its seal is missing")
+        checksum = _checksum(path, length)
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {path}: {error.strerror}: correct this and run again") from error
-    seal = contents[-_SEAL_LENGTH:]
-    if not seal.startswith(_MARK):
-        raise IntegrityError(f"{path} is damaged: it is cut short, its seal is missing")
-    checksum = sha256(contents[:-_SEAL_LENGTH]).hexdigest()
     if seal != _MARK + checksum.encode():
         raise IntegrityError(f"{path} is damaged: its contents do not match its checksum")
     return checksum
+
+
+def _checksum(path: Path, length: int) -> str:
+    """SHA-256 of the first bytes of a file, read in pieces."""
+    whole = sha256()
+    with open(path, "rb") as file:
+        while piece := file.read(min(length, 2**20)):
+            whole.update(piece)
+            length -= len(piece)
+    return whole.hexdigest()
 
 
 def shard_path(folder: Path, case: Case) -> Path:

@@ -17,6 +17,7 @@ import json
 import math
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -156,33 +157,59 @@ class Variable:
         return array
 
 
+# Kinds of claims.  Identities, and budgets of time or memory, are checks of the code.
+KINDS = {"paper": "claims of the paper", "ours": "claims of ours", "check": "checks of the code"}
+_VERDICTS = ("holds", "differs", "undecided", "measured")
+
+
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper and the value measured in the dataset."""
+    """A statement, the criterion of its verdict, and the value measured in the dataset.
+
+    The criterion follows from the statement and is chosen before the value is known.
+    """
 
     key: str
-    statement: str  # of the paper
+    statement: str
     paper: str  # value printed there
     value: str  # measured, with its spread
-    verdict: str  # "holds" or "differs"; "measured" without a value to compare with
-    because: str = ""  # required when it differs
+    verdict: str  # "holds", "differs", or "undecided" between them; "measured" without a criterion
+    because: str = ""  # required when it differs or is undecided
+    criterion: str = ""  # tolerance of the verdict, required with one
+    sample: str = ""  # what was measured, for example "84 networks"; values of the first axis by default
+    kind: str = "ours"
 
     def __post_init__(self) -> None:
-        claim, verdicts = f"claim {self.key!r}", ("holds", "differs", "measured")
-        require(self.verdict in verdicts, f"verdict {self.verdict!r} of {claim} must be one of {', '.join(verdicts)}")
-        explained = self.verdict != "differs" or bool(self.because.strip())
-        require(explained, f"{claim} differs: give the reason in `because`")
+        claim, tested = f"claim {self.key!r}", self.verdict != "measured"
+        require(self.verdict in _VERDICTS, f"verdict {self.verdict!r} of {claim} must be one of {', '.join(_VERDICTS)}")
+        require(self.kind in KINDS, f"kind {self.kind!r} of {claim} must be one of {', '.join(KINDS)}")
+        explained = self.verdict in ("holds", "measured") or bool(self.because.strip())
+        require(explained, f"{claim} {self.verdict}: give the reason in `because`")
+        require(not tested or bool(self.criterion), f"{claim} {self.verdict}: state its `criterion`")
 
     @classmethod
     def tested(
-        cls, key: str, statement: str, paper: str, value: str, holds: object, because: str = "", note: str = ""
-    ) -> Claim:
-        """The claim with the verdict "holds" or "differs" from one condition.
+        cls, key: str, statement: str, paper: str, value: str, holds: object, because: str = "", note: str = "",
+        *, criterion: str, sample: str = "", kind: str = "ours",
+    ) -> Claim:  # fmt: skip
+        """The claim with the verdict of one condition, "undecided" if it is None.
 
-        `because` is the reason if it differs and is dropped otherwise; `note` is stored in both cases.
+        `because` is the reason if it does not hold and is dropped otherwise; `note` is stored in both cases.
         """
         reasons = (note,) if holds else (because, note)
-        return cls(key, statement, paper, value, "holds" if holds else "differs", "; ".join(filter(None, reasons)))
+        verdict = "undecided" if holds is None else "holds" if holds else "differs"
+        return cls(key, statement, paper, value, verdict, "; ".join(filter(None, reasons)), criterion, sample, kind)
+
+
+def tally(claims: Sequence[Claim]) -> dict[str, str]:
+    """Number of claims that hold, of each kind that is present; measured values do not count."""
+    counts = {}
+    for kind in KINDS:
+        verdicts = Counter(claim.verdict for claim in claims if claim.kind == kind)
+        if tested := verdicts.total() - verdicts["measured"]:
+            undecided = f", {verdicts['undecided']} undecided" * bool(verdicts["undecided"])
+            counts[kind] = f"{verdicts['holds']} of {tested} hold{undecided}"
+    return counts
 
 
 @dataclass(frozen=True, kw_only=True)

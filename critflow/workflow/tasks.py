@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 from threadpoolctl import threadpool_limits
 
 from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, Status, StudyError
-from critflow.workflow.folder import Folder
+from critflow.workflow.folder import Folder, Part
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import Case, spelled, words_of_case
 from critflow.workflow.provenance import code_version, libraries
@@ -62,6 +62,7 @@ class Job:
     variables: tuple[str, ...]  # stored variables; empty if all are stored
     command: tuple[str, ...]  # words after `critflow run` and the settings that run one case alone
     seconds: float | None = None  # time limit of a case, in worker processes
+    part: Part | None = None  # of the run in its folder
     libraries: Mapping[str, str] = field(default_factory=libraries)  # workers must have the same
 
     def study(self) -> Study:
@@ -81,7 +82,7 @@ class Job:
 
 def run_cases(job: Job, cases: Sequence[Mapping[str, int | str]]) -> list[Outcome]:
     """Compute the cases with these axis values in order; a stopped run begins no further case."""
-    folder, outcomes = Folder(Path(job.folder)), []
+    folder, outcomes = Folder(Path(job.folder), job.part), []
     with _one_at_a_time, threadpool_limits(limits=1):  # the number of threads must not change a digit
         study = job.study()
         for values in cases:

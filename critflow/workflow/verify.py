@@ -10,14 +10,15 @@ import numpy as np
 import xarray as xr
 
 from critflow.result import IntegrityError, StudyError
-from critflow.workflow.dataset import REWRITE, labelled_dataset, opened_dataset
+from critflow.workflow.dataset import REWRITE, Assembly, opened_dataset
 from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, Folder
 from critflow.workflow.report import text_parts
-from critflow.workflow.store import read_shard, shard_path
+from critflow.workflow.store import shard_path
 from critflow.workflow.study import Study
 
 # Attributes that state the data of a file, and their origin; others state the present code.
 _COMPARED = ("study", "study_version", "schema_version", "axes", "parameters")
+_SMALL = 2**29  # bytes of a dataset that is read at once
 _ORIGINS = ("cases_code", "cases_environment", "shards_sha256", "shards_sha256_each")
 
 
@@ -43,48 +44,57 @@ def verify_folder(folder: Folder) -> Verification:
     problems = [f"{shard_path(folder.shards, case)} is {state}: {reason}" for case, state, reason in bad]
     try:
         with opened_dataset(path) as opened:
-            dataset = opened.load()
+            dataset = opened.load() if opened.nbytes < _SMALL else opened
+            if not problems:  # damaged shards can be compared with nothing
+                assembly = Assembly(selection, folder.shards, [case.id for case, state, _ in states if state == FAILED])
+                problems += [f"{path}: {line}: {REWRITE}" for line in _differences(assembly, dataset)]
+            if not problems:
+                problems += _outdated_texts(study, folder, dataset)
+            if study.verify is None or not study.can_report("verify"):
+                return Verification(stored, problems)
+            try:
+                contradictions = [f"{path}: {line}" for line in study.verify(dataset)]
+            except Exception:
+                if not problems:  # the physics of a damaged dataset can be anything
+                    raise
+                return Verification(stored, problems)
     except (IntegrityError, StudyError) as error:
         if isinstance(error, StudyError) and not problems:  # of a run that was stopped
             raise
         return Verification(stored, [*problems, str(error)])
-    if not problems:  # damaged shards can be compared with nothing
-        shards = ((c, s) for c, state, _ in states if state == DONE and (s := read_shard(folder.shards, study, c)))
-        expected = labelled_dataset(selection, shards, [case for case, state, _ in states if state == FAILED])
-        problems += [f"{path}: {line}: {REWRITE}" for line in _differences(expected, dataset)]
-    if not problems:
-        problems += _outdated_texts(study, folder, dataset)
-    if study.verify is None or not study.can_report("verify"):
-        return Verification(stored, problems)
-    try:
-        contradictions = [f"{path}: {line}" for line in study.verify(dataset)]
-    except Exception:
-        if not problems:  # the physics of a damaged dataset can be anything
-            raise
-        return Verification(stored, problems)
     return Verification(stored, problems + contradictions, recomputed=True)
 
 
-def _differences(expected: xr.Dataset, dataset: xr.Dataset) -> Iterator[str]:
+def _differences(assembly: Assembly, dataset: xr.Dataset) -> Iterator[str]:
     """A line for each variable and attribute of the dataset that differs from the shards."""
-    wrong = False
+    expected, wrong = assembly.template(), set[str]()
+    for name, variable in expected.variables.items():
+        stored = dataset.variables.get(name)
+        if stored is None or (stored.dims, stored.shape) != (variable.dims, variable.shape):
+            wrong.add(str(name))
+        elif name in expected.coords and not _equal(variable.values, stored.values):
+            wrong.add(str(name))
+    for rows, arrays in assembly.pieces():
+        for name in arrays.keys() - wrong:
+            stored = dataset.variables[name]
+            if not _equal(arrays[name], stored.isel({assembly.first: rows}, missing_dims="ignore").values):
+                wrong.add(name)
     for name in sorted(map(str, expected.variables.keys() | dataset.variables.keys())):
         if name not in expected.variables:
             yield f"no shard contains {name}"
-        elif name not in dataset.variables or not _equal(expected.variables[name], dataset.variables[name]):
-            wrong = True
+        elif name in wrong:
             yield f"{name} differs from the shards"
         elif _plain(expected.variables[name].attrs) != _plain(dataset.variables[name].attrs):
             yield f"the attributes of {name} differ from those of the study"
+    attributes = {**expected.attrs, **assembly.origin_attributes()}
     for name in _COMPARED if wrong else (*_COMPARED, *_ORIGINS):
-        if dataset.attrs.get(name, "") != expected.attrs.get(name, ""):
-            yield f"its {name} is {dataset.attrs.get(name)!r:.200}, not {expected.attrs.get(name)!r:.200}"
+        if dataset.attrs.get(name, "") != attributes.get(name, ""):
+            yield f"its {name} is {dataset.attrs.get(name)!r:.200}, not {attributes.get(name)!r:.200}"
 
 
-def _equal(expected: xr.Variable, stored: xr.Variable) -> bool:
+def _equal(expected: np.ndarray, stored: np.ndarray) -> bool:
     same_kind = expected.dtype == stored.dtype or expected.dtype.kind == "U"  # words are stored as characters
-    equal_nan = expected.dtype.kind == "f"
-    return expected.dims == stored.dims and same_kind and np.array_equal(expected.values, stored.values, equal_nan)
+    return same_kind and np.array_equal(expected, stored, equal_nan=expected.dtype.kind == "f")
 
 
 def _plain(attributes: dict[Any, Any]) -> dict[str, list]:

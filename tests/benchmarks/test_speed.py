@@ -16,7 +16,7 @@ from critflow import CriticalManifold, critical_from_lengths, optimize, stiffeni
 from critflow.command.main import main
 from critflow.result import Status
 from critflow.workflow.load import load_study
-from workflows.benchmarks.speed import curves, savings, sizes
+from workflows.benchmarks.speed import curves, sizes
 from workflows.benchmarks.speed.lengths import error_of_stress
 from workflows.benchmarks.speed.references import stress_of_lengths
 from workflows.benchmarks.speed.stages import STAGES
@@ -171,7 +171,6 @@ def test_stresses_of_rest_lengths_are_compared_without_their_scale():
 ASKED = (
     *("auto", "newton", "lbfgs", "cone", "solve", "splu", "dense Cholesky", "SciPy L-BFGS-B", "pyamg CG", "jax_fdm"),
     *("Hessian of springs", "exact", "line through 16", "closed form", "linear response at γ → 0"),
-    *("C_B alone", "all numbers", "all variables"),
 )
 
 
@@ -193,7 +192,7 @@ def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("speed")
     words = [
         "tasks=configuration,gradient,length_variance,tension_variance,bulk_modulus,rest_lengths,length_variance_pinned,"
-        "coefficients,member,transition_moduli,stages",
+        "coefficients,transition_moduli,stages",
         "n_vertices=40,2000000", f"contestants={','.join((*ASKED, *STAGES))}", "levels=0,3,7,10", "repeats=1",
         "budget=0.01", "least_time=0.01",
     ]  # fmt: skip
@@ -248,7 +247,7 @@ def test_who_takes_part_and_who_is_missing(small):
 
 def test_it_has_its_charts_claims_and_fronts(small, assert_picture):
     dataset, folder = small
-    for name in ("speed", "sizes", "savings", *dataset.drop_sel(task=["stages", "member"]).task.values):
+    for name in ("speed", "sizes", *dataset.drop_sel(task="stages").task.values):
         assert_picture(folder / "figures" / f"{name}.png", 20_000)
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
     words = set(dataset.task.values) - {"stages"}
@@ -318,25 +317,6 @@ def test_small_runs_say_nothing_of_a_million_vertices(small):
     for shares in stages["share_of_time"].values():
         assert sum(shares.values()) == pytest.approx(1.0, rel=1e-12)
     assert stages["solver"]["coefficients"] == ["qdldl"]
-
-
-# Savings
-
-# How far apart the two answers may be: rounding, the value at γ = 1e-6 against that at 0, the curvature of B(γ) over
-# strains up to 0.01.
-APART = {"member": 0.0, "configuration": 1e-12, "optimum": 1e-12, "moduli": 1e-2, "growth": 1.0}
-
-
-def test_both_routes_give_one_answer(small):
-    found = {name: saving for name, _, saving in savings.savings(small[0])}
-    assert set(found) == set(APART)
-    for name, saving in found.items():
-        assert list(saving.sizes) == [40] and (saving.difference <= APART[name]).all()
-    keys = [claim.key for claim in savings.saving_claims(small[0])]
-    assert keys == [*savings.QUESTIONS, "bytes"]
-    # σ, lengths and coordinates alone are 60 + 60 + 80 numbers.
-    numbers, everything = savings.stored_bytes(small[0])
-    assert everything > 8 * 200 and numbers < 8 * 25
 
 
 # Settings

@@ -29,8 +29,6 @@ SETTINGS = {
         "z=3,3.4",
         "surface_vertices=24",
         "n_directions=8",
-        "stiffening_vertices=40",
-        "onsets=0.2,0.4",
     ),
     "reference_numbers": (
         *("seeds=0:1", "n_vertices=40", "n_vertices_cells=40", "onsets=0.05,0.1", "columns=3", "candidates=2"),

@@ -1,10 +1,9 @@
-"""The onset study end to end, small: strains with bounds, convex surfaces, and the growth of the modulus."""
+"""The onset study end to end, small: strains with bounds, and convex surfaces."""
 
 import numpy as np
 import pytest
 
 from critflow.result import Status
-from workflows.onset.report import factors
 from workflows.onset.study import network_of
 
 STUDY = "onset"
@@ -20,15 +19,13 @@ def test_critical_strains_have_bounds_and_the_others_a_status(dataset):
     assert dataset.surface_strain.sel(family="triangular").isnull().all()
 
 
-def test_surfaces_and_the_growth_of_the_modulus(dataset, folder):
+def test_surfaces(dataset, folder):
     one = dataset.sel(family="voronoi").isel(seed=0)
     # Dilation reaches the surface where the area exceeds that of the lengths by 5 % a side.
     np.testing.assert_allclose(one.surface_strain.values[:, 2], 0.05, rtol=1e-9)
-    assert float(one.onset_error.max()) < 1e-12
-    assert np.nanmin(factors(dataset)) > 0
     claims = (folder / "claims.md").read_text(encoding="utf-8")
     assert "OnsetConvex" in claims
-    for name in ("coordination", "surfaces", "stiffening"):
+    for name in ("coordination", "surfaces"):
         assert (folder / "figures" / f"{name}.png").exists()
 
 

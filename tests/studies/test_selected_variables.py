@@ -4,11 +4,10 @@ import pytest
 from problems import Factorisations, forbidden
 
 from critflow import Status, foam_network, voronoi_network
-from critflow.workflow.dataset import labelled_dataset
+from critflow.workflow.dataset import Assembly, opened_dataset, write_dataset
 from critflow.workflow.folder import Folder
 from critflow.workflow.load import load_study
 from critflow.workflow.plan import select
-from critflow.workflow.store import read_shard
 from critflow.workflow.tasks import Job, run_cases
 
 NETWORKS = {"ensemble": voronoi_network, "three_dimensions": foam_network}
@@ -23,8 +22,9 @@ def stored(name, words, path):
         part.mkdir(parents=True, exist_ok=True)
     job = Job(str(loaded.path), loaded.digest, str(path), parameters, selection.study.selected, command=(name,))
     run_cases(job, [case.values for case in selection.cases()])
-    shards = [(case, read_shard(folder.shards, selection.study, case)) for case in selection.cases()]
-    return labelled_dataset(selection, shards, failed=[])
+    write_dataset(Assembly(selection, folder.shards), folder.dataset(name), {"history": name})
+    with opened_dataset(folder.dataset(name)) as dataset:
+        return dataset.load()
 
 
 STUDIES = {"ensemble": "n_vertices=60", "three_dimensions": "n_vertices=60"}

@@ -28,7 +28,7 @@ def case(parameters, *, seed):
 
 
 def claims(ds):
-    return [Claim("total", "totals grow", "yes", str(float(ds.total.sum())), "holds")]
+    return [Claim("total", "totals grow", "yes", str(float(ds.total.sum())), "holds", criterion="> 0")]
 
 
 study = Study(

@@ -10,7 +10,9 @@ import xarray as xr
 from compliance_checker.runner import CheckSuite, ComplianceChecker
 from disturbed import contents_of, stamps_of
 
+from critflow.command.main import main
 from critflow.result import Status
+from critflow.workflow import dataset as dataset_module
 
 
 def test_the_dataset_has_the_dtypes_units_and_meanings_of_the_table(tmp_path, run, tiny):
@@ -181,3 +183,26 @@ def test_datasets_follow_the_conventions_that_they_state(tmp_path, run, source, 
     assert complaints(path, "cf:1.11", tmp_path / "cf.json") == []
     found = complaints(path, "acdd:1.3", tmp_path / "acdd.json")
     assert [line for line in found if not any(word in line for word in NOT_OURS)] == []
+
+
+def test_a_dataset_in_pieces_has_the_bytes_of_one_in_memory(tmp_path, run, source, monkeypatch):
+    """With a variable of no axis, whose values all pieces share."""
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
+    shared = ('Variable("status"', 'Variable("shared", ("edge",), "f8", long_name="shared"), Variable("status"')
+    path = source(*shared, '"status":', '"shared": np.arange(float(n_edges)), "status":')
+    written = []
+    for size in (2**26, 1):
+        monkeypatch.setattr(dataset_module, "_PIECE", size)
+        out = tmp_path / str(size)
+        assert run(out, study=path) == 0
+        assert main(["verify", str(out)]) == 0
+        written.append((out / "tiny.nc").read_bytes())
+    assert written[0] == written[1]
+
+
+def test_values_that_differ_between_pieces_are_an_error(tmp_path, run, source, monkeypatch, capsys):
+    monkeypatch.setattr(dataset_module, "_PIECE", 1)
+    shared = ('Variable("status"', 'Variable("shared", (), "f8", long_name="shared"), Variable("status"')
+    path = source(*shared, '"status":', '"shared": float(seed), "status":')
+    assert run(tmp_path, study=path) == 4
+    assert "shared" in capsys.readouterr().err

@@ -93,7 +93,6 @@ class Task:
 class Timing:
     """Processor and wall seconds of every repeat at one level of one method, and the answer with its error.
 
-    size    bytes of the arrays of an answer that is a table of arrays
     memory  peak resident memory in MB, of stages alone
     """
 
@@ -105,7 +104,6 @@ class Timing:
     bound: float = np.nan
     seconds: tuple[float, ...] = ()
     wall: tuple[float, ...] = ()
-    size: int = 0
     memory: float = np.nan
     note: str = ""
 
@@ -202,12 +200,10 @@ def _first_round(method: Method, patience: float) -> Iterator[Timing]:
 
 def _judged(timing: Timing, answer: Answer) -> Timing:
     """The timing with the error and the outcome of an answer."""
-    arrays = answer.values.values() if isinstance(answer.values, dict) else ()
     return replace(
         timing,
         status=answer.status,
         error=timing.method.error(answer.values),
         iterations=answer.iterations,
         bound=answer.bound,
-        size=sum(array.nbytes for array in arrays),
     )

@@ -159,7 +159,7 @@ def _pressure(ds):
     worst = float(off.max())
     yield Claim.tested(
         "Networks", "tensions are scaled to unit pressure", "P = 1", f"within {_bound(worst)} in every panel",
-        worst < 1e-12, "some panel has another pressure",
+        worst < 1e-12, "some panel has another pressure", criterion="1e-12", kind="check",
     )  # fmt: skip
 
 
@@ -171,7 +171,7 @@ def _equal_lengths(ds):
     V_L = _values(ds, "length_variance", "length_variance").max()
     yield Claim.tested(
         "Networks-A", "the lengths of one configuration are all equal", "V_L ≲ 1e-7", f"V_L < {_bound(V_L, 1e-30)}",
-        V_L < 1e-7, "equal lengths leave edges of this network slack",
+        V_L < 1e-7, "equal lengths leave edges of this network slack", criterion="V_L ≤ 1e-7", kind="paper",
     )  # fmt: skip
 
 
@@ -186,6 +186,7 @@ def _equal_tension_variance(ds):
         f"V_τ = {V_tau[0, 0]:.6f} of both, within {_bound(apart)}; V_L = {V_L[0, 0]:.3f} and {V_L[1, 0]:.3f}",
         apart < 1e-12, "the tensions changed",
         f"in {lost} of {len(status)} networks edges shrink to zero length towards the least V_τ" if lost else "",
+        criterion="1e-12", kind="paper",
     )  # fmt: skip
 
 
@@ -201,7 +202,7 @@ def _moduli_of_forces(ds):
         "to be studied", f"B_0 and G_0 change by less than {_bound(off)} B_0 from B to C, where neither is at its "
         "maximum, and from D to E and F", off >= 1e-12, "forces T in balance do the same work Σ T·A L on all bond "
         "vectors L that close on the cell, so every modulus at the transition is a function of the force network, and "
-        "isogonal modes keep it, from any configuration",
+        "isogonal modes keep it, from any configuration", criterion="a change above 1e-12 B_0", kind="paper",
     )  # fmt: skip
 
 
@@ -214,13 +215,14 @@ def _equal_bulk_modulus(ds):
         "Networks-DEF", "configurations of largest B_0 are degenerate along isogonal modes", "same B_0",
         f"B_0 = {B_0[0, 0]:.6f} k of all three, and the bound that no stress exceeds, within {_bound(off)}; "
         f"V_L = {V_L[0, 0]:.3f}, {V_L[1, 0]:.3f} and {V_L[2, 0]:.3f}", off < 1e-12, "B_0 changed along the modes",
+        criterion="1e-12", kind="paper",
     )  # fmt: skip
     parted = _values(ds, "bulk_modulus_affine", *_STIFFEST) / B_0 - 1
     yield Claim.tested(
         "BulkModulusAffine", "σ = k is the most affine configuration of largest B_0: no non-affine part", "0",
         f"(B_aff − B_0)/B_0 is below {_bound(np.abs(parted[0]).max())} at σ = k, {parted[1, 0]:.3f} and "
         f"{parted[2, 0]:.3f} after isogonal changes", np.abs(parted[0]).max() < 1e-12 and parted[1:].min() > 0,
-        "σ = k is not the most affine one",
+        "σ = k is not the most affine one", criterion="1e-12 at σ = k, more elsewhere", kind="paper",
     )  # fmt: skip
     flat = _values(ds, "flat_directions", *_STIFFEST)
     if not np.isfinite(flat).all():
@@ -233,7 +235,7 @@ def _equal_bulk_modulus(ds):
         f"eigenvalues below {_bound(zero)} and above {curved:.1g} of the largest",
         (flat == half).all(), "another number of eigenvalues vanishes",
         f"the paper writes N_v/2 − 1 = N_f, but the network has N_f = N_v/2 = {half} faces: the modes of all faces "
-        "add up to zero, so that one of them is not independent",
+        "add up to zero, so that one of them is not independent", criterion="exact", kind="paper",
     )  # fmt: skip
 
 
@@ -246,7 +248,7 @@ def _shear(ds):
         "Networks-GHI", "a lower threshold r gives a larger G_0", "increasing",
         ", ".join(f"G_0 = {G_0[n, 0]:.4f} k at r = {r[n]:g}" for n in order),
         bool((np.diff(G_0[order], axis=0) > 0).all()), "G_0 does not increase",
-        "" if converged else "not every ascent converged",
+        "" if converged else "not every ascent converged", criterion="order, in every network", kind="paper",
     )  # fmt: skip
 
 
@@ -258,6 +260,7 @@ def _random_lengths(ds):
                 f"Networks-JK-{key}", f"random rest lengths of spread s = {parameters(ds)[key]:g} leave every edge "
                 "stressed", "full rigidity percolation", f"{100 * stressed.min():.4g} % of the edges",
                 stressed.min() == 1, "the cone program, whose answer is global, leaves the other edges slack",
+                criterion="every edge", kind="paper",
             )  # fmt: skip
 
 

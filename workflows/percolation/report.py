@@ -124,6 +124,7 @@ def claims(ds):
         "percolation-threshold", "every edge is stressed up to a spread of rest lengths of 0.3",
         f"s = {PRINTED_SPREAD}", f"half of the networks lose it at {text}", halves[-1] >= PRINTED_SPREAD,
         "the text describes full percolation, which ends far below the spread it prints",
+        criterion=f"half of the largest networks percolate at {PRINTED_SPREAD}", kind="paper",
     )  # fmt: skip
     yield Claim(
         "percolation-size", "how full percolation depends on size", "not stated",

@@ -14,7 +14,7 @@ from critflow.workflow import Axis, Study, Variable
 
 from ..shared.checks import check_network, check_positive
 from . import measures
-from .report import QUANTITIES, claims, curves, summary, table
+from .report import QUANTITIES, claims, curves, summary
 
 
 def case(parameters, *, seed, quantity):
@@ -58,7 +58,7 @@ study = Study(
         Variable("y", ("quantity", "seed", "point"), "f8", long_name="ordinate of the curve behind the number"),
         Variable("status", ("quantity", "seed"), "i1", long_name="outcome", flags=Status),
     ),
-    figures={"reference_numbers": table, "curves": curves},
+    figures={"curves": curves},
     claims=claims,
     summary=summary,
 )

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 def panels(n, title, height=3.6):
     """A figure with n panels side by side, as wide as a page, and the panels."""
-    figure = Figure(figsize=(10, height), dpi=150, layout="constrained")
-    row = figure.subplots(1, n)
+    figure = Figure(figsize=(min(10, 5 * n), height), dpi=150, layout="constrained")
+    row = figure.subplots(1, n, squeeze=False)[0]
     for axes in row:
         axes.spines[["top", "right"]].set_visible(False)
     figure.suptitle(title, fontsize=11)
@@ -29,18 +29,6 @@ def legend_below(figure, axes, ncols):
     figure.legend(
         *axes.get_legend_handles_labels(), fontsize=8.5, frameon=False, ncols=ncols, loc="outside lower center"
     )
-
-
-def limit(axes, value, label):
-    """A dotted line at the largest value that is allowed."""
-    axes.axhline(value, color="k", linewidth=0.8, linestyle=":")
-    axes.text(0.02, value, label, va="bottom", fontsize=8.5, transform=axes.get_yaxis_transform())
-
-
-def times(axes, distance, seconds, **style):
-    """Processor times of designs against their changes of stress."""
-    axes.scatter(distance, seconds, s=16, **style)
-    axes.set(xlabel="change of $\\log\\sigma$ (r.m.s.)", ylabel="processor time  [s]", title="time of one design")
 
 
 def signed(value):

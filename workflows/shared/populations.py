@@ -25,6 +25,10 @@ LABELS = {
     "random_stress": "random $\\sigma$",
     "random_lengths_wide": "random $\\ell$, wide",
 }
+NAMES = {p: label.replace("$", "").replace("\\tau", "τ") for p, label in LABELS.items()}
+NAMES = {p: name.replace("\\ell", "ℓ").replace("\\sigma", "σ") for p, name in NAMES.items()}
+# The parameter with the spread of the rest lengths of each population.
+SPREADS = {"random_lengths": "spread", "random_lengths_wide": "spread_wide"}
 
 
 @lru_cache(maxsize=2)

@@ -152,14 +152,14 @@ def _band(axes, values, colour):
 
 
 def ascent_ends(ds, name):
-    """Label and values (n_sizes, n_networks) at the end of FIRE and at each part of the bound."""
+    """Label and values (n_sizes, n_networks) at the end of FIRE, and at parts of the bound that most networks reach."""
     for algorithm in map(str, ds.algorithm.values):
         one = ds.sel(algorithm=algorithm)
         if algorithm == "fire":
             yield f"FIRE, {parameters(ds)['n_steps']} steps", by_size(one[f"{name}_of_end"])
-        else:
-            for fraction in ds.fraction.values:
-                values = by_size(one[f"{name}_of_part"].sel(fraction=fraction))
+        for fraction in ds.fraction.values:
+            values = by_size(one[f"{name}_of_part"].sel(fraction=fraction))
+            if (np.isfinite(values).mean(axis=1) > 0.5).all():
                 yield f"{algorithm.upper()}, {100 * fraction:.0f} % of the bound", values
 
 

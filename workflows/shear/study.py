@@ -225,7 +225,7 @@ study = Study(
         "steps": STEPS,
         "algorithms": ("fire", "lbfgs"),
         "n_steps": 10000,
-        "fractions": (0.5, 0.8, 0.95),
+        "fractions": (0.4, 0.5, 0.8, 0.95),
         "populations": POPULATIONS,
         "thresholds": (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7),
         "n_starts": 12,

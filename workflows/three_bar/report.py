@@ -28,17 +28,20 @@ def _configurations(ds):
     yield Claim.tested(
         "3-barlinkage", "critical configurations have all vertices on one line", "A to C",
         f"at most {off:.1g} D off it at {ok.sum()} stresses", off < 1e-12, "some are off the line",
+        criterion="1e-12 D", kind="check",
     )  # fmt: skip
     stresses, modes = ds.example_n_self_stresses.values, ds.example_n_zero_modes.values
     yield Claim.tested(
         "Maxwell-Calladine", "on a line a self-stress appears; a generic configuration has none",
         "N_0 − N_s = 4 − 3", f"(N_s, N_0) = ({stresses[0]}, {modes[0]}) on lines, ({stresses[3]}, {modes[3]}) off them",
         (stresses[:3] == 1).all() and (modes[:3] == 2).all() and stresses[3] == 0 and modes[3] == 1, "other counts",
+        criterion="exact", sample="4 configurations", kind="check",
     )  # fmt: skip
     moved = ds.rescaled_change.values / span
     yield Claim.tested(
         "SelfStressParamaterization_coords", "rescaling the stress, also by a negative factor, changes nothing", "0",
         f"σ → −3σ moves vertices by at most {_worst(moved)} D", np.nanmax(moved) < 1e-10, "vertices move",
+        criterion="1e-10 D", kind="check",
     )  # fmt: skip
 
 
@@ -59,7 +62,7 @@ def _rigid(ds):
         "points", "by region",
         f"at {agree.sum()} of {known.sum()} stresses: no motion if definite, else "
         f"{'/'.join(str(n) for n in np.unique(motions[known & ~definite]))} motions", (agree == known).all(),
-        "inertia and motion disagree",
+        "inertia and motion disagree", criterion="every stress", sample=f"{known.sum()} stresses", kind="paper",
     )  # fmt: skip
     families = [family(grid) for grid in ds.grid.values]
     pure = {kind: set() for kind in FAMILIES}
@@ -72,7 +75,7 @@ def _rigid(ds):
         "negative eigenvalues of P: " + ", ".join(f"{kind} {sorted(n)}" for kind, n in pure.items())
         + f"; sheets: {', '.join(f'{families.count(kind)} {kind}' for kind in FAMILIES)}",
         pure == {"stretched": {0}, "folded": {0}, "branch": {1}}, "a sheet changes its inertia",
-        "one stretched sheet, and three of each other kind, one for each edge",
+        "one stretched sheet, and three of each other kind, one for each edge", criterion="every stress", kind="paper",
     )  # fmt: skip
 
 
@@ -86,6 +89,7 @@ def _singular(ds):
         "3-barlinkage-D", "the map is undefined on a curve (red) between the rigid and the branch stresses", "red line",
         f"det P = σ₁σ₂ + σ₂σ₃ + σ₃σ₁ to {off:.1g}: two circles |Σσ| = |σ| (s² = 8 − 4√3 in the chart), with "
         f"rigid stresses inside at {100 * cone:.4g} % of the grid", off < 1e-14 and cone == 1, "another curve",
+        criterion="1e-14, every stress", kind="paper",
     )  # fmt: skip
     ok, det = ds.outcome.values == Status.ok, np.abs(low_high.prod(axis=-1))
     known = np.abs(np.roll(normal, 1, axis=-1) * np.roll(normal, -1, axis=-1)) / det[..., None]
@@ -97,6 +101,7 @@ def _singular(ds):
         f"L₁ = D |σ₂σ₃|/|det P| and so on, to {apart.max():.1g}; the longest stored edge has {np.nanmax(length):.3g} D",
         apart.max() < 1e-10, "lengths follow another law",
         f"at {lost} stresses elimination without pivoting stops though P is regular" if lost else "",
+        criterion="1e-10",
     )  # fmt: skip
 
 
@@ -112,7 +117,7 @@ def _lengths(ds):
         f"rigid tangent planes, and some lie below {below:.3g} % of the branch ones", np.nanmin(height[definite]) >= 0,
         "some are below a rigid one",
         "P definite makes Σσh least at the configuration, so the compatible h fill a convex set, which the rigid "
-        "sheets bound",
+        "sheets bound", criterion="no configuration below a rigid tangent plane", kind="paper",
     )  # fmt: skip
     allowed = ds.lattice_compatible.values == 1
     regions, pieces = label(allowed)[1], label(~allowed)[1]
@@ -121,11 +126,13 @@ def _lengths(ds):
         "two regions", f"compatible lengths are {regions} piece, incompatible ones {pieces}",
         regions == 1 and pieces == 1,
         "all edges too short is one piece, and each of the three edges too long another; they touch at points only",
+        criterion="one piece each", kind="paper",
     )  # fmt: skip
     yield Claim.tested(
         "3-barlinkage-G-floppy", "compatible rest lengths give a floppy configuration like A", "like A",
         f"A has {ds.example_n_self_stresses.values[0]} self-stress and no motion", False,
         "A is rigid, as in the caption of the figure; floppy configurations lie off the manifold",
+        criterion="no self-stress at A", kind="paper",
     )  # fmt: skip
 
 
@@ -138,12 +145,13 @@ def _forms(ds):
     tilt = (tilt / np.abs(ds.tangents.values).max(axis=(-2, -1)))[ok]
     yield Claim.tested(
         "CriticalManifoldGeometry", "the stress is normal to the manifold everywhere", "σᵀ∂h/∂s = 0",
-        f"at most {_worst(tilt)} of the tangents", tilt.max() < 1e-10, "it is not",
+        f"at most {_worst(tilt)} of the tangents", tilt.max() < 1e-10, "it is not", criterion="1e-10", kind="check",
     )  # fmt: skip
     rank = ds["rank"].values
     yield Claim.tested(
         "TangentSpace", "B spans the tangent space, with one column too many", "N_b − 1 = 2",
         f"rank {'/'.join(str(r) for r in np.unique(rank[rank > 0]))}", (rank[rank > 0] == 2).all(), "other ranks",
+        criterion="exact", kind="check",
     )  # fmt: skip
     for key, statement, stored, known, numeric, limit in (
         ("Metric", "the metric is VᵀB²V", ds.metric.values, metric, ds.numeric_metric.values, 1e-7),
@@ -155,6 +163,7 @@ def _forms(ds):
             key, statement, "formula", f"closed form {np.median(closed):.1g} (median), {closed.max():.1g} (worst of "
             f"{ok.sum()}); finite differences {np.nanmedian(apart):.1g}, {_worst(apart)}",
             closed.max() < 1e-8 and np.nanmax(apart) < limit, "they differ",
+            criterion=f"closed form 1e-8, differences {limit:g}", kind="check",
         )  # fmt: skip
     numeric = ds.numeric_second_form.values
     trace = np.trace(numeric, axis1=-2, axis2=-1)
@@ -164,7 +173,7 @@ def _forms(ds):
         f"by finite differences II is positive at {100 * np.mean(stretched > 0):.4g} % of stretched stresses, where B "
         "is negative", not (stretched > 0).all(),
         "differentiating σᵀB = 0 gives Σσ ∂B = −B, so II = −VᵀBV/|σ|; the printed derivation (`2FF2`) ends at "
-        "+R^h P⁻¹ R^hᵀ and calls it ∂h/∂σ, which is −R^h P⁻¹ R^hᵀ (`tangents`)",
+        "+R^h P⁻¹ R^hᵀ and calls it ∂h/∂σ, which is −R^h P⁻¹ R^hᵀ (`tangents`)", criterion="sign", kind="paper",
     )  # fmt: skip
     gauss, mean = (error[ok] for error in curvature_error(ds))
     yield Claim.tested(
@@ -172,6 +181,7 @@ def _forms(ds):
         f"K and H from the eigenvalues of B: {np.median(gauss):.1g} and {np.median(mean):.1g} off the closed form "
         f"(median), worst {gauss.max():.1g} and {mean.max():.1g}", max(gauss.max(), mean.max()) < 1e-6, "they differ",
         note="the largest errors are next to stresses of zero, where two edges vanish and κ diverges",
+        criterion="1e-6", kind="check",
     )  # fmt: skip
     kappa = ds.principal_curvature.values
     rigid, both = (ds.n_negative.values != 1)[ok], (kappa.prod(axis=-1) > 0)[ok]
@@ -179,11 +189,12 @@ def _forms(ds):
         "2FF-sign", "(not in the paper) rigid sheets are elliptic, branch sheets are saddles", "—",
         f"K > 0 at {100 * both[rigid].mean():.4g} % of rigid and {100 * both[~rigid].mean():.4g} % of branch stresses",
         bool(both[rigid].all() and not both[~rigid].any()), "signs are mixed",
+        criterion="every stress",
     )  # fmt: skip
     size = np.abs(np.linalg.norm(normal, axis=-1) - 1).max()
     yield Claim.tested(
         "projection", "N_b − 1 coordinates s give every unit stress but one", "2", f"|σ(s)| = 1 to {size:.1g}",
-        size < 1e-14, "the norm is not one",
+        size < 1e-14, "the norm is not one", criterion="1e-14", kind="check",
     )  # fmt: skip
 
 

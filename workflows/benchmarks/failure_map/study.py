@@ -20,7 +20,7 @@ from ...shared.own_network import check_own, own_network, with_digest
 from .outcomes import Finding, Outcome, Violation
 from .problems import DIFFICULTIES, GENERATED, QUANTITIES
 from .quantities import ASSEMBLED, ASSEMBLIES, assembly_errors, finding
-from .report import assembly_figure, bound_figure, claims, map_figure, summary
+from .report import bound_figure, claims, map_figure, summary
 
 MOST_VERTICES = 64
 
@@ -120,7 +120,7 @@ study = Study(
         ),
         Variable("status", ("difficulty", "seed"), "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={"failure_map": map_figure, "error_bounds": bound_figure, "assembly": assembly_figure},
+    figures={"failure_map": map_figure, "error_bounds": bound_figure},
     claims=claims,
     summary=summary,
 )

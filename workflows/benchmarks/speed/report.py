@@ -1,4 +1,4 @@
-"""Claims and summary of speed against accuracy, sizes and savings, from the dataset."""
+"""Claims and summary of speed against accuracy and of sizes, from the dataset."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from critflow.workflow import Claim
 
 from ...shared.reports import duration, parameters, status_counts
 from .curves import SAME, behind, cases, detour, gain, pareto_front
-from .savings import saving_claims, saving_summary
 from .sizes import size_claims, size_summary
 from .tasks import TASKS
 
@@ -16,8 +15,8 @@ MISSING = 3
 
 
 def claims(ds):
-    """Claims on every task against other packages, on the default against the front, on sizes and on savings."""
-    return [*_speed_claims(ds), *size_claims(ds), *saving_claims(ds)]
+    """Claims on every task against other packages, on the default against the front, and on sizes."""
+    return [*_speed_claims(ds), *size_claims(ds)]
 
 
 def _speed_claims(ds):
@@ -38,6 +37,7 @@ def _speed_claims(ds):
             "speed-accuracy-auto", "auto lies within 10 % of the front at every size and tolerance",
             "within 10 %", value, "differs" if off else "holds",
             f"times over the front: {', '.join(map(_place, off))}" if off else "",
+            f"{SAME:g} times the front, every chart", f"{len(worst)} charts",
         )  # fmt: skip
     for name, package in _missing(ds):
         yield Claim(
@@ -68,9 +68,10 @@ def _against_peers(ds, word, of_task):
         return Claim(key, statement, "not stated", f"no peer took part{absent}", "measured")
     most = f"takes at most {ratio:.2g} × the time" if np.isfinite(ratio) else "does not reach the accuracy"
     value = f"critflow {most} of a peer, {where}{absent}"
+    criterion, sample = f"{SAME:g} times the time, every peer and error", f"{len(of_task)} sizes"
     if ahead:
-        return Claim(key, statement, "faster", value, "differs", "; ".join(ahead))
-    return Claim(key, statement, "faster", value, "holds")
+        return Claim(key, statement, "faster", value, "differs", "; ".join(ahead), criterion, sample)
+    return Claim(key, statement, "faster", value, "holds", "", criterion, sample)
 
 
 def _place(entry):
@@ -86,7 +87,7 @@ def _missing(ds):
 
 
 def summary(ds):
-    """For each task and size the front, the default's points and its distance from the front; stages and savings."""
+    """For each task and size the front, the default's points and its distance from the front; stages."""
     tables = {}
     for word, size, all_curves, default in cases(ds):
         seconds, errors = (np.concatenate([getattr(c, part) for c in all_curves]) for part in ("seconds", "errors"))
@@ -106,7 +107,6 @@ def summary(ds):
             for word, its in tables.items()
         },
         "stages": size_summary(ds),
-        "savings": saving_summary(ds),
     }
 
 

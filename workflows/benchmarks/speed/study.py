@@ -26,7 +26,6 @@ from ..timing import Backend, Method, Timing, benchmark, installed, one_core
 from . import stages
 from .charts import overview_figure, task_figure
 from .report import claims, summary
-from .savings import savings_figure
 from .sizes import sizes_figure
 from .tasks import ALL_SIZES, METHODS, SIZES, TASKS, has_size
 
@@ -68,7 +67,7 @@ def case(parameters, *, task, n_vertices):
     arrays = {name: np.full(shape, np.nan) for name in (*SECONDS, *LEVEL)}
     arrays |= {"outcome": np.full(shape, int(Status.missing))}
     arrays |= {name: np.zeros(shape, int) for name in ("iterations", "repeats_done")}
-    arrays |= {name: np.zeros(shape[0], int) for name in ("presence", "backend", "answer_bytes")}
+    arrays |= {name: np.zeros(shape[0], int) for name in ("presence", "backend")}
     arrays |= {"package_version": np.full((shape[0], 3), -1), "memory": np.full(shape[0], np.nan)}
     timings, numbers = _timings(parameters, task, n_vertices)
     for timing in timings:
@@ -126,7 +125,6 @@ def _origin(timing: Timing) -> dict[str, object]:
         "backend": Backend.__members__.get(method.backend or "none", Backend.other),
         "package_version": numbers + [-1] * (3 - len(numbers)),
         "memory": timing.memory,
-        "answer_bytes": timing.size,
     }
 
 
@@ -184,13 +182,11 @@ study = Study(
             long_name="version of the package, its first three numbers",
         ),
         Variable("memory", METHOD, "f8", long_name="peak resident memory in a stage", units="MB", volatile=True),
-        Variable("answer_bytes", METHOD, "i8", long_name="bytes of an answer that is a table of arrays, else 0"),
         *(Variable(name, EACH, "f8", long_name=text) for name, text in NUMBERS.items()),
         Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={"speed": overview_figure, "sizes": sizes_figure, "savings": savings_figure}
-    # The methods of `member` differ in time alone, which is drawn with the savings.
-    | {word: partial(task_figure, word=word) for word in TASKS if word != "member"},
+    figures={"speed": overview_figure, "sizes": sizes_figure}
+    | {word: partial(task_figure, word=word) for word in TASKS},
     claims=claims,
     summary=summary,
 )  # fmt: skip

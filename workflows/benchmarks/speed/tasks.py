@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import coefficients, configuration, lengths, member, moduli, optimum, stages, strain
+from . import coefficients, configuration, lengths, moduli, optimum, stages, strain
 
-MODULES = configuration, optimum, lengths, strain, moduli, coefficients, member
+MODULES = configuration, optimum, lengths, strain, moduli, coefficients
 
 TASKS = {task.word: task for module in MODULES for task in module.TASKS}
 
