@@ -42,6 +42,8 @@ NO_WORK = 1e-9  # part of Σσ|L||AL| below which a strain does no work on the s
 # Distances from the end of the branch, in units of tr H/tr P: the first nodes, and the closest that are solved.
 _FIRST_NODES, _CLOSEST = (0.5, 8.0), 1e-6
 _BISECTIONS, _NEWTON_STEPS = 60, 4
+# Nodes extend by this factor beyond the requested distances: at their edges the model has half of its digits.
+_MARGIN = 4.0
 _MOST_EXTENSIONS = 12  # of the nodes, until they span all requested tensions
 
 
@@ -196,9 +198,9 @@ class WeakForces(Record):
             x = self._roots(gamma, kappa_, model.modes, model.end)
             low, high = model.covered
             inside = x[x > closest]
-            if not inside.size or (inside.min() >= low and inside.max() <= high):
+            if not inside.size or (inside.min() >= _MARGIN * low and _MARGIN * inside.max() <= high):
                 break
-            model.cover(min(low, inside.min()), max(high, inside.max()))
+            model.cover(min(low, inside.min() / _MARGIN), max(high, _MARGIN * inside.max()))
         coarse = self._roots(gamma, kappa_, model.coarse, model.end)
         return self._state(gamma, kappa_, x, coarse, model.modes)
 
