@@ -29,6 +29,7 @@ from critflow.arguments import checked, shown
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
+from critflow.response.soft_spectrum import soft_eigenvalues
 from critflow.response.weak_model import Modes, WeakModel
 from critflow.response.weak_strain import WeakStrain, remainder, turning, weak_strain
 from critflow.response.weak_system import WeakSystem
@@ -156,6 +157,10 @@ class WeakForces(Record):
     def crossover(self, kappa: ArrayLike) -> Array:
         """D τ/c at the transition: the strain that alone would give the tension of the weak forces there."""
         return self.compliance / self.work * self.tension(0.0, kappa)
+
+    def soft_eigenvalues(self, n: int) -> Array:
+        """The n least eigenvalues (n,) of P on the floppy motions: those of the soft band of springs, per tension τ."""
+        return soft_eigenvalues(self._model.system, n)
 
     @property
     def branch_end(self) -> float:

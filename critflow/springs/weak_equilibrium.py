@@ -134,8 +134,8 @@ def weak_equilibrium(
     True
     """
     gammas = np.atleast_1d(floats(strains, "strains"))
-    if gammas.ndim != 1 or not np.isfinite(gammas).all():
-        raise InputError("strains must be finite numbers in one row: leave out the others")
+    if gammas.ndim != 1 or not gammas.size or not np.isfinite(gammas).all():
+        raise InputError("strains must be one or more finite numbers in one row: leave out the others")
     if not 0 < kappa < np.inf:
         raise InputError(f"kappa must be positive and finite, not {kappa}: it is the size of the weak energy")
     network = critical.network
