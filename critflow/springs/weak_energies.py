@@ -63,12 +63,15 @@ class AngleSprings(Record):
             raise InputError("no two edges form a fibre, straight through a vertex: choose pairs='all'")
         return edges, signs
 
+    def angles_of(self, network: Network) -> Array:
+        """θ (n_pairs,) in the positions of a network, in the order of `pairs_of`: rest angles for other states of it."""
+        return _angles(_positions_bonds(network), *self.pairs_of(network))
+
     def on(self, network: Network) -> WeakFunction:
         """The energy of a network."""
         edges, signs = self.pairs_of(network)
         if self.rest_angles is None:
-            straight = np.full(len(edges), np.pi)
-            rest = straight if self.pairs == "fibres" else _angles(_positions_bonds(network), edges, signs)
+            rest = np.full(len(edges), np.pi) if self.pairs == "fibres" else self.angles_of(network)
         else:
             rest = _per_term(self.rest_angles, len(edges), "rest_angles", "pair of edges", positive=False)
         if not ((rest >= 0) & (rest <= np.pi)).all():
