@@ -38,6 +38,7 @@ from critflow.quantities.properties import properties as properties
 from critflow.quantities.vocabulary import quantity as quantity
 from critflow.response.elasticity import elasticity as elasticity
 from critflow.response.stiffening import stiffening as stiffening
+from critflow.response.weak_forces import weak_forces as weak_forces
 from critflow.result import CritflowError as CritflowError
 from critflow.result import InputError as InputError
 from critflow.result import Solution as Solution
@@ -56,6 +57,9 @@ from critflow.springs.laws import WormLike as WormLike
 from critflow.springs.state import spring_state as spring_state
 from critflow.springs.tissue import critical_from_perimeters as critical_from_perimeters
 from critflow.springs.tissue import tissue as tissue
+from critflow.springs.weak_energies import AngleSprings as AngleSprings
+from critflow.springs.weak_energies import PointForces as PointForces
+from critflow.springs.weak_energies import SoftSprings as SoftSprings
 
 __version__ = version("critflow")
 

@@ -33,6 +33,7 @@ class Status(IntEnum):
     rigid = 12
     infeasible = 13
     not_reached = 14
+    out_of_range = 15
 
     def __str__(self) -> str:
         return self.name
@@ -49,6 +50,7 @@ class Status(IntEnum):
 _MESSAGES = {
     Status.infeasible: "no configuration has the requested properties (proof): relax one of them",
     Status.not_reached: "the search ended without the requested properties: relax one, or give another start",
+    Status.out_of_range: "the estimated error exceeds a tenth of the answer: relax the full energy in its place",
     Status.ok: "converged to the requested tolerance",
     Status.floppy: "the network has no self-stress, so every modulus is exactly zero: strain it to the transition",
     Status.step_limit: "the step limit came before the tolerance: raise max_steps, or choose method='auto'",

@@ -12,7 +12,7 @@ import pytest
 from problems import square_octagon
 from public import checked_functions
 
-from critflow import CritflowError, CriticalManifold, InputError, Network, examine, lattice, spring_state
+from critflow import AngleSprings, CritflowError, CriticalManifold, InputError, Network, examine, lattice, spring_state
 from critflow.arguments import checked, generator
 from critflow.critical.curvature import StereographicChart
 
@@ -34,6 +34,8 @@ RIGHT = {
     "strains": [0.001, 0.002],
     "start": CRITICAL,
     "strain": np.eye(2),
+    "energy": AngleSprings(2.0),
+    "kappa": 0.001,
     "objective": "B_0",
     "state": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
     "springs": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),

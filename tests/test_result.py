@@ -40,6 +40,7 @@ def test_stored_integers_never_change():
         "rigid": 12,
         "infeasible": 13,
         "not_reached": 14,
+        "out_of_range": 15,
     }
     assert all(status.message for status in Status)
 

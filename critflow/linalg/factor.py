@@ -78,7 +78,7 @@ class FixedPattern:
         rows, cols = rows[first], cols[first]
         given = order < n_entries
         order, slot = order[given], slot[given]
-        self.size = size
+        self.size, self.n_sources = size, n_sources
         self._gather = sp.csr_array(
             (coefficients[order], sources[order], _starts(slot, len(rows))), shape=(len(rows), n_sources)
         )

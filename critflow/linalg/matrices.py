@@ -39,21 +39,28 @@ def block_laplacian(network: Network, backend: str = "auto") -> FixedPattern:
     The values are `edge_blocks(...)`: with C_α = K_α L_α L_αᵀ + σ_α 1 this is the elastic Hessian.
     """
     d = network.dimension
+    return FixedPattern(d * len(network.free), n_block_values(network), block_entries(network), backend)
+
+
+def n_block_values(network: Network) -> int:
+    """Number of values of `block_laplacian`."""
+    return network.n_edges * network.dimension * (network.dimension + 1) // 2
+
+
+def block_entries(network: Network) -> Iterator[Entries]:
+    """The entries of `block_laplacian`, for patterns with further ones."""
+    d = network.dimension
     tail, head = free_ends(network).T
     edge = np.arange(network.n_edges)
     # Number of each pair (row, col) in the upper triangle of a symmetric block.
     number = np.zeros((d, d), int)
     number[np.triu_indices(d)] = np.arange(d * (d + 1) // 2)
     number = np.maximum(number, number.T)
-
-    def entries() -> Iterator[Entries]:
-        for row, col in np.ndindex(d, d):
-            source = edge + network.n_edges * number[row, col]
-            for i, j, sign in ((tail, tail, 1.0), (head, head, 1.0), (tail, head, -1.0), (head, tail, -1.0)):
-                inside = (i >= 0) & (j >= 0)
-                yield Entries(d * i[inside] + row, d * j[inside] + col, source[inside], sign)
-
-    return FixedPattern(d * len(network.free), network.n_edges * d * (d + 1) // 2, entries(), backend)
+    for row, col in np.ndindex(d, d):
+        source = edge + network.n_edges * number[row, col]
+        for i, j, sign in ((tail, tail, 1.0), (head, head, 1.0), (tail, head, -1.0), (head, tail, -1.0)):
+            inside = (i >= 0) & (j >= 0)
+            yield Entries(d * i[inside] + row, d * j[inside] + col, source[inside], sign)
 
 
 def edge_blocks(axial: Array, vectors: Array, isotropic: Array) -> Array:

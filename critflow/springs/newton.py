@@ -24,9 +24,6 @@ from critflow.springs.state import State
 # Stiffness that regularises floppy modes.  They feel no force, so the shift changes no answer; the stiffness of soft
 # modes at a strain γ, about γ k, is far above it.
 FLOPPY_SHIFT = 1e-11
-# Where every stress σ is larger, the Hessian is at least that multiple of the Laplacian of the network, and its pivots
-# are not examined.
-TAUT = 1e-7
 ROUNDING_FORCE = 1e-13  # below this force a rejected step is due to rounding and not to a matrix that needs damping
 
 # Damping: first and largest shift in units of k, and the factors by which it grows and decays.  The first shift is
@@ -118,12 +115,6 @@ class _Iterate(Generic[State]):
     def force_unit(self) -> float:
         return self.stiffness * self.state.length_scale
 
-    @property
-    def taut(self) -> bool:
-        """Whether the Hessian is certainly positive definite: it is not less than P(σ), of a connected network."""
-        state = self.state
-        return bool(state.sigma.min() > TAUT * self.stiffness and state.edge_stiffness.min() >= 0)
-
     def improves_on(self, other: _Iterate[State]) -> bool:
         decreased = self.energy < other.energy * (1 - _ENERGY_ROUNDING)
         return decreased or self.force < _FORCE_DECREASE * other.force
@@ -190,7 +181,7 @@ class _Damping:
     def _factorize_hessian(self, here: _Iterate[State]) -> bool:
         """Factorise the Hessian; False where it is indefinite."""
         self._factor = here.state.factorize(self._pattern, max(self._shift, self._floppy_shift))
-        if here.taut or not self._factor.indefinite:
+        if here.state.taut or not self._factor.indefinite:
             return True
         if self._floppy_shift == 0.0:
             # A part may be floppy only, as one of slack edges is.

@@ -27,6 +27,10 @@ from critflow.precision.residual import Displacement, exact_displacement
 from critflow.result import InputError, Record
 from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
 
+# Where every stress σ is larger, in units of k, the Hessian is at least that multiple of the Laplacian of the network,
+# and its pivots are not examined.
+TAUT = 1e-7
+
 
 class ElasticState(Record, ABC):
     """A configuration with an energy that depends on lengths alone: coordinates x (N_v, d), bond vectors L (N_b, d).
@@ -111,6 +115,11 @@ class ElasticState(Record, ABC):
         """A bound on the largest eigenvalue of the Hessian where edges are not much compressed."""
         at_vertex = np.bincount(self.network.edges.ravel(), np.repeat(self.edge_stiffness, 2))
         return 2 * float(at_vertex.max())
+
+    @property
+    def taut(self) -> bool:
+        """Whether the Hessian is certainly positive definite: it is not less than P(σ), of a connected network."""
+        return bool(self.sigma.min() > TAUT * self.stiffness_scale and self.edge_stiffness.min() >= 0)
 
     def edge_rates(self, motion: Array) -> Array:
         """Changes (N_b, d) of the bond vectors by a motion, of as many components as `forces`."""

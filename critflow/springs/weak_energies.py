@@ -1,0 +1,344 @@
+"""Weak energies U(x, F) beside springs: angles between edges, soft springs, loads, and functions of a user's own.
+
+A function of the coordinates x (N_v, d), in the cell deformed by F (d, d), gives U, ∂U/∂x (N_v, d) and ∂²U/∂x∂x, sparse
+(d·N_v)² in the order (vertex, axis).  Energies of this module are sums of terms over the bond vectors of a graph,
+L = g x + F b: a spring couples an edge to itself, an angle two edges that meet.  With ∂U/∂L (n, d) and the sparse
+M = ∂²U/∂L∂L their derivatives are gᵀ ∂U/∂L and (g ⊗ 1)ᵀ M (g ⊗ 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+
+from critflow.linalg.vectors import norms
+from critflow.networks.checks import edge_values, floats, integers
+from critflow.networks.network import Array, IntArray, Network
+from critflow.result import InputError, Record
+
+# Largest angle from a straight line, in radians, of two edges of one fibre.
+STRAIGHT = 1e-6
+# Below this angle from a straight line functions of the cosine are series, whose next terms are below rounding.
+_NEARLY_STRAIGHT = 1e-4
+# Forces of a load in a periodic cell balance to this part of their sizes.
+_BALANCED_LOAD = 1e-12
+
+# Smallest angle of two edges from a line at which the direction of the force is known to half of the digits.
+_CERTAIN_DIRECTION = 1e-8
+
+WeakFunction = Callable[[Array, Array], tuple[float, Array, sp.sparray]]
+"""x (N_v, d), F (d, d) → U, ∂U/∂x (N_v, d), ∂²U/∂x∂x sparse (d·N_v)²."""
+
+
+@dataclass(frozen=True, eq=False)
+class AngleSprings(Record):
+    """Springs that resist changes of the angle between two edges at a vertex: U = ½ Σ_p k_p (θ_p − θ0_p)².
+
+    Angles are those between the directions away from the vertex, from 0 to π, in any dimension.
+
+    rest_angles  θ0 (n_pairs,) in the order of `pairs_of`, or one number; None: those of the positions of the network,
+                 and π for fibres
+    pairs        "all" pairs of edges at a vertex, or "fibres": those that are straight in the positions
+    stiffness    k (n_pairs,), or one number
+    """
+
+    rest_angles: ArrayLike | None = None
+    pairs: str = "all"
+    stiffness: ArrayLike = 1.0
+
+    def pairs_of(self, network: Network) -> tuple[IntArray, Array]:
+        """Edges (n_pairs, 2) that meet, and ±1 (n_pairs, 2) where their tail or their head is the common vertex."""
+        if self.pairs not in ("all", "fibres"):
+            raise InputError(f"the pairs of angle springs are 'all' or 'fibres', not {self.pairs!r:.40}")
+        edges, signs = _meeting_edges(network)
+        if self.pairs == "fibres":
+            straight = _angles(_positions_bonds(network), edges, signs) > np.pi - STRAIGHT
+            edges, signs = edges[straight], signs[straight]
+        if not len(edges):
+            raise InputError("no two edges form a fibre, straight through a vertex: choose pairs='all'")
+        return edges, signs
+
+    def angles_of(self, network: Network) -> Array:
+        """θ (n_pairs,) in the positions of a network, in the order of `pairs_of`: rest angles for other states of it."""
+        return _angles(_positions_bonds(network), *self.pairs_of(network))
+
+    def on(self, network: Network) -> WeakFunction:
+        """The energy of a network."""
+        edges, signs = self.pairs_of(network)
+        if self.rest_angles is None:
+            rest = np.full(len(edges), np.pi) if self.pairs == "fibres" else self.angles_of(network)
+        else:
+            rest = _per_term(self.rest_angles, len(edges), "rest_angles", "pair of edges", positive=False)
+        if not ((rest >= 0) & (rest <= np.pi)).all():
+            raise InputError("rest angles lie between 0 and π, in radians: correct the first that does not")
+        stiffness = _per_term(self.stiffness, len(edges), "stiffness", "pair of edges")
+        terms = _AngleTerms(edges, signs, rest, stiffness)
+        return _BondEnergy.of(network.n_vertices, network.edges, network.offsets, network.cell, terms)
+
+
+@dataclass(frozen=True, eq=False)
+class SoftSprings(Record):
+    """Hookean springs between any vertices: U = ½ Σ k(|L| − ℓ)².
+
+    edges         (n, 2) tails and heads
+    stiffness     k (n,), or one number
+    rest_lengths  ℓ (n,), or one number; zero is allowed
+    offsets       (n, d) image offsets of the heads; None: none
+    """
+
+    edges: ArrayLike
+    stiffness: ArrayLike = 1.0
+    rest_lengths: ArrayLike = 0.0
+    offsets: ArrayLike | None = None
+
+    def on(self, network: Network) -> WeakFunction:
+        """The energy of these springs between vertices of a network."""
+        edges = integers(self.edges, "edges")
+        if edges.ndim != 2 or edges.shape[1] != 2 or not len(edges) or edges.min() < 0:
+            raise InputError(f"edges of soft springs have shape (n, 2), tail and head, not {edges.shape}")
+        if edges.max() >= network.n_vertices:
+            raise InputError(f"there is no vertex {edges.max()}: vertices run from 0 to {network.n_vertices - 1}")
+        shape = (len(edges), network.dimension)
+        offsets = np.zeros(shape, int) if self.offsets is None else integers(self.offsets, "offsets")
+        if offsets.shape != shape or (offsets.any() and network.cell is None):
+            raise InputError(f"offsets of soft springs have shape {shape}, and need a cell: one row a spring")
+        k = _per_term(self.stiffness, len(edges), "stiffness", "soft spring")
+        rest = _per_term(self.rest_lengths, len(edges), "rest_lengths", "soft spring", positive=False)
+        if not (rest >= 0).all():
+            raise InputError("rest lengths of soft springs are not negative: correct the first that is")
+        return _BondEnergy.of(network.n_vertices, edges, offsets, network.cell, _SpringTerms(k, rest))
+
+
+@dataclass(frozen=True, eq=False)
+class PointForces(Record):
+    """Constant forces on the vertices, U = −Σ f·x; force dipoles are opposite forces on two vertices.
+
+    forces  f (N_v, d); on a network without pins they sum to zero
+    """
+
+    forces: ArrayLike
+
+    def on(self, network: Network) -> WeakFunction:
+        """The energy of these forces on the vertices of a network."""
+        forces = floats(self.forces, "forces")
+        shape = (network.n_vertices, network.dimension)
+        if forces.shape != shape or not np.isfinite(forces).all():
+            raise InputError(f"forces must be finite and of shape {shape}, not {forces.shape}: one row a vertex")
+        if not network.pins and (np.abs(forces.sum(axis=0)) > _BALANCED_LOAD * np.abs(forces).sum(axis=0)).any():
+            raise InputError(
+                "forces on a network without pins must sum to zero, or nothing holds it: subtract the mean"
+            )
+        nothing = sp.csr_array((forces.size, forces.size))
+        return lambda x, F: (-float(np.vdot(forces, x)), -forces, nothing)
+
+
+WeakEnergy = AngleSprings | SoftSprings | PointForces | WeakFunction | Sequence[Any]
+"""What `weak_function` accepts."""
+
+
+def weak_function(energy: WeakEnergy, network: Network) -> WeakFunction:
+    """The function of an energy on a network: one of this module, a callable, or a sequence of them, which add up."""
+    if isinstance(energy, AngleSprings | SoftSprings | PointForces):
+        return energy.on(network)
+    if callable(energy):
+        return _Checked(energy, network.n_vertices, network.dimension)
+    if isinstance(energy, Sequence) and len(energy) and not isinstance(energy, str):
+        return _Sum([weak_function(one, network) for one in energy])
+    raise InputError(
+        "a weak energy is AngleSprings, SoftSprings, PointForces, a function of x and F that returns energy, gradient "
+        f"and sparse Hessian, or a list of these, not {energy!r:.40}"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Checked:
+    """A user's own function, whose results have the expected shapes."""
+
+    function: Callable[[Array, Array], Any]
+    n_vertices: int
+    dimension: int
+
+    def __call__(self, x: Array, F: Array) -> tuple[float, Array, sp.sparray]:
+        result, size = self.function(x, F), x.size
+        if not isinstance(result, tuple) or len(result) != 3:
+            raise InputError("a weak energy returns three things: energy, gradient and sparse Hessian")
+        value, gradient, hessian = float(result[0]), np.asarray(result[1], float), sp.csr_array(result[2])
+        if gradient.shape != x.shape or hessian.shape != (size, size):
+            raise InputError(
+                f"a weak energy returns a gradient of shape {x.shape} and a Hessian of shape {(size, size)}, not "
+                f"{gradient.shape} and {hessian.shape}"
+            )
+        return value, gradient, hessian
+
+
+@dataclass(frozen=True, eq=False)
+class _Sum:
+    """A sum of weak energies."""
+
+    parts: list[WeakFunction]
+
+    def __call__(self, x: Array, F: Array) -> tuple[float, Array, sp.sparray]:
+        first, *others = (part(x, F) for part in self.parts)
+        total = first
+        for value, gradient, hessian in others:
+            total = (total[0] + value, total[1] + gradient, sp.csr_array(total[2] + hessian))
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class _BondEnergy:
+    """Terms of the bond vectors L = g x + F b of a graph: `spread` is g ⊗ 1, (d·n, d·N_v)."""
+
+    incidence: sp.csr_array
+    boundary: Array
+    spread: sp.csr_array
+    terms: _AngleTerms | _SpringTerms
+
+    @classmethod
+    def of(
+        cls, n_vertices: int, edges: IntArray, offsets: IntArray, cell: Array | None, terms: _AngleTerms | _SpringTerms
+    ) -> _BondEnergy:
+        n, d = offsets.shape
+        signs = np.tile([-1.0, 1.0], n)
+        g = sp.csr_array((signs, (np.repeat(np.arange(n), 2), edges.ravel())), shape=(n, n_vertices))
+        b = np.zeros((n, d)) if cell is None else offsets @ cell
+        return cls(g, b, sp.csr_array(sp.kron(g, sp.eye_array(d))), terms)
+
+    def __call__(self, x: Array, F: Array) -> tuple[float, Array, sp.sparray]:
+        L = self.incidence @ x + self.boundary @ F.T
+        value, gradient, (rows, cols, blocks) = self.terms(L)
+        n, d = L.shape
+        axes = np.arange(d)
+        where = (d * rows[:, None, None] + axes[:, None], d * cols[:, None, None] + axes)
+        indices = [np.broadcast_to(index, blocks.shape).ravel() for index in where]
+        M = sp.csr_array((blocks.ravel(), indices), shape=(n * d, n * d))
+        return value, self.incidence.T @ gradient, sp.csr_array(self.spread.T @ M @ self.spread)
+
+
+# Blocks (m, d, d) of ∂²U/∂L∂L with the edges of their rows and columns, (m,) each.
+_Blocks = tuple[IntArray, IntArray, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class _SpringTerms:
+    """½ k(|L| − ℓ)²."""
+
+    stiffness: Array
+    rest: Array
+
+    def __call__(self, L: Array) -> tuple[float, Array, _Blocks]:
+        length, k, rest = norms(L), self.stiffness, self.rest
+        divisor = np.where(rest > 0, length, 1.0)
+        if not (divisor > 0).all():
+            raise InputError(f"soft spring {int(divisor.argmin())} has no length, so no direction: move its ends apart")
+        # k n nᵀ + k(1 − ℓ/|L|)(1 − n nᵀ)
+        ratio, n = rest / divisor, L / divisor[:, None]
+        blocks = (k * (1 - ratio))[:, None, None] * np.eye(L.shape[1])
+        blocks = blocks + (k * ratio)[:, None, None] * n[:, :, None] * n[:, None, :]
+        edges = np.arange(len(L))
+        return float(0.5 * np.sum(k * (length - rest) ** 2)), (k * (1 - ratio))[:, None] * L, (edges, edges, blocks)
+
+
+@dataclass(frozen=True, eq=False)
+class _AngleTerms:
+    """½ k(θ − θ0)² of pairs of edges, by the cosine c = p·q of the unit vectors p and q away from their vertex."""
+
+    edges: IntArray
+    signs: Array
+    rest: Array
+    stiffness: Array
+
+    def __call__(self, L: Array) -> tuple[float, Array, _Blocks]:
+        vectors = self.signs[:, :, None] * L[self.edges]
+        lengths = np.linalg.norm(vectors, axis=2)
+        p, q = (vectors / lengths[:, :, None]).transpose(1, 0, 2)
+        c = np.einsum("nd,nd->n", p, q)
+        # Differences of directions have full accuracy for all angles, which the cosine lacks.
+        angle = 2 * np.arctan2(norms(p - q), norms(p + q))
+        first, second = _by_cosine(angle, self.rest)
+        value = float(0.5 * np.sum(self.stiffness * (angle - self.rest) ** 2))
+        first, second = self.stiffness * first, self.stiffness * second
+        # ∂c/∂P = (q − c p)/|P| of the edge vector P, and its sign on L
+        to_p, to_q = (self.signs / lengths).T[:, :, None] * np.stack([q - c[:, None] * p, p - c[:, None] * q])
+        gradient = np.zeros_like(L)
+        np.add.at(gradient, self.edges[:, 0], first[:, None] * to_p)
+        np.add.at(gradient, self.edges[:, 1], first[:, None] * to_q)
+        one, c_, unit = np.eye(L.shape[1]), c[:, None, None], (p, q)
+        curvatures = {}
+        for i, j in ((0, 0), (1, 1), (0, 1)):
+            a, b = unit[i], unit[1 - i]
+            if i == j:  # ∂²c/∂P∂P = (3c p pᵀ − p qᵀ − q pᵀ − c)/|P|²
+                curvature = 3 * c_ * _outer(a, a) - _outer(a, b) - _outer(b, a) - c_ * one
+            else:  # ∂²c/∂P∂Q = (1 − p pᵀ − q qᵀ + c p qᵀ)/|P||Q|
+                curvature = one - _outer(p, p) - _outer(q, q) + c_ * _outer(p, q)
+            scale = self.signs[:, i] * self.signs[:, j] / (lengths[:, i] * lengths[:, j])
+            rates = (to_p, to_q)
+            curvatures[i, j] = (first * scale)[:, None, None] * curvature
+            curvatures[i, j] += second[:, None, None] * _outer(rates[i], rates[j])
+        curvatures[1, 0] = curvatures[0, 1].transpose(0, 2, 1)
+        rows = np.concatenate([self.edges[:, i] for i, _ in curvatures])
+        cols = np.concatenate([self.edges[:, j] for _, j in curvatures])
+        return value, gradient, (rows, cols, np.concatenate(list(curvatures.values())))
+
+
+def _outer(a: Array, b: Array) -> Array:
+    return a[:, :, None] * b[:, None, :]
+
+
+def _by_cosine(angle: Array, rest: Array) -> tuple[Array, Array]:
+    """First and second derivative of ½(θ − θ0)² by cos θ.
+
+    Both are finite at a straight angle only where it is at rest: φ/sin φ and (sin φ − φ cos φ)/sin³ φ of φ = π − θ.
+    """
+    bend = np.pi - angle
+    straight = (bend < _NEARLY_STRAIGHT) & (rest == np.pi)
+    if (np.minimum(bend, angle)[~straight] < _CERTAIN_DIRECTION).any():
+        pair = int(np.flatnonzero(~straight & (np.minimum(bend, angle) < _CERTAIN_DIRECTION))[0])
+        raise InputError(
+            f"the edges of pair {pair} are parallel and their rest angle is another, so the force has no direction: "
+            "give a rest angle of π, or bend them a little"
+        )
+    safe = np.where(straight, 0.5 * np.pi, angle)
+    sine, cosine, change = np.sin(safe), np.cos(safe), safe - rest
+    first, second = -change / sine, (sine - change * cosine) / sine**3
+    return np.where(straight, 1 + bend**2 / 6, first), np.where(straight, 1 / 3 + 2 * bend**2 / 15, second)
+
+
+def _meeting_edges(network: Network) -> tuple[IntArray, Array]:
+    """All pairs of edges at a vertex (n, 2), with ±1 (n, 2) for a common tail or head."""
+    ends = network.edges.ravel()
+    order = np.argsort(ends, kind="stable")
+    degree = np.bincount(ends, minlength=network.n_vertices)
+    first = np.concatenate([[0], np.cumsum(degree)])[:-1]
+    found = []
+    for z in np.unique(degree[degree > 1]):
+        places = first[degree == z][:, None] + np.arange(z)
+        i, j = np.triu_indices(z, 1)
+        found.append(order[np.stack([places[:, i].ravel(), places[:, j].ravel()], axis=1)])
+    halves = np.concatenate(found) if found else np.zeros((0, 2), int)
+    halves = halves[np.argsort(ends[halves[:, 0]], kind="stable")]
+    return halves // 2, np.where(halves % 2, -1.0, 1.0)
+
+
+def _positions_bonds(network: Network) -> Array:
+    """Bond vectors (N_b, d) of the positions of a network, else an `InputError`."""
+    if network.positions is None:
+        raise InputError("the network has no positions, which give its angles at rest: give rest_angles")
+    return network.bond_vectors(network.positions)
+
+
+def _angles(L: Array, edges: IntArray, signs: Array) -> Array:
+    """Angles (n,) between the directions of pairs of edges away from their vertex."""
+    p, q = (signs[:, :, None] * L[edges] / norms(L)[edges][:, :, None]).transpose(1, 0, 2)
+    return np.asarray(2 * np.arctan2(norms(p - q), norms(p + q)))
+
+
+def _per_term(values: ArrayLike, n: int, name: str, place: str, positive: bool = True) -> Array:
+    """One value a term (n,), from as many or from one number."""
+    array = np.asarray(values)
+    return edge_values(np.full(n, array) if array.ndim == 0 else array, n, name, positive, place)

@@ -1,0 +1,93 @@
+"""Equilibria of springs with a weak energy: balance, stress as a derivative, a closed form, slack edges, bad input."""
+
+import numpy as np
+import pytest
+from problems import dense_incidence, random_stress
+from scipy.optimize import brentq
+
+from critflow import (
+    AngleSprings,
+    CriticalManifold,
+    InputError,
+    Network,
+    PointForces,
+    Status,
+    critical_strain,
+    fibre_network,
+    optimize,
+    voronoi_network,
+)
+from critflow.springs.weak_energies import weak_function
+from critflow.springs.weak_equilibrium import weak_equilibrium
+
+NETWORK = voronoi_network(40, seed=2)
+CRITICAL = optimize(NETWORK, "B_0").value
+
+
+def test_forces_balance_and_the_stress_is_the_derivative_of_the_energy():
+    h = 1e-5
+    strains = np.array([-2e-3, -h, 0.0, h, 2e-3])
+    found = weak_equilibrium(CRITICAL, AngleSprings(), strains, 1e-3, "uniaxial").value
+    assert (found.status == Status.ok).all()
+    U, g = weak_function(AngleSprings(), NETWORK), dense_incidence(NETWORK)
+    for gamma, state in zip(strains, found.states, strict=True):
+        F = np.array([[1 + gamma, 0], [0, 1]])
+        L = g @ state.coordinates + NETWORK.offsets @ (NETWORK.cell @ F.T)
+        length = np.linalg.norm(L, axis=1)
+        force = g.T @ (((length - CRITICAL.lengths) / length)[:, None] * L) + 1e-3 * U(state.coordinates, F)[1]
+        assert np.abs(force).max() < 2e-13
+        energy = 0.5 * np.sum((length - CRITICAL.lengths) ** 2) + 1e-3 * U(state.coordinates, F)[0]
+        assert energy == pytest.approx(state.energy, rel=1e-12)
+    slope = (found.energy[3] - found.energy[1]) / (2 * h)
+    assert found.stress[2] * NETWORK.volume == pytest.approx(slope, rel=1e-6)
+
+
+def test_two_edges_in_a_line_under_a_transverse_load():
+    # Edges of length 1 between pins at ±1 + γ, with the load κ across: 2 (√((1 + γ)² + y²) − 1) y/|L| = κ.
+    network = Network([[1, 0], [0, 2]], pins={1: [-1.0, 0.0], 2: [1.0, 0.0]}).with_volume(1.0)
+    critical = CriticalManifold(network).configuration([1.0, 1.0])
+    load, kappa = PointForces([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]), 1e-4
+    strains = np.array([1e-2, 0.0, -1e-2])
+    found = weak_equilibrium(critical, load, strains, kappa, [[1.0, 0.0], [0.0, 0.0]]).value
+    for gamma, state, tension in zip(strains, found.states, found.tension, strict=True):
+        length = lambda y, a=1 + gamma: np.hypot(a, y)  # noqa: E731
+        y = brentq(lambda y, length=length: 2 * (length(y) - 1) * y / length(y) - kappa, 1e-9 + (gamma < 0) * 0.14, 1.0)
+        assert state.coordinates[0, 1] == pytest.approx(y, rel=1e-9)
+        assert tension == pytest.approx(length(y) - 1, rel=1e-7)
+
+
+def test_a_network_with_slack_edges_has_equilibria():
+    network = fibre_network("mikado", 60, seed=1)
+    rest = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    onset = critical_strain(network, 1.02 * rest, "dilation").value
+    assert (onset.configuration.sigma == 0).any()
+    found = weak_equilibrium(onset.configuration, AngleSprings(pairs="fibres"), [0.0, 5e-3], 1e-3, throw=False)
+    assert found.ok and (found.value.stress > 0).all() and np.diff(found.value.stress)[0] > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"kappa": 0.0}, "kappa"),
+        ({"kappa": np.nan}, "kappa"),
+        ({"strains": [[0.0]]}, "row"),
+        ({"strains": [np.inf]}, "finite"),
+        ({"deformation": "uniaxial_free"}, "fixed components"),
+        ({"energy": AngleSprings(np.ones(3))}, "pair"),
+    ],
+)
+def test_bad_input(change, word):
+    arguments = {"critical": CRITICAL, "energy": AngleSprings(), "strains": [0.0], "kappa": 1e-3} | change
+    with pytest.raises(InputError, match=word):
+        weak_equilibrium(**arguments)
+
+
+def test_a_failure_is_a_status():
+    # Forces that pull every vertex from its neighbours leave no equilibrium: the energy has no lower bound.
+    def pushed(x, F):
+        return -float(np.sum(x**4)), -4 * x**3, np.diag(-12 * x.ravel() ** 2)
+
+    critical = CriticalManifold(NETWORK).configuration(random_stress(NETWORK.n_edges, 1))
+    found = weak_equilibrium(critical, pushed, [0.0], 10.0, throw=False)
+    assert found.status is not Status.ok
+    assert np.isnan(found.value.tension).all() and np.isnan(found.value.energy).all()
