@@ -171,7 +171,7 @@ def critical_strain(
     else:
         search = search_onset(path, lengths)
         onset = _onset(path, lengths, search, search.state, interior) if search.state else _without_onset(path, search)
-    known = "an onset known to the bounds alone" if np.isfinite(onset.strain) else "no onset of rigidity"
+    known = "an onset known to the bounds alone" if np.isfinite(onset.value.strain) else "no onset of rigidity"
     return onset.or_raise(f"{known} under {path.deformation.name}") if throw else onset
 
 
