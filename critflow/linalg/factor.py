@@ -21,6 +21,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.linalg.backends import Backend, choose_backend, make_backend, multiply
+from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 
 # Shift δ in units of the mean value.  A matrix with the same inertia at ±δ counts as regular; the shift is far above
@@ -85,7 +86,7 @@ class FixedPattern:
 
     def factorize(self, values: Array, shift: float | Array = 0.0) -> Factor:
         """L D Lᵀ of A + shift·1, with values (n_sources,) and a shift for all or for each of the rows (n,)."""
-        data = self._gather @ values
+        data = product(self._gather, values)
         if np.ndim(shift) or shift:
             data[self._diagonal] += shift
         factor = Factor(self, data)

@@ -24,7 +24,7 @@ From one strain to the next (`step`, with the loop in `advance`):
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -74,7 +74,10 @@ _JUMPED = "the equilibrium jumps to another branch: the one followed ends before
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What stays the same along a path: the network at γ = 0, the deformation, and the options of `strain_path`."""
+    """What stays the same along a path: the network at γ = 0, the deformation, and the options of `strain_path`.
+
+    gradients  F(γ) (d, d) of the strains so far
+    """
 
     reference: Network
     deformation: Deformation
@@ -82,6 +85,7 @@ class Course:
     tolerance: float
     measure: str
     pattern: FixedPattern
+    gradients: dict[float, Array] = field(default_factory=dict)
 
     @cached_property
     def free_strains(self) -> Array:
@@ -95,13 +99,16 @@ class Course:
 
     def cell(self, strain: float, stretch: Array) -> Cell:
         """The cell at a strain with free components q (m,)."""
-        return Cell(strain, self.deformation.gradient(strain), stretch, self.free_strains)
+        F = self.gradients.get(strain)
+        if F is None:
+            F = self.gradients[strain] = self.deformation.gradient(strain)
+        return Cell(strain, F, stretch, self.free_strains)
 
     def moved(self, springs: SpringState, here: Cell, there: Cell, change: Array) -> SpringState:
         """Springs in one cell after a change of y (n_free·d,) and the affine motion to another."""
         before, after = here.gradient, there.gradient
         springs = springs.moved(change.reshape(-1, len(before)) @ before.T)
-        return springs.deformed_to(self.reference.deformed(after), after @ np.linalg.inv(before))
+        return springs.deformed_to(self.reference.deformed(after), after @ here.inverse)
 
     def relaxed(self, start: SpringState, cell: Cell) -> tuple[Equilibrium[SpringState], Factor | None, Cell]:
         """The equilibrium from a prediction, a factor of the Hessian near it, and its cell."""
@@ -156,14 +163,19 @@ class Cell:
         """(1 + Σ q E) F(γ), (d, d)."""
         return stretched(self.stretch, self.free_strains) @ self.affine if len(self.stretch) else self.affine
 
+    @cached_property
+    def inverse(self) -> Array:
+        """F⁻¹ (1 + Σ q E)⁻¹, (d, d)."""
+        return np.asarray(np.linalg.inv(self.gradient))
+
     def point(self, springs: SpringState) -> Array:
         """z = (y, q) of springs in this cell, (n_free·d + m,)."""
-        y = springs.coordinates[springs.network.free_rows] @ np.linalg.inv(self.gradient).T
+        y = springs.coordinates[springs.network.free_rows] @ self.inverse.T
         return np.concatenate([y.ravel(), self.stretch])
 
     def velocity(self, along: Tangent) -> Array:
         """dz/dγ of a tangent, (n_free·d + m,)."""
-        y = along.relaxation @ np.linalg.inv(self.gradient).T
+        y = along.relaxation @ self.inverse.T
         return np.concatenate([y.ravel(), along.stretch_rate])
 
     def changed(self, change: Array) -> Cell:
@@ -278,7 +290,7 @@ def _unmoved(point: Point) -> Step:
 def advance(course: Course, point: Point, strain: float) -> Progress:
     """Proceed to a strain by steps that halve after failures and double after successes."""
     here = point.cell
-    if np.array_equal(course.deformation.gradient(strain), here.affine):
+    if (course.cell(strain, here.stretch).affine == here.affine).all():
         return refused(point, strain, Status.ill_conditioned, _UNRESOLVED)
     # F(γ) does not resolve smaller strains.
     smallest = max(_SMALLEST_PART * abs(strain - here.strain), EPS)
