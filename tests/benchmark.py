@@ -17,6 +17,7 @@ import time
 import numpy as np
 
 from critflow import CriticalManifold, optimize, quantity, strain_path, voronoi_network
+from critflow.paths.strain_path import PathSolver
 
 SEEDS = range(5)
 
@@ -40,7 +41,7 @@ def refactor_and_solve(pattern, right):
         solver.solve(right)
 
 
-def strain_steps(networks, critical, tensors, repeats=3):
+def strain_steps(networks, critical, measure, repeats=3):
     """Paths of ten steps, and the processor time in ms of a step and of its refactorisation with four solves, in turn.
 
     Processor time, since another load of the machine enters the time that passes.
@@ -50,7 +51,7 @@ def strain_steps(networks, critical, tensors, repeats=3):
     for _ in range(repeats + 1):
         for start, pattern in zip(critical, patterns, strict=True):
             right, begin = np.random.default_rng(1).standard_normal(pattern.size), time.process_time()
-            paths.append(strain_path(start, strains, pattern=pattern, tensors=tensors))
+            paths.append(strain_path(start, strains, measure=measure, solver=PathSolver(pattern=pattern)))
             after = time.process_time()
             refactor_and_solve(pattern, right)
             steps.append(1e3 * (after - begin) / len(strains))
@@ -62,8 +63,8 @@ def strain_steps(networks, critical, tensors, repeats=3):
 def strain_rows(networks, manifolds, stressed):
     largest_bulk = [optimize(manifold, "bulk_modulus").value for manifold in manifolds]
     for kind, starts in (("random stress", stressed), ("largest bulk modulus", largest_bulk)):
-        for name, tensors in (("moduli", False), ("tensors", True)):
-            paths, steps, units = strain_steps(networks, starts, tensors)
+        for name in ("moduli", "tensors"):
+            paths, steps, units = strain_steps(networks, starts, name)
             ratio = statistics.median(step / unit for step, unit in zip(steps, units, strict=True))
             worst = max(s.value.max_force.max() for s in paths)
             unit = f"{ratio:.2f} x a refactor and four solves, {statistics.median(units):.2f} ms"

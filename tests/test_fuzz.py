@@ -63,6 +63,11 @@ def strain_of(problem, random):
     return numbers(random, problem.network.dimension, problem.network.dimension)
 
 
+def measured(problem):
+    """What a path measures: no moduli without a cell."""
+    return "energy" if problem.network.cell is None else "tensors"
+
+
 def a_deformation(problem, random):
     return random.choice(["dilation", "simple_shear", "pure_shear", "uniaxial", strain_of(problem, random)])
 
@@ -118,11 +123,11 @@ CALLS = {
     "signed_stress": lambda p, r: call.signed_stress(*geometry(p)[:2], np.sign(p.sigma).astype(int)),
     "signed_stress any": lambda p, r: call.signed_stress(*geometry(p)[:2], [r.choice([-1, 0, 1]) for _ in p.sigma]),
     "stiffening": lambda p, r: call.stiffening(critical_of(p)),
-    "strain_path": lambda p, r: call.strain_path(critical_of(p), [1e-6, 1e-3], moduli=p.network.cell is not None),
+    "strain_path": lambda p, r: call.strain_path(critical_of(p), [1e-6, 1e-3], measure=measured(p)),
     "strain_path of a law": lambda p, r: call.strain_path(
         critical_of(p),
         [1e-3],
-        moduli=p.network.cell is not None,
+        measure=measured(p),
         law=r.choice([PowerLaw(3.0), WormLike(0.5)]),
     ),
     "from lengths, conic": lambda p, r: call.critical_from_lengths(
@@ -175,7 +180,7 @@ CALLS = {
     "elasticity under stress": lambda p, r: call.elasticity(relaxed(p, r).value),
     "stiffening of slack": lambda p, r: call.stiffening(slack_of(p, r)),
     "strain_path of a deformation": lambda p, r: call.strain_path(
-        critical_of(p), [1e-4, 1e-3], deformation=a_deformation(p, r), moduli=p.network.cell is not None
+        critical_of(p), [1e-4, 1e-3], deformation=a_deformation(p, r), measure=measured(p)
     ),
     "critical_strain": lambda p, r: call.critical_strain(p.network, loose(p, r), a_deformation(p, r)),
     "rigidity_surface": lambda p, r: surface_points(

@@ -25,6 +25,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.generators.random_points import random_sequential_addition
+from critflow.paths.strain_path import PathSolver
 
 NETWORK = square_octagon()
 EDGES, OFFSETS, CELL = NETWORK.edges.copy(), NETWORK.offsets.copy(), NETWORK.cell.copy()
@@ -218,7 +219,7 @@ CASES = {
         "starts",
     ),
     "free sides by FIRE": (
-        lambda: strain_path(CRITICAL, [0.01], "fire", deformation="uniaxial_free"),
+        lambda: strain_path(CRITICAL, [0.01], "uniaxial_free", solver=PathSolver("fire")),
         "newton",
     ),
     "strain NaN": (lambda: strain_path(CRITICAL, [np.nan]), "finite"),

@@ -199,7 +199,7 @@ def _cone_program(problem: _Problem, method: str) -> Optimum:
     manifold, goal = problem.manifold, problem.goal
     if goal.exact != "conic":
         raise InputError("the cone program finds the least length variance only: choose another method")
-    found = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), "conic", throw=False)
+    found = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), throw=False)
     variance, residual = _stationarity(manifold, goal, found.value) if found.ok else (np.nan, np.nan)
     return Optimum(
         # An optimum of the stresses is of springs.

@@ -168,7 +168,7 @@ def _nearest(network: Network, x: Array, counts: Rigidity, attempts: _Attempts) 
 def _critical_strains(
     network: Network, rest: Array, deformations: Sequence[str], attempts: _Attempts
 ) -> dict[str, Onset]:
-    """Critical strains of the rest lengths; none where the network is rigid at strain zero."""
+    """Critical strains of the rest lengths; none where it is not floppy at strain zero."""
     onsets: dict[str, Onset] = {}
     if deformations and not (rest > 0).all():
         attempts.failures.append("the critical strains: an edge has no rest length: give a positive one to each")
@@ -178,7 +178,7 @@ def _critical_strains(
             onsets[name] = critical_strain(network, rest, name)
         except CritflowError as error:
             solution = error.solution if isinstance(error, SolveError) else None
-            if solution is not None and solution.status is Status.rigid:
+            if solution is not None and solution.status in (Status.rigid, Status.undecided):
                 return {}
             attempts.failures.append(f"the critical strain in {name}: {error}")
     return onsets

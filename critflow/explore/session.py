@@ -18,7 +18,7 @@ from critflow.critical.manifold import CriticalConfiguration
 from critflow.explore.model import POPULATIONS, Model, Observer
 from critflow.explore.source import Source
 from critflow.networks.pruning import pruned
-from critflow.paths.strain_path import StrainPath, strain_path
+from critflow.paths.strain_path import PathSolver, StrainPath, strain_path
 from critflow.result import InputError, Solution
 from critflow.springs.state import SpringState
 
@@ -52,9 +52,8 @@ class State:
             self.critical,
             [gamma],
             deformation=deformation,
-            moduli=moduli,
-            tensors=False,
-            pattern=self.model.pattern,
+            measure="moduli" if moduli else "energy",
+            solver=PathSolver(pattern=self.model.pattern),
             throw=False,
         )
 

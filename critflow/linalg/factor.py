@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from critflow.linalg import multigrid
 from critflow.linalg.backends import MULTIGRID, Backend, choose_backend, make_backend, multiply
+from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.result import InputError
 
@@ -97,7 +98,7 @@ class FixedPattern:
 
     def factorize(self, values: Array, shift: float | Array = 0.0) -> Factor:
         """L D Lᵀ of A + shift·1, with values (n_sources,) and a shift for all or for each of the rows (n,)."""
-        data = self._gather @ values
+        data = product(self._gather, values)
         if np.ndim(shift) or shift:
             data[self._diagonal] += shift
         factor = Factor(self, data)

@@ -235,13 +235,14 @@ class Network:
     def deformed(self, gradient: ArrayLike) -> Network:
         """The network after the affine deformation F of its boundary: b → F b, including pins and positions."""
         F = floats(gradient, "a deformation")
-        if F.shape != (self.dimension,) * 2 or not np.isfinite(F).all() or not abs(np.linalg.det(F)) > 0:
+        growth = abs(np.linalg.det(F)) if F.shape == (self.dimension,) * 2 and np.isfinite(F).all() else 0.0
+        if not growth > 0:
             raise NetworkError(f"a deformation must be an invertible {self.dimension} × {self.dimension} matrix")
         copied = self._copied(
             cell=None if self.cell is None else self.cell @ F.T,
             pins={i: F @ p for i, p in self.pins.items()},
             positions=None if self.positions is None else self.positions @ F.T,
-            reference_volume=None if self.reference_volume is None else self.reference_volume * abs(np.linalg.det(F)),
+            reference_volume=None if self.reference_volume is None else self.reference_volume * growth,
         )
         copied.__dict__.pop("boundary_vectors", None)
         copied.__dict__.pop("fixed_positions", None)

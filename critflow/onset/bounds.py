@@ -45,8 +45,8 @@ def onset_bounds(
     if path.linear:
         found += [_mixed(path, lengths, near, interior) for near in (state, start)]
     lower = max((s for s in found if s is not None), default=None)
-    forces = _Forces(path, lengths, state)
-    rigid = (forces.rigid_strain(), _Forces(path, lengths, start).rigid_strain())
+    forces = Forces(path, lengths, state)
+    rigid = (forces.rigid_strain(), Forces(path, lengths, start).rigid_strain())
     upper = min((s for s in rigid if s is not None), default=None)
     # Without a proof: the error of the lengths over their rate.
     estimate = 2 * max(state.error, EPS) / forces.rate * forces.virtual_length if np.isfinite(state.error) else np.inf
@@ -57,7 +57,7 @@ def onset_bounds(
     )
 
 
-def _admissible(path: BoundaryPath, lengths: Array, s: float, q: Array, x: Array) -> bool:
+def admissible(path: BoundaryPath, lengths: Array, s: float, q: Array, x: Array) -> bool:
     """Whether all |L| < ℓ, with the rounding of L."""
     L = path.boundary_vectors(path.gradient(s, q)) + path.network.free_incidence @ x
     return bool((np.linalg.norm(L, axis=1) * (1 + 4 * EPS) + _rounding(path, s, q, x) < lengths).all())
@@ -87,7 +87,7 @@ def _retreat(path: BoundaryPath, lengths: Array, state: OnsetState) -> float | N
             if shorter is None or shorter.strain > state.strain:
                 return None
             shorter = settled(path, lengths, shorter)
-            if _admissible(path, lengths, shorter.strain, shorter.free, shorter.coordinates):
+            if admissible(path, lengths, shorter.strain, shorter.free, shorter.coordinates):
                 return shorter.strain
         except InputError:
             return None
@@ -106,13 +106,13 @@ def _mixed(path: BoundaryPath, lengths: Array, state: OnsetState, interior: tupl
         if not weight < 1:
             return None
         s, q = (1 - weight) * state.strain, (1 - weight) * state.free + weight * q_0
-        if _admissible(path, lengths, s, q, (1 - weight) * state.coordinates + weight * x_0):
+        if admissible(path, lengths, s, q, (1 - weight) * state.coordinates + weight * x_0):
             return s
         weight *= 4
     return None
 
 
-class _Forces:
+class Forces:
     """Forces f = σ L of a state, nearly in balance."""
 
     def __init__(self, path: BoundaryPath, lengths: Array, state: OnsetState):

@@ -42,7 +42,10 @@ ONSET_GAP = 1e-9  # largest gap of the bounds on a strain with status `ok`, rela
 # leaves a tilt of about its root.
 NARROW = 0.02
 
-ALREADY_RIGID = "the network is rigid at strain zero already: lengthen its rest lengths"
+AT_ZERO = {
+    Status.rigid: "the network is rigid at strain zero already: lengthen its rest lengths",
+    Status.undecided: "rounding hides whether the network is floppy or rigid at strain zero: change its rest lengths",
+}
 UNRESOLVED = "the bounds on the strain hold, but the weakest stresses were not separated from slack edges"
 ESTIMATED = "a bound on the strain is only an estimate: see `proven`"
 
@@ -145,9 +148,10 @@ def critical_strain(
     Free normal components of the cell are not unique, since cables resist no compression: the cell changes about as
     little as γ_c permits.
 
-    Raises `InputError` for bad arguments, `SolveError` where no onset exists: `Status.rigid` at γ = 0 already,
-    `Status.floppy` on the whole path, or up to a flat cell.  `Status.stalled`: the bounds differ by more than 1e-9,
-    one is an estimate, or forces of taut edges balance to less than 1e-9.
+    Raises `InputError` for bad arguments, `SolveError` where no onset exists: `Status.rigid` at γ = 0 already (proof),
+    `Status.undecided` there within rounding, `Status.floppy` on the whole path, or up to a flat cell.
+    `Status.stalled`: the bounds differ by more than 1e-9, one is an estimate, or forces of taut edges balance to less
+    than 1e-9; the strain and its bounds are given.
 
     >>> import critflow as cf
     >>> import numpy as np
@@ -161,15 +165,14 @@ def critical_strain(
         raise InputError(f"the direction of the strain is 1 or -1, not {direction!r}")
     path = BoundaryPath(network, deformation_of(deformation, network.dimension), direction)
     interior = floppy_start(path, lengths)
-    if interior is None:
-        search = Search(0.0, np.zeros(path.n_free), path.linear).without_onset(Status.rigid, ALREADY_RIGID)
-    else:
-        search = search_onset(path, lengths)
-    if interior is None or search.state is None:
+    if isinstance(interior, Status):
+        search = Search(0.0, np.zeros(path.n_free), path.linear).without_onset(interior, AT_ZERO[interior])
         onset = _without_onset(path, search)
     else:
-        onset = _onset(path, lengths, search, search.state, interior)
-    return onset.or_raise(f"no onset of rigidity under {path.deformation.name}") if throw else onset
+        search = search_onset(path, lengths)
+        onset = _onset(path, lengths, search, search.state, interior) if search.state else _without_onset(path, search)
+    known = "an onset known to the bounds alone" if np.isfinite(onset.value.strain) else "no onset of rigidity"
+    return onset.or_raise(f"{known} under {path.deformation.name}") if throw else onset
 
 
 def _onset(path: BoundaryPath, lengths: Array, search: Search, start: OnsetState, interior: Interior) -> Onset:
@@ -182,7 +185,7 @@ def _onset(path: BoundaryPath, lengths: Array, search: Search, start: OnsetState
         # The taut chain winds around the free side as well, and is straight only where that has no length.
         return _without_onset(path, search.without_onset(Status.floppy, SIDES_MEET))
     reasons = {
-        f"the bounds on the strain differ by {gap:.1g}: see `lower` and `upper`": wide,
+        f"it lies between {bounds.lower:.12g} and {bounds.upper:.12g}, which differ by {gap:.1g}": wide,
         UNRESOLVED: not state.error < FITTED,
         ESTIMATED: not all(bounds.proven),
     }

@@ -1,8 +1,7 @@
-"""Rest lengths → critical configuration, by the cone program or by straining springs until they are rigid.
+"""Rest lengths → critical configuration, by the cone program.
 
 Given rest lengths ℓ, shrinking them uniformly (the same as expanding the box) leads the network to a critical
-configuration.  The cone program finds it directly and lists the slack edges; the strain protocol of the paper
-approaches it in steps and stops slightly past it, where slack springs are slightly compressed.
+configuration.  The cone program finds it and lists the slack edges.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold, critical_configuration
-from critflow.linalg.matrices import balanced_part
 from critflow.linalg.saddle import Saddle
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformation
@@ -24,14 +22,11 @@ from critflow.onset.taut_edges import ROUGH_CONE, OnsetState, newton_taut, unkno
 from critflow.onset.taut_set import EXACT_CONE, NO_STRESS, polish_taut, resolved, stressed
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.precision.geometry import ExtendedGeometry
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import Solution, Stats, Status
 from critflow.solvers.cone import fit_lengths
-from critflow.springs.equilibrium import equilibrium, relaxation_method
-from critflow.springs.state import spring_state
 
 EVEN = 0.12  # spread of the logarithms of rest lengths below which few networks have slack edges
 SOLVED = 1e-6  # relative residual of a Newton step that determines the error of its start
-STRAIN_STEPS = 2000  # steps of the strain protocol, after which it stops: a strain of 20 in the default steps
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,7 +34,7 @@ class FromLengths(Solution[CriticalConfiguration]):
     """The critical configuration of rest lengths ℓ.
 
     slack_edges   edges without tension
-    ratio         |L|/ℓ of the stressed edges (cone program)
+    ratio         |L|/ℓ of the stressed edges
     polish_steps  steps of Newton's method after the cone program
     """
 
@@ -53,46 +48,18 @@ class FromLengths(Solution[CriticalConfiguration]):
         return self.value
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FromStrain(FromLengths):
-    """The critical configuration of rest lengths ℓ by the strain protocol.
-
-    strain         γ of the recorded state, whose rest lengths are ℓ/(1 + γ)
-    energy         energy of the recorded state
-    rest_lengths   ℓ/(1 + γ), (N_b,)
-    skipped_steps  strain steps below the transition that were not relaxed
-    """
-
-    strain: float
-    energy: float
-    rest_lengths: Array
-    skipped_steps: int
-
-
 @checked
 def critical_from_lengths(
-    network: Network | CriticalManifold,
-    rest_lengths: ArrayLike,
-    method: str = "auto",
-    *,
-    relaxation: str = "auto",
-    strain_step: float = 0.01,
-    energy_threshold: float = 1e-4,
-    throw: bool = True,
+    network: Network | CriticalManifold, rest_lengths: ArrayLike, *, throw: bool = True
 ) -> FromLengths:
     """The critical configuration reached from rest lengths ℓ (N_b,) when the box expands.
 
-    method "conic" (or "auto"): lengths proportional to ℓ on every stressed edge, exactly at the transition.
-    `slack_edges` lists the edges without tension; they have σ = 0 and set `Status.slack_edges`.  The configuration
-    keeps its rest lengths at the transition, so that `strain_path` follows all edges from there.
+    Lengths are proportional to ℓ on every stressed edge, exactly at the transition.  `slack_edges` lists the edges
+    without tension; they have σ = 0 and set `Status.slack_edges`.  The configuration keeps its rest lengths at the
+    transition, so that `strain_path` follows all edges from there.
     `stats.error_bound` (estimate) is that of every coordinate against the exact configuration with these ratios; where
     edges are slack, coordinates are not determined and it is NaN.  The bounds of the configuration itself are against
     the exact one of its stress.
-    method "strain": ℓ/(1 + γ) with γ in steps of `strain_step` from 0 until the energy reaches `energy_threshold`, in
-    units of mean k times (V/N_v)^(2/d), or the squared mean ℓ without a cell.  Springs are relaxed by the method
-    `relaxation` of `equilibrium`; the recorded state is then slightly past the transition, and the solution is a
-    `FromStrain`.  Where the cone program shows that every edge will be stressed, the end does not
-    depend on the path, and the steps of the floppy network are skipped (not by "fire").
 
     >>> import critflow as cf
     >>> import numpy as np
@@ -103,15 +70,7 @@ def critical_from_lengths(
     """
     manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
-    if method not in ("auto", "conic", "strain"):
-        raise InputError(f"no method is called {method!r}: choose 'auto', 'conic' or 'strain'")
-    if not (strain_step > 0 and energy_threshold > 0):
-        raise InputError("the strain step and the energy threshold must be positive")
-    relaxation = relaxation_method(relaxation)
-    if method == "strain":
-        solution: FromLengths = _by_strain(manifold, lengths, relaxation, strain_step, energy_threshold)
-    else:
-        solution = _by_cone(manifold, lengths)
+    solution = _by_cone(manifold, lengths)
     return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution
 
 
@@ -219,67 +178,3 @@ def newton_error(saddle: Saddle, network: Network, lengths: Array, coordinates: 
         return 0.0
     u, _, residual = saddle.factorize(sigma, L.high).solve(-force / size, left / size)
     return size * float(np.abs(u).max()) if residual < SOLVED else np.nan
-
-
-def _energy_unit(network: Network, lengths: Array) -> float:
-    """Mean stiffness times the square of a length that is 1 for one unit of volume a vertex."""
-    size = float(lengths.mean())
-    if network.cell is not None:
-        size = (network.volume / network.n_vertices) ** (1 / network.dimension)
-    return float(network.stiffness.mean()) * size**2
-
-
-def _by_strain(
-    manifold: CriticalManifold, lengths: Array, relaxation: str, strain_step: float, energy_threshold: float
-) -> FromStrain:
-    """The rigid state of springs with rest lengths ℓ/(1 + γ), and the stress that balances at its coordinates."""
-    network, pattern = manifold.network, manifold.hessian
-    newton = relaxation == "newton"
-    step, x = _skipped(manifold, lengths, strain_step) if newton else (0, None)
-    skipped, threshold = step, energy_threshold * _energy_unit(network, lengths)
-    if x is None:
-        x = network.positions
-    if x is None:
-        x = manifold.configuration(network.stiffness).coordinates
-    steps = 0
-    state = spring_state(network, lengths / (1 + strain_step * step), x)
-    while True:
-        solution = equilibrium(state, relaxation, pattern=pattern, throw=False)
-        state, steps = solution.value, steps + solution.stats.steps
-        if not solution.ok or state.energy >= threshold:
-            break
-        if step - skipped >= STRAIN_STEPS:
-            solution = replace(solution, status=Status.step_limit, note="take larger strain steps")
-            break
-        step += 1
-        state = spring_state(network, lengths / (1 + strain_step * step), state.coordinates)
-    if newton:
-        state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
-    # From the coordinates: rounding of many steps separates the bond vectors of the state from them.
-    sigma = balanced_part(network, network.bond_vectors(state.coordinates), state.sigma, pattern)
-    value = critical_configuration(network, sigma, state.coordinates)
-    slack = np.flatnonzero(value.sigma <= NO_STRESS * np.mean(np.abs(value.sigma)))
-    status = Status.slack_edges if solution.ok and len(slack) else solution.status
-    return FromStrain(
-        value=value if solution.ok else unknown_configuration(network),
-        status=status,
-        stats=Stats(f"strain, {relaxation}", steps, residual=solution.stats.residual),
-        slack_edges=slack,
-        strain=strain_step * step,
-        energy=state.energy,
-        rest_lengths=state.rest_lengths,
-        skipped_steps=skipped,
-        note=solution.note,
-    )
-
-
-def _skipped(manifold: CriticalManifold, lengths: Array, strain_step: float) -> tuple[int, Array | None]:
-    """The number of strain steps of the floppy network, and the coordinates at the transition; 0 if edges are slack.
-
-    With all edges stressed the rigid states follow from the unique critical configuration, for any path to it.
-    """
-    transition = _by_cone(manifold, lengths)
-    if not transition.ok:
-        return 0, None
-    steps = max(0, int(np.floor((1 / transition.ratio - 1) / strain_step)) + 1)
-    return steps, transition.value.coordinates

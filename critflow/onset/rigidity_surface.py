@@ -19,7 +19,7 @@ from critflow.result import InputError, Record, Status
 
 @dataclass(frozen=True, eq=False)
 class RigiditySurface(Record):
-    """Points of the rigidity surface on rays F = 1 + γA; NaN where a ray does not meet it.
+    """Points of the rigidity surface on rays F = 1 + γA; NaN where a ray does not meet it, or no bounds are proven.
 
     directions    A, (n, d, d)
     strains       γ_c, (n,)
@@ -44,7 +44,7 @@ class RigiditySurface(Record):
     @property
     def found(self) -> NDArray[np.bool_]:
         """Rays that meet the surface, (n,)."""
-        return np.array([status is Status.ok for status in self.statuses])
+        return np.isfinite(self.strains)
 
 
 @checked
@@ -68,7 +68,7 @@ def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: Arra
     onsets = [critical_strain(network, rest_lengths, one, throw=False) for one in A]
     return RigiditySurface(
         directions=A,
-        strains=np.array([onset.value.strain if onset.ok else np.nan for onset in onsets]),
+        strains=np.array([onset.value.strain if all(onset.value.proven) else np.nan for onset in onsets]),
         error_bounds=np.array([onset.value.upper - onset.value.lower for onset in onsets]),
         normals=np.array([onset.value.normal for onset in onsets]).reshape(A.shape),
         taut=np.array([onset.value.taut.sum() for onset in onsets], dtype=np.int64),

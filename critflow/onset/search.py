@@ -24,9 +24,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
+from critflow.onset.bounds import Forces, admissible
 from critflow.onset.taut_edges import ROUGH_CONE, OnsetState
+from critflow.onset.taut_set import polish_taut, settled
 from critflow.result import InputError, Status
 from critflow.solvers.cone import Reach, farthest, fit_lengths, nearest
 
@@ -75,28 +78,41 @@ class Search:
         return replace(self, ended=True, status=status, note=note)
 
 
-def floppy_start(path: BoundaryPath, lengths: Array) -> Interior | None:
-    """Free components q and coordinates (n_free, d) at strain zero with all |L| < ℓ; None where they do not exist."""
+def floppy_start(path: BoundaryPath, lengths: Array) -> Interior | Status:
+    """Free components q and coordinates (n_free, d) at strain zero with all |L| < ℓ, beyond rounding.
+
+    Else `rigid` where balanced forces prove that there are none, or `undecided`.
+    """
     network, q = path.network, np.zeros(path.n_free)
     g, b = network.free_incidence, network.boundary_vectors
-
-    def floppy(x: Array, b: Array) -> bool:
-        return bool((np.linalg.norm(g @ x + b, axis=1) < lengths).all())
-
     if network.positions is not None:
-        x = network.positions if network.pins else network.positions - network.positions[0]
-        if floppy(x[network.free], b):
-            return q, x[network.free]
-    for tolerance in (FLOPPY_CONE, ONSET_CONE):
-        x = fit_lengths(g, b, lengths, tolerance).coordinates
-        if floppy(x, b):
+        x = (network.positions if network.pins else network.positions - network.positions[0])[network.free]
+        if admissible(path, lengths, 0.0, q, x):
             return q, x
+    for tolerance in (FLOPPY_CONE, ONSET_CONE):
+        fit = fit_lengths(g, b, lengths, tolerance)
+        if admissible(path, lengths, 0.0, q, fit.coordinates):
+            return q, fit.coordinates
     if path.n_free:
-        rates = np.einsum("mij,aj->mai", path.free_strains, b)
-        fit = fit_lengths(g, b, lengths, ONSET_CONE, rates)
-        if floppy(fit.coordinates, b + np.einsum("mai,m->ai", rates, fit.parameters)):
-            return fit.parameters, fit.coordinates
-    return None
+        fit = fit_lengths(g, b, lengths, ONSET_CONE, np.einsum("mij,aj->mai", path.free_strains, b))
+        q = fit.parameters
+        if admissible(path, lengths, 0.0, q, fit.coordinates):
+            return q, fit.coordinates
+    state = OnsetState(0.0, q, fit.coordinates, fit.sigma, fit.stressed)
+    if Forces(path, lengths, state).excess(0.0) > 0:
+        return Status.rigid
+    return _at_least_ratio(path, lengths, replace(state, sigma=np.where(fit.stressed, fit.sigma, 0.0)), fit.ratio)
+
+
+def _at_least_ratio(path: BoundaryPath, lengths: Array, state: OnsetState, ratio: float) -> Interior | Status:
+    """As `floppy_start`, from min max |L|/ℓ to rounding: the onset of the lengths t ℓ on F = 1 + s."""
+    unit = Deformation.linear(np.eye(path.network.dimension)).freeing(*path.deformation.free)
+    scaling = BoundaryPath(path.network, unit, analysed=path.saddle)
+    end = settled(scaling, ratio * lengths, polish_taut(scaling, ratio * lengths, state))
+    there = replace(end, strain=0.0, coordinates=end.coordinates / (1 + end.strain))
+    if admissible(path, lengths, 0.0, there.free, there.coordinates):
+        return there.free, there.coordinates
+    return Status.rigid if Forces(path, lengths, there).excess(0.0) > 0 else Status.undecided
 
 
 def search_onset(path: BoundaryPath, lengths: Array) -> Search:

@@ -24,7 +24,7 @@ From one strain to the next (`step`, with the loop in `advance`):
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,6 +53,9 @@ EXPECTED_STEPS, EXPECTED_DISTANCE = 40, 0.05
 # Ends further than the first from the prediction are accepted if the step back ends within the second of the start:
 # beyond a fold it ends on another branch, a distance of order one away.
 DOUBTED_DISTANCE, RETURN_DISTANCE = 1e-3, 1e-6
+# Stress over the square of the strain, in units of k, below which a state has none.  Newton's method leaves 1e-16; by
+# symmetry a stress may be of second order in the strain, or of third.
+UNSTRESSED = 1e-8
 
 # Part of the strain interval below which a step is not divided further.
 _SMALLEST_PART = 2.0**-16
@@ -65,35 +68,47 @@ _WHOLE = 0.999
 
 _LIMIT = "the steps became too short to arrive: give strains that are closer together, or another method"
 _UNRESOLVED = "this strain and the one before it give the same cell in floating-point numbers: choose larger ones"
+_FLOPPY = "springs keep all lengths at strain {:.3g}, so nothing resists: fix the free components of the cell"
 _JUMPED = "the equilibrium jumps to another branch: the one followed ends before this strain"
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What stays the same along a path: the network at γ = 0, the deformation, and the options of `strain_path`."""
+    """What stays the same along a path: the network at γ = 0, the deformation, and the options of `strain_path`.
+
+    gradients  F(γ) (d, d) of the strains so far
+    """
 
     reference: Network
     deformation: Deformation
     method: str
     tolerance: float
-    with_moduli: bool
-    with_tensors: bool
+    measure: str
     pattern: FixedPattern
+    gradients: dict[float, Array] = field(default_factory=dict)
 
     @cached_property
     def free_strains(self) -> Array:
         """E (m, d, d) of the free components of the cell."""
         return self.deformation.free_strains
 
+    @cached_property
+    def has_moduli(self) -> bool:
+        """Whether moduli are asked for and defined."""
+        return self.measure != "energy" and self.reference.has_volume and self.reference.dimension > 1
+
     def cell(self, strain: float, stretch: Array) -> Cell:
         """The cell at a strain with free components q (m,)."""
-        return Cell(strain, self.deformation.gradient(strain), stretch, self.free_strains)
+        F = self.gradients.get(strain)
+        if F is None:
+            F = self.gradients[strain] = self.deformation.gradient(strain)
+        return Cell(strain, F, stretch, self.free_strains)
 
     def moved(self, springs: SpringState, here: Cell, there: Cell, change: Array) -> SpringState:
         """Springs in one cell after a change of y (n_free·d,) and the affine motion to another."""
         before, after = here.gradient, there.gradient
         springs = springs.moved(change.reshape(-1, len(before)) @ before.T)
-        return springs.deformed_to(self.reference.deformed(after), after @ np.linalg.inv(before))
+        return springs.deformed_to(self.reference.deformed(after), after @ here.inverse)
 
     def relaxed(self, start: SpringState, cell: Cell) -> tuple[Equilibrium[SpringState], Factor | None, Cell]:
         """The equilibrium from a prediction, a factor of the Hessian near it, and its cell."""
@@ -148,14 +163,19 @@ class Cell:
         """(1 + Σ q E) F(γ), (d, d)."""
         return stretched(self.stretch, self.free_strains) @ self.affine if len(self.stretch) else self.affine
 
+    @cached_property
+    def inverse(self) -> Array:
+        """F⁻¹ (1 + Σ q E)⁻¹, (d, d)."""
+        return np.asarray(np.linalg.inv(self.gradient))
+
     def point(self, springs: SpringState) -> Array:
         """z = (y, q) of springs in this cell, (n_free·d + m,)."""
-        y = springs.coordinates[springs.network.free_rows] @ np.linalg.inv(self.gradient).T
+        y = springs.coordinates[springs.network.free_rows] @ self.inverse.T
         return np.concatenate([y.ravel(), self.stretch])
 
     def velocity(self, along: Tangent) -> Array:
         """dz/dγ of a tangent, (n_free·d + m,)."""
-        y = along.relaxation @ np.linalg.inv(self.gradient).T
+        y = along.relaxation @ self.inverse.T
         return np.concatenate([y.ravel(), along.stretch_rate])
 
     def changed(self, change: Array) -> Cell:
@@ -240,14 +260,16 @@ class Progress:
     failed: Step | None = None
 
 
-def begin(course: Course, springs: SpringState, stress: Array | None) -> Progress:
-    """The first point of a path: a transition with its stress as it is, or springs relaxed at γ = 0."""
-    cell = course.cell(0.0, np.zeros(len(course.free_strains)))
-    point = Point(
-        cell, springs, Predictor.at(0.0, cell.point(springs)), isolated=False, stress=stress, departs=stress is not None
-    )
+def begin(course: Course, springs: SpringState, stress: Array | None, cell: Cell | None = None) -> Progress:
+    """The first point of a path: a transition with its stress as it is, or springs relaxed at γ = 0.
+
+    cell  of the transition, where that is not at γ = 0
+    """
+    cell = cell or course.cell(0.0, np.zeros(len(course.free_strains)))
+    predictor = Predictor.at(cell.strain, cell.point(springs))
+    point = Point(cell, springs, predictor, isolated=False, stress=stress, departs=stress is not None)
     if stress is not None:
-        return Progress(point, 0.0, _unmoved(point), ended=True)
+        return Progress(point, cell.strain, _unmoved(point), ended=True)
     # Free components of the cell may have stress here, and velocities are unknown.
     end = attempt(course, point, 0.0)
     if end.ok:
@@ -268,7 +290,7 @@ def _unmoved(point: Point) -> Step:
 def advance(course: Course, point: Point, strain: float) -> Progress:
     """Proceed to a strain by steps that halve after failures and double after successes."""
     here = point.cell
-    if np.array_equal(course.deformation.gradient(strain), here.affine):
+    if (course.cell(strain, here.stretch).affine == here.affine).all():
         return refused(point, strain, Status.ill_conditioned, _UNRESOLVED)
     # F(γ) does not resolve smaller strains.
     smallest = max(_SMALLEST_PART * abs(strain - here.strain), EPS)
@@ -303,7 +325,7 @@ def step(course: Course, progress: Progress) -> Progress:
         if departed.predictor is not point.predictor:
             return replace(progress, point=departed)
         point = departed
-    failed = progress.failed or end
+    failed = (progress.failed or end) if end.curable else end
     if not end.curable or 0.5 * ahead < progress.smallest:
         return replace(progress, point=point, end=failed, ended=True)
     return replace(progress, point=replace(point, stride=0.5 * ahead), failed=failed)
@@ -324,6 +346,8 @@ def attempt(course: Course, point: Point, strain: float) -> Step:
         # FIRE at its step limit gains nothing from smaller strain steps.
         curable = course.method != "fire" or solution.status is not Status.step_limit
         return replace(end.failed(solution.status, solution.reason), curable=curable)
+    if _keeps_lengths(end.state, strain):
+        return replace(end.failed(Status.floppy, _FLOPPY.format(strain)), curable=False)
     unique = _unique(end.state)
     if not (unique or _expected(course.method, start, solution)):
         return end.failed(Status.unstable, _JUMPED)
@@ -336,19 +360,19 @@ def attempt(course: Course, point: Point, strain: float) -> Step:
 def _measured(course: Course, end: Step, factor: Factor | None) -> Step:
     """The end of a step with moduli and velocity, or refused where its response is not determined."""
     springs, rates = end.state, course.rates(end.cell)
-    if not (course.with_moduli and springs.network.has_volume and springs.network.dimension > 1):
+    if not course.has_moduli:
         along = course.tangent(springs, rates, factor)
     else:
         exact, volume = course.method == "newton", springs.network.volume
-        strains = None if course.with_tensors else strains_of(rates[0])
+        strains = None if course.measure == "tensors" else strains_of(rates[0])
         response = linear_response(springs, volume, course.pattern, exact, factor, condition=False, strains=strains)
         if not response.ok:
             return end.failed(response.status, response.reason)
         along = tangent_of_response(response, *rates)
-        end = replace(end, moduli=response.value, elasticity=response.value if course.with_tensors else None)
+        end = replace(end, moduli=response.value, elasticity=response.value if strains is None else None)
     if along is None:
         return end
-    return replace(end, velocity=end.cell.velocity(along), tangent=along if course.with_moduli else None)
+    return replace(end, velocity=end.cell.velocity(along), tangent=along if course.measure != "energy" else None)
 
 
 def _departure(course: Course, point: Point, strain: float) -> Point:
@@ -360,15 +384,16 @@ def _departure(course: Course, point: Point, strain: float) -> Point:
     assert stress is not None
     point = replace(point, departs=False)
     L, k = springs.bond_vectors, springs.network.stiffness
-    work = np.vdot(stress[:, None] * L, L @ course.deformation.velocity(0.0).T)
-    stress = stress / k * np.copysign(1.0, work * strain)
+    rates = course.rates(point.cell)
+    work = np.vdot(stress[:, None] * L, L @ rates[0][0].T)
+    stress = stress / k * np.copysign(1.0, work * (strain - point.cell.strain))
     tightened = springs.lengths * (1 - _DEPARTING_STRESS * stress / np.abs(stress).max())
     # Slack edges of cables resist nothing.
     cables = springs.law.one_sided
     rest = np.where(stress != 0, tightened, springs.rest_lengths) if cables else tightened
     stressed = replace(springs, rest_lengths=rest, law=springs.law if cables else HOOKEAN)
     factor = stressed.factorize(course.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
-    along = None if factor.indefinite else course.tangent(stressed, course.rates(point.cell), factor)
+    along = None if factor.indefinite else course.tangent(stressed, rates, factor)
     if along is None:
         return point
     return replace(point, predictor=point.predictor.with_velocity(point.cell.velocity(along)))
@@ -400,6 +425,14 @@ def _unique(state: SpringState) -> bool:
     energies are equal.
     """
     return state.law.convex and (state.law.one_sided or bool((state.extension >= 0).all()))
+
+
+def _keeps_lengths(state: SpringState, strain: float) -> bool:
+    """Whether a strain causes no stress beyond rounding: all springs keep their lengths, by motions that none resists.
+
+    Where they resist, a stress is of the order of the strain.
+    """
+    return bool(np.abs(state.sigma).max() <= UNSTRESSED * strain**2 * state.stiffness_scale)
 
 
 def _distance(one: SpringState, other: SpringState) -> float:

@@ -41,7 +41,7 @@ class Beginning:
 
 
 def start_of(start: Start, law: SpringLaw | None, taut_only: bool) -> Beginning:
-    """The springs from which a path starts; `InputError` for those that are not in balance."""
+    """The springs from which a path starts, with the stress of a transition."""
     while isinstance(start, Solution):
         if start.status is not Status.slack_edges:
             start.or_raise("no path starts from this solution")
@@ -63,16 +63,17 @@ def start_of(start: Start, law: SpringLaw | None, taut_only: bool) -> Beginning:
 
 
 def _of_state(state: SpringState, law: SpringLaw | None, taut_only: bool) -> Beginning:
-    """A state of springs in balance, which has its own law and all of its edges."""
+    """A state of springs, which has its own law and all of its edges."""
     if law is not None and law != state.law:
         raise InputError("the state has a spring law: leave out law=, or make a state with the other law")
     if taut_only:
         raise InputError("a state of springs has no slack part to leave out: taut_only belongs to a configuration")
-    if not state.max_force <= BALANCED_START * state.stiffness_scale * state.length_scale:
-        raise InputError(
-            f"the springs are not in equilibrium, a force of {state.max_force:.2g} is left: call equilibrium() first"
-        )
     return Beginning(state)
+
+
+def balanced(springs: SpringState) -> bool:
+    """Whether the forces of springs vanish but for rounding."""
+    return springs.max_force <= BALANCED_START * springs.stiffness_scale * springs.length_scale
 
 
 def _of_cables(critical: CriticalConfiguration, rest: Array, law: SpringLaw | None) -> Beginning:

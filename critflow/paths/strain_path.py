@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +19,8 @@ from critflow.linalg.factor import FixedPattern
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
 from critflow.paths.continuation import Course, Progress, Step, advance, begin, refused
-from critflow.paths.start import Start, start_of
+from critflow.paths.floppy import unstressed_part
+from critflow.paths.start import Beginning, Start, balanced, start_of
 from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import relaxation_method
@@ -26,6 +28,7 @@ from critflow.springs.laws import SpringLaw
 from critflow.springs.state import SpringState
 
 LOOSENING_WORK = 1e-9  # work of a strain on the stress of a transition, relative to its size, below which it loosens
+MEASURES = ("tensors", "moduli", "energy")  # what a path measures at each strain, in falling order of time
 _LOOSENED = "the strain loosens the network, which is floppy on this side of the transition: change its sign"
 
 
@@ -88,19 +91,28 @@ def check_strains(strains: ArrayLike, signed: bool = False, zero: bool = False) 
     return gamma
 
 
+@dataclass(frozen=True)
+class PathSolver:
+    """How the springs of a path are relaxed: method and tolerance of `equilibrium`.
+
+    pattern  of the Hessian, made for each path if it is not given; for many paths of one network
+    """
+
+    method: str = "auto"
+    tolerance: float = 1e-14
+    pattern: FixedPattern | None = None
+
+
 @checked
 def strain_path(
     start: Start,
     strains: ArrayLike,
-    method: str = "auto",
-    *,
     deformation: Deformable = "dilation",
+    *,
     law: SpringLaw | None = None,
     taut_only: bool = False,
-    tolerance: float = 1e-14,
-    moduli: bool = True,
-    tensors: bool = True,
-    pattern: FixedPattern | None = None,
+    measure: Literal["tensors", "moduli", "energy"] = "tensors",
+    solver: PathSolver | None = None,
     throw: bool = True,
 ) -> Solution[StrainPath]:
     """Deform springs from an equilibrium through strains γ away from zero, relaxing and measuring at each.
@@ -116,15 +128,19 @@ def strain_path(
                        `critical_strain` or `critical_from_lengths`, is one of cables, taut and slack ones; of others
                        the lengths are the rest lengths, and where edges are slack, σ = 0, the path is that of the taut
                        part (`backbone`).  Only a state may begin with γ = 0
-    method, tolerance  those of `equilibrium`; free components of the cell need Newton's method
     deformation        what `deformation_of` accepts
     law                of springs from a critical configuration: Cable() where rest lengths are known, else Hookean; a
                        state has one
     taut_only          True: the taut part alone also where rest lengths are known, as springs at rest
-    moduli             False: equilibria only
-    tensors            False: bulk and shear moduli alone, in less time; `elasticity` is then empty
-    pattern            of the Hessian, made here by default; given for many paths of one network
-    Many parameters: those after the strains are options of the springs and of the relaxation, by keyword.
+    measure            "tensors"; "moduli": bulk and shear moduli alone, in less time, and `elasticity` is empty;
+                       "energy": equilibria only
+    solver             `PathSolver`; free components of the cell need Newton's method
+
+    Cables that are floppy at γ = 0, as `spring_state(..., Cable())` at any coordinates, are followed through their
+    onset: energy, stress and moduli are zero up to γ_c of `critical_strain`, at which the branch begins.  Coordinates
+    are not unique before, and their error is NaN.
+    `Status.floppy` at a strain where springs keep all lengths, as free components of the cell permit next to a
+    transition.
 
     Raises `InputError` for strains that do not lead away from zero, a deformation that inverts the cell, a start
     without balance, `SolveError` where the path stops and `throw` is set.
@@ -135,33 +151,45 @@ def strain_path(
     >>> path.bulk_modulus.round(6)
     array([0.296637, 0.296489])
     """
-    first = start_of(start, law, taut_only)
-    springs, stress = first.springs, first.stress
-    gamma, method = check_strains(strains, signed=True, zero=stress is None), relaxation_method(method)
-    deformation = deformation_of(deformation, springs.network.dimension)
-    _ = [deformation.gradient(strain) for strain in gamma]  # refuses those that invert the cell
-    if deformation.free and method != "newton":
-        raise InputError("free components of the cell need Newton's method: choose method='newton'")
+    first, options = start_of(start, law, taut_only), solver or PathSolver()
+    gamma, method = check_strains(strains, signed=True, zero=first.stress is None), relaxation_method(options.method)
+    path = deformation_of(deformation, first.springs.network.dimension)
+    _ = [path.gradient(strain) for strain in gamma]  # refuses those that invert the cell
+    if measure not in MEASURES:
+        raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {measure!r:.40}")
+    if path.free and method != "newton":
+        raise InputError("free components of the cell need Newton's method: method='newton'")
+    pattern = options.pattern
     if pattern is None or first.part:
-        pattern = springs.pattern()
-    course = Course(springs.network, deformation, method, tolerance, moduli, tensors, pattern)
-    reached = _follow(course, springs, stress, gamma)
-    result = _solution(gamma, reached, deformation, method, first.note)
+        pattern = first.springs.pattern()
+    course = Course(first.springs.network, path, method, options.tolerance, measure, pattern)
+    result = _solution(gamma, _follow(course, first, gamma), path, method, first.note)
     return result.or_raise("the strain path stopped") if throw else result
 
 
-def _follow(course: Course, springs: SpringState, stress: Array | None, gamma: Array) -> list[Progress]:
+def _follow(course: Course, first: Beginning, gamma: Array) -> list[Progress]:
     """Advance from strain to strain; the last entry alone may have failed."""
-    last, reached = begin(course, springs, stress), []
-    if stress is None and (gamma[0] == 0 or not last.end.ok):
-        reached = [last]
-    elif stress is not None and _loosened(springs, stress, course.deformation, gamma[0]):
-        reached = [refused(last.point, gamma[0], Status.floppy, _LOOSENED)]
+    springs, stress, reached = first.springs, first.stress, list[Progress]()
+    floppy = unstressed_part(course, springs, gamma) if stress is None else None
+    if floppy is not None:
+        reached, point = floppy
+    else:
+        if stress is None and not balanced(springs):
+            raise InputError(
+                f"the springs are not in equilibrium, a force of {springs.max_force:.2g} is left: call equilibrium() "
+                "first"
+            )
+        last = begin(course, springs, stress)
+        point = last.point
+        if stress is None and (gamma[0] == 0 or not last.end.ok):
+            reached = [last]
+        elif stress is not None and _loosened(springs, stress, course.deformation, gamma[0]):
+            reached = [refused(point, gamma[0], Status.floppy, _LOOSENED)]
     for strain in gamma[len(reached) :]:
         if reached and not reached[-1].end.ok:
             break
-        last = advance(course, last.point, strain)
-        reached.append(last)
+        reached.append(advance(course, point, strain))
+        point = reached[-1].point
     return reached
 
 
@@ -174,7 +202,7 @@ def _solution(
         method,
         int(path.steps.sum()),
         residual=float(np.max(path.max_force[: len(path.states)], initial=0.0)),
-        error_bound=float(np.max(path.coordinate_error[: len(path.states)], initial=0.0)),
+        error_bound=float(np.nanmax(path.coordinate_error[: len(path.states)], initial=0.0)),
     )
     note = note if last.end.ok else f"at strain {last.target:g}, {last.end.note}"
     return Solution(path, last.end.status, stats, note)

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.linalg.matrices import free_ends
+from critflow.linalg.products import product
 from critflow.networks.network import Array, IntArray, Network
 from critflow.precision.double_double import Extended, two_product, two_sum
 
@@ -85,12 +86,12 @@ class ExtendedGeometry:
 def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Array:
     """−gᵀ(σ ∘ L), (n_free, d), with the rounding of σ and of the result alone."""
     L = bond_vectors
-    weight = np.repeat(sigma, network.dimension).reshape(L.high.shape)
+    weight = sigma[:, None]
     pull = two_product(weight, L.high)
     # All entries of the divergence are 1 or −1.
     leading = _leading(pull.high)
     small = (pull.high - leading) + (pull.low + weight * L.low)
-    return -np.asarray(network.divergence @ leading + network.divergence @ small)
+    return -(product(network.divergence, leading) + product(network.divergence, small))
 
 
 def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.0) -> Array:

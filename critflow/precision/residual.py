@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow.linalg.factor import Factor
+from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network
@@ -67,7 +68,7 @@ def exact_displacement(
         sigma = stress(L)
         forces = exact_forces(network, sigma, L)
         correction = solve(forces)
-        change = network.free_incidence @ correction
+        change = product(network.free_incidence, correction)
         size = float(np.abs(correction).max())
         if size == 0.0:
             remainder = 0.0

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
+from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network
@@ -290,13 +291,14 @@ def _accumulated_products(one: Array, other: Array) -> Array:
 def _at_edges(network: Network, u: Array) -> Array:
     """g u of motions u (m, n_free, d), (m, d, N_b)."""
     m, n, d = u.shape
-    return np.ascontiguousarray((network.free_incidence @ np.moveaxis(u, 0, 1).reshape(n, m * d)).T).reshape(m, d, -1)
+    rates = product(network.free_incidence, np.moveaxis(u, 0, 1).reshape(n, m * d))
+    return np.ascontiguousarray(rates.T).reshape(m, d, -1)
 
 
 def _at_vertices(network: Network, flow: Array) -> Array:
     """gᵀ f of edge vectors f (m, d, N_b), (m, n_free, d)."""
     m, d, n = flow.shape
-    sums = np.asarray(network.divergence @ flow.reshape(m * d, n).T)
+    sums = product(network.divergence, flow.reshape(m * d, n).T)
     return np.ascontiguousarray(np.moveaxis(sums.reshape(-1, m, d), 1, 0))
 
 

@@ -17,14 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from critflow.linalg.tolerances import EPS
-from critflow.networks.deformation import Deformable, deformation_of, strain_basis
+from critflow.networks.deformation import AXES, Deformable, deformation_of, strain_basis
 from critflow.networks.network import Array
 from critflow.result import InputError, Record
 
@@ -352,5 +352,14 @@ def _mandel(dimension: int) -> Array:
 
 def strain_components(strain: Array) -> Array:
     """Components ε_a of a symmetric strain (d, d), engineering shears, (m,)."""
-    basis = strain_basis(len(strain))[1]
-    return np.einsum("aij,ij->a", basis, strain) * _engineering(len(strain))
+    rows, cols = _places(len(strain))
+    components = strain[rows, cols]
+    components[len(strain) :] += strain[cols, rows][len(strain) :]
+    return components
+
+
+@cache
+def _places(dimension: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of the components of a strain."""
+    places = np.array([[AXES.index(axis) for axis in name] for name in strain_basis(dimension)[0]])
+    return places[:, 0], places[:, 1]

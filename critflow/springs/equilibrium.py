@@ -205,7 +205,7 @@ def with_bounds(
     if corrected and np.isfinite(correction.remainder):
         x, free = state.coordinates.copy(), state.network.free_rows
         x[free], error = two_sum(state.coordinates[free], correction.displacement)
-        state = replace(state, coordinates=x, bond_vectors=correction.bond_vectors)  # type: ignore[type-var]
+        state = state.placed(x, correction.bond_vectors)
         apart = 0.5 * EPS * float(np.abs(correction.bond_vectors).max())
     else:
         apart = float(np.abs(state.bond_vectors - correction.bond_vectors).max())
@@ -216,7 +216,7 @@ def with_bounds(
         solution = replace(solution, value=state, stats=stats)
         if judged:
             here = state.bond_vectors is correction.bond_vectors
-            exact = state if here else replace(state, bond_vectors=correction.bond_vectors)  # type: ignore[type-var]
+            exact = state if here else state.placed(state.coordinates, correction.bond_vectors)
             solution = as_minimum(solution, *stability_of(exact, pattern))
         return solution, factor
     note = "rounding hides the distance to the exact equilibrium: go further from the transition"

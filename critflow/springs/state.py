@@ -8,9 +8,9 @@ Any energy E of the lengths has σ = ∂E/∂h, K = ∂²E/∂h² with h = |L|²
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import ClassVar, TypeVar
+from dataclasses import dataclass, fields
+from functools import cache, cached_property
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks
+from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import norms
 from critflow.networks.checks import edge_values
@@ -30,6 +31,8 @@ from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
 # Where every stress σ is larger, in units of k, the Hessian is at least that multiple of the Laplacian of the network,
 # and its pivots are not examined.
 TAUT = 1e-7
+# Cached values that do not depend on the configuration.
+_MEANS = ("length_scale", "mean_stiffness")
 
 
 class ElasticState(Record, ABC):
@@ -103,7 +106,7 @@ class ElasticState(Record, ABC):
     @cached_property
     def forces(self) -> Array:
         """Unbalanced forces −∂E/∂x on the free vertices, (n_free, d) (`Equilibrium`, `ForceBalance`)."""
-        return -np.asarray(self.network.divergence @ (self.sigma[:, None] * self.bond_vectors))
+        return -product(self.network.divergence, self.sigma[:, None] * self.bond_vectors)
 
     @property
     def max_force(self) -> float:
@@ -123,13 +126,13 @@ class ElasticState(Record, ABC):
 
     def edge_rates(self, motion: Array) -> Array:
         """Changes (N_b, d) of the bond vectors by a motion, of as many components as `forces`."""
-        return np.asarray(self.network.free_incidence @ motion.reshape(-1, self.network.dimension))
+        return product(self.network.free_incidence, motion.reshape(-1, self.network.dimension))
 
     def force_rates(self, rates: Array) -> Array:
         """−gᵀ(K ḣ L + σ L̇), (n_free, d): changes of the forces by changes L̇ (N_b, d) of the bond vectors."""
         L = self.bond_vectors
         tension = self.resistance(np.einsum("ad,ad->a", L, rates))
-        return -np.asarray(self.network.divergence @ (tension[:, None] * L + self.sigma[:, None] * rates))
+        return -product(self.network.divergence, tension[:, None] * L + self.sigma[:, None] * rates)
 
     def exact_displacement(self, factor: Factor, regularised: bool = False) -> Displacement:
         """The displacement to the exact equilibrium, by a factor of the Hessian at or near this state.
@@ -146,8 +149,7 @@ class ElasticState(Record, ABC):
         """The state after displacing the free vertices by u (n_free, d)."""
         x = self.coordinates.copy()
         x[self.network.free_rows] += displacement
-        L = self.bond_vectors + self.network.free_incidence @ displacement
-        return replace(self, coordinates=x, bond_vectors=L)  # type: ignore[type-var]
+        return self.placed(x, self.bond_vectors + product(self.network.free_incidence, displacement))
 
     def deformed(self: State, gradient: Array) -> State:
         """The state after the affine deformation F of boundary and vertices, with the same springs."""
@@ -155,15 +157,23 @@ class ElasticState(Record, ABC):
 
     def deformed_to(self: State, network: Network, gradient: Array) -> State:
         """As `deformed`, in a network that has the deformed boundary: many steps accumulate rounding in the cell."""
-        return replace(  # type: ignore[type-var]
-            self,
-            network=network,
-            coordinates=self.coordinates @ gradient.T,
-            bond_vectors=self.bond_vectors @ gradient.T,
-        )
+        return self.placed(self.coordinates @ gradient.T, self.bond_vectors @ gradient.T, network)
+
+    def placed(self: State, coordinates: Array, bond_vectors: Array, network: Network | None = None) -> State:
+        """The same springs elsewhere: as `replace`, which takes longer, with the cached means of the springs."""
+        there, here = object.__new__(type(self)), self.__dict__
+        there.__dict__.update((name, here[name]) for name in (*_names(type(self)), *_MEANS) if name in here)
+        there.__dict__.update(coordinates=coordinates, bond_vectors=bond_vectors, network=network or self.network)
+        return there
 
 
 State = TypeVar("State", bound=ElasticState)
+
+
+@cache
+def _names(kind: type[Any]) -> tuple[str, ...]:
+    """Names of the fields of a class of states."""
+    return tuple(field.name for field in fields(kind))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +191,7 @@ class SpringState(ElasticState):
         """|L| − ℓ, (N_b,)."""
         return self.lengths - self.rest_lengths
 
-    @property
+    @cached_property
     def energy(self) -> float:
         """E, the sum over the springs (`EnergyConstraints`), in units of k times length squared."""
         return float(np.sum(self.law.energy(self.extension, self.rest_lengths, self.network.stiffness)))
@@ -205,9 +215,14 @@ class SpringState(ElasticState):
     def stiffness_scale(self) -> float:
         k, now = self.network.stiffness, self.edge_stiffness
         # The forces of stiffened edges have larger rounding errors.
-        return float(k.mean()) * (1.0 if now is k else max(1.0, float(np.max(now / k))))
+        return self.mean_stiffness * (1.0 if now is k else max(1.0, float(np.max(now / k))))
 
-    @property
+    @cached_property
+    def mean_stiffness(self) -> float:
+        """⟨k⟩."""
+        return float(self.network.stiffness.mean())
+
+    @cached_property
     def length_scale(self) -> float:
         return float(self.rest_lengths.mean())
 

@@ -105,7 +105,7 @@ def test_coefficients_need_one_system_and_no_path(factorised, monkeypatch, netwo
 
 def test_a_path_without_moduli_has_no_linear_response(factorised, monkeypatch, network, critical):
     monkeypatch.setattr(PATH, "linear_response", forbidden)
-    without = factorised(network, lambda: strain_path(critical, STRAIN, moduli=False))
+    without = factorised(network, lambda: strain_path(critical, STRAIN, measure="energy"))
     assert set(without) == {SPRINGS}
 
 
@@ -115,7 +115,7 @@ def test_a_path_without_tensors_solves_for_its_strains_alone(monkeypatch, deform
     critical, rows = CriticalManifold(network).configuration(np.ones(network.n_edges)), []
     monkeypatch.setattr(PATH, "strains_of", lambda rates: rows.append(strains_of(rates)) or rows[-1])
     for strain in (0.001, -0.001):  # one of them tightens
-        strain_path(critical, [strain], deformation=deformation, tensors=False, throw=False)
+        strain_path(critical, [strain], deformation=deformation, measure="moduli", throw=False)
     assert {len(row) for row in rows} == {solved}
 
 

@@ -18,6 +18,8 @@ from critflow import (
     fibre_network,
     lattice,
     optimize,
+    packing_network,
+    rigidity_surface,
     spring_state,
     voronoi_network,
 )
@@ -259,11 +261,43 @@ def test_straight_fibres_with_weak_tensions(seed, deformation):
 
 
 def test_stresses_that_stay_unresolved_are_reported():
-    onset = critical_strain(*as_built(60, 3.7, 0), "uniaxial", throw=False)
+    network, lengths = as_built(60, 3.7, 0)
+    onset = critical_strain(network, lengths, "uniaxial", throw=False)
     assert onset.status is Status.stalled
     assert all(onset.proven)
     assert onset.upper - onset.lower < 1e-10
     assert "weakest" in onset.note
+    # The strain and its bounds are known all the same.
+    with pytest.raises(SolveError, match="known"):
+        critical_strain(network, lengths, "uniaxial")
+    surface = rigidity_surface(network, lengths, np.diag([1.0, 0.0])[None])
+    assert surface.found.all() and surface.strains[0] == onset.strain
+
+
+def test_slack_chains_as_straight_as_taut_ones_do_not_widen_the_bounds():
+    # Cone programs place the middle of such a chain to 1e-9 only.
+    network = packing_network(300, z=3.2, seed=3)
+    one = np.ones(network.n_edges)
+    lengths = 1.02 * critical_from_lengths(network, one, throw=False).ratio * one
+    onset = critical_strain(network, lengths, "simple_shear")
+    assert all(onset.proven) and onset.upper - onset.lower < 1e-11
+
+
+def near(n_vertices, seed):
+    """A network and its lengths at the isotropic transition."""
+    network = voronoi_network(n_vertices, seed)
+    return network, optimize(network, "bulk_modulus").value.lengths
+
+
+@pytest.mark.parametrize("deformation", ["dilation", "simple_shear"])
+@pytest.mark.parametrize("excess", [1e-8, 1e-10, 1e-12, 0.0, -1e-12, -1e-8, -0.5])
+def test_a_verdict_at_strain_zero_is_a_proof(excess, deformation):
+    network, critical = near(60, 0)
+    onset = critical_strain(network, (1 + excess) * critical, deformation, throw=False)
+    status = Status.ok if excess > 0 else Status.rigid if excess else Status.undecided
+    assert onset.status is status
+    if excess > 0 and deformation == "dilation":
+        assert onset.lower < (2 + excess) * excess < onset.upper < onset.lower + 1e-12
 
 
 def test_one_short_edge_does_not_widen_the_bounds():

@@ -1,4 +1,4 @@
-"""Rest lengths → critical configuration, by the cone program and by straining."""
+"""Rest lengths → critical configuration, by the cone program."""
 
 import sys
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import NETWORKS, dense_bond_vectors, dense_free, random_stress, voronoi_3d
+from problems import NETWORKS, dense_bond_vectors, dense_free, voronoi_3d
 
 from critflow import (
     CriticalManifold,
@@ -132,56 +132,6 @@ def test_the_cone_program_has_the_least_sufficient_tolerance(monkeypatch, n_vert
     assert solution.status is (Status.ok if tolerances == [1e-6] else Status.slack_edges)
 
 
-def test_straining_converges_to_the_cone_program():
-    target = lengths(0.05)
-    exact = critical_from_lengths(NETWORK, target).value
-    distances = []
-    for threshold in (1e-6, 1e-8, 1e-10):
-        solution = critical_from_lengths(
-            NETWORK, target, "strain", strain_step=0.1 * np.sqrt(threshold), energy_threshold=threshold
-        )
-        assert solution.status is Status.ok
-        assert solution.energy >= threshold
-        assert solution.value.residual < 1e-12
-        distances.append(np.abs(solution.value.lengths - exact.lengths).max())
-    # Energy ∝ (strain past the transition)², and lengths are off in proportion to that strain.
-    assert np.array(distances[1:]) / distances[:-1] == pytest.approx([0.1, 0.1], rel=0.15)
-
-
-def test_straining_with_newton_ends_where_fire_ends():
-    network = voronoi_network(20, seed=1)
-    target = lengths(0.05, 3, 30)
-    ends = {
-        relaxation: critical_from_lengths(
-            network, target, "strain", relaxation=relaxation, strain_step=0.02, energy_threshold=1e-3
-        )
-        for relaxation in ("newton", "fire")
-    }
-    assert all(end.status is Status.ok for end in ends.values())
-    newton, fire = ends["newton"], ends["fire"]
-    assert newton.strain == pytest.approx(fire.strain, rel=1e-12)
-    # Both stop at forces of 1e-14; soft modes turn those into positions known to some 1e-10.
-    np.testing.assert_allclose(newton.value.bond_vectors, fire.value.bond_vectors, rtol=0, atol=1e-9)
-    for end in (newton, fire):
-        np.testing.assert_allclose(
-            network.bond_vectors(end.value.coordinates), end.value.bond_vectors, rtol=0, atol=1e-12
-        )
-    assert newton.value.residual < 1e-12
-
-
-def test_straining_through_slack_edges():
-    solution = critical_from_lengths(NETWORK, lengths(0.3), "strain", energy_threshold=1e-4, throw=False)
-    assert solution.status is Status.slack_edges
-    assert solution.value.residual < 1e-12
-    slack = solution.slack_edges
-    by_cone = critical_from_lengths(NETWORK, lengths(0.3), throw=False).slack_edges
-    # A little past the transition, springs that stayed slack are slightly compressed or carry none.
-    assert len(slack) and set(slack) <= set(by_cone)
-    assert (solution.value.sigma[slack] <= 1e-8).all()
-    L = NETWORK.bond_vectors(solution.value.coordinates)
-    np.testing.assert_allclose(L, solution.value.bond_vectors, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("shortest", [1e-9, 1e-12, 1e-20, 1e-100])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_lengths_below_the_rounding_of_coordinates(shortest, seed):
@@ -194,28 +144,6 @@ def test_lengths_below_the_rounding_of_coordinates(shortest, seed):
         assert solution.status is Status.stalled
         assert f"edge {edge} is below the rounding" in solution.note
         assert np.isnan(solution.value.coordinates).all()
-        assert critical_from_lengths(network, lengths, "strain", throw=False).ok
-
-
-@pytest.mark.parametrize("unit, k", [(1e-9, 1.0), (1e6, 1.0), (1.0, 1e-9), (1e-3, 1e4)])
-def test_the_strain_protocol_ends_at_the_same_strain_in_any_units(unit, k):
-    network = voronoi_network(12, seed=3)
-    lengths = CriticalManifold(network).configuration(random_stress(18, 2)).lengths * 1.03
-    one = critical_from_lengths(network, lengths, "strain")
-    other = critical_from_lengths(network.deformed(unit * np.eye(2)).with_stiffness(k), unit * lengths, "strain")
-    assert other.strain == one.strain
-    assert other.energy == pytest.approx(k * unit**2 * one.energy, rel=1e-9)
-
-
-def test_a_strain_protocol_of_too_many_steps_ends(monkeypatch):
-    module = sys.modules["critflow.onset.from_lengths"]
-    monkeypatch.setattr(module, "STRAIN_STEPS", 3)
-    monkeypatch.setattr(module, "_skipped", lambda *_: (0, None))
-    network = voronoi_network(12, seed=3)
-    lengths = CriticalManifold(network).configuration(random_stress(18, 2)).lengths * 1.03
-    solution = critical_from_lengths(network, lengths, "strain", strain_step=1e-6, throw=False)
-    assert solution.status is Status.step_limit
-    assert "steps" in solution.reason
 
 
 def test_no_slack_edge_is_longer_than_its_rest_length():

@@ -43,6 +43,7 @@ from critflow import voronoi_network as voronoi
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import critical_configuration
 from critflow.networks.deformation import DEFORMATIONS
+from critflow.paths.strain_path import PathSolver
 from critflow.springs.free_cell import stretched
 from workflows.benchmarks import reference
 
@@ -75,7 +76,7 @@ def test_path_is_relaxed_at_every_strain(name):
 
 def test_fire_follows_the_same_path():
     critical = critical_of(with_random_stiffness(voronoi(20, seed=2), 1))
-    fire = strain_path(critical, [0.02, 0.04], "fire", tolerance=1e-13)
+    fire = strain_path(critical, [0.02, 0.04], solver=PathSolver("fire", 1e-13))
     newton = strain_path(critical, [0.02, 0.04])
     assert fire.status is newton.status is Status.ok
     np.testing.assert_allclose(fire.value.bulk_modulus, newton.value.bulk_modulus, rtol=1e-8)
@@ -89,8 +90,8 @@ def test_fire_follows_the_same_path():
 def test_moduli_do_not_depend_on_tensors(make, deformation):
     critical = critical_of(make())
     few, all_ = (
-        strain_path(critical, [0.01, 0.05], deformation=deformation, tensors=tensors, throw=False)
-        for tensors in (False, True)
+        strain_path(critical, [0.01, 0.05], deformation=deformation, measure=measure, throw=False)
+        for measure in ("moduli", "tensors")
     )
     assert few.status is all_.status and few.value.elasticity == ()
     assert len(all_.value.elasticity) == len(all_.value.states)
@@ -241,6 +242,67 @@ def test_a_strain_that_loosens_is_floppy():
     assert np.isnan(solution.value.energy).all() and solution.stats.steps == 0
 
 
+@pytest.mark.parametrize("deformation", ["uniaxial_free", Deformation.simple_shear(2).freeing("yy")], ids=str)
+@pytest.mark.parametrize("strain", [1e-3, 0.05, 0.2])
+def test_free_sides_leave_a_critical_network_floppy(deformation, strain):
+    critical = critical_of(voronoi(60, seed=2))
+    ends = [strain_path(critical, [sign * strain], deformation=deformation, throw=False) for sign in (1, -1)]
+    assert [end.status for end in ends] == [Status.floppy] * 2
+    # On one side the strain loosens the network anyway; on the other one springs find a cell that keeps their lengths.
+    assert sum("keep all lengths" in end.note for end in ends) == 1
+
+
+def test_a_sheared_cell_that_is_free_resists_beyond_its_onset():
+    critical, path = critical_of(voronoi(60, seed=0)), Deformation.uniaxial(2).freeing("xy")
+    onset = critical_strain(critical.network, critical.lengths, path)
+    assert onset.valid_for_springs and 1e-4 < onset.strain
+    below, above = (strain_path(critical, [factor * onset.strain], path, throw=False) for factor in (0.8, 1.5))
+    assert below.status is Status.floppy and above.ok
+    E = path.free_strains[0]
+    rate = E @ np.linalg.inv(np.eye(2) + above.value.free_components[0] * E)
+    assert above.value.energy[0] > 1e-8 and abs(np.sum(above.value.stress[0] * rate)) < 1e-14
+
+
+@pytest.mark.parametrize(
+    "deformation, sign", [("dilation", 1), ("simple_shear", -1), (Deformation.uniaxial(2).freeing("xy"), 1)], ids=str
+)
+def test_cables_are_followed_from_a_floppy_start_through_their_onset(deformation, sign):
+    network = with_random_stiffness(voronoi(60, seed=1), 2)
+    ratio = critical_from_lengths(network, np.ones(90)).ratio
+    lengths = ratio * np.random.default_rng(1).uniform(1.05, 1.15, 90)
+    start = spring_state(network, lengths, optimize(network, "length_variance").value.coordinates, Cable())
+    onset = critical_strain(network, lengths, deformation, direction=sign)
+    factors = np.array([0.0, 0.5, 1 - 1e-9, 1 + 1e-6, 1.01, 1.3])
+    path = strain_path(start, factors * onset.strain, deformation).value
+    for name in ("energy", "modulus", "bulk_modulus", "shear_modulus", "max_force", "modulus_error"):
+        np.testing.assert_array_equal(getattr(path, name)[:3], 0.0)
+    assert not path.stress[:3].any() and all((state.lengths <= lengths).all() for state in path.states[:3])
+    assert (path.energy[3:] > 0).all() and path.coordinate_error[3:].max() < 1e-6
+    # E = ½ V C (γ − γ_c)² past the onset, and the minimum of the energy far from it.
+    ahead, volume = (factors[3] - 1) * onset.strain, path.states[3].network.volume
+    assert path.energy[3] == pytest.approx(0.5 * volume * path.modulus[3] * ahead**2, rel=1e-3)
+    last = path.states[-1]
+    moved = replace(last, coordinates=start.coordinates @ np.linalg.solve(network.cell, last.network.cell))
+    moved = spring_state(last.network, lengths, moved.coordinates, Cable())
+    assert equilibrium(moved).value.energy == pytest.approx(last.energy, rel=1e-10)
+
+
+def test_strains_between_the_bounds_on_an_onset_are_undecided():
+    network, lengths = slack_lattice()[:2]
+    start = spring_state(network, 1.2 * lengths, critical_of(network).coordinates, Cable())
+    onset = critical_strain(network, 1.2 * lengths, "pure_shear")
+    solution = strain_path(start, [0.5 * onset.strain, onset.strain, 2 * onset.strain], "pure_shear", throw=False)
+    assert solution.status is Status.undecided and "bounds" in solution.note
+    np.testing.assert_array_equal(solution.value.energy, [0.0, np.nan, np.nan])
+
+
+def test_cables_that_never_tighten_have_no_stress():
+    network = voronoi(20, seed=1)
+    start = spring_state(network, np.full(30, 2.0), critical_of(network).coordinates, Cable())
+    path = strain_path(start, [-0.1, -0.5]).value
+    np.testing.assert_array_equal([path.energy, path.bulk_modulus, path.modulus], 0.0)
+
+
 def test_pins_follow_the_deformation():
     # Two springs in series on a line of pins: each takes half of the elongation.
     network = Network([[0, 1], [1, 2], [1, 3], [1, 4]], pins={0: [-1, 0], 2: [1, 0], 3: [0, 1], 4: [0, -1]})
@@ -272,7 +334,7 @@ def test_a_slack_cable_becomes_taut_on_the_path():
     # Two cables between a vertex and its image: one taut, one slack until the strain reaches 0.02; k = 1, V = 1.
     network = Network([[0, 1], [1, 0], [0, 2], [2, 0]], [[0, 0], [1, 0], [0, 0], [1, 0]], np.eye(2))
     onset = critical_strain(network, [0.5, 0.5, 0.51, 0.51], "uniaxial", throw=False)
-    assert onset.status is Status.rigid
+    assert onset.status is Status.undecided
     sigma, x = np.array([1.0, 1, 0, 0]), np.array([[0, 0], [0.5, 0], [0.5, 0.01]])
     critical = replace(critical_configuration(network, sigma, x), rest_lengths=np.array([0.5, 0.5, 0.51, 0.51]))
     path = strain_path(critical, [0.01, 0.03], deformation="uniaxial").value

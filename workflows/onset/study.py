@@ -75,7 +75,7 @@ def against_coordination(parameters, family, seed):
         for column, deformation in enumerate(parameters["deformations"]):
             onset = critical_strain(network, lengths, deformation, throw=False)
             status[row, column] = onset.status
-            if onset.ok:
+            if all(onset.value.proven):
                 strain[row, column], gap[row, column] = onset.strain, onset.upper - onset.lower
                 taut[row, column] = onset.taut.mean()
     return {"critical_strain": strain, "strain_gap": gap, "taut_fraction": taut, "strain_status": status}

@@ -9,6 +9,7 @@ from critflow.critical.backbone import taut_configurations
 from critflow.critical.manifold import require_one_self_stress
 from critflow.networks.deformation import deformation_of
 from critflow.onset.from_lengths import stressed_fraction
+from critflow.paths.strain_path import PathSolver
 from critflow.response.at_transition import elasticity_at_transition
 from critflow.response.stiffening import NO_STIFFENING
 from critflow.workflow import Variable
@@ -123,8 +124,8 @@ def _along_path(manifold, critical, parameters, undefined, deformation, side):
         side * strains,
         deformation=deformation,
         taut_only=True,
-        tensors=False,
-        pattern=manifold.hessian,
+        measure="moduli",
+        solver=PathSolver(pattern=manifold.hessian),
         throw=False,
     ).value
     result = {

@@ -11,6 +11,7 @@ import numpy as np
 
 from critflow import CriticalConfiguration, CriticalManifold, Solution, critical_from_lengths, optimize
 from critflow.workflow import stable_rng
+from workflows.shared.strain_protocol import critical_by_strain
 
 OPTIMA = ("length_variance", "tension_variance", "bulk_modulus", "shear_modulus")
 # The populations of the paper; `random_lengths_wide` follows the printed spread of the rest lengths.
@@ -52,7 +53,9 @@ def configuration(
         return manifold.solve(np.abs(rng.standard_normal(manifold.network.n_edges)))
     spread = parameters["spread_wide" if population == "random_lengths_wide" else "spread"]
     lengths = random_lengths(rng, manifold.network.n_edges, spread)
-    return critical_from_lengths(manifold, lengths, parameters.get("protocol", "conic"), throw=False)
+    if parameters.get("protocol") == "strain":
+        return critical_by_strain(manifold, lengths)
+    return critical_from_lengths(manifold, lengths, throw=False)
 
 
 def random_lengths(rng, n_edges, spread):

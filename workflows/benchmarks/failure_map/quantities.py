@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +22,7 @@ from critflow.critical.derivatives import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.design.optimize import objective_of
 from critflow.quantities.stress_hessian import stress_hessian
+from workflows.shared.strain_protocol import critical_by_strain
 
 from .. import reference
 from ..elimination import subtraction_free_solve
@@ -192,9 +194,8 @@ def _linear_error(problem, answer):
 
 def _lengths(method):
     def compute(problem):
-        solution = critical_from_lengths(problem.manifold, problem.rest_lengths, method, throw=False)
-        problem.found = solution
-        return _coordinates(solution)
+        problem.found = method(problem.manifold, problem.rest_lengths)
+        return _coordinates(problem.found)
 
     return compute
 
@@ -285,8 +286,8 @@ QUANTITIES = {
     "equilibrium_fire": (_equilibrium("fire", _FIRE_STEPS), _equilibrium_error),
     "strain_path": (_strain_path, _equilibrium_error),
     "linear_response": (_linear_response, _linear_error),
-    "lengths_conic": (_lengths("conic"), _conic_error),
-    "lengths_strain": (_lengths("strain"), _strain_error),
+    "lengths_conic": (_lengths(partial(critical_from_lengths, throw=False)), _conic_error),
+    "lengths_strain": (_lengths(critical_by_strain), _strain_error),
     **{f"{name}_{method}": (_optimum(name, method), _optimum_error(name)) for name in OBJECTIVES for method in METHODS},
 }
 

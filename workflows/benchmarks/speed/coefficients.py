@@ -15,7 +15,7 @@ import numpy as np
 
 from critflow import Solution, stiffening, strain_path
 from critflow.networks.network import Array
-from critflow.paths.strain_path import StrainPath
+from critflow.paths.strain_path import PathSolver, StrainPath
 from critflow.response.elasticity import elasticity
 
 from ..timing import Answer, Method, Task
@@ -46,8 +46,8 @@ def _methods(n_vertices: int, seed: int) -> list[Method]:
         return answer_of(stiffening(replace(critical), throw=False), "C_B", "C_G")
 
     def path_to(strains: Array) -> Solution[StrainPath]:
-        start, pattern = replace(critical), manifold.hessian
-        return strain_path(start, strains, tensors=False, pattern=pattern, throw=False)
+        solver = PathSolver(pattern=manifold.hessian)
+        return strain_path(replace(critical), strains, measure="moduli", solver=solver, throw=False)
 
     def fitted(degree: int, n_strains: int, window: float) -> Answer:
         solution = path_to(window * np.arange(1, n_strains + 1) / n_strains)

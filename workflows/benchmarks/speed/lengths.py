@@ -19,6 +19,7 @@ from critflow.onset.taut_edges import OnsetState, newton_taut
 from critflow.precision.double_double import Extended
 from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
+from workflows.shared.strain_protocol import critical_by_strain
 
 from ...shared.populations import random_lengths
 from ..timing import Answer, Method, Task
@@ -78,10 +79,7 @@ def _methods(n_vertices: int, seed: int) -> list[Method]:
     def strain(level: float, relaxation: str) -> Answer:
         # An energy of springs stretched by half a step beyond the transition.
         threshold = 0.5 * float(np.sum((0.5 * level * lengths) ** 2))
-        solution = critical_from_lengths(
-            manifold, lengths, "strain", relaxation=relaxation, strain_step=level, energy_threshold=threshold,
-            throw=False,
-        )  # fmt: skip
+        solution = critical_by_strain(manifold, lengths, relaxation, level, threshold)
         return Answer(solution.value.sigma, solution.status, solution.stats.steps)
 
     methods = [

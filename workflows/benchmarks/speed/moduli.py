@@ -20,6 +20,7 @@ import numpy as np
 from critflow import elasticity, equilibrium, strain_path
 from critflow.critical.transition import pure_shear
 from critflow.networks.network import Array
+from critflow.paths.strain_path import PathSolver
 from critflow.response.linear_response import linear_response
 
 from ..timing import Answer, Method, Task, installed, peer
@@ -124,7 +125,8 @@ def _at_transition(n_vertices: int, seed: int) -> list[Method]:
         return Answer([elasticity(replace(critical)).value.bulk])
 
     def past(strain: float, moduli: bool) -> Answer:
-        solution = strain_path(replace(critical), [strain], moduli=moduli, pattern=manifold.hessian, throw=False)
+        measure, solver = "tensors" if moduli else "energy", PathSolver(pattern=manifold.hessian)
+        solution = strain_path(replace(critical), [strain], measure=measure, solver=solver, throw=False)
         path = solution.value
         bulk = path.bulk_modulus[0] if moduli else 2 * path.energy[0] / (manifold.network.volume * strain**2)
         return Answer([float(bulk)], solution.status, int(path.steps[0]))

@@ -1,0 +1,83 @@
+"""The strain protocol of the paper against the cone program, and against itself in other units."""
+
+import numpy as np
+import pytest
+from problems import random_stress
+
+from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_network
+from workflows.shared import strain_protocol
+from workflows.shared.strain_protocol import critical_by_strain
+
+NETWORK = voronoi_network(100, seed=1)
+MANIFOLD = CriticalManifold(NETWORK)
+
+
+def lengths(spread: float, seed: int = 0, n_edges: int = 150) -> np.ndarray:
+    return 1 + spread * np.random.default_rng(seed).standard_normal(n_edges)
+
+
+def test_straining_converges_to_the_cone_program():
+    target = lengths(0.05)
+    exact = critical_from_lengths(NETWORK, target).value
+    distances = []
+    for threshold in (1e-6, 1e-8, 1e-10):
+        solution = critical_by_strain(MANIFOLD, target, "newton", 0.1 * np.sqrt(threshold), threshold)
+        assert solution.status is Status.ok
+        assert solution.energy >= threshold
+        assert solution.value.residual < 1e-12
+        distances.append(np.abs(solution.value.lengths - exact.lengths).max())
+    # Energy ∝ (strain past the transition)², and lengths are off in proportion to that strain.
+    assert np.array(distances[1:]) / distances[:-1] == pytest.approx([0.1, 0.1], rel=0.15)
+
+
+def test_straining_with_newton_ends_where_fire_ends():
+    network = voronoi_network(20, seed=1)
+    target = lengths(0.05, 3, 30)
+    ends = {
+        relaxation: critical_by_strain(CriticalManifold(network), target, relaxation, 0.02, 1e-3)
+        for relaxation in ("newton", "fire")
+    }
+    assert all(end.status is Status.ok for end in ends.values())
+    newton, fire = ends["newton"], ends["fire"]
+    assert newton.strain == pytest.approx(fire.strain, rel=1e-12)
+    # Both stop at forces of 1e-14; soft modes turn those into positions known to some 1e-10.
+    np.testing.assert_allclose(newton.value.bond_vectors, fire.value.bond_vectors, rtol=0, atol=1e-9)
+    for end in (newton, fire):
+        np.testing.assert_allclose(
+            network.bond_vectors(end.value.coordinates), end.value.bond_vectors, rtol=0, atol=1e-12
+        )
+    assert newton.value.residual < 1e-12
+
+
+def test_straining_through_slack_edges():
+    solution = critical_by_strain(MANIFOLD, lengths(0.3))
+    assert solution.status is Status.slack_edges
+    assert solution.value.residual < 1e-12
+    slack = solution.slack_edges
+    by_cone = critical_from_lengths(NETWORK, lengths(0.3), throw=False).slack_edges
+    # A little past the transition, springs that stayed slack are slightly compressed or carry none.
+    assert len(slack) and set(slack) <= set(by_cone)
+    assert (solution.value.sigma[slack] <= 1e-8).all()
+    L = NETWORK.bond_vectors(solution.value.coordinates)
+    np.testing.assert_allclose(L, solution.value.bond_vectors, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("unit, k", [(1e-9, 1.0), (1e6, 1.0), (1.0, 1e-9), (1e-3, 1e4)])
+def test_the_strain_protocol_ends_at_the_same_strain_in_any_units(unit, k):
+    network = voronoi_network(12, seed=3)
+    lengths = CriticalManifold(network).configuration(random_stress(18, 2)).lengths * 1.03
+    one = critical_by_strain(CriticalManifold(network), lengths)
+    scaled = CriticalManifold(network.deformed(unit * np.eye(2)).with_stiffness(k))
+    other = critical_by_strain(scaled, unit * lengths)
+    assert other.strain == one.strain
+    assert other.energy == pytest.approx(k * unit**2 * one.energy, rel=1e-9)
+
+
+def test_a_strain_protocol_of_too_many_steps_ends(monkeypatch):
+    monkeypatch.setattr(strain_protocol, "STRAIN_STEPS", 3)
+    monkeypatch.setattr(strain_protocol, "_skipped", lambda *_: (0, None))
+    network = voronoi_network(12, seed=3)
+    lengths = CriticalManifold(network).configuration(random_stress(18, 2)).lengths * 1.03
+    solution = critical_by_strain(CriticalManifold(network), lengths, strain_step=1e-6)
+    assert solution.status is Status.step_limit
+    assert "steps" in solution.reason

@@ -1,0 +1,111 @@
+"""The strain protocol of the paper: springs are strained in steps until they are rigid.
+
+It stops slightly past the transition that `critical_from_lengths` finds, where slack springs are slightly compressed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from critflow import CriticalManifold, Network, Status, critical_from_lengths, equilibrium, spring_state
+from critflow.critical.manifold import critical_configuration
+from critflow.linalg.matrices import balanced_part
+from critflow.networks.network import Array
+from critflow.onset.from_lengths import FromLengths
+from critflow.onset.taut_edges import unknown_configuration
+from critflow.onset.taut_set import NO_STRESS
+from critflow.result import Stats
+
+STRAIN_STEPS = 2000  # steps after which the protocol stops: a strain of 20 in the default steps
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FromStrain(FromLengths):
+    """The critical configuration of rest lengths ℓ by the strain protocol.
+
+    strain         γ of the recorded state, whose rest lengths are ℓ/(1 + γ)
+    energy         energy of the recorded state
+    rest_lengths   ℓ/(1 + γ), (N_b,)
+    skipped_steps  strain steps below the transition that were not relaxed
+    """
+
+    strain: float
+    energy: float
+    rest_lengths: Array
+    skipped_steps: int
+
+
+def _energy_unit(network: Network, lengths: Array) -> float:
+    """Mean stiffness times the square of a length that is 1 for one unit of volume a vertex."""
+    size = float(lengths.mean())
+    if network.cell is not None:
+        size = (network.volume / network.n_vertices) ** (1 / network.dimension)
+    return float(network.stiffness.mean()) * size**2
+
+
+def critical_by_strain(
+    manifold: CriticalManifold,
+    lengths: Array,
+    relaxation: str = "newton",
+    strain_step: float = 0.01,
+    energy_threshold: float = 1e-4,
+) -> FromStrain:
+    """The rigid state of springs with rest lengths ℓ/(1 + γ), and the stress that balances at its coordinates.
+
+    γ grows in steps of `strain_step` from 0 until the energy reaches `energy_threshold`, in units of mean k times
+    (V/N_v)^(2/d), or the squared mean ℓ without a cell.  Springs are relaxed by the method `relaxation` of
+    `equilibrium`.  Where the cone program shows that every edge will be stressed, the end does not depend on the path,
+    and the steps of the floppy network are skipped (not by "fire").
+    """
+    network, pattern = manifold.network, manifold.hessian
+    newton = relaxation == "newton"
+    step, x = _skipped(manifold, lengths, strain_step) if newton else (0, None)
+    skipped, threshold = step, energy_threshold * _energy_unit(network, lengths)
+    if x is None:
+        x = network.positions
+    if x is None:
+        x = manifold.configuration(network.stiffness).coordinates
+    steps = 0
+    state = spring_state(network, lengths / (1 + strain_step * step), x)
+    while True:
+        solution = equilibrium(state, relaxation, pattern=pattern, throw=False)
+        state, steps = solution.value, steps + solution.stats.steps
+        if not solution.ok or state.energy >= threshold:
+            break
+        if step - skipped >= STRAIN_STEPS:
+            solution = replace(solution, status=Status.step_limit, note="take larger strain steps")
+            break
+        step += 1
+        state = spring_state(network, lengths / (1 + strain_step * step), state.coordinates)
+    if newton:
+        state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
+    # From the coordinates: rounding of many steps separates the bond vectors of the state from them.
+    sigma = balanced_part(network, network.bond_vectors(state.coordinates), state.sigma, pattern)
+    value = critical_configuration(network, sigma, state.coordinates)
+    slack = np.flatnonzero(value.sigma <= NO_STRESS * np.mean(np.abs(value.sigma)))
+    status = Status.slack_edges if solution.ok and len(slack) else solution.status
+    return FromStrain(
+        value=value if solution.ok else unknown_configuration(network),
+        status=status,
+        stats=Stats(f"strain, {relaxation}", steps, residual=solution.stats.residual),
+        slack_edges=slack,
+        strain=strain_step * step,
+        energy=state.energy,
+        rest_lengths=state.rest_lengths,
+        skipped_steps=skipped,
+        note=solution.note,
+    )
+
+
+def _skipped(manifold: CriticalManifold, lengths: Array, strain_step: float) -> tuple[int, Array | None]:
+    """The number of strain steps of the floppy network, and the coordinates at the transition; 0 if edges are slack.
+
+    With all edges stressed the rigid states follow from the unique critical configuration, for any path to it.
+    """
+    transition = critical_from_lengths(manifold, lengths, throw=False)
+    if not transition.ok:
+        return 0, None
+    steps = max(0, int(np.floor((1 / transition.ratio - 1) / strain_step)) + 1)
+    return steps, transition.value.coordinates
