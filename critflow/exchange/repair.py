@@ -10,15 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.exchange.boundaries import require_boundary
 from critflow.exchange.chains import contracted
 from critflow.exchange.crossings import crossings_of, split
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, counted
+from critflow.networks.faces import Faces, planar_faces
 from critflow.networks.network import Network
 from critflow.networks.pruning import carrying_part
-from critflow.result import NetworkError, Solution, Stats, Status
+from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
 # Coordinates that vary by less than this part of the size of a network have no extent.
 _FLAT = 1e-9
@@ -54,6 +56,18 @@ class ImportedNetwork(Solution[Network]):
     def force_densities(self) -> Array | None:
         """Force densities σ (N_b,) of the source, if it has any."""
         return self.data.force_densities
+
+    @property
+    def sides(self) -> sp.csr_array:
+        """A (N_f, N_b), the edges on the perimeter of each polygon of the source, for `tissue`.
+
+        Sides between two fixed vertices are no edges, and constant.  Raises `InputError` for a source without polygons.
+        """
+        if self.data.sides is None:
+            raise InputError("the source names no polygons: give polygons= or labels=, or use the faces of the network")
+        edge, side = np.nonzero(self.data.sides >= 0)
+        polygon = np.unique(self.data.sides[edge, side], return_inverse=True)[1]
+        return sp.csr_array((np.ones(len(edge)), (polygon, edge)), shape=(int(polygon.max()) + 1, self.value.n_edges))
 
     @property
     def edges_kept(self) -> IntArray:
@@ -120,6 +134,7 @@ def imported(
         {i: data.positions[i] for i in data.pins},
         n_vertices=data.n_vertices,
         positions=data.positions,
+        faces=_faces(data),
     )
     return ImportedNetwork(
         value=network,
@@ -129,6 +144,25 @@ def imported(
         notes=(*data.notes, *_digits(read), *data.findings),
         data=data,
     )
+
+
+def _faces(data: NetworkData) -> Faces | None:
+    """The faces of a planar network without crossings; those polygons that are whole where the source names any."""
+    if data.dimension != 2:
+        return None
+    try:
+        faces = planar_faces(data.edges, bond_vectors_of(data), data.n_vertices)
+    except NetworkError:
+        return None
+    if data.sides is None:
+        return faces
+    # A polygon is whole where it lies beside every edge of a walk; holes between polygons are no faces.
+    named = np.repeat(data.sides[faces.edges[faces.starts[:-1]]], faces.sizes, axis=0)
+    sides = data.sides[faces.edges]
+    beside = ((named[:, :, None] == sides[:, None]) & (named[:, :, None] >= 0)).any(axis=2)
+    whole = np.logical_and.reduceat(beside, faces.starts[:-1]).any(axis=1)
+    kept, starts = np.repeat(whole, faces.sizes), np.concatenate([[0], np.cumsum(faces.sizes[whole])])
+    return Faces(faces.edges[kept], faces.signs[kept], starts)
 
 
 def in_its_plane(data: NetworkData) -> NetworkData:

@@ -61,10 +61,14 @@ def integers(values: ArrayLike, name: str) -> IntArray:
         array = np.array(values)
     except ValueError:
         raise NetworkError(f"{name} must be rows of equal length, not {shown(values)}") from None
-    if array.dtype.kind == "f" and np.array_equal(array, np.round(array)) and (np.abs(array) < 2.0**63).all():
-        return array.astype(np.int64)
-    if array.dtype.kind not in "iu" or (array.size and array.max() >= 2**63):
-        raise NetworkError(f"{name} must be whole numbers, not {array.dtype}: they count vertices and cell images")
+    kind, bad = array.dtype.kind, np.zeros(array.shape, bool)
+    if kind == "f":
+        bad = ~((array == np.round(array)) & (np.abs(array) < 2.0**63))
+    elif kind == "u":
+        bad = array >= 2**63
+    if kind not in "iuf" or bad.any():
+        value = array[bad][0] if bad.any() else array.dtype
+        raise NetworkError(f"{name} must be whole numbers, not {value}: they count vertices and cell images")
     return array.astype(np.int64)
 
 
