@@ -16,7 +16,7 @@ from critflow.arguments import checked, shown
 from critflow.exchange.boundaries import Pins, hull_volume, with_pins
 from critflow.exchange.checks import check
 from critflow.exchange.data import NetworkData, data_of, from_zero
-from critflow.exchange.formats import Format, format_of_object, readable_format, writable_format
+from critflow.exchange.formats import format_of_object, readable_format, writable_format
 from critflow.exchange.meshes import from_polygons
 from critflow.exchange.offsets import with_offsets
 from critflow.exchange.pictures import from_labels, from_skeleton, read_picture
@@ -66,10 +66,8 @@ def network_from(
     Network(3 vertices, 2 edges, 2 dimensions, 2 pins, z = 1.333)
     """
     data = _record(source, given)
-    if cell is not None:
-        data = replace(data, cell=floats(cell, "the cell"))
-    if data.cell is not None and data.cell.shape != (data.dimension,) * 2:
-        data = replace(data, cell=_cell_in(data.cell, data.dimension))
+    if (vectors := data.cell if cell is None else floats(cell, "the cell")) is not None:
+        data = replace(data, cell=_cell_in(vectors, data.dimension))
     check(data)
     data = in_its_plane(data)
     found = imported(with_pins(with_offsets(data, nearest), pins), strict, contract, join_crossings)
@@ -163,7 +161,10 @@ def _state(
 def _record(source: Any, given: dict[str, Any]) -> NetworkData:
     """The record of a source: files, arrays, an object with a network, or one of another library."""
     if _is_path(source):
-        data = _read(Path(source), readable_format(Path(source)), given)
+        known = readable_format(Path(source))
+        assert known.read is not None
+        with _one_sentence(source, known.name):
+            data = known.read(Path(source), **_taken(given, known.keywords))
     elif isinstance(source, Sequence) and len(source) == 2 and all(map(_is_path, source)):
         with _one_sentence(" and ".join(map(str, source)), "tables"):
             data = read_tables([Path(path) for path in source])
@@ -186,12 +187,6 @@ def _is_path(source: object) -> bool:
 def _taken(given: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
     """The keywords of these names, which leave the others."""
     return {name: given.pop(name) for name in names if name in given}
-
-
-def _read(path: Path, known: Format, given: dict[str, Any]) -> NetworkData:
-    assert known.read is not None
-    with _one_sentence(path, known.name):
-        return known.read(path, **_taken(given, known.keywords))
 
 
 # What errors of readers mean, where their own words do not say.
@@ -252,13 +247,8 @@ def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
 
 
 def _cell_in(cell: Any, dimension: int) -> Any:
-    """A cell of a plane given in space, or side lengths given in place of vectors."""
-    if cell.ndim == 1 and len(cell) >= dimension:
-        return np.diag(cell[:dimension])
-    if cell.ndim == 0:
-        return float(cell) * np.eye(dimension)
-    if cell.ndim == 2 and cell.shape == (3, 3) and dimension == 2:
-        return cell[:2, :2]
-    raise InputError(
-        f"the cell must be a {dimension} × {dimension} matrix or {dimension} side lengths, not {cell.shape}"
-    )
+    """The cell of a plane that is given in space, or by side lengths in place of vectors."""
+    vectors = cell * np.eye(dimension) if cell.ndim == 0 else np.diag(cell) if cell.ndim == 1 else cell
+    if vectors.shape not in ((dimension,) * 2, (3, 3)):
+        raise InputError(f"the cell must be {dimension} side lengths or as many vectors as rows, not {cell.shape}")
+    return vectors[:dimension, :dimension]

@@ -8,10 +8,10 @@ Nothing is dropped silently.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from critflow.exchange.boundaries import require_boundary
 from critflow.exchange.chains import contracted
@@ -113,11 +113,8 @@ def imported(
     join_crossings  put a vertex where two edges of a planar network cross
     """
     steps = (
-        *(_without_loops, _without_repeats, require_boundary),
-        _with_crossings_joined if join_crossings else _with_crossings_reported,
-        *(_without_bare, _without_fixed_edges, _carrying),
-        *((_with_chains_joined, _without_loops, _without_bare_silently) if contract else (_with_chains_reported,)),
-        _with_short_edges_reported,
+        *(_without_loops, _without_repeats, require_boundary, partial(_with_crossings, join=join_crossings)),
+        *(_without_bare, _without_fixed_edges, _carrying, partial(_with_chains, join=contract), _with_short_edges),
     )
     data = replace(read, edge_numbers=np.arange(read.n_edges), vertex_numbers=np.arange(read.n_vertices))
     for step in steps:
@@ -221,30 +218,24 @@ def _without_repeats(data: NetworkData) -> NetworkData:
     )
 
 
-def _with_crossings_reported(data: NetworkData) -> NetworkData:
-    if data.dimension != 2 or not len(pairs := crossings_of(data).pairs):
+def _with_crossings(data: NetworkData, join: bool) -> NetworkData:
+    """Crossings of edges in the plane, reported or joined by a vertex."""
+    if data.dimension != 2 or not len((found := crossings_of(data)).pairs):
         return data
-    i, j = np.asarray(data.edge_numbers)[pairs[0]]
-    return data.finding(
-        f"{counted(len(pairs), 'crossing')} of two edges without a vertex, edges {i} and {j} first; "
-        "join_crossings=True puts one there"
-    )
-
-
-def _with_crossings_joined(data: NetworkData) -> NetworkData:
-    if data.dimension != 2 or not len((crossings := crossings_of(data)).pairs):
-        return data
-    sentence = f"{counted(len(crossings.pairs), 'crossing')} of two edges, joined by a vertex there"
-    return split(data, crossings).repairing(sentence)
+    count = f"{counted(len(found.pairs), 'crossing')} of two edges"
+    if join:
+        return split(data, found).repairing(f"{count}, joined by a vertex there")
+    i, j = np.asarray(data.edge_numbers)[found.pairs[0]]
+    return data.finding(f"{count} without a vertex, edges {i} and {j} first; join_crossings=True puts one there")
 
 
 def _without_bare(data: NetworkData) -> NetworkData:
-    part = _without_bare_silently(data)
+    part = _of_edges(data)
     bare = data.n_vertices - part.n_vertices
     return part.repairing(f"{counted(bare, 'vertex')} without edges, removed") if bare else data
 
 
-def _without_bare_silently(data: NetworkData) -> NetworkData:
+def _of_edges(data: NetworkData) -> NetworkData:
     """The record without vertices that have no edges, which are those of edges removed before."""
     return data.with_vertices(np.bincount(data.edges.ravel(), minlength=data.n_vertices) > 0)
 
@@ -256,7 +247,7 @@ def _without_fixed_edges(data: NetworkData) -> NetworkData:
     if not between.any():
         return data
     sentence = f"{counted(int(between.sum()), 'edge')} between fixed vertices, removed: no motion changes the length"
-    return _without_bare_silently(data.with_edges(~between).repairing(sentence))
+    return _of_edges(data.with_edges(~between).repairing(sentence))
 
 
 def _carrying(data: NetworkData) -> NetworkData:
@@ -270,34 +261,25 @@ def _carrying(data: NetworkData) -> NetworkData:
             "no edge can carry tension: no closed path winds around the cell or joins two fixed vertices: fix more "
             "vertices, or give the cell"
         )
-    return _without_bare_silently(data.with_edges(part.edges).repairing(part.sentence))
+    return _of_edges(data.with_edges(part.edges).repairing(part.sentence))
 
 
-def _inside_chains(data: NetworkData) -> NDArray[np.bool_]:
-    """Which vertices have two edges and no other reason to be there, (N_v,)."""
+def _with_chains(data: NetworkData, join: bool) -> NetworkData:
+    """Vertices of two edges and no other reason to be there, reported or removed with their springs in series."""
     degree = np.bincount(data.edges.ravel(), minlength=data.n_vertices)
     degree[data.edges[data.edges[:, 0] == data.edges[:, 1], 0]] = 0
-    return (degree == 2) & ~data.is_pin
-
-
-def _with_chains_reported(data: NetworkData) -> NetworkData:
-    middle = int(_inside_chains(data).sum())
-    if not middle:
+    middle = (degree == 2) & ~data.is_pin
+    if not (count := int(middle.sum())):
         return data
-    return data.finding(
-        f"{counted(middle, 'vertex', 'has')} two edges, which are in line under tension; contract=True joins them"
-    )
+    if not join:
+        return data.finding(
+            f"{counted(count, 'vertex', 'has')} two edges, which are in line under tension; contract=True joins them"
+        )
+    sentence = f"{counted(count, 'vertex')} of two edges, removed; the springs were joined in series"
+    return _of_edges(_without_loops(contracted(data, middle).repairing(sentence)))
 
 
-def _with_chains_joined(data: NetworkData) -> NetworkData:
-    middle = _inside_chains(data)
-    if not middle.any():
-        return data
-    sentence = f"{counted(int(middle.sum()), 'vertex')} of two edges, removed; the springs were joined in series"
-    return contracted(data, middle).repairing(sentence)
-
-
-def _with_short_edges_reported(data: NetworkData) -> NetworkData:
+def _with_short_edges(data: NetworkData) -> NetworkData:
     """Edges whose ends have one position."""
     short = np.flatnonzero(np.linalg.norm(bond_vectors_of(data), axis=1) == 0)
     if not len(short):

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import shown
 from critflow.networks.offset_checks import doubtful_offsets
 from critflow.result import NetworkError
 
@@ -16,12 +17,7 @@ IntArray = NDArray[np.int64]
 
 def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True, place: str = "edge") -> Array:
     """Values per edge, or face, as floats (N_b,), finite and positive, else a `NetworkError` on the first bad one."""
-    try:
-        if np.asarray(values).dtype.kind == "c":
-            raise TypeError
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise NetworkError(f"{name} must be real numbers, one per {place}, not {values!r:.60}") from None
+    array = floats(values, name)
     if array.shape != (n_edges,):
         raise NetworkError(f"{name} must have one value per {place}, shape ({n_edges},), not {array.shape}")
     bad = ~np.isfinite(array) | (positive & ~(array > 0))
@@ -70,11 +66,6 @@ def integers(values: ArrayLike, name: str) -> IntArray:
         value = array[bad][0] if bad.any() else array.dtype
         raise NetworkError(f"{name} must be whole numbers, not {value}: they count vertices and cell images")
     return array.astype(np.int64)
-
-
-def shown(value: object) -> str:
-    """The value in one short line."""
-    return " ".join(f"{value!r:.60}".split())
 
 
 def checked_count(value: object) -> int:
