@@ -8,13 +8,16 @@ from typing import Annotated
 
 import typer
 
-from critflow.examination.reading import require_regular
-from critflow.result import EnvironmentFailure
+from critflow.exchange.data import require_regular
+from critflow.result import EnvironmentFailure, InputError
 
 
 def explore(
     file: Annotated[
         Path | None, typer.Argument(metavar="[FILE]", help="A network, or a dataset of `critflow run`.")
+    ] = None,
+    second: Annotated[
+        Path | None, typer.Argument(metavar="[TABLE]", help="The table of vertices, where FILE is that of edges.")
     ] = None,
     n_vertices: Annotated[int, typer.Option(help="Vertices of a random network, without FILE.")] = 1000,
     seed: Annotated[int, typer.Option(help="Seed of a random network, without FILE.")] = 0,
@@ -35,7 +38,9 @@ def explore(
     source: Random | File | Dataset = Random(n_vertices, seed)
     if file is not None:
         require_regular(file)
-        source = Dataset(file) if file.suffix == ".nc" else File(file)
+        if file.suffix == ".nc" and second is not None:
+            raise InputError("a dataset stands alone: leave the second file out")
+        source = Dataset(file) if file.suffix == ".nc" else File(file, second)
     # A file that cannot be shown is refused before the server starts.
     Page(source)
     explorer = Explorer(source)

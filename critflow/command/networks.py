@@ -23,17 +23,18 @@ from critflow.design.optimize import optimize
 from critflow.design.result import Design
 from critflow.design.targets import design
 from critflow.examination.examine import examine
-from critflow.examination.reading import network_of_file, require_regular
 from critflow.examination.report import report_lines
 from critflow.exchange.convert import network_from, write_network, writer_to
-from critflow.exchange.data import counted
+from critflow.exchange.data import counted, require_regular
 from critflow.exchange.formats import writable_format
 from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.network import Network
 from critflow.result import InputError, Solution
 from critflow.rigidity.counts import certify
 
-FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A network; its ending names the format.")]
+FilesArgument = Annotated[
+    list[Path], typer.Argument(metavar="FILE", help="A network, its ending names the format; or two tables.")
+]
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,17 @@ class Hints:
         str, typer.Option(metavar="NUMBERS", help="Cell of a file without one: side lengths, or vectors row by row.")
     ] = ""
     pins: Annotated[
-        str, typer.Option(metavar="RULE|LIST", help="Fixed vertices: hull, degree, box, or names with commas.")
+        str, typer.Option(metavar="RULE|LIST", help="Fixed vertices: hull, degree, box, border, or names with commas.")
     ] = ""
     volume: Annotated[
         str, typer.Option(metavar="V", help="Volume to which moduli refer without a cell: a number, or hull.")
     ] = ""
+    pixel: Annotated[
+        str, typer.Option(metavar="SIZE", help="Size of a pixel of a picture; three numbers for a stack, pages first.")
+    ] = ""
+    labels: Annotated[
+        bool, typer.Option("--labels", help="The values of a picture number the cells of a tissue; else it is fibres.")
+    ] = False
     nearest: Annotated[bool, typer.Option("--nearest", help="Accept nearest images of long edges.")] = False
     strict: Annotated[bool, typer.Option("--strict", help="Refuse a file that needs a repair.")] = False
     contract: Annotated[bool, typer.Option("--contract", help="Join the edges of vertices of two edges in series.")] = (
@@ -96,13 +103,18 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
     return call
 
 
-def read(file: Path, hints: Hints) -> ImportedNetwork:
-    """The network of a file with the hints of the command line."""
+def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
+    """The network of a file, or of two tables, with the hints of the command line."""
     values = {option.name: getattr(hints, option.name) for option in fields(hints) if option.name != "case"}
-    keywords = {name: _PARSERS.get(name, bool)(value) for name, value in values.items()}
+    keywords = {name: _PARSERS.get(name, bool)(value) for name, value in values.items() if value}
+    file, labels = files[0], keywords.pop("labels", False)
+    if len(files) > 2 or (len(files) == 2 and (labels or file.suffix == ".nc")):
+        raise InputError(f"a network is one file, or a table of edges and one of vertices, not {len(files)} files")
     require_regular(file)
+    if labels:
+        return network_from(labels=file, **keywords)
     if file.suffix != ".nc":
-        return network_of_file(file, **keywords)
+        return network_from(file if len(files) == 1 else files, **keywords)
     from critflow.examination.show import choose_case
     from critflow.workflow.dataset import opened_dataset
 
@@ -111,7 +123,7 @@ def read(file: Path, hints: Hints) -> ImportedNetwork:
 
 
 # A keyword of `network_from` in a sentence, such as pins='hull' or nearest=True.
-_KEYWORD = re.compile(r"\b(cell|pins|volume|nearest|strict|contract|join_crossings)=('?)([\w.]*)\2")
+_KEYWORD = re.compile(r"\b(cell|pins|volume|pixel|labels|nearest|strict|contract|join_crossings)=('?)([\w.]*)\2")
 
 
 def in_shell(sentences: str) -> str:
@@ -126,8 +138,9 @@ def in_shell(sentences: str) -> str:
 
 @reading
 def convert(
-    file: FileArgument,
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write; its ending names the format.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE OUT", help="A network, or two tables; then the file to write.")
+    ],
     hints: Hints,
     size: Annotated[float, typer.Option(metavar="MM", help="Largest extent of a drawing or solid.")] = 100.0,
     radius: Annotated[float, typer.Option(metavar="MM", help="Radius of the struts of a solid.")] = 1.0,
@@ -136,8 +149,11 @@ def convert(
     ] = "1",
 ) -> int:
     """Read a network, report each repair, and write it in another format."""
+    if len(files) < 2:
+        raise InputError("convert needs a file to read and one to write: critflow convert FILE OUT")
+    *files, out = files
     writable_format(out)
-    imported = read(file, hints)
+    imported = read(files, hints)
     print(in_shell(str(imported)))
     options: dict[str, Any] = {"copies": _copies(copies)}
     if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
@@ -151,7 +167,7 @@ def convert(
 
 @reading
 def examine_file(
-    file: FileArgument,
+    files: FilesArgument,
     hints: Hints,
     out: Annotated[
         Path | None, typer.Option(metavar="PAGE", help="Also write a page with pictures, .html or .md.")
@@ -162,11 +178,8 @@ def examine_file(
         from critflow.examination.page import require_page, write_page
 
         require_page(out)
-    imported = read(file, hints)
-    examination = examine(imported)
-    # What `make` needs too: it takes no volume by itself.
-    hull = [] if imported.network.has_volume or imported.network.dimension == 1 else ["--volume", "hull"]
-    words = shlex.join([str(file), *hints.words, *hull])
+    examination = examine(read(files, hints))
+    words = shlex.join([*map(str, files), *hints.words])
     print(in_shell("\n".join(report_lines(examination, words))))
     if out is not None:
         write_page(examination, out, words)
@@ -176,7 +189,7 @@ def examine_file(
 
 @reading
 def make(
-    file: FileArgument,
+    files: FilesArgument,
     out: Annotated[Path, typer.Option(metavar="OUT", help="The file to write; its ending names the format.")],
     hints: Hints,
     objective: Annotated[
@@ -202,7 +215,7 @@ def make(
         from critflow.figures.drawing import draw, require_picture, saved
 
         require_picture(picture)
-    imported = read(file, hints)
+    imported = read(files, hints)
     print(in_shell(str(imported)))
     writer_to(out, imported)
     solution: Solution[CriticalConfiguration]
@@ -293,7 +306,16 @@ def _volume(text: str) -> Any:
         return text or None
 
 
-_PARSERS: dict[str, Callable[[str], Any]] = {"cell": _cell, "pins": _pins, "volume": _volume}
+def _pixel(text: str) -> list[float] | float:
+    """One size, or one for each axis."""
+    try:
+        sizes = [float(word) for word in _words(text)]
+    except ValueError:
+        raise InputError(f"--pixel must be numbers, such as '0.5' or '2 0.5 0.5', not {text!r}") from None
+    return sizes[0] if len(sizes) == 1 else sizes
+
+
+_PARSERS: dict[str, Callable[[str], Any]] = {"cell": _cell, "pins": _pins, "volume": _volume, "pixel": _pixel}
 
 
 def _words(text: str) -> list[str]:

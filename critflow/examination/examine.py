@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from os import PathLike
-from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -13,9 +12,9 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.nearest import Nearest, nearest_critical
-from critflow.examination.reading import network_of_file
 from critflow.examination.report import UNFINISHED, Examination
 from critflow.exchange.boundaries import hull_volume
+from critflow.exchange.convert import network_from
 from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.checks import edge_values
 from critflow.networks.digits import Digits
@@ -117,7 +116,7 @@ def _subject(
     thing: Network | ImportedNetwork | str | PathLike, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None
 ) -> _Subject:
     """The subject of an examination: at the positions and with the lengths there, where none are given."""
-    source = network_of_file(Path(thing)) if isinstance(thing, str | PathLike) else thing
+    source = network_from(thing) if isinstance(thing, str | PathLike) else thing
     notes, names, digits = tuple[str, ...](), tuple[str, ...](), Digits(None, 0.0)
     if isinstance(source, ImportedNetwork):
         network, digits, names = source.network, source.data.digits, source.vertex_names

@@ -21,16 +21,14 @@ _ON_BORDER = 1e-6
 def with_pins(data: NetworkData, pins: Pins) -> NetworkData:
     """The data with fixed vertices.
 
-    pins  "hull", "degree" (vertices of one edge), "box" (vertices on the bounding box), names or indices of vertices,
-          or a mask (N_v,)
+    pins  "hull", "degree" (vertices of one edge), "box" (vertices on the bounding box), "border" (vertices at the edges
+          of a picture), names or indices of vertices, or a mask (N_v,)
     """
     if pins is None:
         return data
     chosen = _by_rule(data, pins) if isinstance(pins, str) else _listed(data, pins)
     if not len(chosen):
-        raise InputError(
-            f"no vertex is fixed by pins={pins!r:.40}: choose another rule, 'hull', 'degree' or 'box', or list vertices"
-        )
+        raise InputError(f"no vertex is fixed by pins={pins!r:.40}: choose another rule, or list vertices")
     note = f"{counted(len(chosen), 'vertex', 'is')} fixed" + (f" ({_RULES[pins]})" if isinstance(pins, str) else "")
     return replace(data, pins=tuple(map(int, chosen))).noting(note)
 
@@ -64,10 +62,15 @@ _RULES = {
     "hull": "the corners and sides of the convex hull",
     "degree": "vertices of a single edge",
     "box": "vertices on the bounding box",
+    "border": "vertices at the edges of the picture",
 }
 
 
 def _by_rule(data: NetworkData, rule: str) -> NDArray[np.intp]:
+    if rule not in _RULES:
+        raise InputError(f"no rule for fixed vertices is called {rule!r}: choose {', '.join(_RULES)}, or give a list")
+    if rule == "border":
+        return np.array(data.border, np.intp)
     if rule == "degree":
         return np.flatnonzero(np.bincount(data.edges.ravel(), minlength=data.n_vertices) == 1)
     # Vertices without edges leave the network, and are no part of its border.
@@ -77,15 +80,13 @@ def _by_rule(data: NetworkData, rule: str) -> NDArray[np.intp]:
     if rule == "box":
         near = np.minimum(x - x.min(axis=0), x.max(axis=0) - x) <= _ON_BORDER * size
         return used[near.any(axis=1)]
-    if rule == "hull":
-        try:
-            hull = ConvexHull(x)
-        except (QhullError, ValueError):
-            return np.zeros(0, np.intp)
-        # Also the vertices on straight sides, which are no corners of the hull.
-        distance = x @ hull.equations[:, :-1].T + hull.equations[:, -1]
-        return used[(distance >= -_ON_BORDER * size).any(axis=1)]
-    raise InputError(f"no rule for fixed vertices is called {rule!r}: choose 'hull', 'degree', 'box' or give a list")
+    try:
+        hull = ConvexHull(x)
+    except (QhullError, ValueError):
+        return np.zeros(0, np.intp)
+    # Also the vertices on straight sides, which are no corners of the hull.
+    distance = x @ hull.equations[:, :-1].T + hull.equations[:, -1]
+    return used[(distance >= -_ON_BORDER * size).any(axis=1)]
 
 
 def _listed(data: NetworkData, pins: Sequence[int | str] | ArrayLike) -> NDArray[np.intp]:

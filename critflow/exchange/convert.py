@@ -19,12 +19,13 @@ from critflow.exchange.data import NetworkData, data_of, from_zero
 from critflow.exchange.formats import format_of_object, readable_format, writable_format
 from critflow.exchange.meshes import from_polygons
 from critflow.exchange.offsets import with_offsets
-from critflow.exchange.pictures import from_labels, from_skeleton
+from critflow.exchange.pictures import from_labels, from_skeleton, read_picture
 from critflow.exchange.repair import ImportedNetwork, imported, in_its_plane
+from critflow.exchange.tables import read_tables
 from critflow.exchange.tiling import Copies, tiled
-from critflow.networks.checks import floats, integers
+from critflow.networks.checks import floats
 from critflow.networks.network import Network
-from critflow.result import CritflowError, InputError, Solution
+from critflow.result import CritflowError, InputError, NetworkError, Solution
 
 _KINDS = ("edges", "polygons", "picture", "labels")
 
@@ -44,16 +45,17 @@ def network_from(
 ) -> ImportedNetwork:
     """A network from a file or an object of another program, checked and repaired, with one sentence for each repair.
 
-    source   a path; a networkx graph; ASE atoms; a meshio mesh; a case of a critflow dataset; a `Network`; or None,
-             with the arrays edges= and positions= (and offsets= or bond_vectors=), polygons= and positions=, picture=
-             or labels=
+    source   a path, or those of two tables; a networkx graph; ASE atoms; a meshio mesh; a case of a critflow dataset; a
+             `Network`; or None, with the arrays edges= and positions= (and offsets= or bond_vectors=), polygons= and
+             positions=, picture= or labels=, which may be paths
     cell     (d, d) rows are the cell vectors; without one the cell of the source is used
-    pins     fixed vertices: "hull", "degree", "box", a list of vertices, or a mask
+    pins     fixed vertices: "hull", "degree", "box", "border" of a picture, a list of vertices, or a mask
     nearest  accept nearest images of edges longer than 0.4 of the height of the cell
     strict   refuse a source that needs any repair
     contract  join the edges of vertices of two edges: springs in series
     join_crossings  put a vertex where two edges of a planar network cross
-    volume   V to which the moduli of a network without a cell refer; "hull": that of the convex hull
+    volume   V to which the moduli of a network without a cell refer; that of the source, or "hull", the convex hull,
+             by default
 
     Many parameters: hints that a source may lack.  Further keywords are those of the source: offsets, bond_vectors,
     stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel.  Raises `InputError` or `NetworkError`
@@ -64,16 +66,12 @@ def network_from(
     Network(3 vertices, 2 edges, 2 dimensions, 2 pins, z = 1.333)
     """
     data = _record(source, given)
-    if cell is not None:
-        data = replace(data, cell=floats(cell, "the cell"))
-    if data.cell is not None and data.cell.shape != (data.dimension,) * 2:
-        data = replace(data, cell=_cell_in(data.cell, data.dimension))
+    if (vectors := data.cell if cell is None else floats(cell, "the cell")) is not None:
+        data = replace(data, cell=_cell_in(vectors, data.dimension))
     check(data)
     data = in_its_plane(data)
     found = imported(with_pins(with_offsets(data, nearest), pins), strict, contract, join_crossings)
-    if volume is None and isinstance(source, Network):
-        volume = source.reference_volume
-    return found if volume is None else _referring(found, volume)
+    return _referring(found, data.volume if volume is None else volume)
 
 
 @checked
@@ -121,14 +119,22 @@ def writer_to(path: Path, network: Any, coordinates: ArrayLike | None = None) ->
     return known.write
 
 
-def _referring(found: ImportedNetwork, volume: float | str) -> ImportedNetwork:
-    """The network with the volume to which its moduli refer."""
+def _referring(found: ImportedNetwork, volume: float | str | None) -> ImportedNetwork:
+    """The network with the volume to which its moduli refer: that of the convex hull where none is named."""
+    network, note = found.value, ""
+    if volume is None and (network.cell is not None or network.dimension == 1):
+        return found
+    if volume is None or volume == "hull":
+        try:
+            hull = hull_volume(found.positions)
+        except InputError:
+            if volume is None:
+                return found
+            raise
+        volume, note = hull, f"moduli refer to the convex hull, V = {hull:.8g}, unless another volume is given"
     if isinstance(volume, str):
-        if volume != "hull":
-            raise InputError(f"the volume must be a number or 'hull', not {volume!r}")
-        volume = hull_volume(found.positions)
-        found = replace(found, notes=(*found.notes, f"moduli refer to the convex hull, V = {volume:.8g}"))
-    return replace(found, value=found.value.with_volume(volume))
+        raise InputError(f"the volume must be a number or 'hull', not {volume!r}")
+    return replace(found, value=network.with_volume(volume), notes=(*found.notes, *([note] if note else [])))
 
 
 def _state(
@@ -153,27 +159,42 @@ def _state(
 
 
 def _record(source: Any, given: dict[str, Any]) -> NetworkData:
-    """The record of a source: a file, arrays, an object with a network, or one of another library."""
-    if isinstance(source, str | PathLike):
-        return _overridden(_read(Path(source)), given)
-    if source is None:
-        return _from_keywords(given)
-    if isinstance(source, Sequence | np.ndarray):
-        return _from_keywords({"edges": source, **given})
-    if isinstance(source, Network | Solution) or isinstance(getattr(source, "network", None), Network):
-        return _overridden(_state(source, given.pop("positions", None), None, None), given)
-    known = format_of_object(source)
-    assert known.convert is not None
-    with _one_sentence(shown(source), "a network"):
-        data = known.convert(source, **{key: given.pop(key) for key in known.keywords if key in given})
-        return _overridden(data, given)
+    """The record of a source: files, arrays, an object with a network, or one of another library."""
+    if _is_path(source):
+        known = readable_format(Path(source))
+        assert known.read is not None
+        with _one_sentence(source, known.name):
+            data = known.read(Path(source), **_taken(given, known.keywords))
+    elif isinstance(source, Sequence) and len(source) == 2 and all(map(_is_path, source)):
+        with _one_sentence(" and ".join(map(str, source)), "tables"):
+            data = read_tables([Path(path) for path in source])
+    elif source is None or isinstance(source, Sequence | np.ndarray):
+        data = _from_keywords(given if source is None else given | {"edges": source})
+    elif isinstance(source, Network | Solution) or isinstance(getattr(source, "network", None), Network):
+        data = _state(source, given.pop("positions", None), None, None)
+    else:
+        known = format_of_object(source)
+        assert known.convert is not None
+        with _one_sentence(shown(source), "a network"):
+            data = known.convert(source, **_taken(given, known.keywords))
+    return _overridden(data, given)
 
 
-def _read(path: Path) -> NetworkData:
-    known = readable_format(path)
-    assert known.read is not None
-    with _one_sentence(path, known.name):
-        return known.read(path)
+def _is_path(source: object) -> bool:
+    return isinstance(source, str | PathLike)
+
+
+def _taken(given: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    """The keywords of these names, which leave the others."""
+    return {name: given.pop(name) for name in names if name in given}
+
+
+# What errors of readers mean, where their own words do not say.
+_REASONS: tuple[tuple[type[Exception], str], ...] = (
+    (UnicodeDecodeError, "it is no text: check its name"),
+    (RecursionError, "its parts are nested too deeply: is it a network?"),
+    (ArithmeticError, "one of its numbers is too large or not finite: correct it"),
+)
 
 
 @contextmanager
@@ -181,6 +202,8 @@ def _one_sentence(source: object, kind: str) -> Iterator[None]:
     """Errors of readers and their libraries, of any class, as `InputError` with the name of the source."""
     try:
         yield
+    except NetworkError as error:
+        raise NetworkError(f"{source}: {error}") from None
     except CritflowError:
         raise
     except FileNotFoundError as missing:
@@ -188,16 +211,9 @@ def _one_sentence(source: object, kind: str) -> Iterator[None]:
             f"there is no file {missing.filename or source}: check its name; the tables of NAME.csv are NAME_edges.csv "
             "and NAME_vertices.csv"
         ) from None
-    except UnicodeDecodeError:
-        raise InputError(f"{source} is not a text file: check its name") from None
-    except RecursionError:
-        raise InputError(f"{source} cannot be read, its parts are nested too deeply: is it a network?") from None
-    except ArithmeticError:
-        raise InputError(
-            f"{source} cannot be read, one of its numbers is too large or not finite: correct it"
-        ) from None
     except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
+        known = (reason for kind_, reason in _REASONS if isinstance(error, kind_))
+        reason = next(known, " ".join(str(error).split()) or type(error).__name__)
         raise InputError(f"{source} cannot be read as {kind}: {reason:.300}") from error
 
 
@@ -205,17 +221,17 @@ def _from_keywords(given: dict[str, Any]) -> NetworkData:
     kind = next((kind for kind in _KINDS if kind in given), None)
     if kind is None:
         raise InputError("give a source: a file, an object, or one of edges=, polygons=, picture=, labels=")
-    value, pixel = given.pop(kind), given.pop("pixel", 1.0)
-    if not isinstance(pixel, int | float) or not 0 < pixel < np.inf:
-        raise InputError(f"pixel must be a positive size, not {shown(pixel)}")
+    value = given.pop(kind)
     if kind in ("picture", "labels"):
-        return _overridden((from_skeleton if kind == "picture" else from_labels)(value, pixel), given)
+        with _one_sentence(value if _is_path(value) else "the array", "a picture"):
+            array = read_picture(Path(value)) if _is_path(value) else value
+        return (from_skeleton if kind == "picture" else from_labels)(array, **_taken(given, ("pixel",)))
     if "positions" not in given:
         raise InputError(f"{kind}= needs positions=, one row for each vertex")
-    positions = floats(given.pop("positions"), "positions")
+    positions = given.pop("positions")
     if kind == "polygons":
-        return _overridden(from_polygons(positions, value), given)
-    return _overridden(from_zero(NetworkData(integers(value, "edges"), positions)), given)
+        return from_polygons(floats(positions, "positions"), value)
+    return from_zero(NetworkData(value, positions))
 
 
 def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
@@ -224,24 +240,15 @@ def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
     unknown = set(given) - set(known)
     if unknown:
         raise InputError(f"this source takes no keyword {sorted(unknown)[0]!r}: choose from {', '.join(known)}")
-    values: dict[str, Any] = {
-        name: (integers if name == "offsets" else floats)(value, name)
-        for name, value in given.items()
-        if value is not None
-    }
-    if "stiffness" in values and values["stiffness"].ndim == 0:
-        values["stiffness"] = np.full(data.n_edges, float(values["stiffness"]))
+    values = {name: value for name, value in given.items() if value is not None}
+    if np.ndim(values.get("stiffness", ())) == 0:
+        values["stiffness"] = np.full(data.n_edges, values["stiffness"])
     return replace(data, **values)
 
 
 def _cell_in(cell: Any, dimension: int) -> Any:
-    """A cell of a plane given in space, or side lengths given in place of vectors."""
-    if cell.ndim == 1 and len(cell) >= dimension:
-        return np.diag(cell[:dimension])
-    if cell.ndim == 0:
-        return float(cell) * np.eye(dimension)
-    if cell.ndim == 2 and cell.shape == (3, 3) and dimension == 2:
-        return cell[:2, :2]
-    raise InputError(
-        f"the cell must be a {dimension} × {dimension} matrix or {dimension} side lengths, not {cell.shape}"
-    )
+    """The cell of a plane that is given in space, or by side lengths in place of vectors."""
+    vectors = cell * np.eye(dimension) if cell.ndim == 0 else np.diag(cell) if cell.ndim == 1 else cell
+    if vectors.shape not in ((dimension,) * 2, (3, 3)):
+        raise InputError(f"the cell must be {dimension} side lengths or as many vectors as rows, not {cell.shape}")
+    return vectors[:dimension, :dimension]

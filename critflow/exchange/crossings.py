@@ -77,6 +77,7 @@ def split(data: NetworkData, found: Crossings) -> NetworkData:
         stiffness=(np.ones(len(f)) if whole.stiffness is None else whole.stiffness) / f,
         rest_lengths=None if whole.rest_lengths is None else whole.rest_lengths * f,
         force_densities=None if whole.force_densities is None else whole.force_densities / f,
+        sides=None,
         ids=(*data.ids, *(f"crossing {k}" for k in range(len(places)))) if data.ids else (),
         vertex_numbers=np.append(np.asarray(data.vertex_numbers), np.full(len(places), -1)),
     )

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.networks.checks import floats, integers
 from critflow.networks.digits import Digits, digits_of
 from critflow.networks.network import Network
 from critflow.result import InputError, Record
@@ -23,7 +25,7 @@ EDGE_VALUES = {
     "force_densities": ("force_density", "sigma", "q"),
 }
 # Fields of a record with one row for each edge.
-EDGE_FIELDS = ("edges", "offsets", "bond_vectors", *EDGE_VALUES, "edge_numbers")
+EDGE_FIELDS = ("edges", "offsets", "bond_vectors", *EDGE_VALUES, "sides", "edge_numbers")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,9 @@ class NetworkData(Record):
     stiffness        (N_b,) k
     rest_lengths     (N_b,) ℓ
     force_densities  (N_b,) σ
+    sides            (N_b, 2) polygons of the source on both sides of each edge; -1: none
+    volume           V to which the moduli of a network without a cell refer
+    border           vertices at the edges of a picture
     ids              name of each vertex in the source
     known_digits     digits of the coordinates where a format fixes them; None: to be found
     nearest_images   whether the format defines edges by nearest images
@@ -48,6 +53,8 @@ class NetworkData(Record):
     repaired         whether anything was corrected, which a strict reading refuses
     edge_numbers     (N_b,) edge of the source of each edge
     vertex_numbers   (N_v,) vertex of the source of each vertex; -1 for one at a crossing of edges
+
+    Raises `NetworkError` for values that are no numbers, and for edges and offsets that are not whole.
     """
 
     edges: IntArray
@@ -59,6 +66,9 @@ class NetworkData(Record):
     stiffness: Array | None = None
     rest_lengths: Array | None = None
     force_densities: Array | None = None
+    sides: IntArray | None = None
+    volume: float | None = None
+    border: tuple[int, ...] = ()
     ids: tuple[str, ...] = ()
     known_digits: Digits | None = None
     nearest_images: bool = False
@@ -68,6 +78,14 @@ class NetworkData(Record):
     repaired: bool = False
     edge_numbers: IntArray | None = None
     vertex_numbers: IntArray | None = None
+
+    def __post_init__(self) -> None:
+        whole = ("edges", "offsets", "sides", "edge_numbers", "vertex_numbers")
+        for name in (*whole, "positions", "cell", "bond_vectors", *EDGE_VALUES):
+            values, kind = getattr(self, name), np.int64 if name in whole else np.float64
+            if values is not None and getattr(values, "dtype", None) != kind:
+                array = integers(values, name) if name in whole else floats(values, name)
+                object.__setattr__(self, name, array)
 
     @property
     def n_vertices(self) -> int:
@@ -148,8 +166,9 @@ def data_of(
         offsets=network.offsets,
         pins=tuple(sorted(network.pins)),
         stiffness=network.stiffness,
-        rest_lengths=None if rest_lengths is None else np.asarray(rest_lengths, dtype=float),
-        force_densities=None if force_densities is None else np.asarray(force_densities, dtype=float),
+        rest_lengths=rest_lengths,  # type: ignore[arg-type]
+        force_densities=force_densities,  # type: ignore[arg-type]
+        volume=network.reference_volume,
         source="critflow",
     )
 
@@ -176,12 +195,23 @@ def edge_values(data: NetworkData) -> dict[str, Any]:
     return {name: values for name, values in known if values is not None}
 
 
-def polygon_edges(polygons: Sequence[Sequence[int]]) -> IntArray:
-    """Sides of polygons, each once, (N_b, 2)."""
-    sides = [(int(a), int(b)) for polygon in polygons for a, b in zip(polygon, [*polygon[1:], polygon[0]], strict=True)]
-    if not sides:
-        raise InputError("the mesh has no polygons: give one with cells of at least three vertices")
-    return np.unique(np.sort(np.array(sides), axis=1), axis=0)
+def polygon_edges(polygons: Sequence[Sequence[int]]) -> tuple[IntArray, IntArray]:
+    """Sides of polygons, each once, (N_b, 2), and the first and last polygon that has each; -1: one only."""
+    corners = np.array([corner for polygon in polygons for corner in polygon], dtype=np.int64)
+    after = np.array([corner for polygon in polygons for corner in (*polygon[1:], polygon[0])], dtype=np.int64)
+    owner = np.repeat(np.arange(len(polygons)), [len(polygon) for polygon in polygons])
+    pairs = np.sort(np.column_stack([corners, after]), axis=1)
+    edges, first, edge = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+    # The last of several assignments stands.
+    last = np.zeros(len(edges), np.int64)
+    last[edge.ravel()] = np.arange(len(pairs))
+    return edges, np.column_stack([owner[first], np.where(last == first, -1, owner[last])])
+
+
+def require_regular(path: Path) -> None:
+    """Raise `InputError` for a pipe or a device, whose reading may never end."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise InputError(f"{path} is no regular file: copy its contents into one")
 
 
 def unread(names: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:

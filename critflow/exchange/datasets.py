@@ -19,15 +19,14 @@ def from_dataset(case: Any) -> NetworkData:
         raise InputError(f"this dataset contains no configurations: it lacks {', '.join(missing)}")
     if np.ndim(case["edges"]) != 2:
         raise InputError("choose one case of the dataset, such as dataset.sel(seed=3, population='bulk_modulus')")
-    sigma = np.asarray(case["sigma"], dtype=float) if "sigma" in case else None
     coordinates = np.asarray(case["coordinates"], dtype=float)
     if not np.isfinite(coordinates).all():
         raise InputError("this case of the dataset has no configuration: see its status, or choose another")
     return NetworkData(
-        edges=np.asarray(case["edges"], dtype=np.int64),
+        edges=np.asarray(case["edges"]),
         positions=coordinates,
-        cell=np.asarray(case["cell"], dtype=float),
-        offsets=np.asarray(case["offsets"], dtype=np.int64),
-        force_densities=sigma,
+        cell=np.asarray(case["cell"]),
+        offsets=np.asarray(case["offsets"]),
+        force_densities=np.asarray(case["sigma"]) if "sigma" in case else None,
         source="critflow dataset",
     )

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from critflow.arguments import shown
-from critflow.exchange.data import NetworkData
+from critflow.exchange.data import NetworkData, require_regular
 from critflow.exchange.datasets import from_dataset
 from critflow.exchange.drawings import require_plane, write_dxf, write_svg
 from critflow.exchange.graphs import from_graph, read_graph, write_graph
 from critflow.exchange.meshes import from_mesh, read_mesh, write_mesh
 from critflow.exchange.packages import optional
 from critflow.exchange.particles import from_atoms, read_gsd, read_lammps, write_gsd, write_lammps
+from critflow.exchange.pictures import read_fibres
 from critflow.exchange.solids import write_solid
 from critflow.exchange.tables import read_tables, write_tables
 from critflow.result import InputError
@@ -29,12 +30,13 @@ class Format:
     packages   optional modules that the writer needs
     accepts    refuses, with `InputError`, a network that the format cannot hold
     kind       package and class of an object of another library, such as "networkx.Graph"
-    convert    record of such an object, with those of `keywords` that are given
+    convert    record of such an object
+    keywords   of `network_from` that `read` and `convert` take
     """
 
     name: str
     endings: tuple[str, ...] = ()
-    read: Callable[[Path], NetworkData] | None = None
+    read: Callable[..., NetworkData] | None = None
     write: Callable[..., None] | None = None
     packages: tuple[str, ...] = ()
     accepts: Callable[[NetworkData], None] | None = None
@@ -46,6 +48,8 @@ class Format:
 # All formats; whoever adds one enters it here (docs/extending/format.md).
 FORMATS = [
     Format("tables", (".csv", ".txt", ".tsv"), read_tables, write_tables),
+    Format("tables", (".xlsx",), read_tables, write_tables, ("openpyxl",)),
+    Format("picture of fibres", (".png", ".tif", ".tiff", ".npy"), read_fibres, keywords=("pixel",)),
     Format(
         *("graph", (".graphml", ".gml", ".json"), read_graph, write_graph, ("networkx",)),
         kind="networkx.Graph",
@@ -79,15 +83,14 @@ def format_of_object(source: object) -> Format:
 
 
 def readable_format(path: Path) -> Format:
-    """The format in which a file is read; `InputError` for files of many networks and for pictures."""
+    """The format in which a file is read; `InputError` for files of many networks, pipes and devices."""
     if path.suffix == ".nc":
         raise InputError(
             f"{path.name} is a dataset of networks: give one case of it, dataset.sel(seed=0, ...), or --set seed=0 "
             "to the command"
         )
-    if path.suffix.lower() in (".png", ".tif", ".tiff", ".jpg", ".npy"):
-        raise InputError(f"{path.name} is an array: load it, and give it as picture= (fibres) or labels= (a tissue)")
     known = format_of(path)
+    require_regular(path)
     if known.read is None:
         raise InputError(f"the format {known.name} is written only: give a file that holds a network")
     return known

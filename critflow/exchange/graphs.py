@@ -26,8 +26,8 @@ def from_graph(graph: Any, positions: Any = None) -> NetworkData:
     """A networkx graph or multigraph with positions as a node attribute (`pos`, or x, y, z), in a mapping, or in rows.
 
     An edge attribute `offset` or `bond_vector` points from `tail` to the other end, where the edge has an attribute
-    `tail`, and from its first end otherwise; edges with an attribute `index` are sorted by it.  Graph attribute `cell`,
-    node attribute `fixed`.
+    `tail`, and from its first end otherwise; edges with an attribute `index` are sorted by it.  Graph attributes
+    `cell` and `volume`, node attribute `fixed`.
     """
     nodes = list(graph.nodes)
     index = {node: n for n, node in enumerate(nodes)}
@@ -48,12 +48,14 @@ def from_graph(graph: Any, positions: Any = None) -> NetworkData:
     )
     attributes = [data for _, _, data in rows]
     values: dict[str, Any] = {name: _column(attributes, names) for name, names in EDGE_VALUES.items()}
-    cell, offsets = graph.graph.get("cell"), _column(attributes, ("offset",))
+    cell, volume = graph.graph.get("cell"), graph.graph.get("volume")
+    offsets = _column(attributes, ("offset",))
     return NetworkData(
         edges=edges,
         positions=x,
-        cell=None if cell is None else np.array(_parsed(cell), dtype=float),
-        offsets=None if offsets is None else np.round(offsets).astype(np.int64),
+        cell=None if cell is None else floats(_parsed(cell), "the cell"),
+        offsets=offsets,  # type: ignore[arg-type]
+        volume=None if volume is None else float(volume),
         bond_vectors=_column(attributes, ("bond_vector",)),
         pins=tuple(n for n, node in enumerate(nodes) if _true(graph.nodes[node].get("fixed", False))),
         ids=tuple(map(str, nodes)),
@@ -69,7 +71,8 @@ def to_graph(data: NetworkData) -> Any:
     Undirected graphs keep neither the order nor the direction of edges: these have an attribute index and one tail.
     """
     networkx = optional("networkx")
-    graph = networkx.MultiGraph(**({} if data.cell is None else {"cell": data.cell.tolist()}))
+    boundary = {"cell": None if data.cell is None else data.cell.tolist(), "volume": data.volume}
+    graph = networkx.MultiGraph(**{name: value for name, value in boundary.items() if value is not None})
     fixed = set(data.pins)
     for n, x in enumerate(data.positions.tolist()):
         graph.add_node(n, pos=tuple(x), fixed=n in fixed)
@@ -147,7 +150,7 @@ def _position(graph: Any, node: Any, positions: Mapping[Any, Any] | None) -> Any
     for name in _POSITIONS:
         if name in attributes:
             return _parsed(attributes[name])
-    axes = [float(attributes[axis]) for axis in _AXES if axis in attributes]
+    axes = [_parsed(attributes[axis]) for axis in _AXES if axis in attributes]
     if len(axes) >= 2:
         return axes
     raise InputError(f"node {node!r} has no position: give an attribute pos, or x and y, or positions={{node: ...}}")

@@ -1,60 +1,82 @@
-"""Meshes: lines and polygons through meshio, and VTU files."""
+"""Meshes through meshio: lines, polygons and cells in space."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from contextlib import redirect_stderr
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from critflow.exchange.data import EDGE_VALUES, NetworkData, bond_vectors_of, edge_values, polygon_edges
+from critflow.exchange.data import EDGE_VALUES, IntArray, NetworkData, bond_vectors_of, edge_values, polygon_edges
 from critflow.exchange.packages import optional
 from critflow.result import EnvironmentFailure, InputError
 
-_POLYGONS = ("triangle", "quad", "polygon")
+# Corners of the sides of each kind of cell; those of higher order begin with the same corners.
+_TRIANGLE, _QUAD = ((0, 1), (1, 2), (2, 0)), ((0, 1), (1, 2), (2, 3), (3, 0))
+_PLANE = {"triangle": 3, "quad": 4}
+_SPACE = {
+    "tetra": (*_TRIANGLE, (0, 3), (1, 3), (2, 3)),
+    "pyramid": (*_QUAD, (0, 4), (1, 4), (2, 4), (3, 4)),
+    "wedge": (*_TRIANGLE, (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+    "hexahedron": (*_QUAD, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+}
 
 
 def from_mesh(mesh: Any, source: str = "mesh") -> NetworkData:
-    """A meshio mesh: its lines, or the sides of its polygons (cells of a tissue) where it has no lines."""
-    lines = [np.asarray(block.data) for block in mesh.cells if block.type.startswith("line")]
-    polygons = [p for block in mesh.cells if block.type.startswith(_POLYGONS) for p in map(list, block.data)]
-    if lines:
-        # Lines of three or more points are chains through all of them; the ends come first, then the inner points.
-        lines = [np.column_stack([a[:, :1], a[:, 2:], a[:, 1:2]]) for a in lines]
-        edges = np.concatenate([np.stack([a[:, :-1].ravel(), a[:, 1:].ravel()], axis=1) for a in lines])
-    elif polygons:
-        edges = polygon_edges(polygons)
-    else:
-        raise InputError(f"the {source} has neither lines nor polygons: export its edges as line cells")
-    values: dict[str, Any] = {
-        name: np.concatenate([np.ravel(a) for a in mesh.cell_data[written]])
-        for name, (written, *_) in EDGE_VALUES.items()
-        if lines and len(lines) == len(mesh.cells) and written in mesh.cell_data
-    }
-    fixed = mesh.point_data.get("fixed")
+    """A meshio mesh: its lines, or the sides of its cells where it has no lines, or only lines along these sides."""
+    lines, (edges, sides) = _lines(mesh), _cell_sides(mesh)
+    if not len(lines) and not len(edges):
+        raise InputError(f"the {source} has neither lines nor cells: export its edges as line cells")
+    data: dict[str, Any] = {}
+    if len(lines) and not set(map(tuple, np.sort(lines).tolist())) <= set(map(tuple, edges.tolist())):
+        edges, sides = lines, None
+        if all(block.type.startswith("line") for block in mesh.cells):
+            data = {name: np.concatenate(values) for name, values in mesh.cell_data.items()}
+    fixed, volume = mesh.point_data.get("fixed"), mesh.point_data.get("volume")
     d = mesh.points.shape[1]
-    offsets = None
-    if lines and all(f"offset_{axis}" in mesh.cell_data for axis in "xyz"[:d]):
-        columns = [np.concatenate(mesh.cell_data[f"offset_{axis}"]) for axis in "xyz"[:d]]
-        offsets = np.stack(columns, axis=1).astype(np.int64)
-    cell = mesh.field_data.get("cell") if hasattr(mesh, "field_data") else None
-    if cell is None and "cell_vectors" in mesh.point_data:
-        cell = np.asarray(mesh.point_data["cell_vectors"])[:1].reshape(3, 3)
+    offsets = [data[name] for name in (f"offset_{axis}" for axis in "xyz"[:d]) if name in data]
+    values: dict[str, Any] = {name: data.get(written) for name, (written, *_) in EDGE_VALUES.items()}
+    cell = mesh.point_data.get("cell_vectors")
     return NetworkData(
-        edges=edges.astype(np.int64),
-        positions=np.asarray(mesh.points, dtype=float),
-        cell=None if cell is None else np.asarray(cell, dtype=float).reshape(d, d),
-        offsets=offsets,
+        edges=edges,
+        positions=mesh.points,
+        cell=None if cell is None else np.reshape(cell[0], (3, 3)),
+        offsets=np.stack(offsets, axis=1) if len(offsets) == d else None,
         pins=() if fixed is None else tuple(np.flatnonzero(fixed).tolist()),
+        sides=sides,
+        volume=None if volume is None else float(volume[0]),
         source=source,
         **values,
     )
 
 
+def _lines(mesh: Any) -> IntArray:
+    """Edges (n, 2) along all lines; those of three or more points have their ends first, then the inner points."""
+    blocks = [np.asarray(block.data) for block in mesh.cells if block.type.startswith("line")]
+    chains = [np.column_stack([a[:, :1], a[:, 2:], a[:, 1:2]]) for a in blocks]
+    return np.concatenate([np.zeros((0, 2), int), *(a[:, [k, k + 1]] for a in chains for k in range(a.shape[1] - 1))])
+
+
+def _cell_sides(mesh: Any) -> tuple[IntArray, IntArray | None]:
+    """Sides (n, 2) of all cells, each once, and the polygons on both sides of each in a mesh of polygons."""
+    polygons, pairs = list[Sequence[int]](), [np.zeros((0, 2), int)]
+    for block in mesh.cells:
+        kind = block.type.rstrip("0123456789")
+        if kind in _SPACE:
+            pairs.append(np.asarray(block.data)[:, _SPACE[kind]].reshape(-1, 2))
+        elif kind in _PLANE or kind == "polygon":
+            polygons += [list(map(int, corners[: _PLANE.get(kind)])) for corners in block.data]
+    edges, sides = polygon_edges(polygons)
+    if len(pairs) == 1:
+        return edges, sides
+    return np.unique(np.sort(np.concatenate([edges, *pairs])), axis=0), None
+
+
 def read_mesh(path: Path) -> NetworkData:
-    """Any file of meshio with line cells or polygons."""
+    """Any file of meshio."""
     meshio = optional("meshio")
     try:
         # meshio prints its reasons before it ends the program.
@@ -79,10 +101,9 @@ def write_mesh(data: NetworkData, path: Path) -> None:
     d = data.dimension
     points = np.zeros((data.n_vertices, 3))
     points[:, :d] = data.positions
-    fixed = data.is_pin.astype(np.int64)
     cell_data = {"length": [np.linalg.norm(bond_vectors_of(data), axis=1)]}
     cell_data |= {name: [np.asarray(values)] for name, values in edge_values(data).items()}
-    point_data = {"fixed": fixed}
+    point_data: dict[str, Any] = {"fixed": data.is_pin.astype(np.int64)}
     if data.cell is not None and data.offsets is not None:
         offsets = np.zeros((data.n_edges, 3), np.int64)
         offsets[:, :d] = data.offsets
@@ -92,6 +113,8 @@ def write_mesh(data: NetworkData, path: Path) -> None:
         if d == 2:
             cell[2, 2] = float(np.linalg.norm(data.cell, axis=1).max())
         point_data["cell_vectors"] = np.tile(cell.ravel(), (data.n_vertices, 1))
+    if data.volume is not None:
+        point_data["volume"] = np.full(data.n_vertices, data.volume)
     mesh = meshio.Mesh(points, [("line", data.edges)], point_data=point_data, cell_data=cell_data)
     mesh.write(path)
 
@@ -105,4 +128,7 @@ def from_polygons(points: Any, polygons: Any) -> NetworkData:
     few = [n for n, cell in enumerate(cells) if len(cell) < 3]
     if few:
         raise InputError(f"polygon {few[0]} has fewer than three vertices: correct it")
-    return NetworkData(edges=polygon_edges(cells), positions=np.asarray(points, dtype=float), source="polygons")
+    if not cells:
+        raise InputError("there are no polygons: give the vertices of each cell in order")
+    edges, sides = polygon_edges(cells)
+    return NetworkData(edges=edges, positions=points, sides=sides, source="polygons")

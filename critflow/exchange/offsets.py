@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from critflow.exchange.data import Array, IntArray, NetworkData, counted
-from critflow.networks.offset_checks import DoubtfulOffsets, doubtful_offsets
+from critflow.networks.offset_checks import doubtful_offsets
 from critflow.result import InputError
 
 # Edges longer than this part of the least height of the cell have a second image at most 1.5 times as long.
@@ -84,7 +84,13 @@ def _consistent(data: NetworkData, difference: Array, inverse: Array) -> Network
         < _NEARER * np.linalg.norm(difference + given @ data.cell, axis=1)
     )
     if not doubtful.contradicted and shorter.sum() <= max(1, _REVERSED * doubtful.n_crossing):
-        return data.noting(*_long_edges(data, doubtful))
+        if not len(doubtful.edges):
+            return data
+        i, j = (data.name(int(vertex)) for vertex in data.edges[doubtful.edges[0]])
+        return data.noting(
+            f"{counted(len(doubtful.edges), 'edge', 'is')} longer than the cell, between vertices {i} and {j} first: "
+            f"{doubtful.lengths[0]:.3g}, the nearest image {doubtful.nearest[0]:.3g}; the offsets were kept as given"
+        )
     wrong = np.flatnonzero(~shorter[doubtful.edges])
     if len(wrong):
         k = int(wrong[0])
@@ -96,17 +102,6 @@ def _consistent(data: NetworkData, difference: Array, inverse: Array) -> Network
     offsets = np.where(shorter[:, None], nearest, given)
     note = f"the offsets of {counted(int(shorter.sum()), 'edge')} pointed from head to tail; their sign was reversed"
     return replace(data, offsets=offsets).repairing(note)
-
-
-def _long_edges(data: NetworkData, doubtful: DoubtfulOffsets) -> tuple[str, ...]:
-    """A sentence on edges that are longer than the cell though their ends have images nearby."""
-    if not len(doubtful.edges):
-        return ()
-    i, j = (data.name(int(vertex)) for vertex in data.edges[doubtful.edges[0]])
-    return (
-        f"{counted(len(doubtful.edges), 'edge', 'is')} longer than the cell, between vertices {i} and {j} first: "
-        f"{doubtful.lengths[0]:.3g}, the nearest image {doubtful.nearest[0]:.3g}; the offsets were kept as given",
-    )
 
 
 def _nearest(difference: Array, cell: Array, inverse: Array) -> IntArray:

@@ -10,11 +10,11 @@ from critflow.result import EnvironmentFailure
 # Module → extra of this package that installs it.
 EXTRAS = {
     "networkx": "graphs",
-    "lammpsio": "particles",
     "gsd.hoomd": "particles",
     "ase.neighborlist": "particles",
     "meshio": "meshes",
     "ezdxf": "drawings",
+    "openpyxl": "tables",
     "trimesh": "solids",
     "lxml.etree": "solids",
     "skimage.morphology": "pictures",

@@ -1,7 +1,9 @@
-"""Files of particle simulations: LAMMPS data through lammpsio, GSD, and ASE atoms with bonds."""
+"""Files of particle simulations: LAMMPS data, GSD, and ASE atoms with bonds."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,63 +14,93 @@ from numpy.typing import ArrayLike
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
 from critflow.exchange.offsets import with_offsets, wrapped
 from critflow.exchange.packages import optional
+from critflow.networks.checks import floats, integers
 from critflow.networks.digits import Digits, single_precision
 from critflow.result import InputError
 
 _HEADER = "critflow network"
+# First column of the coordinates in each atom style with bonds: after number, molecule, type and charge.
+_STYLES = {"bond": 3, "angle": 3, "molecular": 3, "full": 4}
 
 
-def read_lammps(path: Path, periodic: bool = True) -> NetworkData:
+def read_lammps(path: Path) -> NetworkData:
     """A LAMMPS data file with bonds, which LAMMPS measures between nearest images.
 
-    Harmonic `Bond Coeffs` are not in the record of lammpsio; they are read from the text: K (r − r0)², so k = 2 K.
+    The atom styles bond, angle, molecular and full have bonds.  Harmonic `Bond Coeffs` are E = K (r − r0)², so k = 2 K.
     """
-    lammpsio = optional("lammpsio")
-    snapshot = lammpsio.DataFile(str(path)).read()
-    if not snapshot.has_bonds():
+    first, *lines = path.read_text(encoding="utf-8").splitlines()
+    titles, sections = _sections(lines)
+    if not sections.get("Bonds"):
         raise InputError(f"{path} has no Bonds section: write the data file with bonds")
-    ids = np.arange(1, snapshot.N + 1) if not snapshot.has_id() else snapshot.id
-    order = np.argsort(ids)
-    edges = np.searchsorted(ids[order], np.asarray(snapshot.bonds.members))
-    box = snapshot.box
-    xy, xz, yz = box.tilt if box.tilt is not None else (0.0, 0.0, 0.0)
-    lx, ly, lz = np.asarray(box.high) - np.asarray(box.low)
-    cell = np.array([[lx, 0, 0], [xy, ly, 0], [xz, yz, lz]])
-    positions = np.array(snapshot.position)[order]
-    first = path.read_text(encoding="utf-8").splitlines()[0]
-    pins: tuple[int, ...] = ()
-    if first.startswith(f"{_HEADER} (fixed)"):
-        periodic, pins = False, tuple(np.flatnonzero(np.asarray(snapshot.typeid)[order] == 2).tolist())
-    types = np.asarray(snapshot.bonds.typeid) if snapshot.bonds.has_typeid() else np.ones(len(edges), int)
-    k, rest = _bond_coefficients(path, types)
+    atoms = _atoms(sections.get("Atoms", []), titles.get("Atoms", ""))
+    atoms = atoms[np.argsort(atoms[:, 0])]
+    bonds = integers(_rows(sections["Bonds"]), "Bonds")
+    ids = integers(atoms[:, 0], "numbers of atoms")
+    place = np.minimum(np.searchsorted(ids, bonds[:, 2:4]), len(ids) - 1)
+    if (ids[place] != bonds[:, 2:4]).any():
+        raise InputError(f"{path} has bonds to atoms that it lacks: write all atoms of the simulation")
+    given = re.match(rf"{_HEADER} \(fixed(?:, volume ([^)]+))?\)", first)
+    k, rest = _bond_coefficients(sections.get("Bond Coeffs", []), bonds[:, 1])
     return NetworkData(
-        edges=edges.astype(np.int64),
-        positions=positions,
-        cell=cell if periodic else None,
+        edges=place,
+        positions=atoms[:, 2:],
+        cell=None if given else _box(sections[""]),
         nearest_images=True,
-        pins=pins,
+        pins=tuple(np.flatnonzero(atoms[:, 1] == 2).tolist()) if given else (),
         stiffness=k,
         rest_lengths=rest,
-        ids=tuple(map(str, ids[order])),
+        volume=float(given[1]) if given and given[1] else None,
+        ids=tuple(map(str, ids.tolist())),
         source=f"LAMMPS data {path.name}",
     )
 
 
-def _bond_coefficients(path: Path, types: IntArray) -> tuple[Array | None, Array | None]:
+def _sections(lines: Iterable[str]) -> tuple[dict[str, str], dict[str, list[list[str]]]]:
+    """The comment on the title of each section, and the words of its lines; those before the first have no title."""
+    title, titles, sections = "", dict[str, str](), dict[str, list[list[str]]]({"": []})
+    for line in lines:
+        words, _, comment = (part.strip() for part in line.partition("#"))
+        if words[:1].isalpha():
+            title = words
+            titles[title], sections[title] = comment, []
+        elif words:
+            sections[title].append(words.split())
+    return titles, sections
+
+
+def _rows(words: list[list[str]]) -> Array:
+    """Numbers (n, m) of the lines of a section."""
+    return floats([[float(word) for word in line] for line in words], "the lines of a section")
+
+
+def _atoms(words: list[list[str]], style: str) -> Array:
+    """Number, type and place (n, 5) of each atom, without its charge and the image in which it lies."""
+    columns = len(words[0]) if words else 0
+    place = _STYLES.get(style or ("molecular" if columns in (6, 9) else "full"))
+    if place is None or columns not in (place + 3, place + 6):
+        raise InputError(
+            f"'Atoms # {style}' with {columns} columns is not read: write atoms of the style {', '.join(_STYLES)}"
+        )
+    return _rows(words)[:, [0, 2, place, place + 1, place + 2]]
+
+
+def _box(header: list[list[str]]) -> Array:
+    """The cell (3, 3) of the lines that end with xlo xhi, ylo yhi, zlo zhi and xy xz yz."""
+    limits = [line for line in header if line[-1] in ("xhi", "yhi", "zhi", "yz")]
+    known = {line[-1]: [float(word) for word in line[: len(line) // 2]] for line in limits}
+    if not {"xhi", "yhi", "zhi"} <= set(known):
+        raise InputError("the file has no limits xlo xhi, ylo yhi, zlo zhi: write them")
+    lx, ly, lz = (known[f"{axis}hi"][1] - known[f"{axis}hi"][0] for axis in "xyz")
+    xy, xz, yz = known.get("yz", (0.0, 0.0, 0.0))
+    return np.array([[lx, 0, 0], [xy, ly, 0], [xz, yz, lz]])
+
+
+def _bond_coefficients(words: list[list[str]], types: IntArray) -> tuple[Array | None, Array | None]:
     """k = 2K and ℓ of each bond from a section of harmonic `Bond Coeffs`, if there is one."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    starts = [n for n, line in enumerate(lines) if line.split("#")[0].strip() == "Bond Coeffs"]
-    if not starts:
-        return None, None
-    table = {}
-    for line in lines[starts[0] + 2 :]:
-        words = line.split("#")[0].split()
-        if len(words) < 3 or not words[0].isdigit():
-            break
-        table[int(words[0])] = float(words[1]), float(words[2])
+    table = {int(line[0]): (float(line[1]), float(line[2])) for line in words if len(line) == 3}
     if not set(types.tolist()) <= set(table):
         return None, None
-    values = np.array([table[int(kind)] for kind in types])
+    values = np.array([table[kind] for kind in types.tolist()])
     return 2 * values[:, 0], values[:, 1]
 
 
@@ -88,7 +120,7 @@ def write_lammps(data: NetworkData, path: Path) -> None:
     fixed[list(data.pins)] = 2
     atoms = zip(fixed, x.tolist(), strict=True)
     bonds = zip(kind.ravel().tolist(), data.edges.tolist(), strict=True)
-    boundary = "fixed" if data.cell is None else "periodic"
+    boundary = "periodic" if data.cell is not None else "fixed" + (f", volume {data.volume!r}" if data.volume else "")
     lines = [
         f"{_HEADER} ({boundary}): units lj, atom_style molecular, bond_style harmonic",
         "",
@@ -157,12 +189,13 @@ def read_gsd(path: Path) -> NetworkData:
     fixed = frame.particles.types.index("fixed") if "fixed" in frame.particles.types else -1
     pins = np.flatnonzero(np.asarray(frame.particles.typeid) == fixed)
     return NetworkData(
-        edges=np.asarray(frame.bonds.group, dtype=np.int64),
+        edges=frame.bonds.group,
         # The cell of GSD is centred at the origin.
         positions=np.asarray(frame.particles.position, dtype=float)[:, :d] + 0.5 * cell.sum(axis=0),
         cell=None if len(pins) else cell,
         nearest_images=True,
         pins=tuple(pins.tolist()),
+        volume=float(frame.log["volume"][0]) if "volume" in frame.log else None,
         source=f"GSD {path.name}",
         # As the file has them, before the shift to the corner of the cell.
         known_digits=Digits(None, single_precision(float(np.abs(frame.particles.position).max()))),
@@ -196,6 +229,8 @@ def write_gsd(data: NetworkData, path: Path) -> None:
     frame.bonds.types = ["edge"]
     frame.bonds.typeid = np.zeros(data.n_edges, np.uint32)
     frame.bonds.group = data.edges.astype(np.uint32)
+    if data.volume is not None:
+        frame.log["volume"] = np.array([data.volume])
     with hoomd.open(str(path), "w") as file:
         file.append(frame)
 
@@ -213,16 +248,15 @@ def from_atoms(
     if edges is None:
         raise InputError("the atoms have no bonds: give edges= (and offsets=, the cell shifts S), or cutoff=")
     periodic = np.asarray(atoms.get_pbc())
-    pairs = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
     x = np.asarray(atoms.get_positions(), dtype=float)
     cell = np.asarray(atoms.get_cell()[:], dtype=float)
     if periodic.any() and not periodic.all():
         if not abs(np.linalg.det(cell)) > 0:
             cell = np.where(np.linalg.norm(cell, axis=1)[:, None] > 0, cell, np.eye(3) * (1 + np.ptp(x)))
     return NetworkData(
-        edges=pairs,
+        edges=edges,  # type: ignore[arg-type]
         positions=x,
         cell=cell if periodic.any() else None,
-        offsets=None if offsets is None or not periodic.any() else np.asarray(offsets, dtype=np.int64),
+        offsets=offsets if periodic.any() else None,  # type: ignore[arg-type]
         source="ASE atoms",
     )

@@ -1,51 +1,125 @@
-"""Networks in pictures: skeletons of fibres, and label masks of segmented tissue."""
+"""Networks in pictures: skeletons of fibres, in the plane or a stack, and label masks of segmented tissue."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image, ImageSequence
+from scipy.interpolate import make_splprep
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from critflow.exchange.data import Array, IntArray, NetworkData, counted
 from critflow.exchange.packages import optional
+from critflow.networks.checks import floats
 from critflow.result import InputError
 
 # Sides of pixels in a border inside a corner, at most.
 _INSIDE = 8
+# Spurs are at most this number of half widths long: the corners of a square end are √2 from its middle.
+_SPUR = 1.5
+# A fibre runs within this root mean square of the pixels of its skeleton, in pixels: a straight one moves by up to half
+# a pixel from row to row.
+_NOISE = 0.5
+# Weight of the ends of a branch in the fit of its curve, which passes through its vertices.
+_AT_ENDS = 100.0
 
 
-def from_skeleton(picture: ArrayLike, pixel: float = 1.0) -> NetworkData:
-    """The network of a binary picture of fibres: skeletonised, branch points are vertices, branches are edges.
+def read_picture(path: Path) -> NDArray:
+    """The values of a picture (rows, columns), or of a stack (pages, rows, columns); also those of a file .npy."""
+    if path.suffix.lower() == ".npy":
+        return np.asarray(np.load(path, allow_pickle=False))
+    with Image.open(path) as image:
+        pages = np.stack([np.asarray(page) for page in ImageSequence.Iterator(image)])
+    if pages.ndim == 4:
+        # Grey values that are stored as equal colours, with or without opacity.
+        if (pages[..., 1:3] != pages[..., :1]).any():
+            raise InputError(f"{path} has colours: save its fibres as black and white, or its labels as whole numbers")
+        pages = pages[..., 0]
+    return pages[0] if len(pages) == 1 else pages
 
-    pixel  size of a pixel in the units of length; rest lengths are the lengths of the branches along their pixels
+
+def read_fibres(path: Path, pixel: ArrayLike = 1.0) -> NetworkData:
+    """The network of the fibres in a picture file."""
+    return from_skeleton(read_picture(path), pixel)
+
+
+def pixel_sizes(pixel: ArrayLike, dimension: int) -> Array:
+    """The size of a pixel along each axis of a picture (d,), from one number or d of them."""
+    sizes = floats(pixel, "pixel")
+    if sizes.shape not in ((), (dimension,)) or not ((sizes > 0) & (sizes < np.inf)).all():
+        raise InputError(f"pixel must be a positive size, or {dimension} of them, not {pixel!r:.40}")
+    return np.broadcast_to(sizes, dimension)
+
+
+def from_skeleton(picture: ArrayLike, pixel: ArrayLike = 1.0) -> NetworkData:
+    """The network of a binary picture or stack of fibres: skeletonised, branch points are vertices, branches edges.
+
+    pixel  size of a pixel in the units of length, or one for each axis of the array
+
+    Rest lengths are those of smooth curves along the branches, and never below the distance of their ends.
     """
     image = np.asarray(picture)
-    if image.ndim != 2 or not image.any():
+    if image.ndim not in (2, 3) or image.dtype.kind not in "biuf" or image.size == 0:
+        raise InputError("a picture of fibres is an array of two or three dimensions that is true on the fibres")
+    low, high = image.min(), image.max()
+    if not ((image == low) | (image == high)).all():
         raise InputError(
-            "a picture of fibres is a two-dimensional array that is true on the fibres: give such an array"
+            "a picture of fibres has two values, and this one has more: compare it with a threshold; or give labels= "
+            "if its values number the cells of a tissue"
         )
-    skeleton = optional("skimage.morphology").skeletonize(image.astype(bool))
-    branches = optional("skan").Skeleton(skeleton, spacing=pixel)
+    if low == high:
+        raise InputError("the picture has one value only: give an array that is true on the fibres and false elsewhere")
+    image, size = image == high, pixel_sizes(pixel, image.ndim)
+    branches = optional("skan").Skeleton(optional("skimage.morphology").skeletonize(image))
     paths = [branches.path_coordinates(n) for n in range(branches.n_paths)]
-    ends = np.array([[p[0], p[-1]] for p in paths])
-    lengths = np.asarray(branches.path_lengths(), dtype=float)
+    tips = np.array([[p[0], p[-1]] for p in paths])
+    lengths = np.array([np.linalg.norm(np.diff(p, axis=0) * size, axis=1).sum() for p in paths])
     # Half the width of the fibre at each end.
-    radius = distance_transform_edt(np.pad(image.astype(bool), 1))[1:-1, 1:-1]
-    reach = pixel * radius[tuple(ends.reshape(-1, 2).astype(int).T)].reshape(-1, 2)
+    width = distance_transform_edt(image, sampling=size.tolist())
+    reach = width[tuple(tips.reshape(-1, image.ndim).astype(int).T)].reshape(-1, 2)
     # Pixels of one junction are one vertex: those closer than two pixels.
-    points, inverse = _merged(ends.reshape(-1, 2), 2.0)
+    points, inverse = _merged(tips.reshape(-1, image.ndim), 2.0)
     edges, places, kept, notes = _without_short(inverse.reshape(-1, 2), points, lengths, reach)
-    x = pixel * np.column_stack([places[:, 1], -places[:, 0]])
+    ends = places[edges]
+    curves = [_curve_length(paths[n], ends[k], reach[n], size) for k, n in enumerate(np.flatnonzero(kept))]
+    thick = np.zeros(len(places))
+    np.maximum.at(thick, edges, reach[kept])
+    gap = np.minimum(places, np.array(image.shape) - 1 - places) * size
     return NetworkData(
         edges=edges,
-        positions=x,
-        rest_lengths=lengths[kept],
+        positions=_upwards(places * size),
+        rest_lengths=np.array(curves),
+        border=tuple(np.flatnonzero((gap <= thick[:, None] + size).any(axis=1)).tolist()),
         source="skeleton",
         notes=(f"the skeleton has {len(places)} junctions and ends and {len(edges)} branches", *notes),
     )
+
+
+def _upwards(places: Array) -> Array:
+    """Places (n, d) by pages, rows and columns as x to the right, y upwards, and z."""
+    return np.column_stack([places[:, -1], -places[:, -2], places[:, :-2]])
+
+
+def _curve_length(path: Array, ends: Array, reach: Array, size: Array) -> float:
+    """Length of the smooth curve between two vertices through the pixels (n, d) that lie outside their junctions.
+
+    It is the smoothing spline with the fewest knots whose root mean square distance from the pixels is that of pixels.
+    """
+    apart = np.linalg.norm((path[:, None] - ends) * size, axis=2)
+    points = np.concatenate([ends[:1], path[(apart > np.maximum(reach, size.max())).all(axis=1)], ends[1:]])
+    chord = float(np.linalg.norm((ends[1] - ends[0]) * size))
+    if len(points) < 4:
+        return chord
+    weights = np.ones(len(points))
+    weights[[0, -1]] = _AT_ENDS
+    curve = make_splprep(points.T, w=weights, s=len(points) * _NOISE**2)[0]
+    fine = curve(np.linspace(0, 1, 4 * len(points))).T
+    return max(chord, float(np.linalg.norm(np.diff(fine, axis=0) * size, axis=1).sum()))
 
 
 def _without_short(
@@ -60,12 +134,12 @@ def _without_short(
     degree = np.bincount(edges.ravel(), minlength=len(points))[edges]
     inside = (degree >= 3).all(axis=1) & (lengths <= reach.sum(axis=1))
     spurs = ~inside & (degree.min(axis=1) == 1) & (degree.max(axis=1) >= 3)
-    spurs &= lengths <= np.where(degree[:, 0] >= 3, reach[:, 0], reach[:, 1])
+    spurs &= lengths <= _SPUR * np.where(degree[:, 0] >= 3, reach[:, 0], reach[:, 1])
     notes = []
     if (apart := int((edges[inside, 0] != edges[inside, 1]).sum())) > 0:
         notes.append(f"{counted(apart, 'pair')} of junctions nearer than the width of the fibres, joined")
     if spurs.any():
-        notes.append(f"{counted(int(spurs.sum()), 'spur')} shorter than half the width of the fibre, left out")
+        notes.append(f"{counted(int(spurs.sum()), 'spur')} no longer than the fibre is wide, left out")
     group = _components(edges[inside], len(points))
     places = _means(points, group)
     kept = ~inside & ~spurs
@@ -73,39 +147,51 @@ def _without_short(
     return ends.reshape(-1, 2), places[used], kept, tuple(notes)
 
 
-def from_labels(labels: ArrayLike, pixel: float = 1.0) -> NetworkData:
+def from_labels(labels: ArrayLike, pixel: ArrayLike = 1.0) -> NetworkData:
     """The cell network of a label mask: vertices are corners at which three or more labels meet, edges join them.
 
-    Label 0 is the outside.  Corners closer than 2.5 pixels, such as those of a four-fold one, are one vertex.
+    Label 0 is the outside, each other one a face.  Corners closer than 2.5 pixels, such as those of a four-fold one,
+    are one vertex.
     """
     mask = np.asarray(labels)
     if mask.ndim != 2 or mask.dtype.kind not in "iub":
-        raise InputError("a label mask is a two-dimensional array of whole numbers, 0 outside: give such an array")
-    padded = np.pad(mask.astype(np.int64), 1)
+        raise InputError(
+            "a label mask is a two-dimensional array of whole numbers, 0 outside: give one, such as a page of a stack"
+        )
+    size, padded = pixel_sizes(pixel, 2), np.pad(mask.astype(np.int64), 1)
     corners = _corners(padded)
     if not len(corners):
         raise InputError("no three labels meet anywhere in the mask: give a segmentation of touching cells")
     points, vertex = _merged(corners, 2.5)
-    edges, closed = _borders(padded, corners, vertex)
+    edges, sides, closed = _borders(padded, corners, vertex)
     if not len(edges):
         raise InputError("no two corners share a border of two labels: give a segmentation of touching cells")
-    x = pixel * np.column_stack([points[:, 1] - 1, 1 - points[:, 0]])
+    at_edge = (corners == 0.5) | (corners == np.array(mask.shape) + 0.5)
     notes = [f"{len(points)} corners and {len(edges)} borders were found"]
     if closed:
         notes.append(f"{counted(closed, 'border')} from a corner to itself or without any, left out")
-    return NetworkData(edges=edges, positions=x, source="label mask", notes=tuple(notes))
+    return NetworkData(
+        edges=edges,
+        positions=_upwards((points - 1) * size),
+        sides=sides,
+        border=tuple(np.unique(vertex[at_edge.any(axis=1)]).tolist()),
+        source="label mask",
+        notes=tuple(notes),
+    )
 
 
-def _borders(mask: IntArray, corners: Array, vertex: IntArray) -> tuple[IntArray, int]:
-    """The two vertices of each border between two labels, and the number of other borders longer than a corner.
+def _borders(mask: IntArray, corners: Array, vertex: IntArray) -> tuple[IntArray, IntArray, int]:
+    """The two vertices and labels of each border of two labels, and the number of other borders longer than a corner.
 
     A border is a chain of sides of pixels from one corner to the next; two labels may have several.
     """
     width = mask.shape[1] - 1
     r, c = np.nonzero(mask[:, :-1] != mask[:, 1:])
     across = np.column_stack([(r - 1) * width + c, r * width + c])
+    labels = np.column_stack([mask[r, c], mask[r, c + 1]])
     r, c = np.nonzero(mask[:-1] != mask[1:])
     sides = np.concatenate([across, np.column_stack([r * width + c - 1, r * width + c])])
+    labels = np.concatenate([labels, np.column_stack([mask[r, c], mask[r + 1, c]])])
     at = np.full((mask.shape[0] - 1) * width, -1)
     r, c = np.floor(corners).astype(int).T
     at[r * width + c] = vertex
@@ -116,8 +202,11 @@ def _borders(mask: IntArray, corners: Array, vertex: IntArray) -> tuple[IntArray
     touched = np.unique(np.column_stack([chain[side], at[sides[side, end]]]), axis=0)
     count = np.bincount(touched[:, 0], minlength=int(chain.max(initial=-1)) + 1)
     edges = touched[count[touched[:, 0]] == 2][:, 1].reshape(-1, 2)
+    # All sides of a chain have the same two labels; the outside is none.
+    first = np.unique(chain, return_index=True)[1]
+    named = np.where(labels == 0, -1, labels)[first[count == 2]]
     long = np.bincount(chain, minlength=len(count)) > _INSIDE
-    return edges, int((long & (count != 2)).sum())
+    return edges, named, int((long & (count != 2)).sum())
 
 
 def _corners(mask: IntArray) -> Array:

@@ -8,17 +8,19 @@ Nothing is dropped silently.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.sparse as sp
 
 from critflow.exchange.boundaries import require_boundary
 from critflow.exchange.chains import contracted
 from critflow.exchange.crossings import crossings_of, split
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, counted
+from critflow.networks.faces import Faces, planar_faces
 from critflow.networks.network import Network
 from critflow.networks.pruning import carrying_part
-from critflow.result import NetworkError, Solution, Stats, Status
+from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
 # Coordinates that vary by less than this part of the size of a network have no extent.
 _FLAT = 1e-9
@@ -54,6 +56,18 @@ class ImportedNetwork(Solution[Network]):
     def force_densities(self) -> Array | None:
         """Force densities σ (N_b,) of the source, if it has any."""
         return self.data.force_densities
+
+    @property
+    def sides(self) -> sp.csr_array:
+        """A (N_f, N_b), the edges on the perimeter of each polygon of the source, for `tissue`.
+
+        Sides between two fixed vertices are no edges, and constant.  Raises `InputError` for a source without polygons.
+        """
+        if self.data.sides is None:
+            raise InputError("the source names no polygons: give polygons= or labels=, or use the faces of the network")
+        edge, side = np.nonzero(self.data.sides >= 0)
+        polygon = np.unique(self.data.sides[edge, side], return_inverse=True)[1]
+        return sp.csr_array((np.ones(len(edge)), (polygon, edge)), shape=(int(polygon.max()) + 1, self.value.n_edges))
 
     @property
     def edges_kept(self) -> IntArray:
@@ -99,11 +113,8 @@ def imported(
     join_crossings  put a vertex where two edges of a planar network cross
     """
     steps = (
-        *(_without_loops, _without_repeats, require_boundary),
-        _with_crossings_joined if join_crossings else _with_crossings_reported,
-        *(_without_bare, _without_fixed_edges, _carrying),
-        *((_with_chains_joined, _without_loops, _without_bare_silently) if contract else (_with_chains_reported,)),
-        _with_short_edges_reported,
+        *(_without_loops, _without_repeats, require_boundary, partial(_with_crossings, join=join_crossings)),
+        *(_without_bare, _without_fixed_edges, _carrying, partial(_with_chains, join=contract), _with_short_edges),
     )
     data = replace(read, edge_numbers=np.arange(read.n_edges), vertex_numbers=np.arange(read.n_vertices))
     for step in steps:
@@ -120,6 +131,7 @@ def imported(
         {i: data.positions[i] for i in data.pins},
         n_vertices=data.n_vertices,
         positions=data.positions,
+        faces=_faces(data),
     )
     return ImportedNetwork(
         value=network,
@@ -129,6 +141,25 @@ def imported(
         notes=(*data.notes, *_digits(read), *data.findings),
         data=data,
     )
+
+
+def _faces(data: NetworkData) -> Faces | None:
+    """The faces of a planar network without crossings; those polygons that are whole where the source names any."""
+    if data.dimension != 2:
+        return None
+    try:
+        faces = planar_faces(data.edges, bond_vectors_of(data), data.n_vertices)
+    except NetworkError:
+        return None
+    if data.sides is None:
+        return faces
+    # A polygon is whole where it lies beside every edge of a walk; holes between polygons are no faces.
+    named = np.repeat(data.sides[faces.edges[faces.starts[:-1]]], faces.sizes, axis=0)
+    sides = data.sides[faces.edges]
+    beside = ((named[:, :, None] == sides[:, None]) & (named[:, :, None] >= 0)).any(axis=2)
+    whole = np.logical_and.reduceat(beside, faces.starts[:-1]).any(axis=1)
+    kept, starts = np.repeat(whole, faces.sizes), np.concatenate([[0], np.cumsum(faces.sizes[whole])])
+    return Faces(faces.edges[kept], faces.signs[kept], starts)
 
 
 def in_its_plane(data: NetworkData) -> NetworkData:
@@ -187,30 +218,24 @@ def _without_repeats(data: NetworkData) -> NetworkData:
     )
 
 
-def _with_crossings_reported(data: NetworkData) -> NetworkData:
-    if data.dimension != 2 or not len(pairs := crossings_of(data).pairs):
+def _with_crossings(data: NetworkData, join: bool) -> NetworkData:
+    """Crossings of edges in the plane, reported or joined by a vertex."""
+    if data.dimension != 2 or not len((found := crossings_of(data)).pairs):
         return data
-    i, j = np.asarray(data.edge_numbers)[pairs[0]]
-    return data.finding(
-        f"{counted(len(pairs), 'crossing')} of two edges without a vertex, edges {i} and {j} first; "
-        "join_crossings=True puts one there"
-    )
-
-
-def _with_crossings_joined(data: NetworkData) -> NetworkData:
-    if data.dimension != 2 or not len((crossings := crossings_of(data)).pairs):
-        return data
-    sentence = f"{counted(len(crossings.pairs), 'crossing')} of two edges, joined by a vertex there"
-    return split(data, crossings).repairing(sentence)
+    count = f"{counted(len(found.pairs), 'crossing')} of two edges"
+    if join:
+        return split(data, found).repairing(f"{count}, joined by a vertex there")
+    i, j = np.asarray(data.edge_numbers)[found.pairs[0]]
+    return data.finding(f"{count} without a vertex, edges {i} and {j} first; join_crossings=True puts one there")
 
 
 def _without_bare(data: NetworkData) -> NetworkData:
-    part = _without_bare_silently(data)
+    part = _of_edges(data)
     bare = data.n_vertices - part.n_vertices
     return part.repairing(f"{counted(bare, 'vertex')} without edges, removed") if bare else data
 
 
-def _without_bare_silently(data: NetworkData) -> NetworkData:
+def _of_edges(data: NetworkData) -> NetworkData:
     """The record without vertices that have no edges, which are those of edges removed before."""
     return data.with_vertices(np.bincount(data.edges.ravel(), minlength=data.n_vertices) > 0)
 
@@ -222,7 +247,7 @@ def _without_fixed_edges(data: NetworkData) -> NetworkData:
     if not between.any():
         return data
     sentence = f"{counted(int(between.sum()), 'edge')} between fixed vertices, removed: no motion changes the length"
-    return _without_bare_silently(data.with_edges(~between).repairing(sentence))
+    return _of_edges(data.with_edges(~between).repairing(sentence))
 
 
 def _carrying(data: NetworkData) -> NetworkData:
@@ -236,34 +261,25 @@ def _carrying(data: NetworkData) -> NetworkData:
             "no edge can carry tension: no closed path winds around the cell or joins two fixed vertices: fix more "
             "vertices, or give the cell"
         )
-    return _without_bare_silently(data.with_edges(part.edges).repairing(part.sentence))
+    return _of_edges(data.with_edges(part.edges).repairing(part.sentence))
 
 
-def _inside_chains(data: NetworkData) -> NDArray[np.bool_]:
-    """Which vertices have two edges and no other reason to be there, (N_v,)."""
+def _with_chains(data: NetworkData, join: bool) -> NetworkData:
+    """Vertices of two edges and no other reason to be there, reported or removed with their springs in series."""
     degree = np.bincount(data.edges.ravel(), minlength=data.n_vertices)
     degree[data.edges[data.edges[:, 0] == data.edges[:, 1], 0]] = 0
-    return (degree == 2) & ~data.is_pin
-
-
-def _with_chains_reported(data: NetworkData) -> NetworkData:
-    middle = int(_inside_chains(data).sum())
-    if not middle:
+    middle = (degree == 2) & ~data.is_pin
+    if not (count := int(middle.sum())):
         return data
-    return data.finding(
-        f"{counted(middle, 'vertex', 'has')} two edges, which are in line under tension; contract=True joins them"
-    )
+    if not join:
+        return data.finding(
+            f"{counted(count, 'vertex', 'has')} two edges, which are in line under tension; contract=True joins them"
+        )
+    sentence = f"{counted(count, 'vertex')} of two edges, removed; the springs were joined in series"
+    return _of_edges(_without_loops(contracted(data, middle).repairing(sentence)))
 
 
-def _with_chains_joined(data: NetworkData) -> NetworkData:
-    middle = _inside_chains(data)
-    if not middle.any():
-        return data
-    sentence = f"{counted(int(middle.sum()), 'vertex')} of two edges, removed; the springs were joined in series"
-    return contracted(data, middle).repairing(sentence)
-
-
-def _with_short_edges_reported(data: NetworkData) -> NetworkData:
+def _with_short_edges(data: NetworkData) -> NetworkData:
     """Edges whose ends have one position."""
     short = np.flatnonzero(np.linalg.norm(bond_vectors_of(data), axis=1) == 0)
     if not len(short):

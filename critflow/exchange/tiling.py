@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,12 @@ def tiled(data: NetworkData, copies: Copies) -> NetworkData:
 
     Raises `InputError` for numbers that are not positive and whole, and where there is no cell to repeat.
     """
-    counts = _counts(copies, data.dimension)
+    counts, d = np.asarray(copies), data.dimension
+    if counts.dtype.kind not in "iu" or counts.shape not in ((), (1,), (d,)) or (counts < 1).any():
+        raise InputError(
+            f"copies must be a whole number from 1, or one for each of the {d} cell vectors, not {copies!r:.40}"
+        )
+    counts = np.broadcast_to(counts, (d,)).astype(np.int64)
     if (counts == 1).all():
         return data
     if data.cell is None or data.offsets is None:
@@ -49,12 +53,3 @@ def tiled(data: NetworkData, copies: Copies) -> NetworkData:
         pins=tuple(pin + n * k for k in range(m) for pin in data.pins),
         ids=(),
     )
-
-
-def _counts(copies: Copies, dimension: int) -> Any:
-    counts = np.asarray(copies)
-    if counts.dtype.kind not in "iu" or counts.shape not in ((), (1,), (dimension,)) or (counts < 1).any():
-        raise InputError(
-            f"copies must be a whole number from 1, or one for each of the {dimension} cell vectors, not {copies!r:.40}"
-        )
-    return np.broadcast_to(counts, (dimension,)).astype(np.int64)

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.examination.reading import network_of_file
+from critflow.exchange.convert import network_from
 from critflow.explore.model import Model
 from critflow.generators.random_networks import voronoi_network
 from critflow.result import InputError
@@ -64,21 +64,23 @@ class Random:
 
 @dataclass(frozen=True)
 class File:
-    """The network of a file, at the force densities that it contains, or at equal stress."""
+    """The network of a file, or of two tables, at the force densities that it contains, or at equal stress."""
 
     path: Path
+    second: Path | None = None
 
     @property
     def title(self) -> str:
-        return self.path.name
+        return " and ".join(path.name for path in (self.path, self.second) if path)
 
     def open(self) -> tuple[Model, CriticalConfiguration]:
-        imported = network_of_file(self.path)
+        imported = network_from((self.path, self.second) if self.second else self.path)
         check_size(imported.network.n_vertices)
         return opened(Model(imported.network), imported.force_densities)
 
     def lines(self, start: CriticalConfiguration) -> list[str]:
-        return imported_lines(f"network_from({self.path.name!r})", start)
+        names = (self.path.name, self.second.name) if self.second else self.path.name
+        return imported_lines(f"network_from({names!r})", start)
 
 
 def opened(model: Model, stress: Any = None) -> tuple[Model, CriticalConfiguration]:

@@ -12,6 +12,9 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from critflow.arguments import checked, generator, shown
@@ -28,20 +31,22 @@ def fibre_network(kind: str, *size: int, z: float | None = None, seed: int | np.
     """Straight fibres that are linked where they cross, to the mean coordination z = 2 N_b/N_v.
 
     kind  "phantom": the triangular lattice of unit edges in which one of the three fibres at each vertex, chosen at
-          random, passes without a link, so that four edges of 1, 2, ... spacings meet there; edges are removed at
-          random to reach z (Broedersz, Sheinman, MacKintosh, Phys. Rev. Lett. 108, 078102, 2012; Licup et al., PNAS
-          112, 9573, 2015)
+          random, passes without a link, so that four edges of 1, 2, ... spacings meet there; one edge of every
+          fibre, chosen at random, is cut, since fibres that close around the cell would be rigid by themselves; more
+          are removed at random to reach z (Broedersz, Sheinman, MacKintosh, Phys. Rev. Lett. 108, 078102, 2012; Licup
+          et al., PNAS 112, 9573, 2015)
           "mikado": rods of one length at random places and angles in a periodic square, V = N_v; they grow until z
           edges meet at a vertex, to 1/N_v, and parts that carry no tension are removed (Wilhelm, Frey, Phys. Rev. Lett.
           91, 108103, 2003; Head, Levine, MacKintosh, ibid. 108102)
     size  columns and rows of the lattice, 20 × 20 by default; vertices among the rods, 1000 by default and reached to
           a few per cent
-    z     at most 4, by default, for "phantom"; between 2 and 4, and 3.6 by default, for "mikado"
+    z     for "phantom" at most the one of all fibres cut once, near 4 − 6/n for n × n and the default; between 2 and 4,
+          and 3.6 by default, for "mikado"
 
     Raises `InputError` for another kind, and for a size and a z that are out of reach.
 
     >>> import critflow as cf
-    >>> cf.fibre_network("phantom", 6, 6, z=3.4, seed=1).dimension, cf.fibre_network("mikado", 60, seed=1).dimension
+    >>> cf.fibre_network("phantom", 9, 9, z=3.2, seed=1).dimension, cf.fibre_network("mikado", 60, seed=1).dimension
     (2, 2)
     """
     if kind not in _KINDS:
@@ -52,8 +57,8 @@ def fibre_network(kind: str, *size: int, z: float | None = None, seed: int | np.
     return make(*(size or usual_size), usual_z if z is None else z, generator(seed))
 
 
-def _phantom(columns: int, rows: int, z: float, rng: np.random.Generator) -> Network:
-    """The diluted triangular lattice of which a fibre at each vertex passes without a link."""
+def _phantom(columns: int, rows: int, z: float | None, rng: np.random.Generator) -> Network:
+    """The diluted triangular lattice of which a fibre at each vertex passes without a link, and each fibre is cut."""
     triangles = lattice("triangular", columns, rows)
     n_vertices = triangles.n_vertices
     unlinked = rng.integers(3, size=n_vertices)
@@ -66,11 +71,26 @@ def _phantom(columns: int, rows: int, z: float, rng: np.random.Generator) -> Net
         while (passed := unlinked[head] == direction).any():
             offset = offset + np.where(passed[:, None], step[direction, head], 0)
             head = np.where(passed, following[direction, head], head)
-        edges.append(np.column_stack([tail, head]))
-        offsets.append(offset)
-    assert triangles.cell is not None and triangles.positions is not None
-    network = Network(np.concatenate(edges), np.concatenate(offsets), triangles.cell, positions=triangles.positions)
-    return diluted(_with_fibre_stiffness(network), z, rng)
+        uncut = ~_one_of_each(_fibres(following[direction])[tail], rng)
+        edges.append(np.column_stack([tail, head])[uncut])
+        offsets.append(offset[uncut])
+    given = {"offsets": np.concatenate(offsets), "cell": triangles.cell, "positions": triangles.positions}
+    network = _with_fibre_stiffness(pruned(np.concatenate(edges), **given).network)
+    return network if z is None else diluted(network, z, rng)
+
+
+def _fibres(following: IntArray) -> IntArray:
+    """The closed straight line (N_v,) of each vertex of a lattice, from the vertex after it."""
+    steps = sp.coo_array((np.ones(len(following)), (np.arange(len(following)), following)))
+    return np.asarray(connected_components(steps, directed=False)[1])
+
+
+def _one_of_each(group: IntArray, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """A mask with one member of each group, chosen at random."""
+    order = rng.permutation(len(group))
+    chosen = np.zeros(len(group), bool)
+    chosen[order[np.unique(group[order], return_index=True)[1]]] = True
+    return chosen
 
 
 def _mikado(n_vertices: int, z: float, rng: np.random.Generator) -> Network:
@@ -106,8 +126,8 @@ def _mikado(n_vertices: int, z: float, rng: np.random.Generator) -> Network:
 
 
 # Maker, size and z where none are given, of each kind.
-_KINDS: dict[str, tuple[Callable[..., Network], tuple[int, ...], float]] = {
-    "phantom": (_phantom, (20, 20), 4.0),
+_KINDS: dict[str, tuple[Callable[..., Network], tuple[int, ...], float | None]] = {
+    "phantom": (_phantom, (20, 20), None),
     "mikado": (_mikado, (1000,), 3.6),
 }
 

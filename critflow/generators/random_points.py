@@ -124,42 +124,39 @@ class _Uncovered:
         clear, reach = np.zeros(len(places), bool), self._reach(half_width)
         # Blocks stay in the cache of the processor, and shrink as their places are found to be covered.
         for start in range(0, len(places), _BLOCK):
-            at = np.ascontiguousarray(places[start : start + _BLOCK].T)
-            cell = self._strides @ np.floor(at * self._per_side).astype(int)
-            left = np.arange(start, start + at.shape[1])
+            at = places[start : start + _BLOCK]
+            cell = np.floor(at * self._per_side).astype(int) @ self._strides
+            left = np.arange(start, start + len(at))
             for step in reach:
-                near, squared = cell + step, np.zeros(len(cell))
-                for x, padded in zip(at, self._padded, strict=True):
-                    away = padded[near]
-                    np.subtract(x, away, out=away)
-                    np.abs(away, out=away)
-                    away += half_width
-                    away *= away
-                    squared += away
-                far = squared >= self._distance**2
-                if not far.all():
-                    left, cell, at = left[far], cell[far], at[:, far]
+                away = self._padded.take(cell + step, axis=0)
+                np.subtract(at, away, out=away)
+                np.abs(away, out=away)
+                away += half_width
+                away *= away
+                far = np.flatnonzero(sum(away.T) >= self._distance**2)
+                if len(far) < len(left):
+                    left, cell, at = left.take(far), cell.take(far), at.take(far, axis=0)
             clear[left] = True
         return clear
 
 
 # Number of voxels in one vectorised step.
-_BLOCK = 1 << 15
+_BLOCK = 1 << 16
 
 
 # Coordinate of the point of an empty grid cell: farther away than any hard core.
 _NOWHERE = 1e3
 
 
-def _periodic_padding(grid: Array) -> list[Array]:
-    """Each coordinate of the points in a grid of cells, flat, with two layers of periodic images around it."""
+def _periodic_padding(grid: Array) -> Array:
+    """The points (n, d) in a grid of cells with two layers of periodic images around it."""
     dimension = grid.shape[-1]
     padded = np.pad(grid, [(2, 2)] * dimension + [(0, 0)], mode="wrap")
     for axis in range(dimension):
         ends = np.moveaxis(padded[..., axis], axis, 0)
         ends[:2] -= 1.0
         ends[-2:] += 1.0
-    return [padded[..., axis].ravel() for axis in range(dimension)]
+    return padded.reshape(-1, dimension)
 
 
 def _first_come(trials: Array, distance: float) -> NDArray[np.bool_]:

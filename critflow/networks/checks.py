@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import shown
 from critflow.networks.offset_checks import doubtful_offsets
 from critflow.result import NetworkError
 
@@ -16,12 +17,7 @@ IntArray = NDArray[np.int64]
 
 def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True, place: str = "edge") -> Array:
     """Values per edge, or face, as floats (N_b,), finite and positive, else a `NetworkError` on the first bad one."""
-    try:
-        if np.asarray(values).dtype.kind == "c":
-            raise TypeError
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise NetworkError(f"{name} must be real numbers, one per {place}, not {values!r:.60}") from None
+    array = floats(values, name)
     if array.shape != (n_edges,):
         raise NetworkError(f"{name} must have one value per {place}, shape ({n_edges},), not {array.shape}")
     bad = ~np.isfinite(array) | (positive & ~(array > 0))
@@ -61,16 +57,15 @@ def integers(values: ArrayLike, name: str) -> IntArray:
         array = np.array(values)
     except ValueError:
         raise NetworkError(f"{name} must be rows of equal length, not {shown(values)}") from None
-    if array.dtype.kind == "f" and np.array_equal(array, np.round(array)) and (np.abs(array) < 2.0**63).all():
-        return array.astype(np.int64)
-    if array.dtype.kind not in "iu" or (array.size and array.max() >= 2**63):
-        raise NetworkError(f"{name} must be whole numbers, not {array.dtype}: they count vertices and cell images")
+    kind, bad = array.dtype.kind, np.zeros(array.shape, bool)
+    if kind == "f":
+        bad = ~((array == np.round(array)) & (np.abs(array) < 2.0**63))
+    elif kind == "u":
+        bad = array >= 2**63
+    if kind not in "iuf" or bad.any():
+        value = array[bad][0] if bad.any() else array.dtype
+        raise NetworkError(f"{name} must be whole numbers, not {value}: they count vertices and cell images")
     return array.astype(np.int64)
-
-
-def shown(value: object) -> str:
-    """The value in one short line."""
-    return " ".join(f"{value!r:.60}".split())
 
 
 def checked_count(value: object) -> int:

@@ -28,6 +28,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
+from critflow.networks.checks import floats
 from critflow.result import InputError
 
 Array = NDArray[np.float64]
@@ -283,10 +284,7 @@ def _second_difference(function: Callable[[float], ArrayLike], strain: float) ->
 
 
 def _square(strain: ArrayLike) -> Array:
-    try:
-        A = np.array(strain, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"an affine strain must be a square matrix of numbers, not {strain!r:.60}") from None
+    A = floats(strain, "an affine strain")
     if A.ndim != 2 or A.shape[0] != A.shape[1] or not 1 <= len(A) <= 3 or not np.isfinite(A).all():
         raise InputError(f"an affine strain must be a finite square matrix of 1, 2 or 3 rows, not of shape {A.shape}")
     return A

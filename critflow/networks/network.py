@@ -18,6 +18,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import shown
 from critflow.networks.checks import (
     Array,
     IntArray,
@@ -31,7 +32,6 @@ from critflow.networks.checks import (
     finite_rows,
     floats,
     integers,
-    shown,
 )
 from critflow.networks.faces import Faces, PlanarFaces
 from critflow.networks.support import check_support

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.networks.network import Array, IntArray
+from critflow.networks.checks import Array, IntArray, floats
 from critflow.result import InputError
 
 # Cells thinner than this, relative to the lengths of their short vectors, have no volume within rounding.
@@ -18,10 +18,7 @@ MOST_IMAGES = 20_000_000
 
 def checked_cell(cell: ArrayLike, dimension: int | None = None) -> Array:
     """A copy of cell vectors as rows (d, d), else an `InputError`."""
-    try:
-        array = np.array(cell, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"cell must be a square matrix with the cell vectors as rows, not {cell!r:.60}") from None
+    array = floats(cell, "cell")
     size = array.shape[0] if array.ndim == 2 else 0
     if array.shape != (size, size) or size not in ((2, 3) if dimension is None else (dimension,)):
         wanted = "2 × 2 or 3 × 3" if dimension is None else f"{dimension} × {dimension}"

@@ -3,12 +3,14 @@
 import json
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import ConvexHull, Delaunay
 
 import critflow.exchange.packages as packages
 from critflow import (
@@ -16,13 +18,16 @@ from critflow import (
     InputError,
     Network,
     critical_from_lengths,
+    delaunay_network,
     lattice,
     network_from,
     voronoi_network,
     write_network,
 )
+from critflow.command.main import main
 from critflow.exchange.data import data_of
 from critflow.exchange.drawings import clipped_segments
+from critflow.exchange.meshes import from_mesh
 from critflow.result import EnvironmentFailure
 
 networkx = pytest.importorskip("networkx")
@@ -67,6 +72,21 @@ def test_a_network_survives_its_file(tmp_path, name, ending):
     assert_same(read.network, network)
     assert not read.repaired
     np.testing.assert_allclose(read.network.stiffness, network.stiffness, rtol=1e-15)
+
+
+@pytest.mark.parametrize("ending", [*EXACT, "xlsx", "gsd"])
+def test_a_named_volume_and_faces_survive_their_file(tmp_path, ending):
+    for package in {"xlsx": ["openpyxl"], "gsd": ["gsd.hoomd"]}.get(ending, []):
+        pytest.importorskip(package)
+    network, path = NETWORKS["pinned"].with_volume(123.456), tmp_path / f"network.{ending}"
+    write_network(network, path)
+    read = network_from(path).network
+    assert read.volume == 123.456 and read.faces.n_faces == network.faces.n_faces > 20
+    # Without a name it is that of the hull, as in `examine`; another one is named by the user.
+    write_network(replace(network, reference_volume=None), path)
+    hull = network_from(path)
+    assert hull.network.volume == pytest.approx(ConvexHull(hull.positions).volume) and "convex hull" in str(hull)
+    assert network_from(path, volume=7).network.volume == 7
 
 
 @pytest.mark.parametrize("name", NETWORKS)
@@ -165,6 +185,47 @@ def test_lammps_data_of_lammpsio(tmp_path):
     np.testing.assert_allclose(*lengths, rtol=0, atol=1e-7)
 
 
+STYLES = {
+    "# bond": "{n} 1 1 {x} {y} 0",
+    "# angle": "{n} 1 1 {x} {y} 0 0 0 0",
+    "# molecular": "{n} 1 1 {x} {y} 0",
+    "# full": "{n} 1 1 -0.5 {x} {y} 0",
+    "": "{n} 1 1 -0.5 {x} {y} 0 0 0 0",
+    "# hybrid": "{n} 1 {x} {y} 0 1",
+}
+
+
+@pytest.mark.parametrize(("style", "row"), STYLES.items(), ids=STYLES)
+def test_lammps_data_of_every_style_with_bonds(tmp_path, style, row):
+    network = lattice("square", 3, 3)
+    atoms = [row.format(n=n + 7, x=x, y=y) for n, (x, y) in enumerate(network.positions.tolist())]
+    bonds = [f"{n + 1} {1 + n % 2} {i + 7} {j + 7}" for n, (i, j) in enumerate(network.edges.tolist())]
+    limits = ["0 3 xlo xhi", "0 3 ylo yhi", "-.5 .5 zlo zhi"]
+    lines = [
+        "a comment",
+        "",
+        "9 atoms",
+        "18 bonds",
+        "4 extra bond per atom",
+        *limits,
+        "",
+        f"Atoms {style}",
+        "",
+        *atoms[::-1],
+    ]
+    lines += ["", "Bonds", "", *bonds, "", "Bond Coeffs", "", "1 0.5 1.5", "2 2 0.25  # soft"]
+    (tmp_path / "l.data").write_text("\n".join(lines))
+    if style == "# hybrid":
+        with pytest.raises(InputError, match="bond, angle, molecular, full"):
+            network_from(tmp_path / "l.data")
+        return
+    read = network_from(tmp_path / "l.data")
+    np.testing.assert_array_equal(read.network.bond_vectors(read.positions), network.bond_vectors(network.positions))
+    np.testing.assert_array_equal(read.network.stiffness, [1, 4] * 9)
+    np.testing.assert_array_equal(read.rest_lengths, [1.5, 0.25] * 9)
+    assert read.vertex_names[0] == "7"
+
+
 @pytest.mark.parametrize("ending", ["data", "gsd"])
 def test_edges_that_are_no_nearest_images_are_refused_by_formats_of_particles(tmp_path, ending):
     small = voronoi_network(n_vertices=8, seed=1)
@@ -225,19 +286,53 @@ def test_meshes_of_meshio(tmp_path):
     assert len(network_from(tmp_path / "star.vtk", pins="hull").network.pins) == 3
     with pytest.raises(InputError, match="read only"):
         write_network(read, tmp_path / "star.ply")
-    cells = [("triangle", np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]]))]
-    tissue = network_from(meshio.Mesh(x[:, :2], cells), pins="hull")
-    assert tissue.network.n_edges == 3
 
 
-def test_label_masks_of_segmented_tissue():
-    # A brick wall of 4 × 4 cells.
-    rows, columns = np.mgrid[:80, :80]
-    mask = 1 + 100 * (rows // 20) + (columns + 10 * ((rows // 20) % 2)) // 20
-    read = network_from(labels=mask, pins="hull")
-    assert read.network.n_edges > 20
-    length = np.linalg.norm(read.network.bond_vectors(read.positions), axis=1)
-    assert np.median(length) == pytest.approx(10, abs=1)
+CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
+BLOCKS = {
+    "triangle": ([[0, 1, 2], [0, 2, 3]], 5),
+    "quad": ([[0, 1, 2, 3]], 4),
+    "polygon": ([[0, 1, 2, 3]], 4),
+    "tetra": ([[0, 1, 2, 4], [1, 2, 4, 6]], 9),
+    "pyramid": ([[0, 1, 2, 3, 6]], 8),
+    "wedge": ([[0, 1, 2, 4, 5, 6]], 9),
+    "hexahedron": ([list(range(8))], 12),
+    "triangle6": ([[0, 1, 2, 4, 5, 6]], 3),
+    "tetra10": ([[0, 1, 2, 4, 3, 3, 5, 5, 6, 7]], 6),
+}
+
+
+@pytest.mark.parametrize("kind", BLOCKS)
+def test_cells_of_a_mesh_give_their_edges(kind):
+    meshio = pytest.importorskip("meshio")
+    cells, count = BLOCKS[kind]
+    edges = from_mesh(meshio.Mesh(CUBE, [(kind, cells)])).edges
+    assert len({*map(frozenset, edges.tolist())}) == len(edges) == count
+    lengths = np.linalg.norm(CUBE[edges[:, 0]] - CUBE[edges[:, 1]], axis=1)
+    assert kind not in ("quad", "hexahedron", "polygon") or (lengths == 1).all()
+    assert not kind.startswith("tetra") or np.isin(edges, cells[0][:4] + cells[-1][:4]).all()
+    # Programs that make meshes write their border as lines.
+    border = [(kind, cells), ("line", edges[:1]), ("line3", np.zeros((0, 3), int)), ("vertex", [[0]])]
+    assert len(from_mesh(meshio.Mesh(CUBE, border)).edges) == count
+    bars = [(kind, cells), ("line", [[3, 7], [2, 7]])]
+    assert from_mesh(meshio.Mesh(CUBE, bars)).edges.tolist() == [[3, 7], [2, 7]]
+
+
+def test_a_mesh_of_polygons_has_them_as_faces(tmp_path):
+    meshio = pytest.importorskip("meshio")
+    whole = delaunay_network(60, seed=3)
+    triangles = Delaunay(whole.positions).simplices
+    meshio.Mesh(np.column_stack([whole.positions, np.zeros(60)]), [("triangle", triangles)]).write(tmp_path / "t.vtu")
+    read = network_from(tmp_path / "t.vtu", pins="hull")
+    by_hand = network_from(positions=whole.positions, polygons=triangles.tolist(), pins="hull")
+    # Those with a side between fixed vertices are not whole.
+    pinned = np.isin(triangles, [p for p in range(60) if p in set(ConvexHull(whole.positions).vertices)])
+    assert read.network.faces.n_faces == by_hand.network.faces.n_faces == (pinned.sum(axis=1) < 2).sum() > 80
+    # A triangle that is left out is a hole.
+    inner = int(np.flatnonzero(~pinned.any(axis=1))[0])
+    hollow = network_from(positions=whole.positions, polygons=np.delete(triangles, inner, axis=0), pins="hull")
+    assert hollow.network.faces.n_faces == read.network.faces.n_faces - 1
+    assert hollow.sides.sum(axis=1).max() == 3 and hollow.sides.shape == (len(triangles) - 1, read.network.n_edges)
 
 
 STAR = [[0, 0], [4, 0], [0, 3], [1, 1.5]]
@@ -250,6 +345,7 @@ STAR = [[0, 0], [4, 0], [0, 3], [1, 1.5]]
         ("1 0 0\n2 4 0\n3 0 3\n4 1 1.5", "1 4\n2 4\n3 4", ["1", "2", "3"]),
         ("1   0  0\n\n2   4  0\n3   0  3  # corner\n4   1  1.5", "# ends\n  1 4\n  2 4\n  3 4", ["1", "2", "3"]),
         ("0 0\n4 0\n0 3\n1 1.5", "1 4\n2 4\n3 4", [1, 2, 3]),
+        ("0,0 0\n4,0 0,0\n0 3\n1,0 1,5", "1 4\n2 4\n3 4", [1, 2, 3]),
         ("0,0\t0\n4,0\t0\n0\t3\n1\t1,5", "0\t3\n1\t3\n2\t3", [0, 1, 2]),
         ("X,Y\n0,0\n4,0\n0,3\n1,1.5e0", "a,b\n0,3\n1,3\n2,3", [0, 1, 2]),
         (
@@ -258,7 +354,16 @@ STAR = [[0, 0], [4, 0], [0, 3], [1, 1.5]]
             None,
         ),
     ],
-    ids=["decimal commas", "names in blanks", "aligned, comments", "from one", "tabs", "unknown header", "quotes"],
+    ids=[
+        "decimal commas",
+        "names in blanks",
+        "aligned, comments",
+        "from one",
+        "commas in blanks",
+        "tabs",
+        "unknown header",
+        "quotes",
+    ],
 )
 def test_tables_of_every_kind(tmp_path, vertices, edges, pins):
     (tmp_path / "a_nodes.txt").write_text(vertices + "\n", encoding="utf-8-sig")
@@ -267,6 +372,66 @@ def test_tables_of_every_kind(tmp_path, vertices, edges, pins):
     np.testing.assert_array_equal(read.positions, STAR)
     assert read.network.edges.tolist() == [[0, 3], [1, 3], [2, 3]] and sorted(read.network.pins) == [0, 1, 2]
     assert ("from 1" in str(read)) == (pins == [1, 2, 3]) and "not read" not in str(read)
+    # Two tables as two files, in any order where headers say which is which.
+    orders = [("a_edges.txt", "a_nodes.txt"), ("a_nodes.txt", "a_edges.txt")][: 1 + ("x;" in vertices)]
+    for names in orders:
+        again = network_from([tmp_path / name for name in names], pins=pins)
+        np.testing.assert_array_equal(again.positions, read.positions)
+        np.testing.assert_array_equal(again.network.edges, read.network.edges)
+
+
+@pytest.mark.parametrize("line", ["# cell 1,5 0 0 2,5", "# cell;1,5;0;0;2,5", "# cell 1.5,0,0,2.5"])
+def test_cells_in_comments_with_every_kind_of_comma(tmp_path, line):
+    (tmp_path / "a_vertices.csv").write_text(f"{line}\nid;x;y\n0;0;0\n1;0,5;0,5\n")
+    (tmp_path / "a_edges.csv").write_text("tail;head;offset_x;offset_y;k\n0;1;0;0;1,5\n1;0;1;0;1\n1;0;0;1;1\n")
+    network = network_from(tmp_path / "a.csv").network
+    np.testing.assert_array_equal(network.cell, np.diag([1.5, 2.5]))
+    np.testing.assert_array_equal(network.stiffness, [1.5, 1, 1])
+
+
+def test_workbooks_of_two_sheets(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    network, path = NETWORKS["voronoi"], tmp_path / "n.xlsx"
+    write_network(network, path, force_densities=np.linspace(1, 2, 96) / 3)
+    read = network_from(path)
+    assert_same(read.network, network)
+    # Workbooks keep 16 digits.
+    np.testing.assert_allclose(read.positions, network.positions, rtol=5e-16)
+    np.testing.assert_allclose(read.force_densities, np.linspace(1, 2, 96) / 3, rtol=5e-16)
+    # As a user writes one: names, empty cells, other sheets and titles.
+    book = openpyxl.Workbook()
+    for title, rows in {
+        "points": [["name", "x", "y", "fixed"], *(["ABCD"[n], *x, n < 3 or None] for n, x in enumerate(STAR))],
+        "bonds": [["from", "to"], *([name, "D"] for name in "ABC")],
+        "remarks": [["measured on Monday"]],
+    }.items():
+        sheet = book.create_sheet(title)
+        for row in rows:
+            sheet.append(row)
+    book.remove(book["Sheet"])
+    book.save(path)
+    read = network_from(path)
+    np.testing.assert_array_equal(read.positions, STAR)
+    assert read.network.edges.tolist() == [[0, 3], [1, 3], [2, 3]] and sorted(read.network.pins) == [0, 1, 2]
+    book.remove(book["points"])
+    book.remove(book["remarks"])
+    book.save(path)
+    with pytest.raises(InputError, match="two tables"):
+        network_from(path)
+
+
+def test_commands_take_two_tables(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("ends.csv").write_text("from;to\nA;D\nB;D\nC;D\n")
+    Path("places.csv").write_text("id;x;y\nA;0;0\nB;4;0\nC;0;3\nD;1;1\n")
+    for first, second in (("ends.csv", "places.csv"), ("places.csv", "ends.csv")):
+        assert main(["examine", first, second, "--pins", "A,B,C"]) == 0
+        assert "4 vertices, 3 edges" in capsys.readouterr().out
+        assert main(["convert", first, second, "n.json", "--pins", "A,B,C"]) == 0
+        assert main(["make", first, second, "--out", "m.csv", "--pins", "A,B,C"]) == 0
+        assert network_from("n.json").network.n_edges == network_from("m.csv").network.n_edges == 3
+    for words in (["convert", "ends.csv"], ["examine", "ends.csv", "places.csv", "n.json"]):
+        assert main(words) == 2
 
 
 def test_values_that_are_not_read_are_named(tmp_path):

@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+from PIL import Image, ImageDraw
+from scipy.spatial import KDTree
 
-from critflow import InputError, examine, network_from
-from critflow.exchange.pictures import from_labels
+from critflow import InputError, network_from, tissue
+from critflow import draw as draw_network
+from critflow.command.main import main
+from critflow.exchange.pictures import from_labels, from_skeleton
 
 morphology = pytest.importorskip("skimage.morphology")
 draw = pytest.importorskip("skimage.draw")
@@ -20,19 +24,124 @@ def drawn(lines, size):
     return morphology.dilation(picture, morphology.footprint_rectangle((5, 5)))
 
 
-def test_three_fibres_are_three_edges_in_units_of_length():
-    centre, tips = (60, 60), [(10, 60), (90, 15), (90, 105)]
-    read = network_from(picture=drawn([(*centre, *tip) for tip in tips], 120), pixel=0.5, pins="degree")
-    assert (read.network.n_edges, len(read.network.pins)) == (3, 3) and read.data.source == "skeleton"
-    # x to the right, y upwards; ends of thick lines lose about half their width.
-    middle = next(i for i in range(4) if i not in read.network.pins)
-    np.testing.assert_allclose(read.positions[middle], [30, -30], atol=1.5)
-    straight = np.linalg.norm(read.network.bond_vectors(read.positions), axis=1)
-    expected = [0.5 * np.hypot(*np.subtract(tip, centre)) for tip in tips]
-    np.testing.assert_allclose(np.sort(straight), np.sort(expected), atol=2.5)
-    # Along pixels a slanted fibre is longer, by at most the factor of a staircase.
-    assert (read.rest_lengths >= straight - 1e-12).all() and (read.rest_lengths < 1.1 * straight).all()
-    assert examine(read, deformations=()).order == "first"
+@pytest.mark.parametrize("width", [1, 3, 5, 9])
+def test_straight_fibres_have_their_straight_lengths_at_every_angle(width):
+    centre, rays = np.array([110.0, 110.0]), np.deg2rad([[a, a + 120, a + 240] for a in (0, 7, 15, 22.5, 30, 41, 52)])
+    for angles in rays:
+        picture = Image.new("L", (221, 221))
+        tips = centre + 100 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        for tip in tips:
+            ImageDraw.Draw(picture).line([*centre, *tip], fill=255, width=width)
+        read = network_from(picture=np.array(picture), pixel=0.5, pins="degree")
+        chord = np.linalg.norm(read.network.bond_vectors(read.positions), axis=1)
+        assert (read.rest_lengths >= chord).all() and (read.rest_lengths < 1.01 * chord).all()
+        # x to the right, y upwards; ends of thick lines lose about half their width.
+        found = read.positions[sorted(read.network.pins)] @ [[1, 0], [0, -1]] / 0.5
+        assert len(found) == 3 and KDTree(found).query(tips)[0].max() < 2 + width / 2
+
+
+@pytest.mark.parametrize("width", [1, 3, 5])
+def test_curved_fibres_have_the_lengths_of_their_curves(width):
+    arc, wave = np.linspace(0, np.pi, 600), np.linspace(0, 400, 2000)
+    along = {
+        "arc": 20 + np.array([60 * (1 - np.cos(arc)), 60 * np.sin(arc)]).T,
+        "wave": np.column_stack([100 + 8 * np.sin(wave * np.pi / 40), 10 + wave]),
+    }
+    for places in along.values():
+        picture = np.zeros((200, 420), bool)
+        for place in places:
+            picture[draw.disk(place, max(width / 2, 0.6))] = True
+        read = from_skeleton(picture)
+        assert read.rest_lengths == pytest.approx([np.linalg.norm(np.diff(places, axis=0), axis=1).sum()], rel=0.015)
+
+
+def test_pins_on_the_border_are_those_at_the_edges_of_the_picture():
+    rng, missed, count = np.random.default_rng(1), 0, 0
+    for width in (1, 3, 5, 9):
+        picture = Image.new("L", (300, 300))
+        for middle, angle in zip(rng.uniform(50, 250, (9, 2)), np.pi * rng.random(9), strict=True):
+            away = 600 * np.array([np.cos(angle), np.sin(angle)])
+            ImageDraw.Draw(picture).line([*(middle - away), *(middle + away)], fill=1, width=width)
+        # One fibre ends inside.
+        found = from_skeleton(np.array(picture))
+        ends = np.flatnonzero(np.bincount(found.edges.ravel()) == 1)
+        count, missed = count + len(ends), missed + len(set(ends) - set(found.border))
+        inside = np.abs(found.positions - [150, -150]).max(axis=1) < 140
+        assert not inside[list(found.border)].any()
+    assert count > 60 and missed == 0
+    with pytest.raises(InputError, match="border"):
+        network_from(edges=[[0, 1]], positions=np.eye(2), pins="border")
+
+
+def test_a_stack_of_pictures_is_a_network_in_space(tmp_path):
+    stack = np.zeros((41, 41, 41), np.uint8)
+    axes = np.eye(3, dtype=int)
+    for axis in axes:
+        stack[tuple((20 + np.outer(np.arange(-18, 19), axis)).T)] = 255
+    pages = [Image.fromarray(page) for page in morphology.dilation(stack, morphology.ball(1))]
+    pages[0].save(tmp_path / "fibres.tif", save_all=True, append_images=pages[1:])
+    read = network_from(tmp_path / "fibres.tif", pixel=[2.0, 0.5, 0.5], pins="degree")
+    assert (read.network.dimension, read.network.n_edges) == (3, 6)
+    lengths = np.sort(read.rest_lengths)
+    np.testing.assert_allclose(lengths, [9, 9, 9, 9, 36, 36], rtol=0.1)
+    # Pages lie along z.
+    tallest = read.network.bond_vectors(read.positions)[read.rest_lengths.argmax()]
+    assert np.abs(tallest).argmax() == 2
+
+
+def test_files_of_pictures_and_labels_in_python_and_in_the_command(tmp_path, capsys):
+    lines = np.asarray(drawn([(60, 60, *tip) for tip in ((0, 60), (119, 0), (119, 119))], 120), bool)
+    mask = brick_wall()
+    np.save(tmp_path / "fibres.npy", lines)
+    for name, array in {"fibres.png": 255 * lines.astype(np.uint8), "cells.png": mask.astype(np.uint16)}.items():
+        Image.fromarray(array).save(tmp_path / name)
+    Image.fromarray(np.stack([255 * lines.astype(np.uint8)] * 3, axis=-1)).save(tmp_path / "grey.png")
+    whole = network_from(picture=lines, pixel=0.5, pins="border")
+    for name in ("fibres.npy", "fibres.png", "grey.png"):
+        found = network_from(tmp_path / name, pixel=0.5, pins="border")
+        np.testing.assert_array_equal(found.rest_lengths, whole.rest_lengths)
+        assert len(found.network.pins) == 3
+        out = tmp_path / f"{name}.json"
+        assert main(["convert", str(tmp_path / name), str(out), "--pixel", "0.5", "--pins", "border"]) == 0
+        np.testing.assert_array_equal(network_from(out).rest_lengths, whole.rest_lengths)
+    capsys.readouterr()
+    cells, out = str(tmp_path / "cells.png"), str(tmp_path / "cells.json")
+    assert main(["convert", cells, out]) == 2
+    assert "--labels" in capsys.readouterr().err
+    assert main(["convert", cells, out, "--labels", "--pixel", "2", "--pins", "hull"]) == 0
+    np.testing.assert_array_equal(
+        network_from(out).positions, network_from(labels=mask, pixel=2, pins="hull").positions
+    )
+    colours = np.stack([np.arange(9, dtype=np.uint8).reshape(3, 3) + shift for shift in range(3)], axis=-1)
+    Image.fromarray(colours).save(tmp_path / "colours.png")
+    with pytest.raises(InputError, match="colours"):
+        network_from(tmp_path / "colours.png")
+
+
+def brick_wall():
+    """A mask of 4 × 4 cells of 20 pixels in a wall, whose rows are shifted."""
+    rows, columns = np.mgrid[:80, :80]
+    return 1 + 100 * (rows // 20) + (columns + 10 * ((rows // 20) % 2)) // 20
+
+
+def test_whole_cells_are_faces_and_all_cells_have_sides():
+    read = network_from(labels=brick_wall(), pins="hull")
+    network, A = read.network, read.sides
+    # Rows of 4, 5, 4, 5 cells; those at the edges of the picture have sides between fixed vertices.
+    assert A.shape[0] == 18 and network.faces.n_faces == 5
+    owned = {tuple(np.flatnonzero(row)) for row in A.toarray()}
+    faces = network.faces
+    for f in range(faces.n_faces):
+        walk = slice(faces.starts[f], faces.starts[f + 1])
+        L = faces.signs[walk, None] * network.bond_vectors(read.positions)[faces.edges[walk]]
+        np.testing.assert_allclose(L.sum(axis=0), 0, atol=1e-12)
+        assert tuple(sorted(faces.edges[walk])) in owned
+    state = tissue(network, A @ np.linalg.norm(network.bond_vectors(read.positions), axis=1), sides=A)
+    assert state.perimeters.shape == (18,) and draw_network(read.network) is not None
+    # Cells without a label inside a tissue are holes, and no faces.
+    hollow = brick_wall()
+    hollow[hollow == hollow[30, 35]] = 0
+    assert network_from(labels=hollow, pins="hull").network.faces.n_faces == 4
 
 
 def test_a_grid_of_fibres_has_a_vertex_at_each_crossing():
@@ -75,7 +184,11 @@ def test_a_segmented_tissue_is_the_network_of_its_borders():
 
 
 def test_pictures_without_a_network_are_one_sentence():
-    for picture, word in ((np.zeros((9, 9)), "true on the fibres"), (np.ones((3, 3, 3)), "two-dimensional")):
+    for picture, word in (
+        (np.zeros((9, 9)), "true on the fibres"),
+        (np.ones(3), "dimensions"),
+        (np.eye(9) + np.eye(9, k=3) / 2, "labels="),
+    ):
         with pytest.raises(InputError, match=word):
             network_from(picture=picture)
     ring = drawn([], 80)
