@@ -31,6 +31,7 @@ ALLOWED = {
 # Modules that may import a solver package or, for the C library MKL, search the disk.
 SOLVERS = {
     "critflow.linalg.backends": {"pymetis", "qdldl"},
+    "critflow.linalg.multigrid": {"importlib"},
     "critflow.linalg.pardiso": {"ctypes", "os", "pathlib", "sys", "sysconfig"},
     "critflow.solvers.cone": {"clarabel"},
     "critflow.solvers.semidefinite": {"clarabel"},

@@ -275,8 +275,10 @@ class CriticalManifold:
             return self.pressurised.solve(sigma, pressures, throw).value
         return self.solve(sigma, throw).value
 
-    def solve(self, stress: ArrayLike, throw: bool = False) -> ForceBalance:
+    def solve(self, stress: ArrayLike, throw: bool = False, balance: Balance | None = None) -> ForceBalance:
         """As `configuration`, with status, number of negative pivots, Skeel's condition and bounds on all errors.
+
+        balance  of this stress, where it is known: spares a factorisation if the stress is scaled
 
         Coordinates are NaN where P is singular (`Status.singular`), and where rounding may have taken every digit
         because P is nearly singular or its entries span too many decades (`Status.ill_conditioned`).
@@ -287,7 +289,8 @@ class CriticalManifold:
         # The balance is that of the given stress: scaling rounds it, and a nearly singular P magnifies that rounding.
         exact = _scaled(given)
         sigma = exact.high
-        balance = self.balance(sigma)
+        if balance is None or not np.array_equal(balance.sigma, sigma):
+            balance = self.balance(sigma)
         n_negative, status = balance.factor.n_negative, Status.ok
         refined = self.refinement(exact, balance.factor, balance.coordinates)
         if not refined.certain and balance.factor.eliminate():

@@ -77,7 +77,7 @@ def descend(
         return _repeated(objective, method, x, tolerance, limit, monitor)
 
     end, saddles = minimise_past_saddles(objective, run, objective.unknowns(start), max_steps, STATIONARY)
-    reached = manifold.solve(objective.sigma(end.point.x))
+    reached = manifold.solve(objective.sigma(end.point.x), balance=end.point.state.balance)
     stats = Stats(method, end.steps, residual=end.point.residual, condition=reached.stats.condition)
     stats = replace(stats, error_bound=reached.value.error_bound)
     optimum = Optimum(

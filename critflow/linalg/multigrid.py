@@ -10,7 +10,8 @@ where the network is connected: the inertia is known without pivots.
 
 from __future__ import annotations
 
-import importlib.util
+from importlib import import_module
+from importlib.util import find_spec
 
 import numpy as np
 import scipy.linalg
@@ -20,7 +21,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from critflow.linalg.tolerances import EPS
 
-INSTALLED = importlib.util.find_spec("pyamg") is not None
+INSTALLED = find_spec("pyamg") is not None
 # Reduction of a residual, in the norm of the preconditioner, that ends a solve: rounding is near 1e-14 at 10⁶ vertices.
 REDUCED = 1e-12
 MOST_STEPS = 300  # of one solve; 30 to 110 suffice where stresses span two decades, 300 at seven
@@ -46,14 +47,14 @@ class Multigrid:
     """The levels of one matrix A (n, n), given by its upper triangle, which `serves` accepts."""
 
     def __init__(self, upper: sp.csc_matrix):
-        from pyamg import ruge_stuben_solver  # noqa: PLC0415  # 0.2 s, and only large networks in space need it
-
+        # 0.2 s, and only large networks in space need it.
+        levels_of = import_module("pyamg").ruge_stuben_solver
         A = (upper + sp.triu(upper, 1, format="csc").T).tocsr()
         # Neighbours in space become neighbours in memory, which halves the time of a product.
         self._order = reverse_cuthill_mckee(A, symmetric_mode=True)
         self._A = A[self._order][:, self._order]
         self._A.sort_indices()
-        *levels, coarsest = ruge_stuben_solver(self._A, max_coarse=COARSEST).levels
+        *levels, coarsest = levels_of(self._A, max_coarse=COARSEST).levels
         # Single precision suffices for a preconditioner, and memory limits its speed.
         self._levels = [
             tuple(part.astype(np.float32) for part in (level.A, _jacobi(level.A), level.P, level.R)) for level in levels
