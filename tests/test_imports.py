@@ -32,6 +32,7 @@ ALLOWED = {
 SOLVERS = {
     "critflow.linalg.backends": {"pymetis", "qdldl"},
     "critflow.linalg.pardiso": {"ctypes", "os", "pathlib", "sys", "sysconfig"},
+    "critflow.linalg.threads": {"threadpoolctl"},
     "critflow.solvers.cone": {"clarabel"},
     "critflow.solvers.semidefinite": {"clarabel"},
 }
