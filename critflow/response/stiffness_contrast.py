@@ -148,8 +148,6 @@ def _solved(basis: _Basis, R: Array, extension: Array, k: Array, row_errors: Arr
     Q, T = np.linalg.qr(columns)
     amplitudes = -scipy.linalg.solve_triangular(T, Q.T @ loads) if len(T) else np.zeros((0, loads.shape[1]))
     rest = loads + columns @ amplitudes
-    # Repeated once, so that the remainder is orthogonal to the columns to rounding.
-    rest -= Q @ (Q.T @ rest)
     factors_of_strains = np.linalg.qr(rest, mode="r") * strain_scale
     factors = factors_of_strains @ basis.strains.T
 

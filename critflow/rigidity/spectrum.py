@@ -167,8 +167,7 @@ class Spectrum:
             moderate = self._filter(shift, of_stresses)
 
             def outside(vector: Array, resolve: Callable[[Array], Array] = moderate) -> Array:
-                rest = vector - null @ (null.T @ vector)
-                rest = resolve(rest[:, None])[:, 0]
+                rest = resolve(vector[:, None])[:, 0]
                 return rest - null @ (null.T @ rest)
 
             operator = LinearOperator((len(null), len(null)), matvec=outside, dtype=float)
