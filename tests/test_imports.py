@@ -33,6 +33,7 @@ SOLVERS = {
     "critflow.linalg.backends": {"pymetis", "qdldl"},
     "critflow.linalg.multigrid": {"importlib"},
     "critflow.linalg.pardiso": {"ctypes", "os", "pathlib", "sys", "sysconfig"},
+    "critflow.linalg.threads": {"threadpoolctl"},
     "critflow.solvers.cone": {"clarabel"},
     "critflow.solvers.semidefinite": {"clarabel"},
 }

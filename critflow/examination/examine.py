@@ -69,7 +69,7 @@ def examine(
                 f"decimals must be from 0 to 15, not {decimals}: leave them out where all digits are known"
             )
         digits = Digits(decimals, 0.5 * 10.0**-decimals)
-    rounding = digits.effect(rest)
+    rounding = digits.effect(rest, grids=decimals is None)
     # A count is certain where singular values lie below the tolerance by CLEAR_GAP.
     tolerance = max(_TOLERANCE, min(CLEAR_GAP * rounding, _LARGEST_TOLERANCE))
     attempts = _Attempts()
@@ -210,7 +210,9 @@ def _order(
         return "undecided"
     if not second.value.second_order_rigid:
         return "floppy"
-    return "prestress" if second.value.prestress_stable else "second"
+    if not second.value.prestress_stable:
+        return "second"
+    return "critical" if tension and counts.n_self_stresses == 1 else "prestress"
 
 
 def _elasticity(network: Network, x: Array, attempts: _Attempts) -> Solution[Elasticity] | None:

@@ -25,7 +25,8 @@ _COARSE = 0.01
 class Digits(NamedTuple):
     """The digits of coordinates.
 
-    decimals  of the largest ones; None where they have all digits, or those of single precision
+    decimals  of the largest ones, negative where their last digits are zeros; None where they have all digits, or those
+              of single precision
     error     largest rounding error; 0 with all digits
     """
 
@@ -37,16 +38,18 @@ class Digits(NamedTuple):
         """For a sentence: coordinates have ..."""
         if self.decimals is None:
             return "single precision"
+        if self.decimals < 0:
+            return f"digits down to 1e{-self.decimals} only"
         return f"{self.decimals} decimal{'' if self.decimals == 1 else 's'}"
 
-    def effect(self, lengths: Array) -> float:
-        """Singular values that the rounding of coordinates may cause; 0 with all digits and for grids.
+    def effect(self, lengths: Array, grids: bool = True) -> float:
+        """Singular values that the rounding of coordinates may cause; 0 with all digits and, if allowed, for grids.
 
         Error bound (estimate): ten times the root mean square of the error over the lengths, which short edges raise.
         """
         inverse = 1 / np.maximum(lengths, _SHORT * float(lengths.mean()))
         changed = _MARGIN * self.error * float(np.sqrt(np.mean(inverse**2)))
-        return changed if changed <= _COARSE else 0.0
+        return 0.0 if grids and changed > _COARSE else changed
 
 
 def digits_of(coordinates: Array) -> Digits:
@@ -58,7 +61,8 @@ def digits_of(coordinates: Array) -> Digits:
         large = coordinates[np.abs(coordinates) >= 0.1 * decade]
     # Of large coordinates doubles keep fewer decimals.
     whole = max(0, int(np.floor(np.log10(size)))) if size else 0
-    for decimals in range(_ALL_DECIMALS - whole):
+    # Negative decimals are those of large numbers of few digits, such as 1.234e9.
+    for decimals in range(-whole, _ALL_DECIMALS - whole):
         if np.allclose(np.round(large, decimals), large, rtol=4e-16, atol=0):
             return Digits(decimals, 0.5 * 10.0**-decimals)
     if (large == large.astype(np.float32)).all():

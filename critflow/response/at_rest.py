@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from critflow.critical.manifold import COLLAPSED
-from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
+from critflow.linalg.matrices import edge_blocks, spread_columns
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network
@@ -188,8 +188,7 @@ def _by_motions(network: Network, coordinates: Array, springs: _Springs) -> _Fou
     if not n_stresses:
         return _unknown(m, 0, Status.floppy, "", largest)
     blocks = edge_blocks(k, L / length[:, None], np.zeros(network.n_edges))
-    pattern = block_laplacian(network) if spectrum.pattern is None else spectrum.pattern
-    factor = pattern.factorize(blocks, _SHIFT * float(k.max()))
+    factor = spectrum.pattern.factorize(blocks, _SHIFT * float(k.max()))
     u, work = np.zeros((R.shape[1], m)), np.full(m, np.inf)
     for _ in range(_MOST_CORRECTIONS):
         tension = k[:, None] * (extension + R @ u)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
+from critflow.linalg.threads import one_thread
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
 from critflow.rigidity.spectrum import CLEAR_GAP, ROUNDING_MARGIN, ZERO_MODE
@@ -59,8 +60,9 @@ def hierarchical_response(R: Array, extension: Array, stiffness: Array, row_erro
     """
     order = np.argsort(-stiffness, kind="stable")
     R, extension, k, row_errors = R[order], extension[order], stiffness[order], row_errors[order]
-    basis = _Basis(R, extension, _groups(k), ROUNDING_MARGIN * float(np.linalg.norm(row_errors)))
-    return _solved(basis, R, extension, k, row_errors)
+    with one_thread():
+        basis = _Basis(R, extension, _groups(k), ROUNDING_MARGIN * float(np.linalg.norm(row_errors)))
+        return _solved(basis, R, extension, k, row_errors)
 
 
 def _groups(stiffness: Array) -> list[slice]:
@@ -146,8 +148,6 @@ def _solved(basis: _Basis, R: Array, extension: Array, k: Array, row_errors: Arr
     Q, T = np.linalg.qr(columns)
     amplitudes = -scipy.linalg.solve_triangular(T, Q.T @ loads) if len(T) else np.zeros((0, loads.shape[1]))
     rest = loads + columns @ amplitudes
-    # Repeated once, so that the remainder is orthogonal to the columns to rounding.
-    rest -= Q @ (Q.T @ rest)
     factors_of_strains = np.linalg.qr(rest, mode="r") * strain_scale
     factors = factors_of_strains @ basis.strains.T
 

@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked
 from critflow.critical.backbone import Mask, backbone, taut_edges, taut_networks
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
-from critflow.linalg.saddle import Saddle
+from critflow.linalg.saddle import Saddle, positive
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.rigidity.prestress import stable_margin
 from critflow.rigidity.spectrum import ITERATION_ERROR, Spectrum, rounding_note
 
 # Unbalanced forces below this, relative to the mean tension, are those of a self-stress: configurations from σ leave
@@ -36,7 +37,8 @@ class Rigidity(Record):
     self_stresses                   orthonormal geometric stresses σ, (N_s, N_b) (`selfstressdef`)
     largest_zero, smallest_nonzero  singular values on both sides of the tolerance: the gap behind the count
     n_trivial                       zero modes that any configuration has: the translations of a periodic network
-    prestress_stable                whether the single self-stress stabilises all zero modes; None for N_s ≠ 1
+    prestress_stable                whether the single self-stress stabilises all zero modes; None for N_s ≠ 1, and
+                                    where a tolerance hides it
     n_slack                         slack edges, which enter no other count
     n_unstressed_vertices           vertices that no taut edge meets, which enter no other count
     """
@@ -124,7 +126,8 @@ def rigidity(
     doubt = spectrum.doubt(*gap)
     stable = None
     if len(stresses) == 1 and not doubt:
-        stable, stresses = _stabilises(network, stresses[0], L)
+        turned = 0.0 if tolerance is None else tolerance / gap[1]
+        stable, stresses = _stabilises(network, stresses[0], L, turned, gap[0])
     value = Rigidity(n_stresses, spectrum.n_motions + n_trivial, stresses, *gap, n_trivial, stable)
     status = Status.singular if doubt else Status.floppy if n_stresses == 0 else Status.ok
     near = value.largest_zero if value.largest_zero > ITERATION_ERROR else value.smallest_nonzero
@@ -221,14 +224,22 @@ def _check_size(count: int, size: int, name: str, instead: str) -> None:
         )
 
 
-def _stabilises(network: Network, sigma: Array, L: Array) -> tuple[bool, Array]:
-    """Whether ±σ is positive on all zero modes, and σ of that sign, or of positive sum, (1, N_b)."""
+def _stabilises(
+    network: Network, sigma: Array, L: Array, turned: float, largest_zero: float
+) -> tuple[bool | None, Array]:
+    """Whether ±σ is positive on all zero modes, and σ of that sign, or of positive sum, (1, N_b).
+
+    turned  part by which a tolerance leaves σ and the modes open (`stiffness_error`); None where that hides the answer
+    """
     sigma = sigma * np.sign(sigma.sum() or 1.0)
     saddle = Saddle(network)
+    margin = stable_margin(network, sigma, turned, largest_zero)
     for sign in (1.0, -1.0):
-        if saddle.stable(sign * sigma, L):
+        # A stress in tension on every edge has a configuration next to this one, and is positive on all its motions.
+        if saddle.stable(sign * sigma, L, margin) or (turned and positive(sign * sigma)):
             return True, sign * sigma[None]
-    return False, sigma[None]
+    open_question = turned > 0 and any(saddle.stable(sign * sigma, L, -margin) for sign in (1.0, -1.0))
+    return None if open_question else False, sigma[None]
 
 
 @dataclass(frozen=True)

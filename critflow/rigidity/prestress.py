@@ -11,7 +11,7 @@ import numpy as np
 
 from critflow.critical.manifold import COLLAPSED
 from critflow.linalg.saddle import Saddle
-from critflow.linalg.tolerances import LARGEST_DENSE, STABLE_MARGIN
+from critflow.linalg.tolerances import LARGEST_DENSE, REGULARISATION, STABLE_MARGIN
 from critflow.networks.network import Array, Network
 from critflow.rigidity.spectrum import Spectrum
 
@@ -46,3 +46,22 @@ def stiffness_on_modes(network: Network, sigma: Array, modes: Array) -> Array:
     g, d = network.free_incidence, network.dimension
     stretch = np.concatenate([np.asarray(g @ modes[:, axis::d].T) for axis in range(d)])
     return np.asarray(stretch.T @ (np.tile(sigma, d)[:, None] * stretch))
+
+
+def stiffness_error(network: Network, sigma: Array, turned: float) -> float:
+    """Error of z·P(σ)z on unit zero modes z where σ and z are off by a part `turned` of themselves.
+
+    Singular values up to t that count as zero turn both by t over the smallest other one.
+    """
+    at_vertices = np.bincount(network.edges.ravel(), np.repeat(np.abs(sigma), 2), network.n_vertices)
+    return 3 * turned * 2 * float(at_vertices.max())
+
+
+def stable_margin(network: Network, sigma: Array, turned: float, largest_zero: float) -> float:
+    """Part of the mean |σ| by which P must be positive in `Saddle.stable`, where singular values count as zero.
+
+    The regularisation of that matrix gives a mode of singular value s the stiffness s²/δ.
+    """
+    mean = float(np.mean(np.abs(sigma)))
+    added = network.dimension * largest_zero**2 / REGULARISATION
+    return max(STABLE_MARGIN, stiffness_error(network, sigma, turned) / mean + added)

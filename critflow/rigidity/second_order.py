@@ -24,6 +24,7 @@ from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.network import Array, Network
 from critflow.result import Record, Solution, Stats, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
+from critflow.rigidity.prestress import stable_margin, stiffness_error
 from critflow.solvers.semidefinite import fourth_order_bound, second_order_relaxation
 
 POSITIVE = 1e-7  # an eigenvalue above this is positive: below, the solutions of semidefinite programs are not accurate
@@ -115,7 +116,9 @@ def second_order_rigidity(
     counts = counted.value
     if counted.status is Status.singular:
         return _uncertain(counted)
-    stable = _by_one_stress(network, counts, network.bond_vectors(np.asarray(coordinates, dtype=float)))
+    # What a tolerance counts as zero, it leaves open in the stresses and the modes.
+    turned = 0.0 if tolerance is None else tolerance / counts.smallest_nonzero
+    stable = _by_one_stress(network, counts, network.bond_vectors(np.asarray(coordinates, dtype=float)), turned)
     if stable is not None:
         return _answer(stable, Status.ok)
     if not fits:
@@ -123,7 +126,8 @@ def second_order_rigidity(
         reason = f"{n_modes} zero modes are too many for a dense search: take a part of the network"
         return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.undecided)
     modes = zero_modes(network, coordinates, tolerance).value.modes
-    value = _by_forms(counts, modes, _forms(network, counts.self_stresses, modes))
+    error = max(stiffness_error(network, sigma, turned) for sigma in counts.self_stresses)
+    value = _by_forms(counts, modes, _forms(network, counts.self_stresses, modes), error)
     return _answer(value, Status.undecided if value.second_order_rigid is None else Status.ok)
 
 
@@ -142,7 +146,7 @@ def _modes_fit(network: Network, counts: Rigidity) -> bool:
     return n_modes * tallest <= LARGEST_DENSE
 
 
-def _by_one_stress(network: Network, counts: Rigidity, L: Array) -> SecondOrderRigidity | None:
+def _by_one_stress(network: Network, counts: Rigidity, L: Array, turned: float) -> SecondOrderRigidity | None:
     """A stabilising stress from sparse factorisations and a linear program, or None."""
     S = counts.self_stresses
     if len(S) == 1:
@@ -151,9 +155,11 @@ def _by_one_stress(network: Network, counts: Rigidity, L: Array) -> SecondOrderR
         return SecondOrderRigidity(counts, False, True, True, S[0], reason="its only self-stress stabilises it")
     # The self-stress nearest to equal force densities often has no compression.
     sigma = S.sum(axis=1) @ S
-    if not sigma.min() > POSITIVE * np.abs(sigma).max():
+    if not sigma.min() > max(POSITIVE, turned) * np.abs(sigma).max():
         found = _tension(S) if S.size <= LINEAR_PROGRAM else None
-        if found is None or not Saddle(network).stable(found, L):
+        if found is None:
+            return None
+        if not Saddle(network).stable(found, L, stable_margin(network, found, turned, counts.largest_zero)):
             return None
         sigma = found
     sigma = sigma / np.linalg.norm(sigma)
@@ -184,17 +190,22 @@ def _forms(network: Network, stresses: Array, modes: Array) -> Array:
     return np.stack([stretch.T @ (w[:, None] * stretch) for w in weights])
 
 
-def _by_forms(counts: Rigidity, modes: Array, forms: Array) -> SecondOrderRigidity:
-    """Decide by the quadratic forms of all self-stresses on all zero modes."""
+def _by_forms(counts: Rigidity, modes: Array, forms: Array, error: float) -> SecondOrderRigidity:
+    """Decide by the quadratic forms of all self-stresses on all zero modes, where they exceed an error of them."""
     scale = max(float(np.abs(np.linalg.eigvalsh(Q)).max()) for Q in forms)
+    hidden = SecondOrderRigidity(counts, False, None, None, reason="the tolerance hides the stiffness of a zero mode")
+    if error and not scale > error:
+        return hidden
     if not scale > ZERO * np.abs(counts.self_stresses).max():
         reason = "no self-stress resists any zero mode"
         return SecondOrderRigidity(counts, False, False, False, escape=modes[0], reason=reason)
     unit = forms / scale
     if len(forms) == 1:
-        return _one_stress(counts, modes, unit[0], scale)
+        return _one_stress(counts, modes, unit[0], scale, error / scale)
 
     found = _program(unit)
+    if error and not found.least > error / scale:
+        return hidden
     if found.least > POSITIVE:
         reason = f"a combination of its {len(forms)} self-stresses stabilises it"
         sigma = found.multipliers @ counts.self_stresses
@@ -214,17 +225,17 @@ def _by_forms(counts: Rigidity, modes: Array, forms: Array) -> SecondOrderRigidi
     return SecondOrderRigidity(counts, False, False, None, reason=reason)
 
 
-def _one_stress(counts: Rigidity, modes: Array, Q: Array, scale: float) -> SecondOrderRigidity:
-    """With one self-stress the eigenvalues of its form decide."""
+def _one_stress(counts: Rigidity, modes: Array, Q: Array, scale: float, error: float) -> SecondOrderRigidity:
+    """With one self-stress the eigenvalues of its form decide, where they exceed an error of it."""
     values, vectors = np.linalg.eigh(Q)
     for sign, least in ((1.0, values[0]), (-1.0, -values[-1])):
-        if least > POSITIVE:
+        if least > max(POSITIVE, error):
             sigma, reason = sign * counts.self_stresses[0], "its only self-stress stabilises it"
             return SecondOrderRigidity(counts, False, True, True, sigma, None, scale * float(least), reason)
     nearest = int(np.abs(values).argmin())
-    if abs(values[nearest]) < ZERO:
+    if not error and abs(values[nearest]) < ZERO:
         z, reason = vectors[:, nearest], "its only self-stress does not resist some zero mode"
-    elif values[0] < 0 < values[-1]:
+    elif values[0] < -error <= 0 <= error < values[-1]:
         z = np.sqrt(values[-1]) * vectors[:, 0] + np.sqrt(-values[0]) * vectors[:, -1]
         z, reason = z / np.linalg.norm(z), "its only self-stress pushes some zero modes and pulls others"
     else:

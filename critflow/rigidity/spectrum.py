@@ -7,12 +7,14 @@ t, without a dense matrix; the null vectors follow by inverse iteration of a blo
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
+from critflow.linalg.threads import one_thread
 from critflow.linalg.tolerances import EPS
 from critflow.networks.digits import digits_of
 from critflow.networks.network import Array, Network
@@ -49,7 +51,7 @@ class Spectrum:
 
     n_coordinates, n_motions  number of free coordinates, and of zero modes among them
     gap                       largest value that counts as zero and the smallest that does not, or limits of them
-    pattern                   of RᵀR; None for small networks
+    pattern                   of RᵀR
 
     Raises `InputError` for a tolerance that is not positive, or too small for a large network.
     """
@@ -68,14 +70,19 @@ class Spectrum:
         self.n_coordinates = network.dimension * len(network.free)
         unit = L / length[:, None]
         self._R = spread_columns(network, unit)
-        self.pattern: FixedPattern | None = None
+        self._network = network
         if self._dense:
             self._decompose()
         else:
             self._count(network, unit)
 
+    @cached_property
+    def pattern(self) -> FixedPattern:
+        return block_laplacian(self._network)
+
     def _decompose(self) -> None:
-        left, values, right = np.linalg.svd(self._R.toarray())
+        with one_thread():
+            left, values, right = np.linalg.svd(self._R.toarray())
         rank = int(np.count_nonzero(values >= self._tolerance))
         self._null = (left.T[rank:], right[rank:])
         self.n_motions = self.n_coordinates - rank
@@ -91,7 +98,6 @@ class Spectrum:
                 f"singular values below {SQUARED_ROUNDING:.0e} are below the rounding of RᵀR, which counts networks "
                 f"of more than {DENSE_EDGES} edges: raise the tolerance from {tolerance:.1e}"
             )
-        self.pattern = block_laplacian(network)
         self._values = edge_blocks(np.ones(network.n_edges), unit, np.zeros(network.n_edges))
         counted, fewest = self._below(tolerance), max(self.n_coordinates - network.n_edges, 0)
         self.n_motions = max(counted, fewest)
@@ -161,8 +167,7 @@ class Spectrum:
             moderate = self._filter(shift, of_stresses)
 
             def outside(vector: Array, resolve: Callable[[Array], Array] = moderate) -> Array:
-                rest = vector - null @ (null.T @ vector)
-                rest = resolve(rest[:, None])[:, 0]
+                rest = resolve(vector[:, None])[:, 0]
                 return rest - null @ (null.T @ rest)
 
             operator = LinearOperator((len(null), len(null)), matvec=outside, dtype=float)

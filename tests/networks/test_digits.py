@@ -38,3 +38,11 @@ def test_doubles_of_large_coordinates_have_all_digits():
     X = 1 + 19 * np.random.default_rng(0).random((9, 2))
     assert digits_of(X) == (None, 0.0) and digits_of(np.round(X, 12)).decimals == 12
     assert digits_of(np.array([[20 / 3, 10 * 3**0.5], [5.0, 0.5]])).decimals is None
+
+
+def test_large_numbers_of_few_digits_are_known_to_their_last_one():
+    digits = digits_of(np.vectorize(lambda value: float(f"{value:.3e}"))(1e8 * X))
+    assert digits == (-6, 5e5) and "1e6" in digits.words
+    assert digits.effect(np.full(3, 1e10)) == pytest.approx(5e-4)
+    # Named by the user, even coarse digits are no grid.
+    assert digits.effect(np.full(3, 1e8), grids=False) == pytest.approx(0.05) and digits.effect(np.full(3, 1e8)) == 0

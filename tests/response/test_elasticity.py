@@ -34,7 +34,10 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
+from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
+from critflow.paths.tangent import _edge_rounding as rounding_along_path
+from critflow.response.linear_response import _rounding as rounding_of_response
 from critflow.response.linear_response import linear_response
 from critflow.response.tensor import Elasticity, Errors
 
@@ -361,6 +364,20 @@ def test_errors_of_an_unfinished_relaxation(gamma, tolerance):
     found = linear_response(state, state.network.volume)
     assert found.status is Status.ok
     assert max(bounds_over_errors(moduli(found.value), moduli(found.value.errors), exact_moduli(state))) < 100
+
+
+def test_errors_count_the_velocities_of_both_vertices():
+    # Vertices that move together leave rates as differences of large numbers; k differs from edge to edge.
+    state = stretched(with_random_stiffness(voronoi_network(24, seed=1), 3))
+    network, u = state.network, np.full((1, len(state.network.free), 2), 1e6)
+    inner, moved = np.isin(network.edges, network.free).all(axis=1), 2 * np.sqrt(2) * 1e6
+    _, parts = rounding_of_response(state, np.zeros((1, network.n_edges)), u, np.ones((1, network.n_edges)))
+    expected = 2 * state.lengths * EPS * (moved + state.lengths)
+    np.testing.assert_allclose(parts[inner], expected[inner], rtol=1e-12)
+    speed = 1e-3 * state.bond_vectors
+    pull = np.abs(state.resistance(1e-3 * state.lengths**2)) * state.lengths + 1e-3 * state.sigma * state.lengths
+    parts = rounding_along_path(state, speed, u[0])
+    np.testing.assert_allclose(parts[inner], (2 * pull * EPS * moved)[inner], rtol=1e-4)
 
 
 @pytest.mark.parametrize("size", [(2, 2), (3, 2)])

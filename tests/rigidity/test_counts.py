@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from problems import NETWORKS, dense_free, random_stress, triangular_lattice, voronoi_3d
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from critflow import (
     CriticalManifold,
@@ -11,6 +12,7 @@ from critflow import (
     Status,
     certify,
     critical_from_lengths,
+    elasticity,
     lattice,
     nearest_critical,
     rigidity,
@@ -461,3 +463,20 @@ def test_the_rounding_of_a_file_is_reported_with_the_way_back(decimals):
     # The same network out of balance by more than its digits is floppy for another reason.
     displaced = np.round(network.positions + 0.1 * np.random.default_rng(0).standard_normal((100, 2)), decimals)
     assert "decimals" not in rigidity(network, displaced).reason
+
+
+def test_small_matrices_are_decomposed_by_one_thread(monkeypatch):
+    # Two threads of BLAS that wait for each other beside busy processes take seconds for what one does in 0.05 s.
+    threads, svd = [], np.linalg.svd
+
+    def watched(*arguments, **options):
+        threads.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
+        return svd(*arguments, **options)
+
+    monkeypatch.setattr(np.linalg, "svd", watched)
+    network = voronoi_network(24, seed=1)
+    contrast = network.with_stiffness(np.logspace(0, 9, 36))
+    with threadpool_limits(limits=2):
+        rigidity(network, network.positions)
+        elasticity(contrast, network.positions)
+    assert threads and set(threads) == {1}

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from problems import dense_free, dense_rigidity, relabelled, triangular_lattice, voronoi_3d
+from problems import dense_free, dense_rigidity, random_stress, relabelled, triangular_lattice, voronoi_3d
 
-from critflow import CriticalManifold, Network, Status, lattice, three_bar_linkage, voronoi_network
+from critflow import CriticalManifold, Network, Status, lattice, rigidity, three_bar_linkage, voronoi_network
 from critflow.linalg.saddle import Saddle
 from critflow.rigidity import second_order
 from critflow.rigidity.second_order import second_order_rigidity
@@ -317,3 +317,36 @@ def test_proof_fails_with_an_escaping_mode():
     assert not second_order._none_escapes(forms, np.zeros(4))
     last = np.diag([-0.5, -0.5, 1.0])
     assert second_order._none_escapes(np.concatenate([forms, last[None]]), np.zeros(5))
+
+
+def parallel_bars(seed, decimals):
+    """Three equal bars from the ground to a triangle: it can rotate about its feet, and has one self-stress."""
+    rng = np.random.default_rng(seed)
+    feet, bar = 3 * rng.random((3, 2)), rng.standard_normal(2)
+    x = np.round(np.concatenate([feet, feet + bar]), decimals)
+    edges = [[0, 3], [1, 4], [2, 5], [3, 4], [4, 5], [5, 3]]
+    return Network(edges, pins={i: x[i] for i in range(3)}, positions=x)
+
+
+@pytest.mark.parametrize("decimals", [3, 5, 8])
+def test_rounded_mechanisms_are_not_rigid(decimals):
+    for seed in range(12):
+        network = parallel_bars(seed, decimals)
+        found = second_order_rigidity(network, network.positions, tolerance=100 * 0.5 * 10.0**-decimals)
+        assert found.status in (Status.undecided, Status.floppy) and not found.value.prestress_stable
+        assert found.value.second_order_rigid is not True
+    # The tolerance does not hide a stress in tension on every edge.
+    network = voronoi_network(24, seed=1)
+    x = np.round(CriticalManifold(network).configuration(random_stress(36, 2)).coordinates, decimals)
+    if decimals > 3:
+        assert second_order_rigidity(network, x, tolerance=50 * 10.0**-decimals).value.prestress_stable
+
+
+def test_singular_values_above_rounding_are_in_doubt():
+    network = lattice("honeycomb", 2, 2)
+    x = network.positions.copy()
+    x[0, 1] += 4e-12
+    assert second_order_rigidity(network, network.positions).status is Status.ok
+    found = second_order_rigidity(network, x)
+    assert found.status is Status.undecided and found.value.counts.largest_zero == pytest.approx(6.3e-13, rel=0.05)
+    assert rigidity(network, x).status is Status.singular

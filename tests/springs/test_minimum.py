@@ -5,6 +5,7 @@ import pytest
 from problems import triangular_lattice
 
 from critflow import CriticalManifold, Network, Status, equilibrium, lattice, spring_state
+from critflow.springs.minimum import minimum_factor
 
 METHODS = ["newton", "fire"]
 
@@ -69,3 +70,10 @@ def test_floppy_parts_next_to_compressed_edges_are_no_saddle(method):
     lengths = np.concatenate([lengths[:4], np.linalg.norm(more.bond_vectors(x), axis=1)[4:]])
     solution = equilibrium(spring_state(more, lengths, x), method)
     assert solution.ok and (solution.value.sigma[:2] < -0.005).all()
+
+
+def test_a_minimum_is_one_beyond_rounding():
+    # The unstressed chain has a mode without stiffness, which is no minimum.
+    for stretch, minimum in ((0.1, True), (0.0, False)):
+        state = collinear(-stretch)
+        assert (minimum_factor(state, state.pattern()) is not None) is minimum
