@@ -134,9 +134,6 @@ CALLS = {
         p.network, p.scale * (1.0 + 0.5 * abs(numbers(r, len(p.sigma))))
     ),
     "from its lengths": lambda p, r: call.critical_from_lengths(p.network, geometry(p)[2]),
-    "from lengths, strain": lambda p, r: call.critical_from_lengths(
-        p.network, geometry(p)[2] * (1.0 + 0.1 * abs(numbers(r, len(p.sigma)))), "strain"
-    ),
     **{f"optimize {name}": optimise(name) for name in OBJECTIVES},
     "optimize bulk any": optimise("bulk_modulus", signs="any"),
     "optimize shear any": optimise("shear_modulus", signs="any"),

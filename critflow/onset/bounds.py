@@ -22,6 +22,7 @@ from critflow.result import InputError
 
 # Relative decreases of the lengths that show a strain to be floppy where rounding alone is not enough.
 RETREATS = (1e-12, 3e-11, 1e-10, 3e-10)
+_CLOSE = 1e-10  # distance of a bound, relative to 1 + |γ|, beyond which those from the start are tried too
 
 
 @dataclass(frozen=True)
@@ -41,13 +42,14 @@ def onset_bounds(
     start     solution of the cone program, or the end of the central path
     interior  free components and coordinates at strain zero with all |L| < ℓ
     """
-    found = [_retreat(path, lengths, state)]
+    lower, forces = _retreat(path, lengths, state), Forces(path, lengths, state)
     if path.linear:
-        found += [_mixed(path, lengths, near, interior) for near in (state, start)]
-    lower = max((s for s in found if s is not None), default=None)
-    forces = Forces(path, lengths, state)
-    rigid = (forces.rigid_strain(), Forces(path, lengths, start).rigid_strain())
-    upper = min((s for s in rigid if s is not None), default=None)
+        near = (_mixed(path, lengths, one, interior) for one in ((state, start) if lower is None else (state,)))
+        lower = max((s for s in (lower, *near) if s is not None), default=None)
+    upper = forces.rigid_strain()
+    if upper is None or upper - state.strain > _CLOSE * (1 + state.strain):
+        other = Forces(path, lengths, start).rigid_strain()
+        upper = min((s for s in (upper, other) if s is not None), default=None)
     # Without a proof: the error of the lengths over their rate.
     estimate = 2 * max(state.error, EPS) / forces.rate * forces.virtual_length if np.isfinite(state.error) else np.inf
     return StrainBounds(

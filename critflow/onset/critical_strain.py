@@ -4,7 +4,8 @@ For boundaries b → F b and rest lengths ℓ let t(F) = min_x max_α |F b_α + 
 are floppy where t < 1 and rigid where t > 1.  The onset is the largest strain with t(F(γ)) ≤ 1:
 
 1. Coordinates with all |L| < ℓ show that the network is floppy at γ = 0 (`search.floppy_start`).
-2. Cone programs on linearised boundaries find γ_c to 1e-10 and a guess of the taut edges (`search.search_onset`).
+2. Cone programs on linearised boundaries find γ_c to 1e-10 and a guess of the taut edges (`search.search_onset`); to
+   1e-6 where all edges are likely to be taut, which Newton's method confirms.
 3. Newton's method on the taut edges gives the critical configuration to rounding: forces f_α = σ_α L_α in balance,
    |L_α| = ℓ_α where σ_α > 0 (`taut_set.polish_taut`).
 4. Where tensions are too weak to be told from slack, the central path separates them, and step 3 starts from its end;
@@ -25,15 +26,16 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.backbone import Backbone, backbone
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
+from critflow.linalg.vectors import norms
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.bounds import StrainBounds, onset_bounds
 from critflow.onset.central_path import follow_central_path
-from critflow.onset.search import SIDES_MEET, Interior, Search, floppy_start, search_onset
-from critflow.onset.taut_edges import FITTED, OnsetState, unknown_configuration
-from critflow.onset.taut_set import polish_taut, resolved, settled, without_slack_stress
+from critflow.onset.search import ONSET_CONE, SIDES_MEET, Interior, Search, floppy_start, search_onset
+from critflow.onset.taut_edges import FITTED, ROUGH_CONE, OnsetState, newton_taut, unknown_configuration
+from critflow.onset.taut_set import polish_taut, resolved, settled, stressed, without_slack_stress
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
 
@@ -41,6 +43,9 @@ ONSET_GAP = 1e-9  # largest gap of the bounds on a strain with status `ok`, rela
 # det F of a cell with free sides at which an onset without bounds is that of a flat cell: the program with ROUGH_CONE
 # leaves a tilt of about its root.
 NARROW = 0.02
+# Spread of |L|/ℓ in the floppy configuration below which all edges are expected to become taut together: programs that
+# show a network to be floppy leave 1e-4.
+TOGETHER = 1e-2
 
 AT_ZERO = {
     Status.rigid: "the network is rigid at strain zero already: lengthen its rest lengths",
@@ -166,18 +171,21 @@ def critical_strain(
     path = BoundaryPath(network, deformation_of(deformation, network.dimension), direction)
     interior = floppy_start(path, lengths)
     if isinstance(interior, Status):
-        search = Search(0.0, np.zeros(path.n_free), path.linear).without_onset(interior, AT_ZERO[interior])
-        onset = _without_onset(path, search)
+        nothing = Search(0.0, np.zeros(path.n_free), ONSET_CONE, path.linear)
+        onset = _without_onset(path, nothing.without_onset(interior, AT_ZERO[interior]))
     else:
-        search = search_onset(path, lengths)
-        onset = _onset(path, lengths, search, search.state, interior) if search.state else _without_onset(path, search)
+        onset = _onset(path, lengths, interior)
     known = "an onset known to the bounds alone" if np.isfinite(onset.value.strain) else "no onset of rigidity"
     return onset.or_raise(f"{known} under {path.deformation.name}") if throw else onset
 
 
-def _onset(path: BoundaryPath, lengths: Array, search: Search, start: OnsetState, interior: Interior) -> Onset:
-    """The onset from the answer of the last program, with bounds on its strain and its status."""
-    state, origin = _resolved(path, lengths, start)
+def _onset(path: BoundaryPath, lengths: Array, interior: Interior) -> Onset:
+    """The onset of a network that is floppy at strain zero, with bounds on its strain and its status."""
+    found = _from_rough_program(path, lengths, interior)
+    search = found[0] if found else search_onset(path, lengths)
+    if search.state is None:
+        return _without_onset(path, search)
+    state, origin = (found[1], search.state) if found else _resolved(path, lengths, search.state)
     bounds = onset_bounds(path, lengths, state, origin, interior)
     gap = bounds.upper - bounds.lower
     wide = not gap <= ONSET_GAP * (1 + state.strain)
@@ -192,6 +200,22 @@ def _onset(path: BoundaryPath, lengths: Array, search: Search, start: OnsetState
     note = next((reason for reason, holds in reasons.items() if holds), "")
     status = Status.stalled if note else Status.ok
     return _measured(path, lengths, state, bounds, replace(search, status=status, note=note))
+
+
+def _from_rough_program(path: BoundaryPath, lengths: Array, interior: Interior) -> tuple[Search, OnsetState] | None:
+    """The onset from a program of low accuracy, where all edges are taut; None where Newton's method rejects it.
+
+    Edges that are equally long in units of ℓ in the floppy configuration are likely to become taut together.
+    """
+    q, x = interior
+    ratio = norms(path.boundary_vectors(path.gradient(0.0, q)) + path.network.free_incidence @ x) / lengths
+    if path.has_free_sides or np.ptp(ratio) > TOGETHER:
+        return None
+    search = search_onset(path, lengths, ROUGH_CONE)
+    if search.state is None or not search.state.taut.all():
+        return None
+    state = newton_taut(path, lengths, search.state)
+    return (search, state) if state and state.error < FITTED and stressed(state).all() else None
 
 
 def _resolved(path: BoundaryPath, lengths: Array, start: OnsetState) -> tuple[OnsetState, OnsetState]:

@@ -19,7 +19,7 @@ from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.taut_edges import ROUGH_CONE, OnsetState, newton_taut, unknown_configuration
-from critflow.onset.taut_set import EXACT_CONE, NO_STRESS, polish_taut, resolved, stressed
+from critflow.onset.taut_set import EXACT_CONE, polish_taut, resolved, stressed
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.precision.geometry import ExtendedGeometry
 from critflow.result import Solution, Stats, Status
@@ -41,11 +41,6 @@ class FromLengths(Solution[CriticalConfiguration]):
     slack_edges: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
     ratio: float = np.nan
     polish_steps: int = 0
-
-    @property
-    def configuration(self) -> CriticalConfiguration:
-        """The critical configuration, the same as `value`."""
-        return self.value
 
 
 @checked
@@ -74,11 +69,6 @@ def critical_from_lengths(
     return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution
 
 
-def stressed_fraction(sigma: Array) -> float:
-    """Fraction of the edges under tension: σ above rounding of its mean."""
-    return float(np.mean(sigma > NO_STRESS * np.mean(np.abs(sigma))))
-
-
 def _by_cone(manifold: CriticalManifold, lengths: Array) -> FromLengths:
     """The critical configuration by the cone program and Newton's method on the stressed edges.
 
@@ -87,9 +77,10 @@ def _by_cone(manifold: CriticalManifold, lengths: Array) -> FromLengths:
     3. The exact balance of the stress of the last step.
     """
     network, steps = manifold.network, 0
+    nothing = FromLengths(unknown_configuration(network), Status.stalled, Stats("conic"))
     if lengths.min() <= COLLAPSED * lengths.mean():
         note = f"the target length of edge {lengths.argmin()} is below the rounding of coordinates: lengthen it"
-        return FromLengths(value=unknown_configuration(network), status=Status.stalled, stats=Stats("conic"), note=note)
+        return replace(nothing, note=note)
     path = BoundaryPath(network, Deformation.linear(np.eye(network.dimension)), analysed=manifold.saddle)
     even = float(np.std(np.log(lengths))) < EVEN
     for tolerance in (ROUGH_CONE, *EXACT_CONE) if even else EXACT_CONE:
@@ -97,7 +88,7 @@ def _by_cone(manifold: CriticalManifold, lengths: Array) -> FromLengths:
         steps += cone.steps
         rough = tolerance == ROUGH_CONE
         if not (rough or cone.solved):
-            return FromLengths(value=unknown_configuration(network), status=Status.stalled, stats=Stats("conic", steps))
+            return replace(nothing, stats=Stats("conic", steps))
         taut = np.ones(network.n_edges, bool) if rough else cone.stressed
         start = OnsetState(0.0, np.zeros(0), cone.coordinates, cone.sigma, taut)
         end = (newton_taut if rough else polish_taut)(path, cone.ratio * lengths, start)
@@ -109,9 +100,7 @@ def _by_cone(manifold: CriticalManifold, lengths: Array) -> FromLengths:
         if balanced is not None:
             break
     if end is None or balanced is None:
-        return FromLengths(
-            value=unknown_configuration(network), status=Status.stalled, stats=Stats("conic", steps), ratio=cone.ratio
-        )
+        return replace(nothing, stats=Stats("conic", steps), ratio=cone.ratio)
     value, condition = balanced
     slack, status, note, bound = np.flatnonzero(~end.taut), Status.ok, "", np.nan
     if len(slack):

@@ -35,7 +35,7 @@ from critflow.solvers.cone import Reach, farthest, fit_lengths, nearest
 
 # Tolerance of the program that shows the start to be floppy, by coordinates with all |L| < ℓ: up to N_v = 10,000 these
 # are accurate to 1e-3, and a second program is rarely needed.
-FLOPPY_CONE = 1e-7
+FLOPPY_CONE = 1e-5
 ONSET_CONE = 1e-10  # tolerance of the last program: tensions and slack are then known to about its root
 NEARBY = 0.01  # step of the strain, relative to 1 + |s|, after which the next program is the last one
 MOST_PROGRAMS = 24  # linear programs on one path; smooth paths need two to four
@@ -55,6 +55,7 @@ class Search:
     """One state of the search: the boundary at which the next program is linearised, or its end.
 
     strain, free  s and q (m,)
+    tolerance     of accurate programs
     accurate      whether the next program is solved accurately
     beyond_flat   programs in a row that ended beyond a flat cell
     programs      cone programs so far
@@ -64,6 +65,7 @@ class Search:
 
     strain: float
     free: Array
+    tolerance: float
     accurate: bool
     beyond_flat: int = 0
     programs: int = 0
@@ -115,9 +117,9 @@ def _at_least_ratio(path: BoundaryPath, lengths: Array, state: OnsetState, ratio
     return Status.rigid if Forces(path, lengths, there).excess(0.0) > 0 else Status.undecided
 
 
-def search_onset(path: BoundaryPath, lengths: Array) -> Search:
-    """The onset of a network that is floppy at s = 0, to the accuracy of a cone program."""
-    search = Search(0.0, np.zeros(path.n_free), accurate=path.linear)
+def search_onset(path: BoundaryPath, lengths: Array, tolerance: float = ONSET_CONE) -> Search:
+    """The onset of a network that is floppy at s = 0, to the tolerance of the last cone program."""
+    search = Search(0.0, np.zeros(path.n_free), tolerance, accurate=path.linear)
     while not search.ended and search.programs < MOST_PROGRAMS:
         search = step(path, lengths, search)
     if search.ended:
@@ -154,7 +156,7 @@ def _program(path: BoundaryPath, lengths: Array, search: Search) -> Reach:
     network, s, q = path.network, search.strain, search.free
     offsets = path.boundary_vectors(path.gradient(s, q))
     rates = np.einsum("mij,aj->mai", path.rates(s, q), network.boundary_vectors)
-    tolerance = ONSET_CONE if search.accurate else ROUGH_CONE
+    tolerance = search.tolerance if search.accurate else ROUGH_CONE
     return farthest(network.free_incidence, offsets, rates, lengths, tolerance)
 
 

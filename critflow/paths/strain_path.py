@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import checked, shown
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
@@ -155,8 +155,8 @@ def strain_path(
     gamma, method = check_strains(strains, signed=True, zero=first.stress is None), relaxation_method(options.method)
     path = deformation_of(deformation, first.springs.network.dimension)
     _ = [path.gradient(strain) for strain in gamma]  # refuses those that invert the cell
-    if measure not in MEASURES:
-        raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {measure!r:.40}")
+    if not isinstance(measure, str) or measure not in MEASURES:
+        raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
     if path.free and method != "newton":
         raise InputError("free components of the cell need Newton's method: method='newton'")
     pattern = options.pattern

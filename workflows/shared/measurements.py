@@ -8,7 +8,7 @@ from critflow import InputError, Status, stiffening, strain_path, voronoi_networ
 from critflow.critical.backbone import taut_configurations
 from critflow.critical.manifold import require_one_self_stress
 from critflow.networks.deformation import deformation_of
-from critflow.onset.from_lengths import stressed_fraction
+from critflow.onset.taut_set import NO_STRESS
 from critflow.paths.strain_path import PathSolver
 from critflow.response.at_transition import elasticity_at_transition
 from critflow.response.stiffening import NO_STIFFENING
@@ -107,6 +107,11 @@ def known_stiffening(manifold, critical, deformation):
         return stiffening(critical, throw=False, deformation=deformation, manifold=manifold).value
     except InputError:
         return NO_STIFFENING
+
+
+def stressed_fraction(sigma):
+    """Fraction of the edges under tension: σ above rounding of its mean."""
+    return float(np.mean(sigma > NO_STRESS * np.mean(np.abs(sigma))))
 
 
 def tightening(critical, deformation):

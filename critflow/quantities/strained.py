@@ -70,7 +70,7 @@ def strained_response(
 
     quantities   "bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected" (conventions of `moduli`), "modulus"
                  (that of the path, without free components), "youngs_modulus" and "poissons_ratio" (of small additional
-                 strains along x, transverse y), "stress_xx", ... (Cauchy), "C_xxxx", ... (energy tensor)
+                 strains along x, transverse y), "S_xx", ... (Cauchy), "C_xxxx", ... (energy tensor)
     start, law   as for `strain_path`
 
     Gradients are those of the branch of equilibria that the path follows.  `stats.error_bound` (estimate) limits the
@@ -245,7 +245,7 @@ def _measures(deformation: Deformation, strain: float, quantities: Sequence[str]
         table["modulus"] = _linear(lambda tensors: tensors.second(A, A) + float(np.vdot(tensors.stress, W)))
     for a, name in enumerate(names):
         i, j = ("xyz".index(axis) for axis in name)
-        table[f"stress_{name}"] = _linear(lambda tensors, i=i, j=j: float(tensors.stress[i, j]))  # type: ignore[misc]
+        table[f"S_{name}"] = _linear(lambda tensors, i=i, j=j: float(tensors.stress[i, j]))  # type: ignore[misc]
         for b in range(a, len(names)):
             table[f"C_{name}{names[b]}"] = _linear(lambda tensors, a=a, b=b: float(tensors.tensor[a, b]))  # type: ignore[misc]
     if isinstance(quantities, str) or not len(quantities):
