@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -15,8 +16,7 @@ _ENDS = 1e-9
 _MOST_PIECES = 64
 
 
-@dataclass(frozen=True, eq=False)
-class Crossings:
+class Crossings(NamedTuple):
     """Pairs of edges that cross, and where along each of the two, as a part of its length.
 
     pairs  (n, 2) edges

@@ -18,6 +18,7 @@ from critflow.result import InputError
 
 _POSITIONS = ("pos", "position", "positions", "coordinates", "xyz", "coords")
 _AXES = ("x", "y", "z")
+_YES = (True, "1", "true", "True")
 # Attributes of edges that are read, and the number that GraphML and GML give each edge.
 _READ = {*(name for names in EDGE_VALUES.values() for name in names), "offset", "bond_vector", "tail", "index", "id"}
 
@@ -57,7 +58,7 @@ def from_graph(graph: Any, positions: Any = None) -> NetworkData:
         offsets=offsets,  # type: ignore[arg-type]
         volume=None if volume is None else float(volume),
         bond_vectors=_column(attributes, ("bond_vector",)),
-        pins=tuple(n for n, node in enumerate(nodes) if _true(graph.nodes[node].get("fixed", False))),
+        pins=tuple(n for n, node in enumerate(nodes) if graph.nodes[node].get("fixed") in _YES),
         ids=tuple(map(str, nodes)),
         source="graph",
         notes=unread((name for row in attributes for name in row), _READ),
@@ -170,7 +171,3 @@ def _parsed(value: Any) -> Any:
         return json.loads(value.replace("(", "[").replace(")", "]"))
     except ValueError:
         raise InputError(f"{value!r:.40} is no vector: write it as [1.0, 2.0]") from None
-
-
-def _true(value: Any) -> bool:
-    return value in (True, 1, "1", "true", "True")

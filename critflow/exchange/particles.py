@@ -34,7 +34,7 @@ def read_lammps(path: Path) -> NetworkData:
         raise InputError(f"{path} has no Bonds section: write the data file with bonds")
     atoms = _atoms(sections.get("Atoms", []), titles.get("Atoms", ""))
     atoms = atoms[np.argsort(atoms[:, 0])]
-    bonds = integers(_rows(sections["Bonds"]), "Bonds")
+    bonds = integers([[int(word) for word in line[:4]] for line in sections["Bonds"]], "Bonds")
     ids = integers(atoms[:, 0], "numbers of atoms")
     place = np.minimum(np.searchsorted(ids, bonds[:, 2:4]), len(ids) - 1)
     if (ids[place] != bonds[:, 2:4]).any():
@@ -68,11 +68,6 @@ def _sections(lines: Iterable[str]) -> tuple[dict[str, str], dict[str, list[list
     return titles, sections
 
 
-def _rows(words: list[list[str]]) -> Array:
-    """Numbers (n, m) of the lines of a section."""
-    return floats([[float(word) for word in line] for line in words], "the lines of a section")
-
-
 def _atoms(words: list[list[str]], style: str) -> Array:
     """Number, type and place (n, 5) of each atom, without its charge and the image in which it lies."""
     columns = len(words[0]) if words else 0
@@ -81,7 +76,8 @@ def _atoms(words: list[list[str]], style: str) -> Array:
         raise InputError(
             f"'Atoms # {style}' with {columns} columns is not read: write atoms of the style {', '.join(_STYLES)}"
         )
-    return _rows(words)[:, [0, 2, place, place + 1, place + 2]]
+    used = [0, 2, place, place + 1, place + 2]
+    return floats([[float(line[column]) for column in used] for line in words], "the lines of atoms")
 
 
 def _box(header: list[list[str]]) -> Array:
@@ -147,7 +143,13 @@ def _in_box(data: NetworkData) -> tuple[Array, Array, Array]:
         cell, low = size * np.eye(d), x.min(axis=0) - size / 4
     else:
         cell, low = data.cell, np.zeros(d)
-        _require_nearest(data)
+        nearest = with_offsets(replace(data, offsets=None), nearest=True)
+        other = np.flatnonzero((np.asarray(nearest.offsets) != data.offsets).any(axis=1))
+        if len(other):
+            raise InputError(
+                f"{len(other)} edges do not join nearest images, edge {other[0]} first, which this format cannot "
+                "express: write several copies of the cell (copies=2), or another format"
+            )
         if np.linalg.det(cell) < 0:
             raise InputError("the cell vectors are left-handed: exchange two of them and the columns of the offsets")
         # Turned so that the cell is lower triangular, as LAMMPS requires.
@@ -163,17 +165,6 @@ def _in_box(data: NetworkData) -> tuple[Array, Array, Array]:
     # In the plane z = 0, which LAMMPS requires within the box.
     origin[d:] = -0.5 * whole[2, 2]
     return whole, positions, origin
-
-
-def _require_nearest(data: NetworkData) -> None:
-    found = with_offsets(replace(data, offsets=None), nearest=True)
-    assert found.offsets is not None and data.offsets is not None
-    other = np.flatnonzero((found.offsets != data.offsets).any(axis=1))
-    if len(other):
-        raise InputError(
-            f"{len(other)} edges do not join nearest images, edge {other[0]} first, which this format cannot express: "
-            "write several copies of the cell (copies=2), or another format"
-        )
 
 
 def read_gsd(path: Path) -> NetworkData:
@@ -207,15 +198,8 @@ def write_gsd(data: NetworkData, path: Path) -> None:
     hoomd = optional("gsd.hoomd")
     cell, x, origin = _in_box(data)
     frame = hoomd.Frame()
-    box = [
-        cell[0, 0],
-        cell[1, 1],
-        cell[2, 2],
-        cell[1, 0] / cell[1, 1],
-        cell[2, 0] / cell[2, 2],
-        cell[2, 1] / cell[2, 2],
-    ]
-    frame.configuration.box = [*box[:2], 0 if data.dimension == 2 else box[2], *box[3:]]
+    (lx, ly, lz), height = np.diag(cell), 0 if data.dimension == 2 else cell[2, 2]
+    frame.configuration.box = [lx, ly, height, cell[1, 0] / ly, cell[2, 0] / lz, cell[2, 1] / lz]
     frame.configuration.dimensions = data.dimension
     frame.particles.N = data.n_vertices
     # The cell of GSD is centred at the origin.

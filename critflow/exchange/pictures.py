@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageSequence
 from scipy.interpolate import make_splprep
 from scipy.ndimage import distance_transform_edt
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from critflow.exchange.data import Array, IntArray, NetworkData, counted
 from critflow.exchange.packages import optional
+from critflow.networks.blocks import components
 from critflow.networks.checks import floats
 from critflow.result import InputError
 
@@ -140,7 +139,7 @@ def _without_short(
         notes.append(f"{counted(apart, 'pair')} of junctions nearer than the width of the fibres, joined")
     if spurs.any():
         notes.append(f"{counted(int(spurs.sum()), 'spur')} no longer than the fibre is wide, left out")
-    group = _components(edges[inside], len(points))
+    group = components(edges[inside], len(points))
     places = _means(points, group)
     kept = ~inside & ~spurs
     used, ends = np.unique(group[edges[kept]], return_inverse=True)
@@ -197,7 +196,7 @@ def _borders(mask: IntArray, corners: Array, vertex: IntArray) -> tuple[IntArray
     at[r * width + c] = vertex
     n = len(sides)
     side, end = np.nonzero(at[sides] < 0)
-    chain = _components(np.column_stack([side, n + sides[side, end]]), n + len(at))[:n]
+    chain = components(np.column_stack([side, n + sides[side, end]]), n + len(at))[:n]
     side, end = np.nonzero(at[sides] >= 0)
     touched = np.unique(np.column_stack([chain[side], at[sides[side, end]]]), axis=0)
     count = np.bincount(touched[:, 0], minlength=int(chain.max(initial=-1)) + 1)
@@ -218,14 +217,8 @@ def _corners(mask: IntArray) -> Array:
 
 def _merged(points: Array, distance: float) -> tuple[Array, IntArray]:
     """Points closer than a distance, joined to their mean; and the joined point of each."""
-    group = _components(KDTree(points).query_pairs(distance, output_type="ndarray"), len(points))
+    group = components(KDTree(points).query_pairs(distance, output_type="ndarray"), len(points))
     return _means(points, group), group
-
-
-def _components(pairs: IntArray, n: int) -> IntArray:
-    """The connected component of each of n things."""
-    graph = sp.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _means(points: Array, group: IntArray) -> Array:

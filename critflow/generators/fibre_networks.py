@@ -12,14 +12,13 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from critflow.arguments import checked, generator, shown
 from critflow.generators.dilution import diluted, with_coordination
 from critflow.generators.lattices import lattice, periodic_network
+from critflow.networks.blocks import components
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import CarryingPart, carrying_part, pruned
 from critflow.networks.support import check_size
@@ -71,18 +70,13 @@ def _phantom(columns: int, rows: int, z: float | None, rng: np.random.Generator)
         while (passed := unlinked[head] == direction).any():
             offset = offset + np.where(passed[:, None], step[direction, head], 0)
             head = np.where(passed, following[direction, head], head)
-        uncut = ~_one_of_each(_fibres(following[direction])[tail], rng)
+        line = components(np.column_stack([np.arange(n_vertices), following[direction]]), n_vertices)
+        uncut = ~_one_of_each(line[tail], rng)
         edges.append(np.column_stack([tail, head])[uncut])
         offsets.append(offset[uncut])
     given = {"offsets": np.concatenate(offsets), "cell": triangles.cell, "positions": triangles.positions}
     network = _with_fibre_stiffness(pruned(np.concatenate(edges), **given).network)
     return network if z is None else diluted(network, z, rng)
-
-
-def _fibres(following: IntArray) -> IntArray:
-    """The closed straight line (N_v,) of each vertex of a lattice, from the vertex after it."""
-    steps = sp.coo_array((np.ones(len(following)), (np.arange(len(following)), following)))
-    return np.asarray(connected_components(steps, directed=False)[1])
 
 
 def _one_of_each(group: IntArray, rng: np.random.Generator) -> NDArray[np.bool_]:

@@ -44,7 +44,7 @@ def blocks(
         place[anchors] = _places(np.array(list(pins.values())), cell)
         gains += place[edges[:, 1]] - place[edges[:, 0]]
     ends = vertex[edges]
-    part = connected_components(_graph(ends, n_vertices + 1), directed=False)[1]
+    part = components(ends, n_vertices + 1)
     first = np.unique(part, return_index=True)[1]
     joints = first[part[first] != part[n_vertices]]
     tree = _Tree(np.concatenate([ends, np.column_stack([np.full_like(joints, n_vertices), joints])]), n_vertices)
@@ -54,6 +54,11 @@ def blocks(
     loops = np.flatnonzero(tree.lower == tree.upper)
     block[loops] = n_vertices + 1 + np.arange(len(loops))
     return np.unique(block[: len(edges)], return_inverse=True)[1].ravel(), tree.cycle_gains(gains)[: len(edges)]
+
+
+def components(edges: IntArray, n_vertices: int) -> IntArray:
+    """The connected part (N_v,) in which each vertex lies, counted in the order of their first vertices."""
+    return np.asarray(connected_components(_graph(edges, n_vertices), directed=False)[1], np.int64)
 
 
 def opened_edges(block: IntArray, cycle_gain: IntArray) -> Mask:
@@ -109,7 +114,7 @@ class _Tree:
         np.minimum.at(reached, self.lower, self.upper)
         joined = np.flatnonzero(_range_minima(reached, self.end) < self.parent)
         pairs = np.column_stack([joined, self.parent[joined]])
-        return np.asarray(connected_components(_graph(pairs, len(self.parent)), directed=False)[1], np.int64)
+        return components(pairs, len(self.parent))
 
     def cycle_gains(self, gains: IntArray) -> IntArray:
         """The gain (N_b, m) of the cycle that each edge closes with the tree, from the gains of the edges."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
+
+from critflow.networks.blocks import components
 
 IntArray = NDArray[np.int64]
 
@@ -23,7 +23,6 @@ def chains(edges: IntArray, middle: NDArray[np.bool_]) -> tuple[IntArray, IntArr
     first, second = first // 2, second // 2
     # Both directions of each edge are nodes of a graph whose components are the directed chains.
     rows, columns = np.concatenate([first, first + m]), np.concatenate([second + turned, second + (m - turned)])
-    graph = sp.coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * m, 2 * m))
-    forward, backward = connected_components(graph, directed=False)[1].reshape(2, m)
+    forward, backward = components(np.column_stack([rows, columns]), 2 * m).reshape(2, m)
     _, start, chain = np.unique(np.minimum(forward, backward), return_index=True, return_inverse=True)
     return chain, np.where(forward == forward[start][chain], 1, -1)

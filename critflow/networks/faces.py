@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import connected_components
 
 from critflow.arguments import checked
+from critflow.networks.blocks import components
 from critflow.result import NetworkError, Record
 
 Array = NDArray[np.float64]
@@ -96,9 +95,7 @@ def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> 
     vertex = origin[twin]
     following = order[first[vertex] + (place[twin] - first[vertex] - 1) % degree[vertex]]
 
-    cycle = connected_components(
-        sp.coo_array((np.ones(2 * n_edges), (np.arange(2 * n_edges), following))), directed=False
-    )[1]
+    cycle = components(np.column_stack([np.arange(2 * n_edges), following]), 2 * n_edges)
     turns = _turns(direction, following, cycle)
     _check_polygons(edges, turns, n_vertices)
     size = np.bincount(cycle)
@@ -130,9 +127,8 @@ def _turns(direction: Array, following: IntArray, cycle: IntArray) -> Array:
 
 def _check_polygons(edges: IntArray, turns: Array, n_vertices: int) -> None:
     """Raise `NetworkError` unless the walks are polygons that tile a torus, or the plane with one outside a part."""
-    graph = sp.coo_array((np.ones(len(edges)), tuple(edges.T)), shape=(n_vertices, n_vertices))
     used = np.bincount(edges.ravel(), minlength=n_vertices) > 0
-    n_parts = len(np.unique(connected_components(graph, directed=False)[1][used]))
+    n_parts = len(np.unique(components(edges, n_vertices)[used]))
     n_outer = int(np.sum(np.abs(turns + 1) < _ROUNDING))
     # Euler's formula: N_v − N_b + N_f is 0 on a torus and 2 on a sphere, whose outside is one of the faces.
     characteristic = int(used.sum()) - len(edges) + len(turns)

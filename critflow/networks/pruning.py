@@ -14,12 +14,10 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import connected_components
 
 from critflow.arguments import checked
-from critflow.networks.blocks import blocks, opened_edges
+from critflow.networks.blocks import blocks, components, opened_edges
 from critflow.networks.network import Array, IntArray, Network
 from critflow.result import NetworkError
 
@@ -133,10 +131,7 @@ def carrying_part(
     vertex = np.arange(n_vertices)
     vertex[list(pins)] = min(pins, default=0)
     joined = vertex[edges]
-    tail, head = joined[carries].T
-    graph = sp.csr_array((np.ones(len(tail)), (tail, head)), shape=(n_vertices, n_vertices))
-    part = connected_components(graph, directed=False)[1]
-    here = part[joined[:, 0]]
+    here = components(joined[carries], n_vertices)[joined[:, 0]]
     largest = np.bincount(here[carries], minlength=1).argmax()
     kept = carries & (here == largest)
     loops = np.unique(cycle_gain[kept & winds], axis=0)

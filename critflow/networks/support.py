@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
-from critflow.networks.blocks import blocks, opened_edges
+from critflow.networks.blocks import blocks, components, opened_edges
 from critflow.result import NetworkError
 
 Array = NDArray[np.float64]
@@ -39,13 +37,10 @@ def check_support(
     _check_degrees(edges, pins, n_vertices)
     if len(pins) == n_vertices or n_vertices == 1:
         raise NetworkError("no vertex is free to move, so there is nothing to find: add vertices or remove pins")
-    tail, head = edges.T
     # All pins belong to one support, so they count as joined.
     anchors = np.fromiter(pins, int, len(pins))
-    tail, head = np.concatenate([tail, anchors[:-1]]), np.concatenate([head, anchors[1:]])
-    graph = sp.coo_array((np.ones(len(tail)), (tail, head)), shape=(n_vertices, n_vertices))
-    n_parts, part = connected_components(graph, directed=False)
-    if n_parts > 1:
+    part = components(np.concatenate([edges, np.column_stack([anchors[:-1], anchors[1:]])]), n_vertices)
+    if (n_parts := int(part.max()) + 1) > 1:
         stray = int(np.flatnonzero(part != part[0])[0])
         raise NetworkError(
             f"the network falls into {n_parts} parts that no edge joins (vertices 0 and {stray} are in two of them): "

@@ -28,6 +28,7 @@ from critflow.command.main import main
 from critflow.exchange.data import data_of
 from critflow.exchange.drawings import clipped_segments
 from critflow.exchange.meshes import from_mesh
+from critflow.explore.source import File
 from critflow.result import EnvironmentFailure
 
 networkx = pytest.importorskip("networkx")
@@ -430,6 +431,13 @@ def test_commands_take_two_tables(tmp_path, monkeypatch, capsys):
         assert main(["convert", first, second, "n.json", "--pins", "A,B,C"]) == 0
         assert main(["make", first, second, "--out", "m.csv", "--pins", "A,B,C"]) == 0
         assert network_from("n.json").network.n_edges == network_from("m.csv").network.n_edges == 3
+        pinned = Path(first if first == "places.csv" else second)
+        given = pinned.read_text()
+        pinned.write_text("id;x;y;fixed\nA;0;0;1\nB;4;0;1\nC;0;3;1\nD;1;1;0\n")
+        source = File(Path(first), Path(second))
+        assert source.title == f"{first} and {second}" and source.open()[1].network.n_edges == 3
+        assert f"network_from({(first, second)!r})" in source.lines(source.open()[1])[0]
+        pinned.write_text(given)
     for words in (["convert", "ends.csv"], ["examine", "ends.csv", "places.csv", "n.json"]):
         assert main(words) == 2
 

@@ -4,7 +4,6 @@ import hashlib
 
 import numpy as np
 import pytest
-from problems import voronoi_3d
 
 from critflow import InputError, fibre_network, foam_network, lattice, voronoi_network
 from critflow.generators.random_networks import check_foam, check_voronoi
@@ -30,45 +29,24 @@ def test_standard_network(n_vertices, seed):
     assert 0.6 < np.linalg.norm(network.bond_vectors(network.positions), axis=1).mean() < 1.0
 
 
-def test_vertices_are_equidistant_from_three_centres():
-    # The definition of a Voronoi vertex: its three nearest centres are equidistant.
-    points = random_sequential_addition(30, 0.12, np.random.default_rng(1))
-    network = voronoi_network(points=points, cell=np.eye(points.shape[1]))
-    step = network.positions[:, None] - points[None]
-    images = np.array([[i, j] for i in (-1, 0, 1) for j in (-1, 0, 1)])
-    distance = np.linalg.norm(step[:, :, None] - images, axis=3).reshape(len(network.positions), -1)
-    nearest = np.sort(distance, axis=1)
-    np.testing.assert_allclose(nearest[:, 2], nearest[:, 0], rtol=1e-10)
-    assert (nearest[:, 3] > nearest[:, 2] * (1 + 1e-9)).all()
+@pytest.mark.parametrize(("dimension", "n_cells"), [(2, 30), (3, 20)])
+def test_vertices_are_equidistant_from_their_centres_and_edges_from_those_of_both_ends(dimension, n_cells):
+    distance = (0.66, 0.87)[dimension - 2] / n_cells ** (1 / dimension)
+    points = random_sequential_addition(n_cells, distance, np.random.default_rng(1), dimension)
+    network = voronoi_network(points=points, cell=np.eye(dimension))
+    images = np.array(list(np.ndindex(*(5,) * dimension))) - 2
+    x, L = network.positions, network.bond_vectors(network.positions)
 
+    def nearest(places):
+        apart = places[:, None, None] - points[None, :, None] - images
+        return np.sort(np.linalg.norm(apart, axis=3).reshape(len(places), -1), axis=1)
 
-def test_edges_lie_on_the_bisector_of_two_centres():
-    points = random_sequential_addition(30, 0.12, np.random.default_rng(2))
-    network = voronoi_network(points=points, cell=np.eye(points.shape[1]))
-    middle = network.positions[network.edges[:, 0]] + 0.5 * network.bond_vectors(network.positions)
-    images = np.array([[i, j] for i in (-2, -1, 0, 1, 2) for j in (-2, -1, 0, 1, 2)])
-    distance = np.sort(
-        np.linalg.norm(middle[:, None, None] - points[None, :, None] - images, axis=3).reshape(len(middle), -1), axis=1
-    )
-    np.testing.assert_allclose(distance[:, 1], distance[:, 0], rtol=1e-10)
-
-
-def test_three_dimensional_voronoi():
-    network = voronoi_3d()
-    np.testing.assert_array_equal(np.bincount(network.edges.ravel()), np.full(network.n_vertices, 4))
-    assert network.n_edges == 2 * network.n_vertices
-    assert network.volume == pytest.approx(network.n_vertices, rel=1e-14)
-    # Euler for a tessellation of the 3-torus: N_v − N_e + N_f − N_c = 0; every edge borders three faces.
-    L = network.bond_vectors(network.positions)
-    assert np.linalg.norm(L, axis=1).min() > 0
-
-
-def test_same_seed_same_network():
-    first, second = voronoi_network(100, seed=5), voronoi_network(100, seed=5)
-    for name in ("edges", "offsets", "positions", "cell"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
-    other = voronoi_network(100, seed=6)
-    assert not np.array_equal(first.positions, other.positions)
+    for places, n in ((x, dimension + 1), (x[network.edges[:, 0]] + 0.5 * L, dimension)):
+        found = nearest(places)
+        np.testing.assert_allclose(found[:, n - 1], found[:, 0], rtol=1e-9)
+        assert (found[:, n] > found[:, 0] * (1 + 1e-9)).all()
+    assert network.n_edges == (dimension + 1) * network.n_vertices / 2 and np.linalg.norm(L, axis=1).min() > 0
+    assert network.volume == pytest.approx(1)
 
 
 def test_generator_is_advanced():
@@ -76,28 +54,18 @@ def test_generator_is_advanced():
     assert not np.array_equal(voronoi_network(40, seed=rng).positions, voronoi_network(40, seed=rng).positions)
 
 
-def test_network_of_seed_one_is_frozen():
-    # A change of these numbers changes every stored result: topology exactly, positions to rounding.
-    network = voronoi_network(40, seed=1)
-    assert digest(network.edges, network.offsets) == "9a76d55c25d53adf"
-    np.testing.assert_allclose(
-        network.positions[[0, 39]],
-        [[0.6195094517945733, 1.4681486733039535], [0.42160539154920795, 5.51305491897013]],
-        rtol=1e-12,
-    )
-
-
 @pytest.mark.parametrize(
     "n_vertices, seed, graph, faces, total",
     [
         (100, 8, "8e9e6f7fc0567d70", "226a9f23c93d50a5", 1011.4394327245155),
+        (40, 1, "9a76d55c25d53adf", None, 255.9282192141523),
         (3162, 1, "4f797870627a0bb7", "dc29408ea6b673c0", 177326.29975171637),
     ],
 )
 def test_graphs_and_faces_are_frozen(n_vertices, seed, graph, faces, total):
     network = voronoi_network(n_vertices, seed)
     assert digest(network.edges, network.offsets) == graph
-    assert digest(network.faces.edges, network.faces.signs, network.faces.starts) == faces
+    assert faces in (None, digest(network.faces.edges, network.faces.signs, network.faces.starts))
     assert network.positions.sum() == pytest.approx(total, rel=1e-12)
 
 
@@ -119,42 +87,11 @@ def test_foam(n_vertices, seed):
     assert 0.7 < np.linalg.norm(network.bond_vectors(network.positions), axis=1).mean() < 0.9
 
 
-def test_foam_vertices_are_equidistant_from_four_centres():
-    # Every vertex is a circumcentre: its four nearest centres are equidistant.
-    points = random_sequential_addition(20, 0.87 / 20 ** (1 / 3), np.random.default_rng(4), dimension=3)
-    network = voronoi_network(points=points, cell=np.eye(points.shape[1]))
-    images = np.array([[i, j, k] for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)])
-    step = network.positions[:, None, None] - points[None, :, None] - images
-    nearest = np.sort(np.linalg.norm(step, axis=3).reshape(network.n_vertices, -1), axis=1)
-    np.testing.assert_allclose(nearest[:, 3], nearest[:, 0], rtol=1e-9)
-    assert (nearest[:, 4] > nearest[:, 3]).all()
-
-
 def test_foam_of_seed_one_is_frozen():
     network = foam_network(60, seed=1)
     assert digest(network.edges, network.offsets) == "ce4b7c1fd54add8a"
     np.testing.assert_array_equal(foam_network(60, seed=1).positions, network.positions)
     assert not np.array_equal(foam_network(60, seed=2).edges, network.edges)
-
-
-@pytest.mark.parametrize(
-    "words, message",
-    [
-        ({"n_vertices": 40}, "52"),
-        ({"n_vertices": 60.5}, "whole"),
-        ({"n_vertices": 100, "hard_core": 1.2}, "0.902"),
-        ({"n_vertices": 100, "hard_core": -1.0}, "positive"),
-    ],
-)
-def test_impossible_foams_raise(words, message):
-    with pytest.raises(InputError, match=message):
-        foam_network(**words)
-
-
-@pytest.mark.parametrize("points", [[[0.1, 0.2]], np.argwhere(np.ones((4, 4))) / 4 + 0.1], ids=["one", "lattice"])
-def test_degenerate_points_raise(points):
-    with pytest.raises(InputError, match="lattice"):
-        voronoi_network(points=np.asarray(points))
 
 
 @pytest.mark.parametrize(
@@ -173,13 +110,22 @@ def test_sizes_beyond_any_memory_are_refused_before_they_are_allocated(make):
         make()
 
 
-def test_arguments_are_checked_without_a_network():
-    check_voronoi(10**7, 0.82)
-    check_foam(10**7, 0.87)
-    for check, words, message in (
-        (check_voronoi, (61,), "even"),
-        (check_voronoi, (60, 1.2), "hard core"),
-        (check_foam, (40,), "52"),
-    ):
-        with pytest.raises(InputError, match=message):
-            check(*words)
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: foam_network(40), "52"),
+        (lambda: foam_network(60.5), "whole"),
+        (lambda: foam_network(100, hard_core=1.2), "0.902"),
+        (lambda: foam_network(100, hard_core=-1.0), "positive"),
+        (lambda: voronoi_network(points=[[0.1, 0.2]]), "lattice"),
+        (lambda: voronoi_network(points=np.argwhere(np.ones((4, 4))) / 4 + 0.1), "lattice"),
+        (lambda: check_voronoi(61), "even"),
+        (lambda: check_voronoi(60, 1.2), "hard core"),
+        (lambda: check_foam(40), "52"),
+    ],
+)
+def test_impossible_networks_are_one_sentence(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+    # Arguments of large networks are checked without making one.
+    check_voronoi(10**7, 0.82), check_foam(10**7, 0.87)
