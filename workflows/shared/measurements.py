@@ -227,9 +227,15 @@ def table(planar):
     yield scalar("residual", "largest unbalanced force over the mean tension")
     yield scalar("optimality", "residual of the method: projected gradient, or force")
     yield scalar("iterations", "iterations of the method that found the configuration", dtype="i4")
+    of_scale = ", before the stress is scaled to its sum of squares"
     for name in BOUNDED:
         dims = each if name in _OF_PATH else member
-        yield Variable(f"{name}_error_bound", dims, "f8", long_name=f"bound on the rounding error of {name}")
+        yield Variable(
+            f"{name}_error_bound",
+            dims,
+            "f8",
+            long_name=f"bound on the rounding error of {name}{of_scale * (name == 'coordinates')}",
+        )
 
 
 def verify(ds):
