@@ -135,10 +135,7 @@ def run(
         float | None, typer.Option(metavar="GB", help="Memory limit of a worker process; an equal share by default.")
     ] = None,
     part: Annotated[
-        str,
-        typer.Option(
-            metavar="I/N", help="Compute one of N parts; parts share the folder, the last writes the dataset."
-        ),
+        str, typer.Option(metavar="I/N", help="Compute one of N parts in one folder; the last writes the dataset.")
     ] = "",
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute failed cases again.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan and write nothing.")] = False,
@@ -160,10 +157,10 @@ def run(
         raise InputError("--workers counts local processes: leave it out with --scheduler or --cluster")
     if (scheduler or cluster) and loaded.study.workers is not None:
         raise InputError(f"study {study!r} measures time and cannot run on a cluster")
-    processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
-    place = Workers(processes, scheduler, cluster, jobs, insecure, time_limit, memory_limit)
+    count = loaded.study.worker_count(workers, os.cpu_count() or 1)
+    place = Workers(count, scheduler, cluster, jobs, insecure, time_limit, memory_limit)
     requested = select(loaded.study, settings)
-    folder = Folder(Path(out) if out else Path("results") / loaded.study.name, Part.of(part))
+    folder = Folder(Path(out or f"results/{loaded.study.name}"), Part.of(part))
     folder.check_owner(loaded)
     if dry_run:
         return _print_plan(loaded, requested, folder, plan_run(folder, requested, retry_failed))

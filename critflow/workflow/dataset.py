@@ -77,6 +77,10 @@ class Assembly:
             empty = dask.array.full(shape, variable.filler, dtype=variable.dtype, chunks=-1)
             data[variable.name] = xr.Variable(variable.dims, empty, variable_attributes(variable))
         attributes = {name: value for name, value in _global_attributes(self.selection).items() if value != ""}
+        for bounded in {
+            name.removesuffix("_error_bound") for name in data if name.endswith("_error_bound")
+        } & data.keys():
+            data[bounded].attrs["ancillary_variables"] = f"{bounded}_error_bound"
         dataset = xr.Dataset(data, _coordinates(self.selection), attributes)
         for name, labelled in dataset.variables.items():
             filled = labelled.dtype.kind == "f" and name in data  # xarray would add a fill value to coordinates

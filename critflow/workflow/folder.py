@@ -237,10 +237,6 @@ class Folder:
                 states.append(CaseState(case, MISSING, "not computed yet"))
         return states
 
-    def count_stored(self) -> int:
-        """Number of shards and records of failures, of any settings."""
-        return sum(len(_names(folder, suffix)) for folder, suffix in ((self.shards, ".nc"), (self.failed, ".txt")))
-
     def _read_state(self, selection: Selection, case: Case) -> CaseState:
         try:
             shard = read_shard(self.shards, selection.study, case)

@@ -8,7 +8,6 @@ replace the dataset; the cases of the former settings stay stored, and a run wit
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import groupby
@@ -102,13 +101,9 @@ def run_study(
                 if last:
                     return _finish(plan, folder, origin, progress)
             message = "another run writes the dataset of all parts"
-        failed = {case.id: reason for case, state, reason in states if state == FAILED}
-        return RunResult(
-            None,
-            _kept(plan),
-            {s.case.id: failed[s.case.id] for s in plan.states if s.case.id in failed},
-            messages=[message],
-        )
+        own = {state.case.id for state in plan.states}
+        failed = {case.id: reason for case, state, reason in states if state == FAILED and case.id in own}
+        return RunResult(None, _kept(plan), failed, messages=[message])
 
 
 def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
@@ -198,7 +193,7 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
                 for case_id, _, status, seconds, checksum, error in outcomes:
                     log.write(f"{case_id} {Status(status).name} {seconds:.3f} s {checksum} {error}\n")
                 log.flush()
-                progress.count(stored, folder)
+                progress.count(stored)
         except KeyboardInterrupt:
             raise Interrupted(f"stopped at once; complete cases are stored: {_RESUME}") from None
     if stored < len(plan.todo):
@@ -226,7 +221,8 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
 
 
 def _kept(plan: RunPlan) -> int:
-    return plan.requested.count - sum(_selects(plan.requested, case) for case in plan.todo)
+    cases, todo = [state.case for state in plan.states], plan.todo
+    return sum(_selects(plan.requested, case) for case in cases) - sum(_selects(plan.requested, case) for case in todo)
 
 
 def _messages_of_changed_code(cases_code: str, code: str) -> list[str]:
@@ -241,8 +237,6 @@ class _RunProgress:
 
     def __init__(self, title: str, total: int):
         self.title, self.total, self.done = title, total, 0
-        self.start = self.last_count = time.monotonic()
-        self.stored_before: int | None = None  # cases in the folder at the start
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("cases"))
         times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
@@ -255,14 +249,8 @@ class _RunProgress:
         """Print a line on stderr without disturbing the bar."""
         self.console.print(line, markup=False)
 
-    def count(self, stored: int, folder: Folder) -> None:
-        """Show the cases of finished tasks, and on a terminal each second those that running tasks have stored."""
-        now = time.monotonic()
-        done = max(stored, self.done)
-        if not self.bar.disable and (self.stored_before is None or now - self.last_count >= 1):
-            self.last_count, in_folder = now, folder.count_stored()
-            self.stored_before = in_folder - stored if self.stored_before is None else self.stored_before
-            done = min(max(done, in_folder - self.stored_before), self.total)
+    def count(self, done: int) -> None:
+        """Show the cases of finished tasks."""
         if self.bar.disable and done * 10 // self.total > self.done * 10 // self.total:
             elapsed = self.bar.tasks[0].elapsed or 0.0
             left = elapsed / done * (self.total - done)

@@ -190,15 +190,16 @@ class Claim:
     @classmethod
     def tested(
         cls, key: str, statement: str, paper: str, value: str, holds: object, because: str = "", note: str = "",
-        *, criterion: str, sample: str = "", kind: str = "ours",
+        **more: str,
     ) -> Claim:  # fmt: skip
         """The claim with the verdict of one condition, "undecided" if it is None.
 
-        `because` is the reason if it does not hold and is dropped otherwise; `note` is stored in both cases.
+        because  reason if it does not hold, dropped otherwise; `note` is stored in both cases
+        more     criterion, sample and kind
         """
-        reasons = (note,) if holds else (because, note)
+        reasons = "; ".join(filter(None, (note,) if holds else (because, note)))
         verdict = "undecided" if holds is None else "holds" if holds else "differs"
-        return cls(key, statement, paper, value, verdict, "; ".join(filter(None, reasons)), criterion, sample, kind)
+        return cls(key, statement, paper, value, verdict, reasons, **more)
 
 
 def tally(claims: Sequence[Claim]) -> dict[str, str]:

@@ -90,9 +90,6 @@ def test_answers_off_by_a_known_amount_have_that_error():
         ("lammps", "LAMMPS cg forcezero", 5, 1e-8),
         ("lammps", "LAMMPS hftn", 3, 1e-3),
         ("lammps", "LAMMPS fire", 4, 1e-4),
-        ("ase", "ASE LBFGS", 4, 1e-5),
-        ("ase", "ASE BFGS", 2, 1e-2),
-        ("ase", "ASE FIRE", 2, 1e-2),
     ],
 )
 def test_peers_take_the_same_step(module, name, n_levels, reached):

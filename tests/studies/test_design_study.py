@@ -13,7 +13,7 @@ QUESTIONS = ("curves", "fronts", "isogonal", "onset", "poisson", "pruning", "rea
 def test_a_study_of_design_is_run_resumed_and_reported(question, runs, run_study, capsys):
     folder, dataset = runs(f"design_{question}")
     assert (dataset.status == Status.ok).all()
-    assert (folder / "figures" / f"{question}.png").exists()
+    assert (folder / "figures" / f"{question}.png").exists() == (question != "stress")
     assert json.loads((folder / "claims.json").read_text())
     capsys.readouterr()
     run_study(f"design_{question}", folder)

@@ -8,7 +8,10 @@ import pytest
 
 from critflow import CriticalManifold, Network, Status, voronoi_network
 from critflow.command.main import main
+from critflow.workflow import stable_rng
 from critflow.workflow.load import load_study
+from workflows.benchmarks.speed import references
+from workflows.shared.measurements import BOUNDED
 
 SETTINGS = ["--set", "n_vertices=60", "--set", "seeds=0:3"]
 
@@ -181,3 +184,23 @@ def test_coefficients_along_other_deformations(deformation):
             # A straight line to 4e-4 has an error of that order.
             scale = max(abs(one[f"{other}_exact"]) for other in ("C_B", "C_G"))
             assert one[name] == pytest.approx(one[f"{name}_exact"], abs=0.02 * scale)
+
+
+def test_stored_numbers_are_within_their_error_bounds(dataset):
+    """Against double-double arithmetic; the bounds are a few roundings, and ancillary variables after CF."""
+    for name in BOUNDED:
+        assert dataset[name].attrs["ancillary_variables"] == f"{name}_error_bound"
+    for population in ("bulk_modulus", "random_stress", "shear_modulus"):
+        one = dataset.sel(population=population, seed=0)
+        manifold = CriticalManifold(voronoi_network(60, seed=0))
+        moduli = references.transition_moduli(manifold, one.sigma.values)
+        exact = (*moduli, *references.stiffening(manifold, one.sigma.values))
+        names = ("bulk_modulus_0", "shear_modulus_0", "C_B_exact", "C_G_exact")
+        for name, truth in zip(names, exact, strict=True):
+            bound = float(one[f"{name}_error_bound"])
+            assert abs((float(one[name]) - truth.high[0]) - truth.low[0]) <= bound < 1e-13, (population, name)
+    raw = np.abs(stable_rng(0, "random_stress").standard_normal(90))
+    x = references.configuration(manifold, raw)[0]
+    one = dataset.sel(population="random_stress", seed=0)
+    stored = one.coordinates.values[manifold.network.free]
+    assert np.abs((stored - x.high) - x.low).max() <= float(one.coordinates_error_bound) < 1e-14

@@ -48,7 +48,7 @@ def test_its_figures_and_animation_are_drawn(folder, assert_picture):
         assert_picture(folder / "figures" / f"{name}.png", 20_000)
     assert (folder / "figures" / "ascent.gif").read_bytes().startswith(b"GIF89a")
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
-    assert claims["ShearModulusSteepestDescent-bound"]["verdict"] == "measured"
+    assert claims["ShearModulusSteepestDescent-bound"]["verdict"] == "holds"
     assert json.loads((folder / "summary.json").read_text())["ascent_status"] == {"step_limit": 3}
 
 

@@ -29,6 +29,14 @@ _ALONG = (
     *("bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected", "energy", "max_force", "newton_steps"),
     *("path_status", "C_B", "C_G", "C_G_stress_corrected", "C_B_error", "C_G_error", "C_G_stress_corrected_error"),
 )
+# Variables with a bound on their rounding, `NAME_error_bound`.
+_AT_TRANSITION, _OF_PATH = ("bulk_modulus_0", "shear_modulus_0"), _ALONG[:3]
+BOUNDED = ("coordinates", *_AT_TRANSITION, *_EXACT, *_OF_PATH)
+
+
+def bounds(names):
+    """The names of the error bounds of variables."""
+    return tuple(f"{name}_error_bound" for name in names)
 
 
 def planar_member(parameters, *, seed, population, wanted):
@@ -63,14 +71,14 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
     undefined  NaN where the coefficients C_B and C_G are not defined, else 1
     """
     critical = found.value
-    bulk, shear = known_moduli(critical)
+    parts = moduli_of_parts(critical)
     result = {
         **identified(manifold.network, found),
         "sigma": critical.sigma,
         "length": critical.lengths,
         "coordinates": critical.coordinates,
-        "bulk_modulus_0": bulk,
-        "shear_modulus_0": shear,
+        "coordinates_error_bound": critical.error_bound,
+        **dict(zip(_AT_TRANSITION, np.sum([(each.bulk, each.shear) for each in parts], axis=0), strict=True)),
         "length_variance": relative_variance(critical.lengths),
         "tension_variance": relative_variance(critical.tensions),
         "stressed_fraction": stressed_fraction(critical.sigma),
@@ -78,35 +86,46 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
         "optimality": found.stats.residual,
         "iterations": found.stats.steps,
     }
+    if not wanted.isdisjoint(bounds(_AT_TRANSITION)):
+        errors = np.sum([(each.errors.bulk, each.errors.shear) for each in parts], axis=0)
+        result |= dict(zip(bounds(_AT_TRANSITION), errors, strict=True))
     deformation = deformation_of(parameters.get("deformation", "dilation"), manifold.network.dimension)
     side = tightening(critical, deformation)
-    if not wanted.isdisjoint(_EXACT):
-        exact = known_stiffening(manifold, critical, deformation)
-        values = (exact.C_B, exact.C_G, exact.C_G_stress_corrected)
-        result |= {name: side * value * undefined for name, value in zip(_EXACT, values, strict=True)}
-    if not wanted.isdisjoint(_ALONG):
+    if not wanted.isdisjoint((*_EXACT, *bounds(_EXACT))):
+        exact, errors = known_stiffening(manifold, critical, deformation)
+        for names, of_all, sign in ((_EXACT, exact, side), (bounds(_EXACT), errors, 1)):
+            values = (of_all.C_B, of_all.C_G, of_all.C_G_stress_corrected)
+            result |= {name: sign * value * undefined for name, value in zip(names, values, strict=True)}
+    if not wanted.isdisjoint((*_ALONG, *bounds(_OF_PATH))):
         result |= _along_path(manifold, critical, parameters, undefined, deformation, side)
     return result
 
 
 def known_moduli(critical):
     """B_0 and G_0 by the formula of one self-stress, even where edges are too short to count the self-stresses."""
+    parts = moduli_of_parts(critical)
+    return sum(each.bulk for each in parts), sum(each.shear for each in parts)
+
+
+def moduli_of_parts(critical):
+    """The moduli at the transition of each rigid part, which add up."""
     try:
         parts = taut_configurations(critical)
     except InputError:
         parts = (critical,)
     for part in parts:
         require_one_self_stress(part.network, "study networks with one self-stress")
-    moduli = [elasticity_at_transition(part, critical.network.volume) for part in parts]
-    return sum(each.bulk for each in moduli), sum(each.shear for each in moduli)
+    return [elasticity_at_transition(part, critical.network.volume) for part in parts]
 
 
 def known_stiffening(manifold, critical, deformation):
-    """Exact coefficients, or NaN where edges are too short to count the self-stresses."""
+    """Exact coefficients and their error bounds, or NaN where edges are too short to count the self-stresses."""
     try:
-        return stiffening(critical, throw=False, deformation=deformation, manifold=manifold).value
+        found = stiffening(critical, throw=False, deformation=deformation, manifold=manifold)
     except InputError:
-        return NO_STIFFENING
+        return NO_STIFFENING, NO_STIFFENING
+    known = not isinstance(found.stats.error_bound, float)
+    return found.value, found.stats.error_bound if known else NO_STIFFENING
 
 
 def stressed_fraction(sigma):
@@ -142,6 +161,9 @@ def _along_path(manifold, critical, parameters, undefined, deformation, side):
         "newton_steps": path.steps,
         "path_status": path.status,
     }
+    # That of G holds in both conventions.
+    errors = (path.bulk_modulus_error, path.shear_modulus_error, path.shear_modulus_error)
+    result |= dict(zip(bounds(_OF_PATH), errors, strict=True))
     for name, moduli in (
         ("C_B", path.bulk_modulus),
         ("C_G", path.shear_modulus),
@@ -211,6 +233,15 @@ def table(planar):
     yield scalar("residual", "largest unbalanced force over the mean tension")
     yield scalar("optimality", "residual of the method: projected gradient, or force")
     yield scalar("iterations", "iterations of the method that found the configuration", dtype="i4")
+    of_scale = ", before the stress is scaled to its sum of squares"
+    for name in BOUNDED:
+        dims = each if name in _OF_PATH else member
+        yield Variable(
+            f"{name}_error_bound",
+            dims,
+            "f8",
+            long_name=f"bound on the rounding error of {name}{of_scale * (name == 'coordinates')}",
+        )
 
 
 def verify(ds):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from critflow.figures.plot import COLOURS
 from critflow.result import Status
 
-from .figures import CURVE, GREY, ORANGE, PURPLE, chart_lines, family, frame, span_of, title
+from .figures import CURVE, chart_lines, frame, span_of, title
 
 
 def _signed_lengths(ds):
@@ -64,17 +64,14 @@ def curvature_error(ds):
 
 
 def curvature_figure(ds):
-    """Curvature over the chart and along a line in it, and its distance from the closed form."""
-    figure = Figure(figsize=(11.6, 9.2), dpi=120, layout="constrained")
-    parts = figure.subfigures(2, 2, wspace=0.03, hspace=0.03)
+    """Curvature over the chart and along a line in it."""
+    figure = Figure(figsize=(11.6, 4.6), dpi=120, layout="constrained")
+    left, right = figure.subfigures(1, 2, wspace=0.03)
     chart = ds.sel(grid="chart")
     inside = (np.sum(chart.s.values**2, axis=-1) < 4.1) & (chart.outcome.values == Status.ok)
-    _draw_curvature(parts[0, 0], ds, chart, inside)
-    _draw_cut(parts[0, 1].add_subplot(), ds)
-    title(parts[0, 1], "B", "principal curvatures along s₂ = 0")
-    _draw_error_map(parts[1, 0], ds, chart, inside)
-    _draw_errors(parts[1, 1].add_subplot(), ds)
-    title(parts[1, 1], "D", "it is rounding, times the condition of B")
+    _draw_curvature(left, ds, chart, inside)
+    _draw_cut(right.add_subplot(), ds)
+    title(right, "B", "principal curvatures along s₂ = 0")
     return figure
 
 
@@ -93,18 +90,6 @@ def _draw_curvature(part, ds, chart, inside):
     chart_lines(axes, ds)
     axes.set(xlim=(-2.1, 2.1), ylim=(-2.1, 2.1), aspect="equal", xlabel="$s_1$", ylabel="$s_2$")
     title(part, "A", "Gaussian curvature: rigid is elliptic, a branch point a saddle")
-
-
-def _draw_error_map(part, ds, chart, inside):
-    axes, s = part.add_subplot(), chart.s.values
-    error = np.maximum(np.maximum(*curvature_error(chart)), 1e-17)
-    shown = np.where(inside, np.log10(error), np.nan)
-    mesh = axes.pcolormesh(s[..., 0], s[..., 1], shown, cmap="viridis", vmin=-17, vmax=-11)
-    bar = part.colorbar(mesh, ax=axes, shrink=0.75, pad=0.02, extend="max")
-    bar.set_label("log$_{10}$ relative error of K and H", fontsize=9)
-    chart_lines(axes, ds)
-    axes.set(xlim=(-2.1, 2.1), ylim=(-2.1, 2.1), aspect="equal", xlabel="$s_1$", ylabel="$s_2$")
-    title(part, "C", "distance to the closed form")
 
 
 def _draw_cut(axes, ds):
@@ -134,20 +119,4 @@ def _draw_cut(axes, ds):
     axes.set(xlim=(-2.1, 2.1), ylim=(-3e3, 3e3), xlabel="$s_1$", ylabel="principal curvatures  κ D²")
     axes.legend(fontsize=8.5, loc="lower right", frameon=True)
     axes.text(np.sqrt(6) - np.sqrt(2) + 0.04, 4e2, "P singular", color=CURVE, fontsize=9)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def _draw_errors(axes, ds):
-    for kind, colour in (("branch", GREY), ("folded", PURPLE), ("stretched", ORANGE)):
-        one = ds.sel(grid=[grid for grid in ds.grid.values if family(grid) == kind])
-        kappa = np.abs(one.principal_curvature.values)
-        error = np.maximum(np.maximum(*curvature_error(one)), 1e-17)
-        axes.loglog(
-            (kappa.max(axis=-1) / kappa.min(axis=-1)).ravel(), error.ravel(), ".", color=colour, markersize=2.5,
-            label=kind, rasterized=True,
-        )  # fmt: skip
-    condition = np.array([1.0, 1e9])
-    axes.loglog(condition, 2.2e-16 * condition, color="k", linewidth=1.0, label="rounding × condition")
-    axes.set(xlabel="condition of B:  |κ₂/κ₁| or its inverse", ylabel="relative error of K and H", ylim=(5e-18, 1e-6))
-    axes.legend(fontsize=8.5, loc="upper left", markerscale=5)
     axes.spines[["top", "right"]].set_visible(False)

@@ -1,7 +1,6 @@
-"""ASE and matscipy with the springs of a state: atoms in a periodic layer, a calculator of fixed bonds.
+"""matscipy with the springs of a state: ASE's atoms in a periodic layer, and a calculator of fixed bonds.
 
-ASE's calculators of bonds find neighbours by distance; ours knows the bonds, as its interface allows.  matscipy's
-`MatscipyCalculator` derives the elastic constants from the Hessian.
+matscipy's `MatscipyCalculator` derives the elastic constants from the Hessian.
 """
 
 from __future__ import annotations
@@ -28,28 +27,6 @@ def atoms_of(state: SpringState) -> Any:
     x = np.zeros((network.n_vertices, 3))
     x[:, :2] = state.coordinates
     return peer("ase").Atoms(positions=x, cell=cell, pbc=True, numbers=np.ones(len(x), int))
-
-
-def ase_springs(state: SpringState) -> Any:
-    """A calculator of energy and forces."""
-
-    class Springs(peer("ase.calculators.calculator").Calculator):  # type: ignore[misc, name-defined]
-        implemented_properties = ("energy", "forces", "free_energy")
-
-        def calculate(self, atoms=None, properties=("energy",), system_changes=()):
-            super().calculate(atoms, properties, system_changes)
-            force = np.zeros((state.network.n_vertices, 3))
-            L = g @ self.atoms.positions[:, :2] + b
-            length = np.sqrt(np.einsum("ad,ad->a", L, L))
-            extension = length - state.rest_lengths
-            tension = state.network.stiffness * extension
-            force[:, :2] = g_transposed @ (-(tension / length)[:, None] * L)
-            energy = 0.5 * float(tension @ extension)
-            self.results = {"energy": energy, "free_energy": energy, "forces": force}
-
-    g, b = state.network.incidence, _images(state)
-    g_transposed = sp.csr_array(g.T)
-    return Springs()
 
 
 def matscipy_springs(state: SpringState) -> Any:

@@ -73,22 +73,8 @@ def task_figure(ds, word):
         axes.set_axis_off()
     title = f"at $N_v$ = {_middle(sizes):,}:"
     _legend(panels[len(sizes)], middle_curves, middle_default, styles, "center left", title, everyone)
-    _explain(figure, ds, f"{_capital(TASKS[word].title)}. {message(middle_curves, middle_default)}")
+    _explain(figure, ds, _capital(TASKS[word].title))
     return figure
-
-
-def message(curves, default):
-    """The default against other packages, or against its alternatives where none takes part."""
-    peers = [c for c in curves if not c.own]
-    rivals = peers or [c for c in curves if c is not default]
-    if default is None or not rivals:
-        return "No other method takes part."
-    kind = "packages" if peers else "methods"
-    ratios = {curve.name: gain(default, curve) for curve in rivals}
-    if more := [name for name, ratio in ratios.items() if not ratio]:
-        return f"{more[0]} is more accurate than {default.name}"
-    least = _number(min(ratios.values()))
-    return f"Other {kind} at their best accuracy: {least} × the time of {default.name}, or more"
 
 
 def _by_task(ds):

@@ -14,7 +14,6 @@ from functools import partial
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from critflow import CriticalConfiguration, CriticalManifold, Network, voronoi_network
 from critflow.critical.transition import dilation, transition_modulus
@@ -81,24 +80,6 @@ def _pseudo_inverse(network: Network, sigma: np.ndarray, level: float) -> Solve:
         full[free], full[ground] = right, -right.sum(axis=0)
         y = inverse @ full
         return y[free] - y[ground]
-
-    return solve
-
-
-def _superlu(laplacian: _Laplacian, sigma: np.ndarray, level: float) -> Solve:
-    return splu(laplacian.at(sigma)).solve
-
-
-def _single_precision(laplacian: _Laplacian, sigma: np.ndarray, level: float) -> Solve:
-    """Levels are steps of refinement with residuals in double precision."""
-    P = laplacian.at(sigma)
-    factor = splu(P.astype(np.float32))
-
-    def solve(right: np.ndarray) -> np.ndarray:
-        y = np.zeros_like(right)
-        for _ in range(int(level) + 1):
-            y += factor.solve((right - P @ y).astype(np.float32))
-        return y
 
     return solve
 
@@ -196,18 +177,12 @@ def _peers(
                 return Answer(network.bond_vectors(subtraction_free_solve(network, sigma)))
 
             methods.append(method(ELIMINATION, eliminated, package="numpy"))
-    if n_vertices < HUGE:
-        steps = (0.0, 1.0, 2.0, 3.0, 4.0)
-        methods += [
-            method("splu", by_solver, partial(_superlu, laplacian), package="scipy"),
-            method("splu float32", by_solver, partial(_single_precision, laplacian), levels=steps, package="scipy"),
-        ]
     levels = TOLERANCES if n_vertices < LARGE else _GOOD
     return [*methods, method("pyamg CG", by_solver, partial(_multigrid, laplacian), levels=levels, package="pyamg")]
 
 
 _BACKENDS = ("qdldl", "superlu", *FAST)
-_PEERS = ("dense Cholesky", "pseudo-inverse", "splu", "splu float32", "pyamg CG")
+_PEERS = ("dense Cholesky", "pseudo-inverse", "pyamg CG")
 
 TASKS = (
     Task(

@@ -1,20 +1,18 @@
 """Task: one strain step of springs from their critical configuration, by minimisers of the energy.
 
 All start from the same affinely strained state with the same springs, and stop at the same largest force component, in
-units of k times the mean length.  Only the solve is timed: the symbolic analysis of critflow, the bonds and lists of
-LAMMPS and the atoms of ASE are made before, and every run puts the vertices back where they start.
+units of k times the mean length.  Only the solve is timed: the symbolic analysis of critflow and the bonds and lists of
+LAMMPS are made before, and every run puts the vertices back where they start.
 
 LAMMPS runs without pair forces, with the largest component as its norm and an energy tolerance of zero; it stops
-where its line search finds no lower energy, and `forcezero` looks at forces instead.  ASE's defaults are made for eV
-and Å; its quasi-Newton methods start from the stiffness of a vertex, 3k, instead of 70.  Step limits keep
-iterative methods below some seconds; a method that reaches its limit has `Status.step_limit`.
+where its line search finds no lower energy, and `forcezero` looks at forces instead.  Step limits keep iterative
+methods below some seconds; a method that reaches its limit has `Status.step_limit`.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -24,23 +22,18 @@ from critflow.solvers.minimize import LBFGS, minimise
 from critflow.springs.equilibrium import Relaxation
 
 from ..lammps import Lammps, representable
-from ..timing import Answer, Method, Task, installed, peer
-from .ase import ase_springs, atoms_of
+from ..timing import Answer, Method, Task, installed
 from .springs import StrainedSprings
 
 # At most a hundredth of the error of the start.
 USEFUL = 1e-5
 SIZES = (100, 1_000, 10_000)
 LEVELS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
-# ASE's BFGS diagonalises a dense matrix in each step.
-DENSE = 300
 # Steps times vertices that take some seconds, and steps that small networks may take, each of a constant cost.
 _LIMITS = {
     "FIRE": (20_000_000, 20_000),
     "L-BFGS": (5_000_000, 4_000),
     "LAMMPS": (200_000_000, 200_000),
-    "ASE": (5_000_000, 20_000),
-    "ASE BFGS": (5_000_000, 200),
 }
 _LAMMPS = {
     "LAMMPS cg": ("cg", "line quadratic"),
@@ -48,7 +41,6 @@ _LAMMPS = {
     "LAMMPS hftn": ("hftn", "line quadratic"),
     "LAMMPS fire": ("fire", "line quadratic"),
 }
-_ASE: dict[str, dict[str, Any]] = {"ASE FIRE": {}, "ASE LBFGS": {"alpha": 3.0}, "ASE BFGS": {"alpha": 3.0}}
 
 
 def _most_steps(springs: StrainedSprings, name: str) -> int:
@@ -114,25 +106,9 @@ def _lammps(springs: StrainedSprings) -> list[Method]:
     ]
 
 
-def _ase(springs: StrainedSprings) -> list[Method]:
-    def run(name: str, tolerance: float) -> Answer:
-        atoms = start.copy()
-        atoms.calc = calculator
-        optimizer = getattr(optimizers, name.removeprefix("ASE "))(atoms, logfile=None, **_ASE[name])
-        limit = _most_steps(springs, name if name in _LIMITS else "ASE")
-        done = optimizer.run(fmax=tolerance * springs.unit, steps=limit)
-        return Answer(atoms.positions[:, :2], Status.ok if done else Status.step_limit, optimizer.nsteps)
-
-    if installed("ase"):
-        start, calculator, optimizers = atoms_of(springs.start), ase_springs(springs.start), peer("ase.optimize")
-    small = springs.start.network.n_vertices <= DENSE
-    names = [name for name in _ASE if small or name != "ASE BFGS"]
-    return [Method(name, partial(run, name), partial(peer_error, springs), LEVELS, "ase") for name in names]
-
-
 def _methods(n_vertices: int, seed: int) -> list[Method]:
     springs = StrainedSprings.of(n_vertices, seed)
-    return [*_own(springs), *_lammps(springs), *_ase(springs)]
+    return [*_own(springs), *_lammps(springs)]
 
 
 TASKS = (
@@ -141,7 +117,7 @@ TASKS = (
         "a strain step, γ = 0.001",
         "largest error of a coordinate in mean edge lengths",
         SIZES,
-        ("Newton", "L-BFGS", "FIRE", *_LAMMPS, *_ASE),
+        ("Newton", "L-BFGS", "FIRE", *_LAMMPS),
         "Newton",
         _methods,
         USEFUL,
