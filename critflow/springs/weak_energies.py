@@ -64,7 +64,7 @@ class AngleSprings(Record):
         return edges, signs
 
     def angles_of(self, network: Network) -> Array:
-        """θ (n_pairs,) in the positions of a network, in the order of `pairs_of`: rest angles for other states of it."""
+        """θ (n_pairs,) in the positions of a network, in the order of `pairs_of`, for other states of it."""
         return _angles(_positions_bonds(network), *self.pairs_of(network))
 
     def on(self, network: Network) -> WeakFunction:
