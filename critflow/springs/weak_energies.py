@@ -23,8 +23,9 @@ from critflow.result import InputError, Record
 
 # Largest angle from a straight line, in radians, of two edges of one fibre.
 STRAIGHT = 1e-6
-# Below this angle from a straight line functions of the cosine are series, whose next terms are below rounding.
-_NEARLY_STRAIGHT = 1e-4
+# Below this angle from a straight line functions of the cosine are series, whose next terms are 1e-12; beyond it the
+# functions themselves lose six digits or fewer.
+_NEARLY_STRAIGHT = 1e-2
 # Forces of a load in a periodic cell balance to this part of their sizes.
 _BALANCED_LOAD = 1e-12
 
@@ -64,7 +65,7 @@ class AngleSprings(Record):
         return edges, signs
 
     def angles_of(self, network: Network) -> Array:
-        """θ (n_pairs,) in the positions of a network, in the order of `pairs_of`: rest angles for other states of it."""
+        """θ (n_pairs,) in the positions of a network, in the order of `pairs_of`, for other states of it."""
         return _angles(_positions_bonds(network), *self.pairs_of(network))
 
     def on(self, network: Network) -> WeakFunction:
@@ -306,7 +307,8 @@ def _by_cosine(angle: Array, rest: Array) -> tuple[Array, Array]:
     safe = np.where(straight, 0.5 * np.pi, angle)
     sine, cosine, change = np.sin(safe), np.cos(safe), safe - rest
     first, second = -change / sine, (sine - change * cosine) / sine**3
-    return np.where(straight, 1 + bend**2 / 6, first), np.where(straight, 1 / 3 + 2 * bend**2 / 15, second)
+    series = 1 + bend**2 / 6 + 7 * bend**4 / 360, 1 / 3 + 2 * bend**2 / 15 + 2 * bend**4 / 63
+    return np.where(straight, series[0], first), np.where(straight, series[1], second)
 
 
 def _meeting_edges(network: Network) -> tuple[IntArray, Array]:

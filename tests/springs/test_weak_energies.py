@@ -1,5 +1,6 @@
 """Weak energies: exact derivatives against differences, closed forms, and bad input."""
 
+import mpmath
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -7,7 +8,7 @@ from derivatives import assert_derivative
 from problems import oblique, pinned_grid, voronoi_3d
 
 from critflow import AngleSprings, InputError, Network, PointForces, SoftSprings, lattice, voronoi_network
-from critflow.springs.weak_energies import weak_function
+from critflow.springs.weak_energies import _by_cosine, weak_function
 
 PLANE, SPACE, PINNED = oblique(voronoi_network(20, seed=1)), voronoi_3d(), pinned_grid(4)
 TRIANGULAR = lattice("triangular", 3, 3)
@@ -74,6 +75,17 @@ def test_closed_forms():
     assert soft(x, np.eye(2))[0] == pytest.approx(1.5 * (np.sqrt(2) - 1) ** 2, rel=1e-14)
     load = weak_function(PointForces([[0.0, 2.0], [1.0, 0.0], [0.0, 0.0]]), network)
     assert load(x + 0.5, np.eye(2))[0] == pytest.approx(-2.5, rel=1e-14)
+
+
+def test_functions_of_the_cosine_are_continuous_where_edges_are_nearly_straight():
+    # A series up to 0.01, the functions themselves beyond: φ/sin φ and (sin φ − φ cos φ)/sin³ φ, to 50 digits
+    bends = [1e-9, 1e-4, 9.99e-3, 1.001e-2, 0.1, 1.0]
+    first, second = _by_cosine(np.pi - np.array(bends), np.full(6, np.pi))
+    with mpmath.workdps(50):
+        exact = [mpmath.mpf(b) / mpmath.sin(b) for b in bends]
+        curves = [(mpmath.sin(b) - b * mpmath.cos(b)) / mpmath.sin(b) ** 3 for b in map(mpmath.mpf, bends)]
+    np.testing.assert_allclose(first, np.array(exact, float), rtol=1e-11)
+    np.testing.assert_allclose(second, np.array(curves, float), rtol=1e-8)
 
 
 def test_pairs():
