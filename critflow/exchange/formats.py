@@ -43,7 +43,7 @@ class Format:
     keywords: tuple[str, ...] = ()
 
 
-# All formats; whoever adds one enters it here (docs/extending/format.md).
+# All formats; whoever adds one enters it here (docs/extending/programs.md).
 FORMATS = [
     Format("tables", (".csv", ".txt", ".tsv"), read_tables, write_tables),
     Format(

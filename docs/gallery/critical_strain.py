@@ -1,6 +1,7 @@
 """Critical strain against coordination.
 
-Diluted triangular lattices: the fewer edges, the larger the shear that makes the network rigid.
+Diluted triangular lattices: the fewer edges, the larger the shear that makes
+the network rigid.
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +14,9 @@ coordinations = np.linspace(2.9, 3.8, 6)
 onsets = []
 for z in coordinations:
     network = cf.diluted(lattice, z=z, seed=2)
-    onset = cf.critical_strain(network, np.ones(network.n_edges), "simple_shear", throw=False)
+    onset = cf.critical_strain(
+        network, np.ones(network.n_edges), "simple_shear", throw=False
+    )
     onsets.append(onset.strain)
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")
 axes.plot(coordinations, onsets, "o-")

@@ -10,8 +10,12 @@ import critflow as cf
 network = cf.voronoi_network(n_vertices=150, seed=5)
 critical = cf.optimize(network, "length_variance").value
 leverage = cf.edge_leverage(critical, "bulk_modulus")
-axes = cf.draw(critical, color=np.abs(leverage.change), cmap="viridis", width=2.5)
+axes = cf.draw(
+    critical, color=np.abs(leverage.change), cmap="viridis", width=2.5
+)
 axes.set_title(
-    f"$B_0$ = {leverage.before:.4f} k, largest change by a cut {np.nanmin(leverage.change):.4f} k", fontsize=10
+    f"$B_0$ = {leverage.before:.4f} k, "
+    f"largest change by a cut {np.nanmin(leverage.change):.4f} k",
+    fontsize=10,
 )
 axes.figure.savefig("leverage.png", dpi=60)

@@ -1,6 +1,7 @@
 """One network in four critical configurations.
 
-Every panel has the same edges and a single self-stress; only the objective differs.
+Every panel has the same edges and a single self-stress; only the objective
+differs.
 """
 
 import matplotlib.pyplot as plt

@@ -21,7 +21,7 @@ from PIL import Image, ImageSequence
 
 from critflow.workflow.load import load_study
 
-from .paper import EQUATIONS, FIGURES
+from .paper import EQUATIONS, FIGURES, printed
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "results" / "README.md"
@@ -76,7 +76,7 @@ def _study(study: str, reference: Path) -> str:
     lines = [f"## {study}", ""]
     for figure in FIGURES:
         if figure.study == study:
-            lines.append(f"- {figure.meaning}" + (f" (`{figure.label}`)" if figure.label else ""))
+            lines.append(f"- {figure.meaning}" + (f" ({printed(figure.label)})" if figure.label else ""))
     claims = f"reference/{study}/claims.md"
     lines += [f"- `critflow run {study}`; claims in [{claims}]({claims})", ""]
     figures = reference / study / "figures"
@@ -94,24 +94,24 @@ def _place(names: list[str], name: str) -> int:
 
 def _table(claims: dict[str, list[dict]]) -> str:
     lines = [
-        "## The paper, label by label",
+        "## The paper, number by number",
         "",
-        "Functions are in `critflow` unless their folder is named, tests in `tests/`. The key of a claim begins with",
-        "the label of its equation or figure.",
+        "Functions are in `critflow` unless their folder is named, tests in `tests/`. Equations and figures have the",
+        "numbers that the paper prints.",
         "",
-        "| label | meaning | where | checked by | verdict |",
+        "| paper | meaning | where | checked by | verdict |",
         "|---|---|---|---|---|",
     ]
-    lines += [_row(f"`{e.label}`", e.meaning, f"`{e.function}`", f"`{e.test}`", e.verdict) for e in EQUATIONS]
+    lines += [_row(printed(e.label), e.meaning, f"`{e.function}`", f"`{e.test}`", e.verdict) for e in EQUATIONS]
     for figure in FIGURES:
         command, table = f"`critflow run {figure.study}`", f"[claims](reference/{figure.study}/claims.md)"
-        label = f"`{figure.label}`" if figure.label else "(beyond the paper)"
+        label = printed(figure.label) if figure.label else "(beyond the paper)"
         lines.append(_row(label, figure.meaning, command, table, f"{_count(claims[figure.study])} claims hold"))
     for study, its_claims in claims.items():
         for claim in its_claims:
             verdict = f"{claim['verdict']}: {claim['because']}" if claim["because"] else claim["verdict"]
             lines.append(
-                _row(f"`{claim['key']}`", claim["statement"], f"`critflow run {study}`", claim["value"], verdict)
+                _row(printed(claim["key"]), claim["statement"], f"`critflow run {study}`", claim["value"], verdict)
             )
     return "\n".join([*lines, ""])
 
