@@ -42,7 +42,7 @@ MADE = {path.with_suffix(".md") for path in (DOCS / "notebooks").glob("*.py")}  
 BUILT = set((DOCS / "_build").rglob("*.md"))
 PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted(set(DOCS.rglob("*.md")) - MADE - BUILT)]
 LINES_OF_EXTENDING = 55  # of each section
-COLUMNS, PAGES_OF_SITE = 80, 50
+COLUMNS = 80
 LINES_OF_README = 120
 LINES_OF_PICTURE, PICTURES = 40, 24
 INFO_STRINGS = {"python", "output", "console", "text", "sh", "{layer}", "{gallery}"}
@@ -120,7 +120,7 @@ def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, 
     with empty_pictures():
         for block in found:
             if block.kind == "console":
-                for line in block.text.splitlines():
+                for line in block.text.replace("\\\n", " ").splitlines():
                     if line.startswith("$ "):
                         run_command(line)
         printed = dict(zip(group, run_python(page, group, tmp_path), strict=True)) if group else {}
@@ -160,6 +160,28 @@ def test_every_page_is_in_the_contents():
         above = [index for index in (folder / "index.md", DOCS / "index.md") if index.exists() and index != page]
         links = [f"({page.relative_to(index.parent)})" in index.read_text(encoding="utf-8") for index in above]
         assert page == DOCS / "index.md" or any(links), f"{name_of(page)} is in no index.md"
+
+
+TAUGHT = [DOCS / f"{name}.md" for name in ("index", "start", "tutorial", "question", "questions", "tools")]
+TAUGHT += [*sorted((DOCS / "howto").glob("*.md")), *sorted((DOCS / "reference").glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", TAUGHT, ids=name_of)
+def test_what_a_block_prints_stands_below_it(page):
+    """In a block of output, which is compared, and not in a comment, which is not."""
+    found = [block for block in blocks(page) if not block.file]
+    for block, following in pairwise([*found, Block("", "", "", 0)]):
+        if block.kind == "python":
+            place = f"{name_of(page)}, line {block.line}"
+            assert "print(" not in block.text or following.kind == "output", f"{place}: its output is not shown"
+            assert not re.search(r"^# ?([\[({'\d-]|True|False|None)", block.text, flags=re.M), f"{place}: typed output"
+
+
+def test_every_status_is_explained():
+    rows = re.findall(r"^\| `(\w+)` \| (\d+) \|", (DOCS / "failures.md").read_text(encoding="utf-8"), flags=re.M)
+    assert rows == [(status.name, str(int(status))) for status in critflow.Status]
+    start = (DOCS / "start.md").read_text(encoding="utf-8").split("## When something is wrong")[1]
+    assert set(re.findall(r"`(\w+)`", start)) >= {status.name for status in critflow.Status}
 
 
 def test_the_readme_is_short_and_has_one_table():
@@ -256,3 +278,12 @@ def test_a_committed_picture_is_the_one_of_its_script(script, tmp_path, monkeypa
     assert made.shape == committed.shape
     # Of 255: a palette changes 0.05, letters of another font 0.2, one other panel of three or eight more than 1.2.
     assert np.abs(made - committed).mean() < 1
+    movie = script.with_suffix(".gif")
+    assert movie.exists() == (tmp_path / "made.gif").exists()
+    if movie.exists():
+        with Image.open(movie) as shown, Image.open(tmp_path / "made.gif") as again:
+            assert movie.stat().st_size < 2**20 and shown.n_frames == again.n_frames > 20
+            for at in (0, shown.n_frames // 2):
+                shown.seek(at), again.seek(at)
+                difference = np.asarray(shown.convert("RGB"), float) - np.asarray(again.convert("RGB"), float)
+                assert np.abs(difference).mean() < 1

@@ -13,7 +13,7 @@ SYMBOLS = (
     *("B_0", "G_0", "M_0", "C_B", "C_G", "C_ε", "V_L", "V_τ", "N_v", "N_b", "N_f", "N_0", "N_s"),
     *("γ_c", "σ_α", "τ_α", "ℓ_α", "L_α", "b_α", "S_xx", "S_yy", "S_xy", "κ_phys", "κ_force"),
 )
-SYMBOL = re.compile(rf"(?<![\w.])({'|'.join(SYMBOLS)})(?!\w)")
+SYMBOL = re.compile(rf"(?<![\w.])((?:{'|'.join(SYMBOLS)})(?:\^[−-]?[\d.]*\d)?)(?!\w)")
 SKIPPED = (nodes.literal, nodes.literal_block, nodes.math, nodes.math_block, nodes.raw, nodes.FixedTextElement)
 
 
@@ -24,8 +24,10 @@ def typeset(text: str) -> list[nodes.Node]:
         if at % 2 == 0:
             made += [nodes.Text(part)] if part else []
             continue
-        letter, index = part.split("_")
-        made.append(nodes.inline("", "", nodes.emphasis("", letter), nodes.subscript("", index), classes=["symbol"]))
+        letter, index, power = re.fullmatch(r"(.)_([^^]+)\^?(.*)", part).groups()
+        written = [nodes.emphasis("", letter), nodes.subscript("", index)]
+        written += [nodes.superscript("", power)] if power else []
+        made.append(nodes.inline("", "", *written, classes=["symbol"]))
     return made
 
 
@@ -37,7 +39,7 @@ class Symbols(SphinxTransform):
             node = text.parent
             while node is not None and not isinstance(node, SKIPPED) and not node.tagname.startswith("desc_sig"):
                 node = node.parent
-            if node is None and SYMBOL.search(text):
+            if node is None and SYMBOL.search(text.astext()):
                 text.parent.replace(text, typeset(text.astext()))
 
 

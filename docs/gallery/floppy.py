@@ -20,4 +20,5 @@ axes = cf.draw(
     vertices=moving,
     title=f"{len(modes)} independent motions without a change of length",
 )
-axes.figure.savefig("floppy.png", dpi=60)
+axes.figure.set_size_inches(4.4, 3.9)
+axes.figure.savefig("floppy.png", dpi=80)

@@ -30,4 +30,8 @@ pins = {
 network = cf.Network(edges.reshape(-1, 2), pins=pins)
 sigma = np.where(np.arange(network.n_edges) < len(rows), 1.0, 2.0)
 axes = cf.draw(cf.CriticalManifold(network).configuration(sigma), width=2.5)
-axes.figure.savefig("hanging.png", dpi=60)
+axes.figure.colorbar(
+    axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("hanging.png", dpi=80)

@@ -21,4 +21,8 @@ axes = cf.draw(
     title=f"perimeter {large.lengths[sides].sum():.2f}, "
     f"$B_0$ = {cf.elasticity(large).value.bulk:.4f} k",
 )
-axes.figure.savefig("large_face.png", dpi=60)
+axes.figure.colorbar(
+    axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("large_face.png", dpi=80)

@@ -15,7 +15,14 @@ axes = cf.draw(
 )
 axes.set_title(
     f"$B_0$ = {leverage.before:.4f} k, "
-    f"largest change by a cut {np.nanmin(leverage.change):.4f} k",
+    f"least after a cut {np.nanmin(leverage.after):.4f} k",
     fontsize=10,
 )
-axes.figure.savefig("leverage.png", dpi=60)
+axes.figure.colorbar(
+    axes.collections[0],
+    ax=axes,
+    shrink=0.7,
+    label="fall of $B_0$ by its cut [k]",
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("leverage.png", dpi=80)

@@ -17,12 +17,12 @@ networks = {
         100, seed=1, cell=[[1.5, 0.0], [0.6, 1.0]]
     ),
 }
-figure, grid = plt.subplots(2, 3, figsize=(8, 5.6), layout="constrained")
+figure, grid = plt.subplots(2, 3, figsize=(6.4, 4.6), layout="constrained")
 for axes, (title, network) in zip(grid.flat, networks.items(), strict=True):
     cf.draw(
         network,
         axes,
-        title=f"{title}, z = {2 * network.n_edges / network.n_vertices:.1f}",
+        title=title,
         width=0.8,
     )
-figure.savefig("networks.png", dpi=50)
+figure.savefig("networks.png", dpi=75)

@@ -1,7 +1,7 @@
 """A floppy network becomes rigid in simple shear.
 
-The edges are 5 % longer than at the isotropic transition. γ_c follows from cone
-programs, with bounds.
+The edges are 5 % longer than at the isotropic transition. γ_c follows from
+cone programs, with bounds.
 """
 
 import numpy as np
@@ -17,4 +17,8 @@ axes = cf.draw(
     title=f"rigid from γ = {onset.strain:.6f}"
     f" ± {onset.upper - onset.lower:.0e}",
 )
-axes.figure.savefig("onset.png", dpi=50)
+axes.figure.colorbar(
+    axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("onset.png", dpi=80)

@@ -11,7 +11,7 @@ import critflow as cf
 network = cf.voronoi_network(n_vertices=100, seed=4)
 sigma = cf.optimize(network, "bulk_modulus").value.sigma
 figure, row = plt.subplots(
-    1, 2, figsize=(8, 3.8), layout="constrained", width_ratios=[1, 1.7]
+    1, 2, figsize=(5.8, 2.7), layout="constrained", width_ratios=[1, 1.7]
 )
 for axes, shear in zip(row, (0.0, 0.7), strict=True):
     sheared = network.deformed([[1.0, shear], [0.0, 1.0]])
@@ -20,4 +20,4 @@ for axes, shear in zip(row, (0.0, 0.7), strict=True):
         axes,
         title=f"simple shear {shear}",
     )
-figure.savefig("sheared.png", dpi=60)
+figure.savefig("sheared.png", dpi=90)

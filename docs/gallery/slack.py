@@ -14,4 +14,8 @@ n_taut = len(onset.taut_edges)
 axes = cf.draw(
     onset.configuration, title=f"{n_taut} of {network.n_edges} edges are taut"
 )
-axes.figure.savefig("slack.png", dpi=60)
+axes.figure.colorbar(
+    axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("slack.png", dpi=80)

@@ -9,6 +9,10 @@ import critflow as cf
 network = cf.voronoi_network(n_vertices=200, seed=7)
 best = cf.optimize(network, "bulk_modulus")
 axes = cf.draw(
-    best, title=f"$B_0$ = {best.objective:.6f} k, bound {best.bound:.6f} k"
+    best, title=f"$B_0$ = {best.objective:.4f} k, bound {best.bound:.4f} k"
 )
-axes.figure.savefig("stiffest.png", dpi=60)
+axes.figure.colorbar(
+    axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("stiffest.png", dpi=80)

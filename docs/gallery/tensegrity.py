@@ -19,4 +19,8 @@ axes = cf.draw(
     width=3,
     title="super stable" if stable else "not shown to be super stable",
 )
-axes.figure.savefig("tensegrity.png", dpi=60)
+axes.figure.colorbar(
+    axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("tensegrity.png", dpi=80)

@@ -16,4 +16,8 @@ axes = cf.draw(
     tissue.configuration,
     title=f"mean shape index {tissue.shape_index.mean():.3f}",
 )
-axes.figure.savefig("tissue.png", dpi=60)
+axes.figure.colorbar(
+    axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("tissue.png", dpi=80)

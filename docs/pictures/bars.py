@@ -29,8 +29,10 @@ def motion(axes, point, step):
 def pulls(axes, points):
     """Arrows at the inner vertices, the equal forces of the self-stress."""
     for vertex, side in ((1, -1), (1, 1), (2, -1), (2, 1)):
-        start = points[vertex] + [0.1 * side, 0.17]
-        axes.annotate("", start + [0.33 * side, 0], start, arrowprops={"arrowstyle": "-|>", "color": TENSE, "lw": 1.6})
+        start = points[vertex] + np.array([0.1 * side, 0.17])
+        axes.annotate(
+            "", start + np.array([0.33 * side, 0]), start, arrowprops={"arrowstyle": "-|>", "color": TENSE, "lw": 1.6}
+        )
 
 
 figure, rows = plt.subplots(2, 3, figsize=(8.4, 4.3), height_ratios=(0.62, 1), layout="constrained")
@@ -48,7 +50,7 @@ for axes in rows[0]:
 sides = [(1, 2), (2, 3), (3, 0)]
 panel(rows[1, 0], corners, sides, [0, 1], "a square", below="1 motion, no self-stress")
 for corner in (corners[2], corners[3]):
-    motion(rows[1, 0], corner + [0.0, 0.16], np.array([0.36, 0.0]))
+    motion(rows[1, 0], corner + np.array([0.0, 0.16]), np.array([0.36, 0.0]))
 panel(rows[1, 1], corners, [*sides, (0, 2)], [0, 1], "with a brace", below="no motion, no self-stress")
 stressed = [*sides, (0, 2), (1, 3)]
 panel(rows[1, 2], corners, stressed, [0, 1], "with two braces", [TENSE] * 3 + [PUSHED] * 2, "no motion, 1 self-stress")

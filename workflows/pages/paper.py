@@ -25,7 +25,7 @@ class Equation(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """One figure: its content, and the study and pictures that reproduce it.  Label and number are empty beyond the paper."""
+    """One figure: its content, and the study and pictures that reproduce it; no label and number beyond the paper."""
 
     meaning: str
     study: str

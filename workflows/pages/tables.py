@@ -142,9 +142,7 @@ def programs(reference: Path) -> str:
             gains = {name: gain for name, gain in cells.get("gain", {}).items() if name.startswith(PROGRAMS)}
             if gains:
                 seconds, error = min(cells["auto"], key=lambda point: point[1])
-                others = ", ".join(
-                    f"{name} {_number(gain)} ×" if gain else f"{name} is more accurate" for name, gain in gains.items()
-                )
+                others = ", ".join(map(_multiple, gains, gains.values()))
                 lines.append(_row(_plain(task["title"]), f"{int(size):,}", _time(seconds), f"{error:.0e}", others))
     return "\n".join(lines)
 
@@ -163,7 +161,12 @@ def _others(gains: dict[str, float]) -> str:
         return "none"
     order = sorted(gains, key=gains.__getitem__)
     ends = order if len(order) == 1 else [order[0], order[-1]]
-    return ", ".join(f"{name} {_number(gains[name])} ×" if gains[name] else f"{name} is more accurate" for name in ends)
+    return ", ".join(_multiple(name, gains[name]) for name in ends)
+
+
+def _multiple(name: str, gain: float) -> str:
+    """The time of another method as a multiple of that of the default, which may be less accurate."""
+    return f"{name}: {_number(gain)} ×" if gain else f"{name} is more accurate"
 
 
 def _plain(title: str) -> str:
