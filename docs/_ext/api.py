@@ -192,7 +192,8 @@ def escaped(line: str) -> str:
     parts = re.split(r"(`[^`]*`)", line)
     for at, part in enumerate(parts):
         if at % 2 == 0:
-            parts[at] = re.sub(r"([|*\\_])", r"\\\1", part)
+            part = re.sub(r"([|*\\_])", r"\\\1", part)
+            parts[at] = re.sub(r"\^\{([^}]*)\}", r"\\ :sup:`\1`\\ ", part)
         else:
             parts[at] = reference(part.strip("`"))
     return "".join(parts)
@@ -210,8 +211,19 @@ def process(app, what, name, thing, options, lines):
     lines[:] = restructured(lines)
 
 
+def shortened(app, what, name, thing, options, signature, returned):
+    """Arrays by the names of their aliases."""
+
+    def short(text):
+        text = re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text or "")
+        return re.sub(r"ndarray\[tuple\[Any, \.\.\.\], dtype\[\w+\]\]", "Array", text)
+
+    return (short(signature), short(returned) or None) if signature else None
+
+
 def setup(app):
     app.add_directive("layer", Layer)
     app.add_transform(FunctionLinks)
     app.connect("autodoc-process-docstring", process)
+    app.connect("autodoc-process-signature", shortened)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -59,6 +59,7 @@ def all_claims() -> str:
     for file in sorted((ROOT / "results" / "reference").glob("*/claims.md")):
         title, _, table = file.read_text(encoding="utf-8").partition("\n")
         table = re.sub(r"^\| ([\w+-]+) \|", lambda row: f"| {printed(row[1])} |", table, flags=re.M)
+        table = re.sub(r"(\*\*|`)([\w+-]+)(?=\1)", lambda key: f"{key[1]}{printed(key[2])}", table)
         parts.append(f"## {file.parent.name}\n\n{title.lstrip('# ')}.\n{table}")
     return "\n".join(parts)
 

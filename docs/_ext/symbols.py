@@ -13,7 +13,7 @@ SYMBOLS = (
     *("B_0", "G_0", "M_0", "C_B", "C_G", "C_ε", "V_L", "V_τ", "N_v", "N_b", "N_f", "N_0", "N_s"),
     *("γ_c", "σ_α", "τ_α", "ℓ_α", "L_α", "b_α", "S_xx", "S_yy", "S_xy", "κ_phys", "κ_force"),
 )
-SYMBOL = re.compile(rf"(?<![\w.])((?:{'|'.join(SYMBOLS)})(?:\^[−-]?[\d.]*\d)?)(?!\w)")
+SYMBOL = re.compile(rf"(?<![^\W\d])(?<!\.)((?:{'|'.join(SYMBOLS)})(?:\^[−-]?[\d.]*\d)?)(?!\w)")
 SKIPPED = (nodes.literal, nodes.literal_block, nodes.math, nodes.math_block, nodes.raw, nodes.FixedTextElement)
 
 

@@ -1,6 +1,6 @@
 """The stiffest configuration of a Voronoi network.
 
-Line width and colour are the tension. B_0 equals its upper bound over all
+Line width and colour show the tension. B_0 equals its upper bound over all
 stresses.
 """
 

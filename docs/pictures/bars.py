@@ -30,9 +30,8 @@ def pulls(axes, points):
     """Arrows at the inner vertices, the equal forces of the self-stress."""
     for vertex, side in ((1, -1), (1, 1), (2, -1), (2, 1)):
         start = points[vertex] + np.array([0.1 * side, 0.17])
-        axes.annotate(
-            "", start + np.array([0.33 * side, 0]), start, arrowprops={"arrowstyle": "-|>", "color": TENSE, "lw": 1.6}
-        )
+        end = start + np.array([0.33 * side, 0])
+        axes.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": TENSE, "lw": 1.6})
 
 
 figure, rows = plt.subplots(2, 3, figsize=(8.4, 4.3), height_ratios=(0.62, 1), layout="constrained")
