@@ -73,23 +73,28 @@ def _overview(claims: dict[str, list[dict]], runs: dict[str, dict]) -> str:
 
 
 def _study(study: str, reference: Path) -> str:
-    lines = [f"## {study}", ""]
-    for figure in FIGURES:
-        if figure.study == study:
-            lines.append(f"- {figure.meaning}" + (f" ({printed(figure.label)})" if figure.label else ""))
-    claims = f"reference/{study}/claims.md"
-    lines += [f"- `critflow run {study}`; claims in [{claims}]({claims})", ""]
-    figures = reference / study / "figures"
-    first = [name for figure in FIGURES if figure.study == study for name in figure.pictures]
-    pictures = sorted(figures.glob("*.png"), key=lambda picture: (_place(first, picture.stem), picture.stem))
-    pictures += sorted(figures.glob("*.gif"))
-    lines += [f"![{study}: {picture.stem}](reference/{study}/figures/{picture.name})" for picture in pictures]
+    """Its pictures in the order of the paper, each with its number and content, and those that are not listed last."""
+    claims, folder = f"reference/{study}/claims.md", reference / study / "figures"
+    lines = [f"## {study}", "", f"- `critflow run {study}`; claims in [{claims}]({claims})"]
+    shown: list[str] = []
+    for figure in (figure for figure in FIGURES if figure.study == study):
+        caption = f"{printed(figure.label) or 'Beyond the paper'}: {figure.meaning}"
+        files = [
+            f"{name}.{kind}"
+            for name in figure.pictures
+            for kind in ("png", "gif")
+            if (folder / f"{name}.{kind}").is_file()
+        ]
+        lines += ["", *(_picture(study, file, caption) for file in files), "", f"*{caption}.*"]
+        shown += files
+    others = sorted({file.name for kind in ("png", "gif") for file in folder.glob(f"*.{kind}")} - set(shown))
+    if others:
+        lines += ["", *(_picture(study, file, f"{study}: {Path(file).stem}") for file in others)]
     return "\n".join([*lines, ""])
 
 
-def _place(names: list[str], name: str) -> int:
-    """The place of a name, after all others where it is not listed."""
-    return names.index(name) if name in names else len(names)
+def _picture(study: str, file: str, text: str) -> str:
+    return f"![{text}](reference/{study}/figures/{file})"
 
 
 def _table(claims: dict[str, list[dict]]) -> str:
