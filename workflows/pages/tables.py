@@ -143,14 +143,14 @@ def programs(reference: Path) -> str:
             if gains:
                 seconds, error = min(cells["auto"], key=lambda point: point[1])
                 others = ", ".join(map(_multiple, gains, gains.values()))
-                lines.append(_row(_plain(task["title"]), f"{int(size):,}", _time(seconds), f"{error:.0e}", others))
+                lines.append(_row(_plain(task["title"]), f"{int(size):,}", _time(seconds), _power(error), others))
     return "\n".join(lines)
 
 
 def _speed_row(word: str, task: dict, size: int, cells: dict, first: bool) -> str:
     seconds, error = min(cells["auto"], key=lambda point: point[1])
     return _row(
-        _plain(task["title"]) if first else "", f"{size:,}", task["auto"], _time(seconds), f"{error:.0e}",
+        _plain(task["title"]) if first else "", f"{size:,}", task["auto"], _time(seconds), _power(error),
         f"{cells['auto_over_front']:.2g} ×", _others(cells["gain"]), REASONS[word] if first else "",
     )  # fmt: skip
 
@@ -172,6 +172,11 @@ def _multiple(name: str, gain: float) -> str:
 def _plain(title: str) -> str:
     """A title without the dollars of its mathematics."""
     return re.sub(r"\$(.*?)\$", lambda m: m[1].replace("\\tau", "τ").replace("{", "").replace("}", ""), title)
+
+
+def _power(error: float) -> str:
+    """With a sign of minus, at which no line is broken."""
+    return f"{error:.0e}".replace("-", "−")
 
 
 def _time(seconds: float) -> str:
