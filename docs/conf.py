@@ -1,6 +1,7 @@
 """The site of the documents: sphinx-build -W docs docs/_build/site."""
 
 import sys
+from importlib import metadata
 from pathlib import Path
 
 from pygments.lexers.shell import BashSessionLexer
@@ -10,16 +11,17 @@ DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS / "_ext"), str(DOCS.parent)]
 
 project = "critflow"
+release = metadata.version("critflow")
 author = "the critflow developers"
 copyright = author
-extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml", "equations", "api", "contents", "pages"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml", "symbols", "api", "contents", "pages"]
 exclude_patterns = ["_build", "_ext", "pictures"]
 suppress_warnings = ["config.cache"]
 myst_enable_extensions = ["dollarmath", "attrs_block"]
 myst_heading_anchors = 4
 html_math_renderer = "mathml"
 html_theme = "furo"
-html_title = "critflow"
+html_title = f"critflow {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_copyright = False

@@ -30,7 +30,7 @@ from PIL import Image
 import critflow
 from critflow.command.main import main
 from critflow.linalg import backends
-from workflows.pages.paper import EQUATIONS
+from workflows.pages.paper import EQUATIONS, named
 
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / "docs" / "_ext"))
@@ -38,10 +38,11 @@ sys.path.append(str(ROOT / "docs" / "_ext"))
 import programs  # noqa: E402
 
 DOCS = ROOT / "docs"
-MADE = {DOCS / "studies.md", *(path.with_suffix(".md") for path in (DOCS / "notebooks").glob("*.py"))}  # by the site
+MADE = {path.with_suffix(".md") for path in (DOCS / "notebooks").glob("*.py")}  # by the site
 BUILT = set((DOCS / "_build").rglob("*.md"))
 PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted(set(DOCS.rglob("*.md")) - MADE - BUILT)]
-LINES_OF_EXTENDING = 30
+LINES_OF_EXTENDING = 55  # of each section
+COLUMNS = 80
 LINES_OF_README = 120
 LINES_OF_PICTURE, PICTURES = 40, 24
 INFO_STRINGS = {"python", "output", "console", "text", "sh", "{layer}", "{gallery}"}
@@ -119,7 +120,7 @@ def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, 
     with empty_pictures():
         for block in found:
             if block.kind == "console":
-                for line in block.text.splitlines():
+                for line in block.text.replace("\\\n", " ").splitlines():
                     if line.startswith("$ "):
                         run_command(line)
         printed = dict(zip(group, run_python(page, group, tmp_path), strict=True)) if group else {}
@@ -161,6 +162,28 @@ def test_every_page_is_in_the_contents():
         assert page == DOCS / "index.md" or any(links), f"{name_of(page)} is in no index.md"
 
 
+TAUGHT = [DOCS / f"{name}.md" for name in ("index", "start", "tutorial", "question", "questions", "tools")]
+TAUGHT += [*sorted((DOCS / "howto").glob("*.md")), *sorted((DOCS / "reference").glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", TAUGHT, ids=name_of)
+def test_what_a_block_prints_stands_below_it(page):
+    """In a block of output, which is compared, and not in a comment, which is not."""
+    found = [block for block in blocks(page) if not block.file]
+    for block, following in pairwise([*found, Block("", "", "", 0)]):
+        if block.kind == "python":
+            place = f"{name_of(page)}, line {block.line}"
+            assert "print(" not in block.text or following.kind == "output", f"{place}: its output is not shown"
+            assert not re.search(r"^# ?([\[({'\d-]|True|False|None)", block.text, flags=re.M), f"{place}: typed output"
+
+
+def test_every_status_is_explained():
+    rows = re.findall(r"^\| `(\w+)` \| (\d+) \|", (DOCS / "failures.md").read_text(encoding="utf-8"), flags=re.M)
+    assert rows == [(status.name, str(int(status))) for status in critflow.Status]
+    start = (DOCS / "start.md").read_text(encoding="utf-8").split("## When something is wrong")[1]
+    assert set(re.findall(r"`(\w+)`", start)) >= {status.name for status in critflow.Status}
+
+
 def test_the_readme_is_short_and_has_one_table():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert len(text.splitlines()) <= LINES_OF_README
@@ -168,19 +191,32 @@ def test_the_readme_is_short_and_has_one_table():
 
 
 @pytest.mark.parametrize("page", sorted((ROOT / "docs" / "extending").glob("*.md")), ids=name_of)
-def test_a_page_on_extending_is_short_and_runs(page):
-    assert len(page.read_text(encoding="utf-8").splitlines()) <= LINES_OF_EXTENDING
-    assert executed(page)
+def test_every_section_on_extending_is_short_and_runs(page):
+    _, *sections = re.split(r"^## ", page.read_text(encoding="utf-8"), flags=re.M)
+    assert sections
+    for section in sections:
+        assert len(section.splitlines()) <= LINES_OF_EXTENDING and "```python" in section, section[:30]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_code_fits_on_the_page(page):
+    for block in blocks(page):
+        if block.kind in ("python", "console", "sh", "text"):
+            for line in block.text.splitlines():
+                assert len(line) <= COLUMNS, f"{name_of(page)}, block at {block.line}: {line}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_no_page_repeats_its_title(page):
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    (title, *others) = re.findall(r"^#+ (.+)$", text, flags=re.M)
+    assert title not in others
 
 
 def test_the_pages_on_theory_name_the_function_of_every_equation():
-    functions = {}
-    for equation in EQUATIONS:
-        layer, _, name = equation.function.split(".", 2)
-        functions[equation.label] = f"{layer}: {name}"
     text = "".join(page.read_text(encoding="utf-8") for page in (DOCS / "theory").glob("*.md"))
-    rows = re.findall(r"^\| `([^`]+)` \|.*\| `([^`]+)` \|$", text, flags=re.M)
-    assert sorted(rows) == sorted(functions.items())
+    rows = re.findall(r"^\| \((\d+)\) \|.*\| `([^`]+)` \|$", text, flags=re.M)
+    assert sorted(rows) == sorted((equation.number, named(equation.function)) for equation in EQUATIONS)
 
 
 # Modules that define the bounds of these functions, and those that are imported from their module.
@@ -217,7 +253,8 @@ def test_the_gallery_has_short_scripts_and_shows_them_all():
     assert sorted(listed[1].split()) == [script.stem for script in scripts]
     assert len(scripts) >= PICTURES
     for script in scripts:
-        assert len(script.read_text(encoding="utf-8").splitlines()) <= LINES_OF_PICTURE, script.name
+        lines = script.read_text(encoding="utf-8").splitlines()
+        assert len(lines) <= LINES_OF_PICTURE and max(map(len, lines)) <= COLUMNS, script.name
 
 
 @pytest.mark.parametrize("script", programs.gallery_scripts(), ids=lambda script: script.stem)
@@ -241,3 +278,12 @@ def test_a_committed_picture_is_the_one_of_its_script(script, tmp_path, monkeypa
     assert made.shape == committed.shape
     # Of 255: a palette changes 0.05, letters of another font 0.2, one other panel of three or eight more than 1.2.
     assert np.abs(made - committed).mean() < 1
+    movie = script.with_suffix(".gif")
+    assert movie.exists() == (tmp_path / "made.gif").exists()
+    if movie.exists():
+        with Image.open(movie) as shown, Image.open(tmp_path / "made.gif") as again:
+            assert movie.stat().st_size < 2**20 and shown.n_frames == again.n_frames > 20
+            for at in (0, shown.n_frames // 2):
+                shown.seek(at), again.seek(at)
+                difference = np.asarray(shown.convert("RGB"), float) - np.asarray(again.convert("RGB"), float)
+                assert np.abs(difference).mean() < 1

@@ -45,7 +45,7 @@ class Format:
     keywords: tuple[str, ...] = ()
 
 
-# All formats; whoever adds one enters it here (docs/extending/format.md).
+# All formats; whoever adds one enters it here (docs/extending/programs.md).
 FORMATS = [
     Format("tables", (".csv", ".txt", ".tsv"), read_tables, write_tables),
     Format("tables", (".xlsx",), read_tables, write_tables, ("openpyxl",)),

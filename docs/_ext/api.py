@@ -1,7 +1,8 @@
 """The API reference: the directive `layer` documents the public names of one layer of the package.
 
-Docstrings are plain text.  Tables of two columns become definition lists, indented lines displayed equations, and
-`names` links: to a public name, or to the equation of the paper with this label.
+Docstrings are plain text.  Tables of two columns become definition lists, indented lines displayed equations, lines
+after `>>>` code, and `names` links: to a public name, or to the page that explains the equation of the paper with this
+label.  In the tables of the theory `layer: NAME` links to its entry.
 """
 
 import ast
@@ -10,21 +11,22 @@ import re
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
+from typing import ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
 from equations import tex_of
+from sphinx import addnodes
+from sphinx.transforms import SphinxTransform
 
 import critflow
+from workflows.pages.paper import EQUATIONS, printed
 
 ROW = re.compile(r"([^\s.]+(?:,? [^\s.]+){0,4}) {2,}(\S.*)")  # not two sentences
 THEORY = Path(__file__).parents[1] / "theory"
-LABELS = {  # label: the page that explains the equation
-    label: page.stem
-    for page in THEORY.glob("*.md")
-    for label in re.findall(r"^\| `([^`]+)` \|", page.read_text(encoding="utf-8"), flags=re.M)
-}
+PAGES = {equation.label: equation.page for equation in EQUATIONS}  # those that explain the equations
+FUNCTION = re.compile(r"(\w+): (\w+(?:\.\w+)*)")  # of a layer, in the tables of the theory
 CLASS = "   :members:\n   :member-order: bysource\n   :exclude-members: __init__, __new__\n"
 
 
@@ -62,42 +64,108 @@ def results_of(names: list[str]) -> list[str]:
     return list(found)
 
 
+def path_of(layer: str, name: str) -> str:
+    """Where the reference documents a name of a layer: `critflow.NAME` if it is public, else in its module."""
+    head, _, member = name.partition(".")
+    if head not in PUBLIC:
+        folder = Path(critflow.__file__).parent / layer
+        defined = re.compile(rf"^(?:def|class) {head}\b", flags=re.M)
+        module = next((f for f in sorted(folder.glob("*.py")) if defined.search(f.read_text(encoding="utf-8"))), None)
+        if module is None:  # MODULE.NAME
+            return f"critflow.{layer}.{name}"
+        head = f"{layer}.{module.stem}.{head}"
+    owners = getattr(thing_at(f"critflow.{head}"), "__mro__", ())
+    owner = next((kind for kind in owners if member and member in vars(kind)), None)
+    if owner is None or owner is owners[0]:
+        return f"critflow.{head}.{member}".rstrip(".")
+    return f"{owner.__module__}.{owner.__name__}.{member}"
+
+
+def in_theory(layer: str) -> list[str]:
+    """The functions and classes of this layer that pages of the theory name and that are not public."""
+    text = "".join(page.read_text(encoding="utf-8") for page in sorted(THEORY.glob("*.md")))
+    found = re.findall(rf"`{layer}: (\w+(?:\.[a-z]\w*)*)", text)
+    paths = [path_of(layer, name).split(".") for name in found]
+    return [".".join(path[:4]) for path in paths if path[1] == layer and len(path) > 3]
+
+
 def autodoc(path: str) -> str:
     """The directive of autodoc that documents this object."""
-    module, _, name = path.rpartition(".")
-    thing = getattr(import_module(module), name)
+    thing = thing_at(path)
     if inspect.isclass(thing):
         values = "   :undoc-members:\n" if issubclass(thing, Enum) else ""
         return f".. autoclass:: {path}\n{CLASS}{values}"
     return f".. autofunction:: {path}\n"
 
 
-class Layer(Directive):
-    """`layer NAME`: the public names of the layer, the classes that its functions return, and names of its modules.
+def thing_at(path: str):
+    module, _, name = path.rpartition(".")
+    return getattr(import_module(module), name)
 
-    The content lists the last ones, as MODULE.NAME.
+
+def summary(paths: list[str]) -> str:
+    """A table of these names and the first line of their docstrings."""
+    rows = [".. list-table::", "   :widths: auto", "   :class: summary", ""]
+    for path in paths:
+        first = (inspect.getdoc(inspect.unwrap(thing_at(path))) or "").split("\n\n")[0].replace("\n", " ")
+        rows += [f"   * - :py:obj:`~{path}`", f"     - {escaped(first)}"]
+    return "\n".join([*rows, ""])
+
+
+class Layer(Directive):
+    """`layer NAME`: a table of the public names of the layer, then each of them, those of the option `first` before.
+
+    After the public names stand the classes that they return, the names of modules that the content lists as
+    MODULE.NAME, and those that the theory names.
     """
 
     required_arguments = 1
     has_content = True
+    option_spec: ClassVar = {"first": str.split}
 
     def run(self):
-        layer = self.arguments[0]
-        names = public_names(layer)
+        layer, first = self.arguments[0], self.options.get("first", [])
+        public = public_names(layer)
+        names = [*first, *(name for name in public if name not in first)]
         paths = [f"critflow.{name}" for name in names]
-        paths += [path for path in results_of(names) if path.split(".")[1] == layer]
+        paths += [path for path in results_of(public) if path.split(".")[1] == layer]
         paths += [f"critflow.{layer}.{name}" for name in " ".join(self.content).split()]
-        text = "\n".join(["````{eval-rst}", *map(autodoc, paths), "````"])
+        paths = list(dict.fromkeys([*paths, *in_theory(layer)]))
+        text = "\n".join(["````{eval-rst}", summary(paths), *map(autodoc, paths), "````"])
         container = nodes.container()
         self.state.nested_parse(StringList(text.splitlines(), source=f"layer {layer}"), 0, container)
         return container.children
+
+
+class FunctionLinks(SphinxTransform):
+    """In the theory `layer: NAME` links to the entry of the reference."""
+
+    default_priority = 850
+
+    def apply(self, **kwargs):
+        if not self.env.docname.startswith("theory/"):
+            return
+        for literal in list(self.document.findall(nodes.literal)):
+            found = FUNCTION.fullmatch(literal.astext())
+            if found and (Path(critflow.__file__).parent / found[1]).is_dir():
+                target = path_of(*found.groups())
+                link = addnodes.pending_xref("", refdomain="py", reftype="obj", reftarget=target, refwarn=True)
+                link += nodes.literal("", found[2])
+                literal.parent.replace(literal, link)
 
 
 def restructured(lines: list[str]) -> list[str]:
     """A docstring in plain text as reStructuredText."""
     made: list[str] = []
     column = 0  # of the second column, inside a table
+    example = False
     for line in lines:
+        if line.startswith(">>>") and not example:
+            made += ["", ".. code-block:: pycon", ""]
+        example = line.startswith(">>>") or (example and bool(line.strip()))
+        if example:
+            made.append(f"   {line}")
+            continue
         row = ROW.fullmatch(line)
         indent = len(line) - len(line.lstrip())
         if column and line and indent >= column:
@@ -124,15 +192,16 @@ def escaped(line: str) -> str:
     parts = re.split(r"(`[^`]*`)", line)
     for at, part in enumerate(parts):
         if at % 2 == 0:
-            parts[at] = re.sub(r"([|*\\_])", r"\\\1", part)
+            part = re.sub(r"([|*\\_])", r"\\\1", part)
+            parts[at] = re.sub(r"\^\{([^}]*)\}", r"\\ :sup:`\1`\\ ", part)
         else:
             parts[at] = reference(part.strip("`"))
     return "".join(parts)
 
 
 def reference(name: str) -> str:
-    if name in LABELS:
-        return f":doc:`{name} </theory/{LABELS[name]}>`"
+    if name in PAGES:
+        return f":doc:`{printed(name)} </theory/{PAGES[name]}>`"
     if name in PUBLIC:
         return f":py:obj:`~critflow.{name}`"
     return f"``{name}``"
@@ -142,7 +211,19 @@ def process(app, what, name, thing, options, lines):
     lines[:] = restructured(lines)
 
 
+def shortened(app, what, name, thing, options, signature, returned):
+    """Arrays by the names of their aliases."""
+
+    def short(text):
+        text = re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text or "")
+        return re.sub(r"ndarray\[tuple\[Any, \.\.\.\], dtype\[\w+\]\]", "Array", text)
+
+    return (short(signature), short(returned) or None) if signature else None
+
+
 def setup(app):
     app.add_directive("layer", Layer)
+    app.add_transform(FunctionLinks)
     app.connect("autodoc-process-docstring", process)
+    app.connect("autodoc-process-signature", shortened)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

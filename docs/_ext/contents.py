@@ -1,10 +1,12 @@
-"""The contents of the site, from the lists of links in the pages `index.md`, and pages made from files elsewhere."""
+"""The contents of the site, from the lists of links in the pages `index.md`, and pages with parts from elsewhere."""
 
 import re
 from pathlib import Path
 
+from workflows.pages.paper import printed
+
 ROOT = Path(__file__).parents[2]
-ELSEWHERE = {"results/README.md": "studies.md", "README.md": "index.md"}
+ELSEWHERE = {"results/README.md": "results.md", "README.md": "index.md"}
 
 
 def relocated(text: str, page: Path) -> str:
@@ -42,25 +44,38 @@ def table_of(caption: str, pages: list[str]) -> str:
     return "\n".join(["", "```{toctree}", *options, "", *pages, "```", ""]) if pages else ""
 
 
-def make_studies() -> None:
-    """The page of all studies, from results/README.md."""
-    text = (ROOT / "results" / "README.md").read_text(encoding="utf-8")
-    text = re.sub(r"\]\((reference/[^)]+\.md)\)", r"](path:../results/\1)", text)
-    text = re.sub(r"\]\((reference/[^)]+)\)", r"](../results/\1)", text)
-    text = re.sub(r"\]\(\.\./docs/([^)]+)\)", r"](\1)", text)
-    page = ROOT / "docs" / "studies.md"
-    if not page.exists() or page.read_text(encoding="utf-8") != text:
-        page.write_text(text, encoding="utf-8")
+def all_studies() -> str:
+    """results/README.md as the second part of the page of results."""
+    text = (ROOT / "results" / "README.md").read_text(encoding="utf-8").split("\n", 1)[1]
+    text = re.sub(r"\]\(reference/(\w+)/claims\.md\)", r"](claims.md#\1)", text)
+    text = re.sub(r"^(- .*; claims in )\[[^\]]*\]", r"\1[the table](claims.md)", text, flags=re.M)
+    text = re.sub(r"\]\(reference/([^)]+)\)", r"](../results/reference/\1)", text)
+    return "## Studies\n" + re.sub(r"\]\(\.\./docs/([^)]+)\)", r"](\1)", text)
+
+
+def all_claims() -> str:
+    """The claims of every study with committed results, with numbers of the paper in place of labels."""
+    parts = []
+    for file in sorted((ROOT / "results" / "reference").glob("*/claims.md")):
+        title, _, table = file.read_text(encoding="utf-8").partition("\n")
+        table = re.sub(r"^\| ([\w+-]+) \|", lambda row: f"| {printed(row[1])} |", table, flags=re.M)
+        table = re.sub(r"(\*\*|`)([\w+-]+)(?=\1)", lambda key: f"{key[1]}{printed(key[2])}", table)
+        parts.append(f"## {file.parent.name}\n\n{title.lstrip('# ')}.\n{table}")
+    return "\n".join(parts)
+
+
+APPENDED = {"results": all_studies, "claims": all_claims}
 
 
 def read(app, name, source):
     page = ROOT / "docs" / f"{name}.md"
+    if name in APPENDED:
+        source[0] += "\n" + APPENDED[name]()
     source[0] = relocated(source[0], page)
     if page.name == "index.md":
         source[0] = with_contents(source[0], page.parent)
 
 
 def setup(app):
-    make_studies()
     app.connect("source-read", read)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

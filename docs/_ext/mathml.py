@@ -8,7 +8,9 @@ from latex2mathml.converter import convert
 
 def mathml(tex: str, display: str = "inline") -> str:
     """The MathML of an equation in TeX; a command that the converter does not know is an error."""
+    tex = re.sub(r"\\[lr]vert\s*", "|", tex)
     tex = re.sub(r"(?<!\\)\|([^|]+)(?<!\\)\|", r"{\\left|\1\\right|}", tex)  # bars in pairs, as brackets
+    tex = tex.replace(r"\mathbf{1}", "𝟏")  # browsers ignore the attribute of bold letters
     try:
         markup = convert(tex, display=display)
     except Exception as error:  # the converter's errors have no common class

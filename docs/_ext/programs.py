@@ -13,7 +13,6 @@ import json
 import os
 import re
 import runpy
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -65,6 +64,13 @@ def _inside(folder: Path) -> Iterator[None]:
         plt.close("all")
 
 
+def _replace(file: Path, content: bytes) -> None:
+    """Write a file in one step: a site and a test may execute a program at the same time."""
+    beside = file.with_name(f"{file.name}.{os.getpid()}")
+    beside.write_bytes(content)
+    os.replace(beside, file)
+
+
 def execute_script(script: Path) -> Path:
     """Execute a script of the gallery in an empty folder and keep the picture NAME.png that it writes."""
     matplotlib.use("Agg")
@@ -73,8 +79,8 @@ def execute_script(script: Path) -> Path:
     with tempfile.TemporaryDirectory() as name:
         with _inside(Path(name)), matplotlib.rc_context(matplotlib.rcParamsDefault | {"backend": "Agg"}):
             runpy.run_path(str(script), run_name="__main__")
-        shutil.move(Path(name) / f"{script.stem}.png", kept / f"{script.stem}.png")
-    (kept / f"{script.stem}.digest").write_text(_digest(script), encoding="utf-8")
+        _replace(kept / f"{script.stem}.png", (Path(name) / f"{script.stem}.png").read_bytes())
+    _replace(kept / f"{script.stem}.digest", _digest(script).encode())
     return kept / f"{script.stem}.png"
 
 
@@ -143,8 +149,8 @@ def _drawn() -> Iterator[bytes]:
 def _keep(notebook: Path, cells: list[Cell]) -> None:
     kept = BUILT / "notebooks"
     kept.mkdir(parents=True, exist_ok=True)
-    (kept / f"{notebook.stem}.ipynb").write_text(json.dumps(_ipynb(cells), indent=1, ensure_ascii=False), "utf-8")
-    (kept / f"{notebook.stem}.digest").write_text(_digest(notebook), encoding="utf-8")
+    _replace(kept / f"{notebook.stem}.ipynb", json.dumps(_ipynb(cells), indent=1, ensure_ascii=False).encode())
+    _replace(kept / f"{notebook.stem}.digest", _digest(notebook).encode())
 
 
 def _ipynb(cells: list[Cell]) -> dict[str, Any]:

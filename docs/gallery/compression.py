@@ -8,6 +8,14 @@ from critflow.critical.transition import transition_modulus
 
 network = cf.voronoi_network(n_vertices=100, seed=7)
 stiffest = cf.optimize(network, "shear_modulus", signs="any")
-bound = cf.upper_bound(network, transition_modulus(network, [[0.0, 0.5], [0.5, 0.0]]))
-axes = cf.draw(stiffest, title=f"$G_0$ = {stiffest.objective:.6f} k, bound {bound:.6f} k")
-axes.figure.savefig("compression.png", dpi=60)
+bound = cf.upper_bound(
+    network, transition_modulus(network, [[0.0, 0.5], [0.5, 0.0]])
+)
+axes = cf.draw(
+    stiffest, title=f"$G_0$ = {stiffest.objective:.4f} k, bound {bound:.4f} k"
+)
+axes.figure.colorbar(
+    axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("compression.png", dpi=80)

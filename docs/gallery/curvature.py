@@ -16,7 +16,13 @@ axes.set_prop_cycle(color=["#0072B2", "#D55E00"])
 for name in ("bulk_modulus", "length_variance"):
     sigma = cf.optimize(network, name).value.sigma
     found = principal_curvatures(manifold, sigma).value
-    axes.semilogy(np.sort(np.abs(found.curvatures)), label=f"optimum of {name.replace('_', ' ')}")
-axes.set(xlabel="number of the curvature, by size", ylabel="principal curvature [1/area]")
+    axes.semilogy(
+        np.sort(np.abs(found.curvatures)),
+        label=f"optimum of {name.replace('_', ' ')}",
+    )
+axes.set(
+    xlabel="number of the curvature, by size",
+    ylabel="principal curvature [1/area]",
+)
 axes.legend(frameon=False)
 figure.savefig("curvature.png", dpi=80)

@@ -7,5 +7,8 @@ import critflow as cf
 
 foam = cf.foam_network(n_vertices=60, seed=1)
 best = cf.optimize(foam, "bulk_modulus")
-axes = cf.draw(best, title=f"{foam.n_vertices} vertices, $B_0$ = {best.objective:.4f}")
-axes.figure.savefig("foam.png", dpi=60)
+axes = cf.draw(
+    best, title=f"{foam.n_vertices} vertices, $B_0$ = {best.objective:.4f}"
+)
+axes.figure.set_size_inches(4.4, 3.9)
+axes.figure.savefig("foam.png", dpi=80)

@@ -13,8 +13,16 @@ modes = face_modes(cf.optimize(network, "bulk_modulus").value)
 faces = network.faces
 chosen = int(faces.sizes.argmax())
 sides = faces.edges[faces.starts[chosen] : faces.starts[chosen + 1]]
-large = modes.largest(np.bincount(sides, minlength=network.n_edges), shortest=0.15).value
+large = modes.largest(
+    np.bincount(sides, minlength=network.n_edges), shortest=0.15
+).value
 axes = cf.draw(
-    large, title=f"perimeter {large.lengths[sides].sum():.2f}, $B_0$ = {cf.elasticity(large).value.bulk:.6f} k"
+    large,
+    title=f"perimeter {large.lengths[sides].sum():.2f}, "
+    f"$B_0$ = {cf.elasticity(large).value.bulk:.4f} k",
 )
-axes.figure.savefig("large_face.png", dpi=60)
+axes.figure.colorbar(
+    axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("large_face.png", dpi=80)

@@ -13,9 +13,16 @@ networks = {
     "Delaunay": cf.diluted(cf.delaunay_network(80, seed=1), z=4.2, seed=1),
     "packing": cf.packing_network(80, z=4.5, seed=1),
     "random regular": cf.regular_network(80, z=3, seed=1),
-    "oblique Voronoi": cf.voronoi_network(100, seed=1, cell=[[1.5, 0.0], [0.6, 1.0]]),
+    "oblique Voronoi": cf.voronoi_network(
+        100, seed=1, cell=[[1.5, 0.0], [0.6, 1.0]]
+    ),
 }
-figure, grid = plt.subplots(2, 3, figsize=(8, 5.6), layout="constrained")
+figure, grid = plt.subplots(2, 3, figsize=(6.4, 4.6), layout="constrained")
 for axes, (title, network) in zip(grid.flat, networks.items(), strict=True):
-    cf.draw(network, axes, title=f"{title}, z = {2 * network.n_edges / network.n_vertices:.1f}", width=0.8)
-figure.savefig("networks.png", dpi=50)
+    cf.draw(
+        network,
+        axes,
+        title=title,
+        width=0.8,
+    )
+figure.savefig("networks.png", dpi=75)

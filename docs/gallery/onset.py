@@ -1,6 +1,7 @@
 """A floppy network becomes rigid in simple shear.
 
-The edges are 5 % longer than at the isotropic transition. γ_c follows from cone programs, with bounds.
+The edges are 5 % longer than at the isotropic transition. γ_c follows from
+cone programs, with bounds.
 """
 
 import numpy as np
@@ -11,5 +12,13 @@ network = cf.voronoi_network(n_vertices=200, seed=1)
 ratio = cf.critical_from_lengths(network, np.ones(network.n_edges)).ratio
 lengths = np.full(network.n_edges, 1.05 * ratio)
 onset = cf.critical_strain(network, lengths, "simple_shear")
-axes = cf.draw(onset.configuration, title=f"rigid from γ = {onset.strain:.6f} ± {onset.upper - onset.lower:.0e}")
-axes.figure.savefig("onset.png", dpi=50)
+axes = cf.draw(
+    onset.configuration,
+    title=f"rigid from γ = {onset.strain:.6f}"
+    f" ± {onset.upper - onset.lower:.0e}",
+)
+axes.figure.colorbar(
+    axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("onset.png", dpi=80)

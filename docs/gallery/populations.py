@@ -1,6 +1,7 @@
 """One network in four critical configurations.
 
-Every panel has the same edges and a single self-stress; only the objective differs.
+Every panel has the same edges and a single self-stress; only the objective
+differs.
 """
 
 import matplotlib.pyplot as plt
@@ -16,7 +17,10 @@ found = {
     "equal tensions": cf.optimize(network, "tension_variance").value,
     "random stress": cf.CriticalManifold(network).configuration(stress),
 }
-figure, grid = plt.subplots(2, 2, figsize=(6, 6), layout="constrained")
+figure, grid = plt.subplots(2, 2, figsize=(4.6, 4.6), layout="constrained")
 for axes, (title, critical) in zip(grid.flat, found.items(), strict=True):
     cf.draw(critical, axes, title=title)
-figure.savefig("populations.png", dpi=60)
+figure.colorbar(
+    axes.collections[0], ax=grid, shrink=0.6, label="tension, up to a factor"
+)
+figure.savefig("populations.png", dpi=80)

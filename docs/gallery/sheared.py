@@ -1,6 +1,7 @@
 """A finite shear of the cell.
 
-The same stress balances on the sheared cell, at another configuration; no minimum-image rule is involved.
+The same stress balances on the sheared cell, at another configuration; no
+minimum-image rule is involved.
 """
 
 import matplotlib.pyplot as plt
@@ -9,8 +10,14 @@ import critflow as cf
 
 network = cf.voronoi_network(n_vertices=100, seed=4)
 sigma = cf.optimize(network, "bulk_modulus").value.sigma
-figure, row = plt.subplots(1, 2, figsize=(8, 3.8), layout="constrained", width_ratios=[1, 1.7])
+figure, row = plt.subplots(
+    1, 2, figsize=(5.8, 2.7), layout="constrained", width_ratios=[1, 1.7]
+)
 for axes, shear in zip(row, (0.0, 0.7), strict=True):
     sheared = network.deformed([[1.0, shear], [0.0, 1.0]])
-    cf.draw(cf.CriticalManifold(sheared).configuration(sigma), axes, title=f"simple shear {shear}")
-figure.savefig("sheared.png", dpi=60)
+    cf.draw(
+        cf.CriticalManifold(sheared).configuration(sigma),
+        axes,
+        title=f"simple shear {shear}",
+    )
+figure.savefig("sheared.png", dpi=90)

@@ -11,7 +11,11 @@ import critflow as cf
 network = cf.voronoi_network(n_vertices=60, seed=2)
 critical = cf.optimize(network, "bulk_modulus").value
 strains = np.linspace(0.005, 0.1, 8)
-laws = {"Hookean": cf.Hookean(), "power law, exponent 4": cf.PowerLaw(4), "worm-like chain": cf.WormLike(0.2)}
+laws = {
+    "Hookean": cf.Hookean(),
+    "power law, exponent 4": cf.PowerLaw(4),
+    "worm-like chain": cf.WormLike(0.2),
+}
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")
 axes.set_prop_cycle(color=["#0072B2", "#D55E00", "#009E73"])
 for name, law in laws.items():

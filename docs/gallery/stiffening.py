@@ -1,6 +1,7 @@
 """Softening and stiffening past the transition.
 
-Lines are B_0 + C_B γ from the critical configuration alone; points are computed along strain paths.
+Lines are B_0 + C_B γ from the critical configuration alone; points are
+computed along strain paths.
 """
 
 import matplotlib.pyplot as plt
@@ -17,11 +18,15 @@ found = {
 }
 strains = np.linspace(0.001, 0.02, 8)
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")
-for (name, critical), colour in zip(found.items(), ("#0072B2", "#D55E00", "#009E73"), strict=True):
+for (name, critical), colour in zip(
+    found.items(), ("#0072B2", "#D55E00", "#009E73"), strict=True
+):
     growth = cf.stiffening(critical).value
     path = cf.strain_path(critical, strains).value
-    axes.plot(100 * strains, path.bulk_modulus / growth.bulk_0, "o", color=colour, label=name)
-    axes.plot([0, 2], [1, 1 + 0.02 * growth.C_B / growth.bulk_0], color=colour, linewidth=0.8)
+    ratio = path.bulk_modulus / growth.bulk_0
+    axes.plot(100 * strains, ratio, "o", color=colour, label=name)
+    line = [1, 1 + 0.02 * growth.C_B / growth.bulk_0]
+    axes.plot([0, 2], line, color=colour, linewidth=0.8)
 axes.set(xlabel="volumetric strain γ [%]", ylabel="$B/B_0$")
 axes.legend(frameon=False)
 figure.savefig("stiffening.png", dpi=80)

@@ -14,5 +14,13 @@ sides = [[i, (i + 1) % 6] for i in range(6)]
 network = cf.Network([*sides, [0, 3], [1, 4], [2, 5]], pins={0: corners[0]})
 found = signed_stress(network, corners, signs=[1] * 6 + [-1] * 3).value
 stable = cf.stability(found.critical).super_stable
-axes = cf.draw(found.critical, width=3, title="super stable" if stable else "not shown to be super stable")
-axes.figure.savefig("tensegrity.png", dpi=60)
+axes = cf.draw(
+    found.critical,
+    width=3,
+    title="super stable" if stable else "not shown to be super stable",
+)
+axes.figure.colorbar(
+    axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
+)
+axes.figure.set_size_inches(4.8, 3.9)
+axes.figure.savefig("tensegrity.png", dpi=80)

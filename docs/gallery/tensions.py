@@ -1,6 +1,7 @@
 """Distributions of the tension.
 
-The stiffest configuration has a narrow distribution; a random stress has a broad one.
+The stiffest configuration has a narrow distribution; a random stress has a
+broad one.
 """
 
 import matplotlib.pyplot as plt
@@ -17,7 +18,13 @@ for name, critical in {
     "random stress": cf.CriticalManifold(network).configuration(stress),
 }.items():
     tensions = critical.tensions / critical.tensions.mean()
-    axes.hist(tensions, bins=np.linspace(0, 4, 50), density=True, alpha=0.6, label=name)
+    axes.hist(
+        tensions,
+        bins=np.linspace(0, 4, 50),
+        density=True,
+        alpha=0.6,
+        label=name,
+    )
 axes.set(xlabel="tension over its mean", ylabel="probability density")
 axes.legend(frameon=False)
 figure.savefig("tensions.png", dpi=80)

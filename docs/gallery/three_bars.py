@@ -1,6 +1,7 @@
 """The three-bar linkage of the paper.
 
-Two hinges between two fixed points: the variance of lengths over all stresses. Equal stresses have equal lengths.
+Two hinges between two fixed points: the variance of lengths over all stresses.
+Equal stresses have equal lengths.
 """
 
 import matplotlib.pyplot as plt

@@ -30,7 +30,9 @@ print(ensemble)
 
 # %%
 for name, variable in ensemble.data_vars.items():
-    print(f"{name:34s} {'(' + ', '.join(variable.dims) + ')':32s} {variable.attrs['long_name']}")
+    print(
+        f"{name:34s} {'(' + ', '.join(variable.dims) + ')':32s} {variable.attrs['long_name']}"
+    )
 
 # %% [markdown]
 # ## Provenance
@@ -54,11 +56,24 @@ print("parameters ", parameters)
 # computed"; that is the status `missing`.
 
 # %%
-meaning = dict(zip(ensemble.status.attrs["flag_values"], ensemble.status.attrs["flag_meanings"].split(), strict=True))
+meaning = dict(
+    zip(
+        ensemble.status.attrs["flag_values"],
+        ensemble.status.attrs["flag_meanings"].split(),
+        strict=True,
+    )
+)
 for population in ensemble.population.values:
-    codes, counts = np.unique(ensemble.status.sel(population=population), return_counts=True)
-    undefined = int(ensemble.C_B_exact.sel(population=population).isnull().sum())
-    outcomes = ", ".join(f"{count} {meaning[code]}" for code, count in zip(codes, counts, strict=True))
+    codes, counts = np.unique(
+        ensemble.status.sel(population=population), return_counts=True
+    )
+    undefined = int(
+        ensemble.C_B_exact.sel(population=population).isnull().sum()
+    )
+    outcomes = ", ".join(
+        f"{count} {meaning[code]}"
+        for code, count in zip(codes, counts, strict=True)
+    )
     print(f"{population:20s} {outcomes}; C_B undefined in {undefined}")
 
 # %% [markdown]
@@ -68,7 +83,9 @@ for population in ensemble.population.values:
 
 # %%
 one = ensemble.sel(population="bulk_modulus", seed=ensemble.seed[0])
-print(f"B_0 of the first network at its largest: {one.bulk_modulus_0.item():.4f} k")
+print(
+    f"B_0 of the first network at its largest: {one.bulk_modulus_0.item():.4f} k"
+)
 
 good = ensemble.where(ensemble.status == 0)
 table = xr.Dataset({"mean": good.bulk_modulus_0.mean("seed"), "std": good.bulk_modulus_0.std("seed"),
@@ -86,7 +103,13 @@ for population in table.population.values:
 
 # %%
 finite = np.isfinite(ensemble.bulk_modulus_0)
-print("finite B_0:", {str(p): int(finite.sel(population=p).sum()) for p in ensemble.population.values})
+print(
+    "finite B_0:",
+    {
+        str(p): int(finite.sel(population=p).sum())
+        for p in ensemble.population.values
+    },
+)
 
 # %% [markdown]
 # ## A distribution and a plane
@@ -95,18 +118,43 @@ print("finite B_0:", {str(p): int(finite.sel(population=p).sum()) for p in ensem
 # the largest B_0 soften, C_B < 0.
 
 # %%
-COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F")
+COLOURS = (
+    "#0072B2",
+    "#56B4E9",
+    "#D55E00",
+    "#009E73",
+    "#E69F00",
+    "#CC79A7",
+    "#7F7F7F",
+)
 fig, (left, right) = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
 names = [str(name) for name in ensemble.population.values]
 for index, name in enumerate(names):
-    B_0, C_B = (ensemble[v].sel(population=name).values for v in ("bulk_modulus_0", "C_B_exact"))
+    B_0, C_B = (
+        ensemble[v].sel(population=name).values
+        for v in ("bulk_modulus_0", "C_B_exact")
+    )
     colour = COLOURS[index % len(COLOURS)]
     if np.isfinite(B_0).any():
-        body = left.violinplot([B_0[np.isfinite(B_0)]], [index], showextrema=False, widths=0.8)["bodies"][0]
+        body = left.violinplot(
+            [B_0[np.isfinite(B_0)]], [index], showextrema=False, widths=0.8
+        )["bodies"][0]
         body.set(facecolor=colour, alpha=0.4)
-        left.plot(np.full(B_0.shape, index), B_0, "_", color=colour, markersize=8)
-    right.plot(B_0, C_B, "o", color=colour, markersize=4, alpha=0.8, label=name.replace("_", " "))
-left.set_xticks(range(len(names)), [name.replace("_", "\n") for name in names], fontsize=7)
+        left.plot(
+            np.full(B_0.shape, index), B_0, "_", color=colour, markersize=8
+        )
+    right.plot(
+        B_0,
+        C_B,
+        "o",
+        color=colour,
+        markersize=4,
+        alpha=0.8,
+        label=name.replace("_", " "),
+    )
+left.set_xticks(
+    range(len(names)), [name.replace("_", "\n") for name in names], fontsize=7
+)
 left.set_ylabel("bulk modulus at the transition $B_0$  [$k$]")
 right.axhline(0, color="0.7", linewidth=0.8, zorder=0)
 right.set_xlabel("$B_0$  [$k$]")
@@ -121,13 +169,23 @@ plt.show()
 # change of the bulk modulus; their derivatives at γ = 0 are C_B/B_0, known without the path.
 
 # %%
-change = (good.bulk_modulus / good.bulk_modulus_0 - 1).mean("seed").dropna("population")
+change = (
+    (good.bulk_modulus / good.bulk_modulus_0 - 1)
+    .mean("seed")
+    .dropna("population")
+)
 fig, axes = plt.subplots(figsize=(6.5, 3.6), layout="constrained")
 for name in change.population.values:
     colour = COLOURS[names.index(name) % len(COLOURS)]
     curve = [0.0, *change.sel(population=name).values]
     axes.plot(
-        [0.0, *change.strain.values], curve, "o-", color=colour, markersize=3, linewidth=1, label=name.replace("_", " ")
+        [0.0, *change.strain.values],
+        curve,
+        "o-",
+        color=colour,
+        markersize=3,
+        linewidth=1,
+        label=name.replace("_", " "),
     )
 axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
 axes.set_xlabel("volumetric strain past the transition $\\gamma$")

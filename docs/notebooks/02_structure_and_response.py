@@ -30,7 +30,15 @@ RESPONSE = {
     "shear_modulus_0": "$G_0$",
     "C_G_stress_corrected_exact": "$C_G$",
 }
-COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F")
+COLOURS = (
+    "#0072B2",
+    "#56B4E9",
+    "#D55E00",
+    "#009E73",
+    "#E69F00",
+    "#CC79A7",
+    "#7F7F7F",
+)
 
 # %% [markdown]
 # ## The planes
@@ -38,12 +46,22 @@ COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7
 # Each point is one network in one population.
 
 # %%
-fig, grid = plt.subplots(4, 4, figsize=(10, 9), sharex="col", sharey="row", layout="constrained")
+fig, grid = plt.subplots(
+    4, 4, figsize=(10, 9), sharex="col", sharey="row", layout="constrained"
+)
 for row, response in zip(grid, RESPONSE, strict=True):
     for axes, structure in zip(row, STRUCTURE, strict=True):
         for colour, name in zip(COLOURS, names, strict=False):
             member = ensemble.sel(population=name)
-            axes.plot(member[structure], member[response], "o", color=colour, markersize=2.5, alpha=0.7, label=name)
+            axes.plot(
+                member[structure],
+                member[response],
+                "o",
+                color=colour,
+                markersize=2.5,
+                alpha=0.7,
+                label=name,
+            )
         if structure.endswith("variance"):
             # Some variances are zero to rounding: they are at the left border.
             axes.set_xscale("symlog", linthresh=1e-3)
@@ -87,7 +105,15 @@ def known_mean(values):
 
 
 medians = ensemble[[*STRUCTURE, *RESPONSE]].median("seed")
-between = np.array([[rank_correlation(medians[s].values, medians[r].values) for s in STRUCTURE] for r in RESPONSE])
+between = np.array(
+    [
+        [
+            rank_correlation(medians[s].values, medians[r].values)
+            for s in STRUCTURE
+        ]
+        for r in RESPONSE
+    ]
+)
 in_each = [
     [[rank_correlation(ensemble[s].sel(population=p).values, ensemble[r].sel(population=p).values) for p in names]
      for s in STRUCTURE]
@@ -96,13 +122,26 @@ in_each = [
 within = np.array([[known_mean(values) for values in row] for row in in_each])
 
 fig, pair = plt.subplots(1, 2, figsize=(8.5, 3.8), layout="constrained")
-for axes, values, title in zip(pair, (between, within), ("between populations", "within populations"), strict=True):
+for axes, values, title in zip(
+    pair,
+    (between, within),
+    ("between populations", "within populations"),
+    strict=True,
+):
     image = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
     axes.set_xticks(range(4), STRUCTURE.values())
     axes.set_yticks(range(4), RESPONSE.values())
     axes.set_title(title, fontsize=10)
     for (i, j), value in np.ndenumerate(values):
-        axes.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=9, color="w" if abs(value) > 0.6 else "k")
+        axes.text(
+            j,
+            i,
+            f"{value:.2f}",
+            ha="center",
+            va="center",
+            fontsize=9,
+            color="w" if abs(value) > 0.6 else "k",
+        )
 fig.colorbar(image, ax=pair, label="rank correlation", shrink=0.85)
 plt.show()
 
@@ -119,10 +158,14 @@ plt.show()
 
 # %%
 n = ensemble.sizes["seed"]
-print(f"{n} networks: a correlation within one population is known to ± {1 / np.sqrt(max(n - 1, 1)):.2f}")
+print(
+    f"{n} networks: a correlation within one population is known to ± {1 / np.sqrt(max(n - 1, 1)):.2f}"
+)
 for (i, j), value in np.ndenumerate(between):
     response, structure = list(RESPONSE)[i], list(STRUCTURE)[j]
-    print(f"{response:28s} {structure:20s} between {value:5.2f}  within {within[i, j]:5.2f}")
+    print(
+        f"{response:28s} {structure:20s} between {value:5.2f}  within {within[i, j]:5.2f}"
+    )
 
 # %% [markdown]
 # ## Lengths and tensions together
@@ -135,12 +178,22 @@ for (i, j), value in np.ndenumerate(between):
 volume = np.abs(np.linalg.det(ensemble.cell.values))
 mean_length = ensemble.length.mean("edge")
 guess = (
-    ensemble.sizes["edge"] * mean_length**2 / (4 * xr.DataArray(volume, dims="seed")) / (1 + ensemble.tension_variance)
+    ensemble.sizes["edge"]
+    * mean_length**2
+    / (4 * xr.DataArray(volume, dims="seed"))
+    / (1 + ensemble.tension_variance)
 )
 fig, axes = plt.subplots(figsize=(4.8, 4.2), layout="constrained")
 for colour, name in zip(COLOURS, names, strict=False):
     B_0 = ensemble.bulk_modulus_0.sel(population=name)
-    axes.plot(guess.sel(population=name), B_0, "o", color=colour, markersize=3.5, label=name.replace("_", " "))
+    axes.plot(
+        guess.sel(population=name),
+        B_0,
+        "o",
+        color=colour,
+        markersize=3.5,
+        label=name.replace("_", " "),
+    )
 ends = [float(np.nanmin(guess)), float(np.nanmax(guess))]
 axes.plot(ends, ends, color="0.5", linewidth=0.8, zorder=0)
 axes.set_xlabel("$N_b\\langle|L|\\rangle^2/4V\\,/\\,(1 + V_\\tau)$  [$k$]")

@@ -12,7 +12,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow import CriticalManifold, Network, stiffening, strain_path, voronoi_network
+from critflow import (
+    CriticalManifold,
+    Network,
+    stiffening,
+    strain_path,
+    voronoi_network,
+)
 from critflow.command.example_data import ensemble_path
 
 ensemble = xr.open_dataset(ensemble_path())
@@ -27,7 +33,9 @@ one = ensemble.isel(seed=0).sel(population="random_stress")
 # %%
 network = Network(one.edges.values, one.offsets.values, one.cell.values)
 critical = CriticalManifold(network).configuration(one.sigma.values)
-print(f"coordinates differ by {np.abs(critical.coordinates - one.coordinates.values).max():.1e}")
+print(
+    f"coordinates differ by {np.abs(critical.coordinates - one.coordinates.values).max():.1e}"
+)
 print(f"unbalanced force over mean tension {critical.residual:.1e}")
 
 # %% [markdown]
@@ -47,13 +55,24 @@ for n, window in enumerate(windows):
         slope = np.polyfit(strains, path.bulk_modulus, degree)[-2]
         errors[degree - 1, n] = abs(slope / exact.C_B - 1)
     line, parabola = errors[:, n]
-    print(f"window {window:.0e}: relative error of C_B {line:.1e} (line), {parabola:.1e} (parabola)")
+    print(
+        f"window {window:.0e}: relative error of C_B {line:.1e} (line), {parabola:.1e} (parabola)"
+    )
 
 fig, axes = plt.subplots(figsize=(5, 3.8), layout="constrained")
 axes.loglog(windows, errors[0], "o-", color="#0072B2", label="straight line")
 axes.loglog(windows, errors[1], "s-", color="#D55E00", label="parabola")
-for power, at in ((1, errors[0, -1]), (2, errors[1, 2] * (windows[-1] / windows[2]) ** 2)):
-    axes.loglog(windows, at * (windows / windows[-1]) ** power, ":", color="0.5", linewidth=1)
+for power, at in (
+    (1, errors[0, -1]),
+    (2, errors[1, 2] * (windows[-1] / windows[2]) ** 2),
+):
+    axes.loglog(
+        windows,
+        at * (windows / windows[-1]) ** power,
+        ":",
+        color="0.5",
+        linewidth=1,
+    )
 axes.set_xlabel("window of the fit $\\gamma_{max}$")
 axes.set_ylabel("relative error of the fitted $C_B$")
 axes.legend(frameon=False)
@@ -86,7 +105,9 @@ for name in ("C_B", "C_G", "C_G_stress_corrected"):
 
 # %%
 small = voronoi_network(n_vertices=60, seed=3)
-at = CriticalManifold(small).configuration(np.abs(np.random.default_rng(1).standard_normal(small.n_edges)))
+at = CriticalManifold(small).configuration(
+    np.abs(np.random.default_rng(1).standard_normal(small.n_edges))
+)
 L, n_edges, n = at.bond_vectors, small.n_edges, small.n_vertices
 
 g = np.zeros((n_edges, n))
@@ -103,7 +124,9 @@ M = np.zeros((size + n_edges + 1,) * 2)
 M[:size, :size] = np.kron(np.eye(2), P)
 M[size:-1, :size], M[:size, size:-1] = R, R.T
 M[size:-1, -1] = M[-1, size:-1] = sigma
-print(f"{len(M)} unknowns; the force balance σ̂ R vanishes to {np.abs(sigma @ R).max():.1e}")
+print(
+    f"{len(M)} unknowns; the force balance σ̂ R vanishes to {np.abs(sigma @ R).max():.1e}"
+)
 
 
 # %%
@@ -112,11 +135,15 @@ def response(A):
     affine = L @ A.T
     hdot = np.sum(L * affine, axis=1)
     c = sigma @ hdot / (sigma**2 @ flexibility)
-    right = np.concatenate([np.zeros(size), c * flexibility * sigma - hdot, [0.0]])
+    right = np.concatenate(
+        [np.zeros(size), c * flexibility * sigma - hdot, [0.0]]
+    )
     u = np.linalg.solve(M, right)[:size].reshape(2, n - 1).T
     dL = affine + g @ u
     # Affine and non-affine change of h add up to the one that the self-stress resists.
-    assert np.allclose(np.sum(L * dL, axis=1), c * flexibility * sigma, atol=1e-10)
+    assert np.allclose(
+        np.sum(L * dL, axis=1), c * flexibility * sigma, atol=1e-10
+    )
     return c, dL
 
 
@@ -140,10 +167,20 @@ length2 = np.sum(L**2, axis=1)
 def third(a, b, c):
     """E_abc for strains given as (c, L̇, name)."""
     hdot = [strain[0] * flexibility * sigma for strain in (a, b, c)]
-    value = np.sum(-3 * small.stiffness / length2**2 * hdot[0] * hdot[1] * hdot[2])
-    second = {("γ", "γ"): -L / 4, ("γ", "ε"): L @ shear.T / 2, ("ε", "γ"): L @ shear.T / 2, ("ε", "ε"): 0 * L}
+    value = np.sum(
+        -3 * small.stiffness / length2**2 * hdot[0] * hdot[1] * hdot[2]
+    )
+    second = {
+        ("γ", "γ"): -L / 4,
+        ("γ", "ε"): L @ shear.T / 2,
+        ("ε", "γ"): L @ shear.T / 2,
+        ("ε", "ε"): 0 * L,
+    }
     for one, two, three in ((a, b, c), (b, c, a), (c, a, b)):
-        value += one[0] * np.sum(sigma * np.sum(two[1] * three[1] + L * second[two[2], three[2]], axis=1))
+        value += one[0] * np.sum(
+            sigma
+            * np.sum(two[1] * three[1] + L * second[two[2], three[2]], axis=1)
+        )
     return value
 
 
@@ -157,7 +194,9 @@ by_hand = {
 }
 library = stiffening(at).value
 for name, value in by_hand.items():
-    print(f"{name:8s} by hand {value:.12f}   library {getattr(library, name):.12f}")
+    print(
+        f"{name:8s} by hand {value:.12f}   library {getattr(library, name):.12f}"
+    )
     assert abs(value - getattr(library, name)) < 1e-9 * max(1.0, abs(value))
 
 # %% [markdown]
@@ -170,4 +209,6 @@ for name, value in by_hand.items():
 # %%
 best = ensemble.sel(population="bulk_modulus")
 ratio = best.C_B_exact / best.bulk_modulus_0
-print(f"C_B/B_0 at the largest bulk modulus: {ratio.mean().item():.12f} ± {ratio.std().item():.1e}")
+print(
+    f"C_B/B_0 at the largest bulk modulus: {ratio.mean().item():.12f} ± {ratio.std().item():.1e}"
+)

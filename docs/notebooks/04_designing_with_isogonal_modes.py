@@ -13,16 +13,30 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow import CriticalManifold, Network, elasticity, stiffening, strain_path, upper_bound
+from critflow import (
+    CriticalManifold,
+    Network,
+    elasticity,
+    stiffening,
+    strain_path,
+    upper_bound,
+)
 from critflow.command.example_data import ensemble_path
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
-from critflow.figures.plot import draw_network, face_polygons, shade_faces, unit_pressure_tensions
+from critflow.figures.plot import (
+    draw_network,
+    face_polygons,
+    shade_faces,
+    unit_pressure_tensions,
+)
 from critflow.networks.faces import planar_faces
 
 ensemble = xr.open_dataset(ensemble_path())
 one = ensemble.isel(seed=0).sel(population="bulk_modulus")
 bare = Network(one.edges.values, one.offsets.values, one.cell.values)
-faces = planar_faces(bare.edges, bare.bond_vectors(one.coordinates.values), bare.n_vertices)
+faces = planar_faces(
+    bare.edges, bare.bond_vectors(one.coordinates.values), bare.n_vertices
+)
 network = Network(bare.edges, bare.offsets, bare.cell, faces=faces)
 start = CriticalManifold(network).configuration(one.sigma.values)
 
@@ -33,7 +47,9 @@ def relative_variance(values):
 
 
 bound = upper_bound(network, "B_0")
-print(f"B_0 = {elasticity(start).value.bulk:.12f} k, upper bound over all stresses {bound:.12f} k")
+print(
+    f"B_0 = {elasticity(start).value.bulk:.12f} k, upper bound over all stresses {bound:.12f} k"
+)
 
 # %% [markdown]
 # ## One mode for each face
@@ -46,7 +62,9 @@ print(f"B_0 = {elasticity(start).value.bulk:.12f} k, upper bound over all stress
 modes = face_modes(start)
 print(f"{modes.elongations.shape[0]} modes, {modes.n_independent} independent, "
       f"{modes.elongations.nnz / modes.elongations.shape[0]:.1f} edges each")  # fmt: skip
-print(f"equal amplitudes: largest change of a length {np.abs(modes.elongations.sum(axis=0)).max():.1e}")
+print(
+    f"equal amplitudes: largest change of a length {np.abs(modes.elongations.sum(axis=0)).max():.1e}"
+)
 direction = np.random.default_rng(0).standard_normal(faces.n_faces)
 walked = modes.towards(direction, fraction=0.9)
 print(f"random amplitudes, 90 % of the limit: B_0 changes by {elasticity(walked).value.bulk / bound - 1:.1e}, "
@@ -79,20 +97,38 @@ even = modes.walk(coefficients[1:] / coefficients[0])
 V_L, smaller = relative_variance(start.lengths), relative_variance(even.lengths)
 gain = 1 - smaller / V_L
 print(f"V_L falls from {V_L:.6f} to {smaller:.6f}, by {100 * gain:.1f} %")
-print(f"while B_0 changes by {elasticity(even).value.bulk / elasticity(start).value.bulk - 1:.1e}")
+print(
+    f"while B_0 changes by {elasticity(even).value.bulk / elasticity(start).value.bulk - 1:.1e}"
+)
 # The condition of a minimum: no mode changes V_L to first order.
-gradient = modes.elongations @ (even.lengths * even.lengths.mean() - np.mean(even.lengths**2))
+gradient = modes.elongations @ (
+    even.lengths * even.lengths.mean() - np.mean(even.lengths**2)
+)
 print(f"gradient of V_L in the modes {np.abs(gradient).max():.1e}")
 
 # %%
 fig, row = plt.subplots(1, 3, figsize=(10.5, 3.9), layout="constrained")
-designs = {"σ = k": start, "most equal lengths": even, "one face of maximal size": large}
+designs = {
+    "σ = k": start,
+    "most equal lengths": even,
+    "one face of maximal size": large,
+}
 for axes, (title, critical) in zip(row, designs.items(), strict=True):
-    tensions = unit_pressure_tensions(critical.sigma, critical.lengths, network.volume)
-    polygon = face_polygons(faces, network.edges, critical.coordinates, critical.bond_vectors)[chosen]
+    tensions = unit_pressure_tensions(
+        critical.sigma, critical.lengths, network.volume
+    )
+    polygon = face_polygons(
+        faces, network.edges, critical.coordinates, critical.bond_vectors
+    )[chosen]
     centred = network.cell.sum(axis=0) / 2 - polygon.mean(axis=0)
     lines = draw_network(
-        axes, network.edges, network.offsets, network.cell, critical.coordinates + centred, tensions, limits=(0, 2)
+        axes,
+        network.edges,
+        network.offsets,
+        network.cell,
+        critical.coordinates + centred,
+        tensions,
+        limits=(0, 2),
     )
     shade_faces(axes, [polygon + centred], network.cell)
     numbers = f"$B_0$ = {elasticity(critical).value.bulk:.6f} $k$, $V_L$ = {relative_variance(critical.lengths):.3f}"
@@ -117,22 +153,37 @@ plt.show()
 fractions = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9])
 family = [modes.towards(direction, fraction) for fraction in fractions]
 growth = [stiffening(member).value for member in family]
-B_0, G_0, C_B, C_G = (np.array([getattr(g, name) for g in growth]) for name in ("bulk_0", "shear_0", "C_B", "C_G"))
+B_0, G_0, C_B, C_G = (
+    np.array([getattr(g, name) for g in growth])
+    for name in ("bulk_0", "shear_0", "C_B", "C_G")
+)
 affine = np.array([affine_bulk_modulus(member) for member in family])
 for row in zip(fractions, B_0, affine, G_0, C_B, C_G, strict=True):
-    print("{:4.2f}: B_0 = {:.12f}, B_aff = {:.4f}, G_0 = {:.6e}, C_B = {:.6f}, C_G = {:.6f}  [k]".format(*row))
+    print(
+        "{:4.2f}: B_0 = {:.12f}, B_aff = {:.4f}, G_0 = {:.6e}, C_B = {:.6f}, C_G = {:.6f}  [k]".format(
+            *row
+        )
+    )
 assert np.abs(B_0 / bound - 1).max() < 1e-12
 assert np.abs(C_B / B_0 + 0.5).max() < 1e-9
 
 strains = np.array([0.01, 0.1, 0.5])
 path = strain_path(family[-1], strains).value
 miss = np.abs(path.bulk_modulus / (bound / np.sqrt(1 + strains)) - 1).max()
-print(f"B(γ) of the last member differs from B_0/√(1 + γ) by {miss:.1e}, up to γ = {strains[-1]}")
+print(
+    f"B(γ) of the last member differs from B_0/√(1 + γ) by {miss:.1e}, up to γ = {strains[-1]}"
+)
 
-fig, (left, right) = plt.subplots(1, 2, figsize=(8.5, 3.4), layout="constrained")
-left.plot(fractions, affine, "o-", color="#D55E00", label="affine part $B_{aff}$")
+fig, (left, right) = plt.subplots(
+    1, 2, figsize=(8.5, 3.4), layout="constrained"
+)
+left.plot(
+    fractions, affine, "o-", color="#D55E00", label="affine part $B_{aff}$"
+)
 left.plot(fractions, B_0, "s-", color="#0072B2", label="$B_0$")
-left.fill_between(fractions, B_0, affine, color="#D55E00", alpha=0.15, linewidth=0)
+left.fill_between(
+    fractions, B_0, affine, color="#D55E00", alpha=0.15, linewidth=0
+)
 left.set_ylabel("modulus at the transition  [$k$]")
 left.legend(frameon=False)
 right.plot(fractions, C_B / C_B[0] - 1, "s-", color="#0072B2", label="$C_B$")

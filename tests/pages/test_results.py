@@ -3,6 +3,7 @@
 import ast
 import importlib
 import json
+import re
 import subprocess
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from PIL import Image
 
 from critflow.workflow.load import load_study, named_studies
-from workflows.pages.paper import EQUATIONS, FIGURES
+from workflows.pages.paper import EQUATIONS, FIGURES, printed
 from workflows.pages.results import KEPT, PAGE, REFERENCE, keep, rendered, studies
 
 ROOT = Path(__file__).parents[2]
@@ -22,6 +23,28 @@ def test_every_label_stands_once():
     # The source has 53 labelled equations and 8 labelled figures.
     assert len(labels) == 53
     assert len({figure.label for figure in FIGURES if figure.label}) == 8
+
+
+def test_equations_and_figures_have_the_numbers_of_the_paper():
+    """Counted in the source: 48 equations of the text, then the supplement; 8 figures."""
+    numbers = [int(equation.number) for equation in EQUATIONS]
+    assert len(set(numbers)) == len(numbers) and max(numbers) <= 92
+    assert {printed(figure.label) for figure in FIGURES if figure.label} == {f"Fig. {n}" for n in range(1, 9)}
+    known = {"Maxwell-Calladine": 7, "FDM1": 15, "BulkModulus": 38, "ModulusStrainScaling": 48, "2FF2": 66}
+    for label, number in known.items():
+        assert printed(label) == f"Eq. ({number})"
+    assert printed("ResponseMetrics-A-random_stress") == "Fig. 7 A, random_stress"
+    assert printed("DesignFronts") == "DesignFronts"
+
+
+def test_every_figure_of_the_paper_has_a_picture_and_a_caption():
+    text = PAGE.read_text(encoding="utf-8")
+    for figure in FIGURES:
+        if figure.label:
+            assert figure.pictures, figure.meaning
+            assert re.search(
+                rf"\.(png|gif)\)\n\n\*{re.escape(printed(figure.label))}: {re.escape(figure.meaning)}", text
+            )
 
 
 @pytest.mark.parametrize("function", sorted({equation.function for equation in EQUATIONS}))

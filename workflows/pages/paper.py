@@ -1,7 +1,7 @@
 """Where each equation and figure of the paper is computed: `paper.toml`, read and checked.
 
-Keys are the labels of Hain, Santangelo and Manning's source (arXiv:2407.13939).  A verdict other than "holds" states
-the difference; the verdict of a figure follows from the claims of its study.
+Keys are the labels of Hain, Santangelo and Manning's source (arXiv:2407.13939), numbers those that it prints.  A
+verdict other than "holds" states the difference; the verdict of a figure follows from the claims of its study.
 """
 
 from __future__ import annotations
@@ -12,9 +12,12 @@ from typing import NamedTuple
 
 
 class Equation(NamedTuple):
-    """One labelled equation: its meaning, the public function or method that computes it, the test that checks it."""
+    """One labelled equation: its number, its page in docs/theory, its meaning, the public function or method that
+    computes it, and the test that checks it."""
 
     label: str
+    number: str
+    page: str
     meaning: str
     function: str
     test: str
@@ -22,14 +25,31 @@ class Equation(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """One figure: its content, and the study and pictures that reproduce it.  The label is empty beyond the paper."""
+    """One figure: its content, and the study and pictures that reproduce it; no label and number beyond the paper."""
 
     meaning: str
     study: str
     label: str = ""
+    number: str = ""
     pictures: tuple[str, ...] = ()
 
 
 _TABLE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+
 EQUATIONS = tuple(Equation(**row) for row in _TABLE["equation"])
 FIGURES = tuple(Figure(**row) for row in _TABLE["figure"])
+
+
+def named(function: str) -> str:
+    """A function of the table as the documents name it: `folder: NAME`."""
+    folder, _, name = function.split(".", 2)
+    return f"{folder}: {name}"
+
+
+def printed(key: str) -> str:
+    """A key as a reader of the paper finds it: "ResponseMetrics-A-max" is Fig. 7 A, max.  Keys of ours stay."""
+    numbers = {equation.label: f"Eq. ({equation.number})" for equation in EQUATIONS}
+    numbers |= {figure.label: f"Fig. {figure.number}" for figure in FIGURES if figure.label}
+    label = max((name for name in numbers if key == name or key.startswith(f"{name}-")), key=len, default="")
+    rest = key.removeprefix(label).strip("-").replace("-", ", ")
+    return f"{numbers[label]} {rest}".strip() if label else key

@@ -21,7 +21,7 @@ from PIL import Image, ImageSequence
 
 from critflow.workflow.load import load_study
 
-from .paper import EQUATIONS, FIGURES
+from .paper import EQUATIONS, FIGURES, printed
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "results" / "README.md"
@@ -73,45 +73,50 @@ def _overview(claims: dict[str, list[dict]], runs: dict[str, dict]) -> str:
 
 
 def _study(study: str, reference: Path) -> str:
-    lines = [f"## {study}", ""]
-    for figure in FIGURES:
-        if figure.study == study:
-            lines.append(f"- {figure.meaning}" + (f" (`{figure.label}`)" if figure.label else ""))
-    claims = f"reference/{study}/claims.md"
-    lines += [f"- `critflow run {study}`; claims in [{claims}]({claims})", ""]
-    figures = reference / study / "figures"
-    first = [name for figure in FIGURES if figure.study == study for name in figure.pictures]
-    pictures = sorted(figures.glob("*.png"), key=lambda picture: (_place(first, picture.stem), picture.stem))
-    pictures += sorted(figures.glob("*.gif"))
-    lines += [f"![{study}: {picture.stem}](reference/{study}/figures/{picture.name})" for picture in pictures]
+    """Its pictures in the order of the paper, each with its number and content, and those that are not listed last."""
+    claims, folder = f"reference/{study}/claims.md", reference / study / "figures"
+    lines = [f"## {study}", "", f"- `critflow run {study}`; claims in [{claims}]({claims})"]
+    shown: list[str] = []
+    for figure in (figure for figure in FIGURES if figure.study == study):
+        caption = f"{printed(figure.label) or 'Beyond the paper'}: {figure.meaning}"
+        files = [
+            f"{name}.{kind}"
+            for name in figure.pictures
+            for kind in ("png", "gif")
+            if (folder / f"{name}.{kind}").is_file()
+        ]
+        lines += ["", *(_picture(study, file, caption) for file in files), "", f"*{caption}.*"]
+        shown += files
+    others = sorted({file.name for kind in ("png", "gif") for file in folder.glob(f"*.{kind}")} - set(shown))
+    if others:
+        lines += ["", *(_picture(study, file, f"{study}: {Path(file).stem}") for file in others)]
     return "\n".join([*lines, ""])
 
 
-def _place(names: list[str], name: str) -> int:
-    """The place of a name, after all others where it is not listed."""
-    return names.index(name) if name in names else len(names)
+def _picture(study: str, file: str, text: str) -> str:
+    return f"![{text}](reference/{study}/figures/{file})"
 
 
 def _table(claims: dict[str, list[dict]]) -> str:
     lines = [
-        "## The paper, label by label",
+        "## The paper, number by number",
         "",
-        "Functions are in `critflow` unless their folder is named, tests in `tests/`. The key of a claim begins with",
-        "the label of its equation or figure.",
+        "Functions are in `critflow` unless their folder is named, tests in `tests/`. Equations and figures have the",
+        "numbers that the paper prints.",
         "",
-        "| label | meaning | where | checked by | verdict |",
+        "| paper | meaning | where | checked by | verdict |",
         "|---|---|---|---|---|",
     ]
-    lines += [_row(f"`{e.label}`", e.meaning, f"`{e.function}`", f"`{e.test}`", e.verdict) for e in EQUATIONS]
+    lines += [_row(printed(e.label), e.meaning, f"`{e.function}`", f"`{e.test}`", e.verdict) for e in EQUATIONS]
     for figure in FIGURES:
         command, table = f"`critflow run {figure.study}`", f"[claims](reference/{figure.study}/claims.md)"
-        label = f"`{figure.label}`" if figure.label else "(beyond the paper)"
+        label = printed(figure.label) if figure.label else "(beyond the paper)"
         lines.append(_row(label, figure.meaning, command, table, f"{_count(claims[figure.study])} claims hold"))
     for study, its_claims in claims.items():
         for claim in its_claims:
             verdict = f"{claim['verdict']}: {claim['because']}" if claim["because"] else claim["verdict"]
             lines.append(
-                _row(f"`{claim['key']}`", claim["statement"], f"`critflow run {study}`", claim["value"], verdict)
+                _row(printed(claim["key"]), claim["statement"], f"`critflow run {study}`", claim["value"], verdict)
             )
     return "\n".join([*lines, ""])
 

@@ -12,6 +12,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from .paper import EQUATIONS, named
+
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "results" / "reference"
 FEW = {"bulk_modulus_0": "B_0", "C_B_exact": "C_B", "shear_modulus_0": "G_0", "C_G_exact": "C_G"}
@@ -25,6 +27,8 @@ MEASURES = {
     "tension_variance": "V_τ",
     "stressed_fraction": "stressed edges",
 }
+# Programs beside which critflow was measured, as the names of methods begin.
+PROGRAMS = ("LAMMPS", "ASE", "matscipy", "jax_fdm")
 # The default method of each task and the reason for it, from the measurements.
 REASONS = {
     "configuration": "a sparse solver chosen by size: QDLDL for small matrices, Pardiso or METIS for large ones",
@@ -130,10 +134,23 @@ def speed(reference: Path) -> str:
     return "\n".join(lines)
 
 
+def programs(reference: Path) -> str:
+    """One row a task and size that other programs solve as well: time of critflow, and theirs as multiples of it."""
+    lines = _head("task", "N_v", "critflow", "error", "other programs, each at its best accuracy")
+    for task in _read(reference, "speed", "summary")["tasks"].values():
+        for size, cells in task["sizes"].items():
+            gains = {name: gain for name, gain in cells.get("gain", {}).items() if name.startswith(PROGRAMS)}
+            if gains:
+                seconds, error = min(cells["auto"], key=lambda point: point[1])
+                others = ", ".join(map(_multiple, gains, gains.values()))
+                lines.append(_row(_plain(task["title"]), f"{int(size):,}", _time(seconds), _power(error), others))
+    return "\n".join(lines)
+
+
 def _speed_row(word: str, task: dict, size: int, cells: dict, first: bool) -> str:
     seconds, error = min(cells["auto"], key=lambda point: point[1])
     return _row(
-        _plain(task["title"]) if first else "", f"{size:,}", task["auto"], _time(seconds), f"{error:.0e}",
+        _plain(task["title"]) if first else "", f"{size:,}", task["auto"], _time(seconds), _power(error),
         f"{cells['auto_over_front']:.2g} ×", _others(cells["gain"]), REASONS[word] if first else "",
     )  # fmt: skip
 
@@ -144,12 +161,22 @@ def _others(gains: dict[str, float]) -> str:
         return "none"
     order = sorted(gains, key=gains.__getitem__)
     ends = order if len(order) == 1 else [order[0], order[-1]]
-    return ", ".join(f"{name} {_number(gains[name])} ×" if gains[name] else f"{name} is more accurate" for name in ends)
+    return ", ".join(_multiple(name, gains[name]) for name in ends)
+
+
+def _multiple(name: str, gain: float) -> str:
+    """The time of another method as a multiple of that of the default, which may be less accurate."""
+    return f"{name}: {_number(gain)} ×" if gain else f"{name} is more accurate"
 
 
 def _plain(title: str) -> str:
     """A title without the dollars of its mathematics."""
     return re.sub(r"\$(.*?)\$", lambda m: m[1].replace("\\tau", "τ").replace("{", "").replace("}", ""), title)
+
+
+def _power(error: float) -> str:
+    """With a sign of minus, at which no line is broken."""
+    return f"{error:.0e}".replace("-", "−")
 
 
 def _time(seconds: float) -> str:
@@ -187,15 +214,24 @@ def failures(reference: Path) -> str:
     return "\n".join([*lines, *_claim_rows("claim", _read(reference, "failure_map", "claims"))])
 
 
+# The equations of the paper
+
+
+def equations(page: str) -> str:
+    """One row for each equation of the paper that a page of docs/theory explains: its number and its function."""
+    rows = sorted((int(e.number), e.meaning, f"`{named(e.function)}`") for e in EQUATIONS if e.page == page)
+    return "\n".join([*_head("paper", "meaning", "function"), *(_row(f"({n})", *cells) for n, *cells in rows)])
+
+
 TABLES: dict[str, Callable[[Path], str]] = {
-    table.__name__: table for table in (populations, measures, ensemble_claims, speed, sizes, failures)
-}
+    table.__name__: table for table in (populations, measures, ensemble_claims, speed, programs, sizes, failures)
+} | {f"equations_{page}": lambda _, page=page: equations(page) for page in {e.page: None for e in EQUATIONS}}
 
 
 def pages() -> list[Path]:
     """The pages that are filled by default, without those that the site makes."""
     docs = ROOT / "docs"
-    made = {docs / "studies.md", *(docs / "_build").rglob("*.md"), *(docs / "notebooks").glob("0*.md")}
+    made = {*(docs / "_build").rglob("*.md"), *(docs / "notebooks").glob("0*.md")}
     return [ROOT / "README.md", *sorted(set(docs.rglob("*.md")) - made)]
 
 

@@ -1,0 +1,110 @@
+"""The site as readers see it: built once, then read as HTML.
+
+Examples of the reference run as shown, equations are mathematics, and the tables of the theory lead to functions.
+"""
+
+import doctest
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pytest
+from lxml import html
+
+from workflows.pages.paper import EQUATIONS
+
+ROOT = Path(__file__).parents[2]
+PAGES_OF_SITE = 52
+SIGNS_OF_TEX = re.compile(r"\$|\\[a-z]+\b|[_^]\{|\\[_*|]")
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory):
+    """The pages by their names, without search and index."""
+    for module in ("sphinx", "myst_parser", "furo", "latex2mathml"):  # the extra `docs`
+        pytest.importorskip(module)
+    folder = tmp_path_factory.mktemp("site")
+    words = ["-W", "-q", "-d", str(folder / "trees"), str(ROOT / "docs"), str(folder / "html")]
+    done = subprocess.run([sys.executable, "-m", "sphinx", *words], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    pages = {str(file.relative_to(folder / "html"))[:-5]: file for file in (folder / "html").rglob("*.html")}
+    return {name: html.parse(file).getroot() for name, file in pages.items() if name not in ("search", "genindex")}
+
+
+def article(page):
+    return page.xpath("//article[@id='furo-main-content']")[0]
+
+
+def prose(page):
+    """The text of a page without code and equations."""
+    words = article(page).xpath(".//text()[not(ancestor::pre or ancestor::code or ancestor::math or ancestor::script)]")
+    return " ".join(word for word in words if word.strip())
+
+
+def test_the_examples_of_the_reference_run_as_shown(site, monkeypatch, tmp_path):
+    """Read from the page, the code prints what the page shows."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    count = 0
+    for name, page in site.items():
+        for block in article(page).xpath(".//div[contains(@class, 'highlight-pycon')]"):
+            entry = block.xpath("ancestor::dl[contains(@class, 'py')][1]/dt/@id")
+            example = doctest.DocTestParser().get_doctest(block.text_content(), {}, f"{name}: {entry}", None, 0)
+            report: list[str] = []
+            doctest.DocTestRunner(optionflags=doctest.FAIL_FAST).run(example, out=report.append)
+            assert not report, "".join(report)
+            assert example.examples, f"{name}: {entry} shows no code"
+            count += 1
+            plt.close("all")
+    assert count >= 45
+
+
+def test_no_page_shows_the_source_of_its_markup(site):
+    for name, page in site.items():
+        found = SIGNS_OF_TEX.search(prose(page))
+        assert not found, f"{name}: {prose(page)[max(0, found.start() - 60) : found.end() + 20]}"
+
+
+def test_every_equation_of_the_theory_leads_to_its_function(site):
+    functions = 0
+    for name in {f"theory/{equation.page}" for equation in EQUATIONS}:
+        for row in article(site[name]).xpath(".//tr[td]"):
+            number, _, function = row.xpath("td")
+            if re.fullmatch(r"\(\d+\)", number.text_content().strip()):
+                functions += 1
+                studies = function.text_content().startswith("workflows")
+                assert studies or function.xpath(".//a[contains(@href, 'reference/')]"), row.text_content()
+    assert functions == len(EQUATIONS)
+
+
+def test_symbols_are_typeset_in_headings_and_docstrings(site):
+    for name in ("conventions", "reference/critical", "index"):
+        assert article(site[name]).xpath(".//span[@class='symbol']/sub"), name
+    assert not re.search(r"(?<!['\"])\b[BGC]_[0BG]\b", prose(site["reference/critical"]))  # 'B_0' is code
+
+
+def test_each_page_of_the_reference_begins_with_an_example_and_a_table(site):
+    first = {"networks": "Network", "critical": "CriticalManifold", "rigidity": "rigidity", "design": "optimize"}
+    for name, function in first.items():
+        page = article(site[f"reference/{name}"])
+        blocks = page.xpath(".//div[contains(@class, 'highlight-python')] | .//table | .//dl[contains(@class, 'py')]")
+        assert [block.tag for block in blocks[:3]] == ["div", "table", "dl"], name
+        assert blocks[1].xpath(".//td[1]//code")[0].text_content() == function
+        assert blocks[2].xpath("dt/@id")[0] == f"critflow.{function}"
+
+
+def test_the_font_of_the_equations_is_part_of_the_site(site):
+    assert (ROOT / "docs" / "_static" / "stix-two-math.woff2").stat().st_size < 2**20
+    assert "stix-two-math.woff2" in (ROOT / "docs" / "_static" / "site.css").read_text(encoding="utf-8")
+    for name, page in site.items():
+        remote = page.xpath("//script[starts-with(@src, 'http')]/@src | //link[@rel='stylesheet']/@href")
+        assert not [address for address in remote if address.startswith("http")], name
+
+
+def test_claims_are_pages_and_the_site_stays_small(site):
+    assert len(site) <= PAGES_OF_SITE
+    studies = [file.parent.name for file in (ROOT / "results" / "reference").glob("*/claims.md")]
+    assert set(studies) <= set(article(site["claims"]).xpath(".//h2/text()"))
+    assert not article(site["results"]).xpath(".//a[contains(@href, 'claims.md')]")
