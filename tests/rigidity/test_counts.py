@@ -480,3 +480,12 @@ def test_small_matrices_are_decomposed_by_one_thread(monkeypatch):
         rigidity(network, network.positions)
         elasticity(contrast, network.positions)
     assert threads and set(threads) == {1}
+
+
+def test_the_gap_of_a_large_network_is_that_of_the_dense_singular_values():
+    network = voronoi_network(290, seed=2)
+    x = CriticalManifold(network).configuration(random_stress(435, 1)).coordinates
+    found = rigidity(network, x)
+    values = np.linalg.svd(rigidity_matrix(network, x).toarray(), compute_uv=False)
+    assert found.ok and found.value.n_self_stresses == 1
+    assert found.value.smallest_nonzero == pytest.approx(values[-2], rel=1e-6)
