@@ -25,6 +25,7 @@ from critflow import (
     lattice,
     optimize,
     stiffening,
+    three_bar_linkage,
     voronoi_network,
     weak_forces,
 )
@@ -156,6 +157,9 @@ def test_the_model_of_all_tensions_is_that_of_dense_formulas():
     assert len(P) == NETWORK.n_vertices // 2 - 1
     end = -scipy.linalg.eigh(H, P, eigvals_only=True)[0]
     assert weak.branch_end == pytest.approx(end, rel=1e-6)
+    cubic = weak_forces(CRITICAL, near_angles(), order="cubic").value
+    F, c, D = f @ np.linalg.solve(P, f), cubic.work, cubic.compliance
+    np.testing.assert_allclose(cubic.crossover(KAPPAS), (KAPPAS**2 * F * D**2 / (2 * c**3)) ** (1 / 3), rtol=1e-9)
     # One equation at the transition, where the terms of growth vanish
     for kappa in KAPPAS:
         s = weak._solve(0.0, kappa).s
@@ -165,21 +169,31 @@ def test_the_model_of_all_tensions_is_that_of_dense_formulas():
         assert np.linalg.norm(weak.displacement(0.0, kappa)) == pytest.approx(np.linalg.norm(v), rel=1e-8)
 
 
-def test_the_rigidity_past_the_transition_is_that_of_stiffening():
-    gamma, shear = 1e-4, np.array([[0.0, 0.5], [0.5, 0.0]])
-    found = stiffening(CRITICAL).value
-    weak = weak_forces(CRITICAL, near_angles()).value
-    assert weak.modulus(gamma, 1e-13) == pytest.approx(found.modulus_0 + found.C * gamma, rel=2e-6)
-    assert weak.modulus(gamma, 1e-13, shear) == pytest.approx(found.shear_0 + found.C_G * gamma, rel=2e-4)
+RANDOM = CriticalManifold(voronoi_network(40, seed=3)).configuration(random_stress(60, 1))
+# The term of growth g vanishes for the first.
+GROWING = pytest.mark.parametrize(
+    ("critical", "deformation"), [(CRITICAL, "dilation"), (RANDOM, "uniaxial")], ids=["dilation", "uniaxial"]
+)
 
 
-def test_the_modulus_is_the_derivative_of_the_stress():
-    weak, h = weak_forces(CRITICAL, near_angles()).value, 1e-6
-    V = NETWORK.volume
-    for gamma in (-1e-3, 0.0, 1e-3):
-        ahead, behind = (V * (1 + g) * weak.stress(g, KAPPAS) for g in (gamma + h, gamma - h))
+@GROWING
+def test_the_rigidity_past_the_transition_is_that_of_stiffening(critical, deformation):
+    gamma, shear = 1e-5, np.array([[0.0, 0.5], [0.5, 0.0]])
+    found = stiffening(critical, deformation=deformation).value
+    weak = weak_forces(critical, AngleSprings(), deformation).value
+    change = weak.modulus(gamma, 1e-15) - found.modulus_0
+    assert change == pytest.approx(found.C * gamma, rel=2e-3)
+    change = weak.modulus(gamma, 1e-15, shear) - found.shear_0
+    assert change == pytest.approx(found.C_G * gamma, rel=2e-3)
+
+
+@GROWING
+def test_the_modulus_is_the_derivative_of_the_stress(critical, deformation):
+    weak, h, V = weak_forces(critical, AngleSprings(), deformation).value, 1e-6, critical.network.volume
+    for gamma in (-1e-3, 0.0, 3e-3):
+        ahead, behind = (V * (1 + g) * weak.stress(g, KAPPAS[1:]) for g in (gamma + h, gamma - h))
         slope = (ahead - behind) / (2 * h * V * (1 + gamma))
-        np.testing.assert_allclose(weak.modulus(gamma, KAPPAS), slope, rtol=2e-4)
+        np.testing.assert_allclose(weak.modulus(gamma, KAPPAS[1:]), slope, rtol=1e-5)
 
 
 def test_moduli_of_another_deformation_are_those_of_relaxed_energies():
@@ -282,10 +296,11 @@ def test_bad_input_raises_one_sentence(name):
 
 
 def test_failures_are_statuses():
-    compressed = partly_compressed(20, 1)
-    unstable = compressed if not isinstance(compressed, tuple) else compressed[-1]
-    found = weak_forces(unstable, AngleSprings(), throw=False)
-    assert found.status in (Status.ok, Status.unstable)
+    # Some compressed edges may be stabilised by the others; more of them are not.
+    assert weak_forces(partly_compressed(20, 1), AngleSprings()).ok
+    linkage = CriticalManifold(three_bar_linkage()).configuration([1.0, 1.0, -0.6])
+    found = weak_forces(linkage, AngleSprings(2.0), [[1.0, 0.0], [0.0, 0.0]], throw=False)
+    assert found.status is Status.unstable and found.value is None
     honeycomb = lattice("honeycomb", 3, 3)
     critical = CriticalManifold(honeycomb).configuration(np.ones(honeycomb.n_edges))
     found = weak_forces(critical, AngleSprings(1.9), "simple_shear", throw=False)
