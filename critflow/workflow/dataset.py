@@ -82,9 +82,8 @@ class Assembly:
         } & data.keys():
             data[bounded].attrs["ancillary_variables"] = f"{bounded}_error_bound"
         dataset = xr.Dataset(data, _coordinates(self.selection), attributes)
-        for name, labelled in dataset.variables.items():
-            filled = labelled.dtype.kind == "f" and name in data  # xarray would add a fill value to coordinates
-            labelled.encoding["_FillValue"] = np.nan if filled else None
+        for labelled in dataset.coords.values():
+            labelled.encoding["_FillValue"] = None  # xarray would add one
             if labelled.dtype.kind == "U":
                 # Fixed characters: the library crashes on strings of variable length in a file that is opened twice.
                 labelled.encoding["dtype"] = "S1"
@@ -116,11 +115,19 @@ def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> 
     origin: attributes about the command that writes it, which is its `history`, the only one that differs between
     equal runs
     """
-    stamped = assembly.template().assign_attrs({**origin, "history": f"{timestamp()} {origin['history']}"})
+    template, written = assembly.template(), []
+    stamped = template.coords.to_dataset().assign_attrs(
+        {**template.attrs, **origin, "history": f"{timestamp()} {origin['history']}"}
+    )
     with replacing(path) as partial:
-        stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4", compute=False)
-        written = []
+        stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4")
         with netCDF4.Dataset(partial, "a") as file:
+            for variable in assembly.selection.study.variables:
+                empty = template[variable.name]
+                for dim in [dim for dim in variable.dims if dim not in file.dimensions]:
+                    file.createDimension(dim, empty.sizes[dim])
+                fill = np.nan if empty.dtype.kind == "f" else None
+                file.createVariable(variable.name, empty.dtype, variable.dims, fill_value=fill).setncatts(empty.attrs)
             file.set_auto_maskandscale(False)
             for rows, arrays in assembly.pieces():
                 for name, array in arrays.items():
