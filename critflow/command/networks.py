@@ -9,29 +9,31 @@ import inspect
 import math
 import re
 import shlex
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, replace
 from functools import wraps
 from pathlib import Path
+from threading import Timer
 from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 import typer
+from rich.console import Console
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.design.optimize import optimize
 from critflow.design.result import Design
 from critflow.design.targets import design
-from critflow.examination.examine import examine
+from critflow.examination.certificate import certificate_text
+from critflow.examination.examine import examine, read_held
 from critflow.examination.reading import network_of_file, require_regular
 from critflow.examination.report import report_lines
 from critflow.exchange.convert import network_from, write_network, writer_to
-from critflow.exchange.data import counted
 from critflow.exchange.formats import writable_format
 from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.network import Network
 from critflow.result import InputError, Solution
-from critflow.rigidity.counts import certify
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A network; its ending names the format.")]
 
@@ -44,7 +46,11 @@ class Hints:
         str, typer.Option(metavar="NUMBERS", help="Cell of a file without one: side lengths, or vectors row by row.")
     ] = ""
     pins: Annotated[
-        str, typer.Option(metavar="RULE|LIST", help="Fixed vertices: hull, degree, box, or names with commas.")
+        str,
+        typer.Option(
+            metavar="RULE|LIST",
+            help="Fixed vertices: hull, outer_face, two_edges, degree, box, or names with commas.",
+        ),
     ] = ""
     volume: Annotated[
         str, typer.Option(metavar="V", help="Volume to which moduli refer without a cell: a number, or hull.")
@@ -110,8 +116,36 @@ def read(file: Path, hints: Hints) -> ImportedNetwork:
         return network_from(choose_case(dataset, hints.case).load(), **keywords)
 
 
+# Seconds after which a terminal shows what is computed.
+_PATIENCE = 2.0
+
+
+@contextmanager
+def waiting(what: str) -> Iterator[Callable[[str], None]]:
+    """A line on a terminal about what is computed, after `_PATIENCE`; the function that it yields names a part."""
+    status = Console(stderr=True, highlight=False).status(f"{what} …")
+    timer = Timer(_PATIENCE, status.start)
+    if status.console.is_terminal:
+        timer.start()
+    try:
+        yield lambda part: status.update(in_shell(f"{what}: {part} …"))
+    finally:
+        timer.cancel()
+        if timer.is_alive():
+            timer.join()
+        status.stop()
+
+
 # A keyword of `network_from` in a sentence, such as pins='hull' or nearest=True.
 _KEYWORD = re.compile(r"\b(cell|pins|volume|nearest|strict|contract|join_crossings)=('?)([\w.]*)\2")
+
+
+# What sentences of the library call functions, in the words of the command.
+_IN_SHELL = {
+    "examine(FILE)": "critflow examine FILE",
+    "nearest_critical(network, coordinates) restores": "the nearest critical configuration restores",
+    "nearest_critical restores": "the nearest critical configuration restores",
+}
 
 
 def in_shell(sentences: str) -> str:
@@ -121,6 +155,8 @@ def in_shell(sentences: str) -> str:
         name, _, value = keyword.groups()
         return f"--{name.replace('_', '-')} {'' if value == 'True' else value}".strip()
 
+    for function, words in _IN_SHELL.items():
+        sentences = sentences.replace(function, words)
     return _KEYWORD.sub(option, sentences)
 
 
@@ -162,8 +198,9 @@ def examine_file(
         from critflow.examination.page import require_page, write_page
 
         require_page(out)
-    imported = read(file, hints)
-    examination = examine(imported)
+    with waiting(f"examining {file.name}") as progress:
+        imported = read_held(lambda **pins: read(file, replace(hints, **pins)), progress)
+        examination = examine(imported, progress=progress)
     # What `make` needs too: it takes no volume by itself.
     hull = [] if imported.network.has_volume or imported.network.dimension == 1 else ["--volume", "hull"]
     words = shlex.join([str(file), *hints.words, *hull])
@@ -206,21 +243,18 @@ def make(
     print(in_shell(str(imported)))
     writer_to(out, imported)
     solution: Solution[CriticalConfiguration]
-    if target:
-        solution, title = _designed(imported.network, target)
-    else:
-        optimum = optimize(imported.network, objective, throw=False)
-        solution, title = optimum, f"{objective} {optimum.objective:.6g}"
-        print(f"  {objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})")
+    with waiting(f"making {out.name}"):
+        if target:
+            solution, title, lines = _designed(imported.network, target)
+        else:
+            optimum = optimize(imported.network, objective, throw=False)
+            solution, title = optimum, f"{objective} {optimum.objective:.6g}"
+            lines = [f"{objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})"]
     critical = solution.value
-    certificate = certify(critical)
-    rigid = "rigid to second order" if certificate.rigid else "not certified as rigid"
-    print(
-        f"  certificate: {rigid}, {counted(certificate.n_self_stresses, 'self-stress')}, unbalanced force "
-        f"{certificate.residual:.1e} of the mean tension, least tension {certificate.least_tension:.2g} of it"
-    )
+    print("\n".join(f"  {line}" for line in lines))
     if not np.isfinite(critical.coordinates).all():
         return 3
+    print(f"  {certificate_text(critical, title, solution.status)}")
     write_network(critical, out)
     print(f"  written to {out}")
     if picture is not None:
@@ -229,8 +263,8 @@ def make(
     return 0 if solution.ok else 3
 
 
-def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str]:
-    """The design for targets of the command line, reported, and a title of it."""
+def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list[str]]:
+    """The design for targets of the command line, a title of it, and lines that report it."""
     targets = dict[str, Any]()
     for word in words:
         name, equals, value = word.partition("=")
@@ -240,13 +274,12 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str]:
             raise InputError(f"--target {name} is given twice: give one value, or limits LOW:HIGH")
         targets[name] = _target(value)
     solution = design(network, targets, throw=False)
-    print(f"  {solution.status.name}: {solution.reason}")
-    for name, one in solution.targets.items():
-        print(
-            f"  {name} {one.value:.12g} ± {one.error:.1e}, requested {targets[name]}, "
-            f"cost {one.multiplier + 0.0:.3g}, independence {one.independence:.3g}"
-        )
-    return solution, ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items())
+    lines = [f"{solution.status.name}: {solution.reason}"] + [
+        f"{name} {one.value:.12g} ± {one.error:.1e}, requested {targets[name]}, cost {one.multiplier + 0.0:.3g}, "
+        f"independence {one.independence:.3g}"
+        for name, one in solution.targets.items()
+    ]
+    return solution, ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items()), lines
 
 
 def _target(text: str) -> Any:
