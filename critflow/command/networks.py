@@ -167,6 +167,9 @@ def convert(
     hints: Hints,
     size: Annotated[float, typer.Option(metavar="MM", help="Largest extent of a drawing or solid.")] = 100.0,
     radius: Annotated[float, typer.Option(metavar="MM", help="Radius of the struts of a solid.")] = 1.0,
+    by_stiffness: Annotated[
+        bool, typer.Option("--by-stiffness", help="Cross sections of drawn or solid struts by their stiffness.")
+    ] = False,
     copies: Annotated[
         str, typer.Option(metavar="NUMBERS", help="Copies of a periodic cell along each cell vector, such as '2 3'.")
     ] = "1",
@@ -178,6 +181,10 @@ def convert(
     options: dict[str, Any] = {"copies": _copies(copies)}
     if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
         options["size"] = size
+    if by_stiffness and out.suffix.lower() not in (".svg", ".stl", ".3mf"):
+        raise InputError(f"--by-stiffness is for .svg, .stl and .3mf, not {out.suffix}: leave it out")
+    if by_stiffness:
+        options["by_stiffness"] = True
     if out.suffix.lower() in (".stl", ".3mf"):
         options["radius"] = radius
     write_network(imported, out, **options)
