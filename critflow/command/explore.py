@@ -8,11 +8,14 @@ from typing import Annotated
 
 import typer
 
+from critflow.command.networks import Hints, reading
 from critflow.examination.reading import require_regular
 from critflow.result import EnvironmentFailure
 
 
+@reading
 def explore(
+    hints: Hints,
     file: Annotated[
         Path | None, typer.Argument(metavar="[FILE]", help="A network, or a dataset of `critflow run`.")
     ] = None,
@@ -35,7 +38,7 @@ def explore(
     source: Random | File | Dataset = Random(n_vertices, seed)
     if file is not None:
         require_regular(file)
-        source = Dataset(file) if file.suffix == ".nc" else File(file)
+        source = Dataset(file) if file.suffix == ".nc" else File(file, {k: v for k, v in hints.keywords.items() if v})
     # A file that cannot be shown is refused before the server starts.
     Page(source)
     explorer = Explorer(source)

@@ -69,6 +69,12 @@ class Hints:
     ] = field(default_factory=list)
 
     @property
+    def keywords(self) -> dict[str, Any]:
+        """The options as keywords of `network_from`."""
+        values = {option.name: getattr(self, option.name) for option in fields(self) if option.name != "case"}
+        return {name: _PARSERS.get(name, bool)(value) for name, value in values.items()}
+
+    @property
     def words(self) -> list[str]:
         """The options that are given, as words of the command."""
         words = [word for value in self.case for word in ("--set", value)]
@@ -104,16 +110,14 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
 
 def read(file: Path, hints: Hints) -> ImportedNetwork:
     """The network of a file with the hints of the command line."""
-    values = {option.name: getattr(hints, option.name) for option in fields(hints) if option.name != "case"}
-    keywords = {name: _PARSERS.get(name, bool)(value) for name, value in values.items()}
     require_regular(file)
     if file.suffix != ".nc":
-        return network_of_file(file, **keywords)
+        return network_of_file(file, **hints.keywords)
     from critflow.examination.show import choose_case
     from critflow.workflow.dataset import opened_dataset
 
     with opened_dataset(file) as dataset:
-        return network_from(choose_case(dataset, hints.case).load(), **keywords)
+        return network_from(choose_case(dataset, hints.case).load(), **hints.keywords)
 
 
 # Seconds after which a terminal shows what is computed.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -64,21 +64,26 @@ class Random:
 
 @dataclass(frozen=True)
 class File:
-    """The network of a file, at the force densities that it contains, or at equal stress."""
+    """The network of a file, at the force densities that it contains, or at equal stress.
+
+    hints  keywords of `network_from`, such as pins and volume
+    """
 
     path: Path
+    hints: dict[str, Any] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
         return self.path.name
 
     def open(self) -> tuple[Model, CriticalConfiguration]:
-        imported = network_of_file(self.path)
+        imported = network_of_file(self.path, **self.hints)
         check_size(imported.network.n_vertices)
         return opened(Model(imported.network), imported.force_densities)
 
     def lines(self, start: CriticalConfiguration) -> list[str]:
-        return imported_lines(f"network_from({self.path.name!r})", start)
+        hints = "".join(f", {name}={value!r}" for name, value in self.hints.items())
+        return imported_lines(f"network_from({self.path.name!r}{hints})", start)
 
 
 def opened(model: Model, stress: Any = None) -> tuple[Model, CriticalConfiguration]:
