@@ -12,8 +12,9 @@ from critflow.exchange.repair import ImportedNetwork
 from critflow.exchange.tables import table_paths
 from critflow.result import CritflowError, InputError
 
-# What readers and parsers raise for damaged files; `ParseError` of XML is a `SyntaxError`.
-_DAMAGED = (ValueError, LookupError, TypeError, AttributeError, SyntaxError)
+
+# What steps after the reader raise for damaged files.
+_DAMAGED = (ValueError, LookupError, TypeError, AttributeError)
 
 
 def network_of_file(path: Path, **hints: Any) -> ImportedNetwork:
@@ -24,8 +25,6 @@ def network_of_file(path: Path, **hints: Any) -> ImportedNetwork:
             return network_from(path, **hints)
     except CritflowError:
         raise
-    except RecursionError:
-        reason = "its parts are nested too deeply: is it a network?"
     except ArithmeticError:
         reason = "one of its numbers is too large or not finite: correct it"
     except _DAMAGED as error:
