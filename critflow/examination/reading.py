@@ -12,7 +12,6 @@ from critflow.exchange.repair import ImportedNetwork
 from critflow.exchange.tables import table_paths
 from critflow.result import CritflowError, InputError
 
-
 # What steps after the reader raise for damaged files.
 _DAMAGED = (ValueError, LookupError, TypeError, AttributeError)
 
