@@ -41,8 +41,6 @@ WEAKEST_START = 1e-3  # the same where none is negative
 # minimiser.
 NEAREST_RIDGE = 1e-8
 NEAREST_STALLED = 1e-7  # relative gradient that shows a stalled descent to have reached its infimum
-# Ratio of the mean eigenvalue of JᵀJ to the least up to which its Cholesky factor gives six digits of the inverse.
-WELL_DETERMINED = 1e10
 WIDEST_STRESS = 9.2  # |log σ| relative to the mean beyond which an edge counts as collapsed or slack
 
 _MOST_STEPS = 200
@@ -274,10 +272,10 @@ def _inverse_without_scale(gram: Array) -> tuple[Array, Array]:
         # The null vector gets the mean eigenvalue, which is subtracted from the inverse.
         factor = cho_factor(gram + mean / m, lower=True)
         inverse = LinearOperator(gram.shape, lambda v: cho_solve(factor, v - v.mean()))
-        largest, weakest = eigsh(inverse, k=1, which="LA", v0=start - start.mean())
-        if largest[0] * mean < WELL_DETERMINED:
-            diagonal = np.diag(dpotri(factor[0], lower=1)[0])
-            return diagonal - 1 / (m * mean), weakest[:, 0]
+        weakest = eigsh(inverse, k=1, which="LA", v0=start - start.mean())[1]
+        variances = np.diag(dpotri(factor[0], lower=1)[0]) - 1 / (m * mean)
+        if (variances > 0).all():
+            return variances, weakest[:, 0]
     except (np.linalg.LinAlgError, ArpackNoConvergence):
         pass
     # The zero eigenvalue is that of the scale of σ.
