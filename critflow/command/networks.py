@@ -9,6 +9,7 @@ import inspect
 import math
 import re
 import shlex
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
@@ -19,7 +20,6 @@ from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 import typer
-from rich.console import Console
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.design.optimize import optimize
@@ -127,16 +127,19 @@ _PATIENCE = 2.0
 @contextmanager
 def waiting(what: str) -> Iterator[Callable[[str], None]]:
     """A line on a terminal about what is computed, after `_PATIENCE`; the function that it yields names a part."""
+    if not sys.stderr.isatty():
+        yield lambda part: None
+        return
+    from rich.console import Console
+
     status = Console(stderr=True, highlight=False).status(f"{what} …")
     timer = Timer(_PATIENCE, status.start)
-    if status.console.is_terminal:
-        timer.start()
+    timer.start()
     try:
         yield lambda part: status.update(in_shell(f"{what}: {part} …"))
     finally:
         timer.cancel()
-        if timer.is_alive():
-            timer.join()
+        timer.join()
         status.stop()
 
 

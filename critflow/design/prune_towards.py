@@ -34,8 +34,8 @@ from critflow.result import InputError, Solution, Stats, Status
 PRUNING_DRIFT = 1e-10  # error of rank-one updates from which P is factorised again: far below the digits of a design
 PRUNING_REACHED = 1e-3  # distance from a target that counts as reached, relative to it: cuts are discrete
 
-# Cuts that are taken back at most.
-_TAKEN_BACK = 8
+# Cuts that are taken back at most, each of which keeps a matrix C.
+_TAKEN_BACK = 2
 # The column of C that is checked changes from cut to cut.
 _PRIME = 7919
 
@@ -97,21 +97,18 @@ def prune_towards(
     search = _Search(critical, goal, drift, seed)
     limit = critical.network.n_edges if cuts is None else cuts
     status, note, before = Status.ok, "", deque[_Search](maxlen=_TAKEN_BACK)
-    while len(search.cuts) < limit:
-        edge = search.next_edge(target)
-        if edge is None:
-            status, note = (Status.floppy, "every further cut opens the network") if target is None else (status, note)
-            break
+    while len(search.cuts) < limit and (edge := search.next_edge(target)) is not None:
         if target is not None:
             before.append(search.copied())
         search.cut(edge)
+    if target is None and len(search.cuts) < limit:
+        status, note = Status.floppy, "every further cut opens the network"
     if target is not None and not search.distance(target) <= tolerance * target:
         search = _without_overshoot(reversed(before), target, tolerance * target, limit) or search
     values = search.values
     if target is not None and not search.distance(target) <= tolerance * target:
-        status = Status.not_reached
-        count = len(search.cuts)
-        note = f"{goal.name} is {values[-1]:.6g} after {count} cuts: no further one is nearer to {target:.6g}"
+        status, reached = Status.not_reached, f"{values[-1]:.6g} after {len(search.cuts)} cuts"
+        note = f"{goal.name} is {reached}: no further one is nearer to {target:.6g}"
     configuration, edges = search.result(critical)
     exact = goal.quantity.evaluate(configuration)[0]
     solution = PrunedDesign(

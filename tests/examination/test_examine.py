@@ -3,11 +3,11 @@
 import json
 import os
 import re
+import sys
 import time
 
 import numpy as np
 import pytest
-from rich.console import Console
 from scipy.spatial import ConvexHull
 
 import critflow
@@ -202,7 +202,8 @@ def test_self_stresses_of_large_rigid_networks_are_counted_only():
 
 def test_a_terminal_shows_what_takes_long(monkeypatch, capsys):
     monkeypatch.setattr(networks, "_PATIENCE", 0.0)
-    monkeypatch.setattr(networks, "Console", lambda **options: Console(**options, force_terminal=True))
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with networks.waiting("examining a.csv") as progress:
         progress("pins='hull'")
         time.sleep(0.3)
