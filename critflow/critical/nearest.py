@@ -30,6 +30,7 @@ from critflow.result import InputError, Solution, Stats, Status
 NEAREST_CONVERGED = 1e-9  # change of log σ in a step of Gauss and Newton below which it has converged
 NEAREST_ROUGH = 1e-3  # the same with a regularisation that is then left out
 NEAREST_BALANCED = 1e-6  # distance of the start, in units of the lengths, from which no regularisation is needed
+NEAREST_EXACT = 1e-12  # the same from which no step is needed: rounding leaves 1e-14
 NEAREST_DAMPING = 1e-9  # first damping of these steps, in units of the mean square of the coordinates
 # Regularises the multipliers of balance, relative to the mean stress: pivots of both signs stay apart.
 NEAREST_REGULARISATION = 1e-12
@@ -175,7 +176,10 @@ class _Fit:
     def descend(self, theta: Array, max_steps: int) -> tuple[_Iterate, int, Status]:
         """Damped Gauss-Newton steps on D s² + ridge Σθ², and without the ridge where no stress tends to a limit."""
         start = self.at(theta - theta.mean())
-        if start.cost < NEAREST_BALANCED**2 * self._ridge / NEAREST_RIDGE * len(start.residual):
+        size = self._ridge / NEAREST_RIDGE * len(start.residual)
+        if start.cost < NEAREST_EXACT**2 * size:
+            return start, 0, Status.ok
+        if start.cost < NEAREST_BALANCED**2 * size:
             here, steps, status = self._descend(start, max_steps, 0.0)
             if status is Status.ok and np.abs(here.theta).max() <= WIDEST_STRESS:
                 return here, steps, status

@@ -15,7 +15,7 @@ from critflow import (
     network_from,
     voronoi_network,
 )
-from critflow.critical.nearest import _inverse_without_scale
+from critflow.critical.nearest import _Fit, _inverse_without_scale
 
 
 def pinned_network(n_vertices=100):
@@ -161,7 +161,18 @@ def test_uncertainties_are_those_of_the_pseudoinverse(decades):
 
 
 @pytest.mark.parametrize("make", [voronoi_network, foam_network])
-def test_positions_in_balance_need_one_step(make):
-    network = make(60, seed=1)
+def test_positions_in_balance_need_no_step(make, monkeypatch):
+    network = make(200, seed=1)
+    step, ridges = _Fit._step, []
+
+    def observed(fit, here, damping, ridge):
+        ridges.append(ridge)
+        return step(fit, here, damping, ridge)
+
+    # Positions close to balance need no regularisation.
+    monkeypatch.setattr(_Fit, "_step", observed)
+    noise = 1e-8 * np.random.default_rng(0).normal(size=network.positions.shape)
+    assert nearest_critical(network, network.positions + noise).ok and ridges and not any(ridges)
+    monkeypatch.setattr(_Fit, "_step", lambda *arguments: pytest.fail("a system was factorised"))
     found = nearest_critical(network, network.positions)
-    assert found.stats.steps <= 1 and found.distance < 1e-12
+    assert found.stats.steps == 0 and found.distance < 1e-12
