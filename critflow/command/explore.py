@@ -8,11 +8,14 @@ from typing import Annotated
 
 import typer
 
+from critflow.command.networks import Hints, reading
 from critflow.exchange.data import require_regular
 from critflow.result import EnvironmentFailure, InputError
 
 
+@reading
 def explore(
+    hints: Hints,
     file: Annotated[
         Path | None, typer.Argument(metavar="[FILE]", help="A network, or a dataset of `critflow run`.")
     ] = None,
@@ -40,7 +43,7 @@ def explore(
         require_regular(file)
         if file.suffix == ".nc" and second is not None:
             raise InputError("a dataset stands alone: leave the second file out")
-        source = Dataset(file) if file.suffix == ".nc" else File(file, second)
+        source = Dataset(file) if file.suffix == ".nc" else File(file, second, hints.keywords)
     # A file that cannot be shown is refused before the server starts.
     Page(source)
     explorer = Explorer(source)

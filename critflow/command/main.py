@@ -211,15 +211,20 @@ def list_studies(
     if study:
         _print_settings(load_study(study).study)
         return
-    for name in named_studies():
+    unavailable = []
+    # The study of the README comes first, benchmarks come last.
+    named = named_studies()
+    for name in sorted(named, key=lambda name: (name != "ensemble", "benchmarks" in named[name].parts)):
         try:
             known = load_study(name).study
         except CritflowError as error:
             reason = error.__cause__ if isinstance(error.__cause__, CritflowError) else error
-            _warn(f"{name} is not available: {reason}")
+            unavailable.append(f"{name} is not available: {reason}")
             continue
         sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in known.axes)
         print(f"{name}: {known.title} ({sizes})")
+    for sentence in unavailable:
+        _warn(sentence)
     print("critflow list NAME prints the settings of a study")
 
 

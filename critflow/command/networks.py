@@ -9,10 +9,13 @@ import inspect
 import math
 import re
 import shlex
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, replace
 from functools import wraps
 from pathlib import Path
+from threading import Timer
 from typing import Annotated, Any, get_type_hints
 
 import numpy as np
@@ -22,7 +25,8 @@ from critflow.critical.manifold import CriticalConfiguration
 from critflow.design.optimize import optimize
 from critflow.design.result import Design
 from critflow.design.targets import design
-from critflow.examination.examine import examine
+from critflow.examination.certificate import certificate_text
+from critflow.examination.examine import examine, read_held
 from critflow.examination.report import report_lines
 from critflow.exchange.convert import network_from, write_network, writer_to
 from critflow.exchange.data import counted, require_regular
@@ -30,7 +34,6 @@ from critflow.exchange.formats import writable_format
 from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.network import Network
 from critflow.result import InputError, Solution
-from critflow.rigidity.counts import certify
 
 FilesArgument = Annotated[
     list[Path], typer.Argument(metavar="FILE", help="A network, its ending names the format; or two tables.")
@@ -45,7 +48,11 @@ class Hints:
         str, typer.Option(metavar="NUMBERS", help="Cell of a file without one: side lengths, or vectors row by row.")
     ] = ""
     pins: Annotated[
-        str, typer.Option(metavar="RULE|LIST", help="Fixed vertices: hull, degree, box, border, or names with commas.")
+        str,
+        typer.Option(
+            metavar="RULE|LIST",
+            help="Fixed vertices: hull, outer_face, two_edges, degree, box, border, or names with commas.",
+        ),
     ] = ""
     volume: Annotated[
         str, typer.Option(metavar="V", help="Volume to which moduli refer without a cell: a number, or hull.")
@@ -68,6 +75,12 @@ class Hints:
         list[str],
         typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated."),
     ] = field(default_factory=list)
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """The options as keywords of `network_from`."""
+        values = {option.name: getattr(self, option.name) for option in fields(self) if option.name != "case"}
+        return {name: _PARSERS.get(name, bool)(value) for name, value in values.items() if value}
 
     @property
     def words(self) -> list[str]:
@@ -105,8 +118,7 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
 
 def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
     """The network of a file, or of two tables, with the hints of the command line."""
-    values = {option.name: getattr(hints, option.name) for option in fields(hints) if option.name != "case"}
-    keywords = {name: _PARSERS.get(name, bool)(value) for name, value in values.items() if value}
+    keywords = hints.keywords
     file, labels = files[0], keywords.pop("labels", False)
     if len(files) > 2 or (len(files) == 2 and (labels or file.suffix == ".nc")):
         raise InputError(f"a network is one file, or a table of edges and one of vertices, not {len(files)} files")
@@ -122,8 +134,39 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
         return network_from(choose_case(dataset, hints.case).load(), **keywords)
 
 
+# Seconds after which a terminal shows what is computed.
+_PATIENCE = 2.0
+
+
+@contextmanager
+def waiting(what: str) -> Iterator[Callable[[str], None]]:
+    """A line on a terminal about what is computed, after `_PATIENCE`; the function that it yields names a part."""
+    if not sys.stderr.isatty():
+        yield lambda part: None
+        return
+    from rich.console import Console
+
+    status = Console(stderr=True, highlight=False).status(f"{what} …")
+    timer = Timer(_PATIENCE, status.start)
+    timer.start()
+    try:
+        yield lambda part: status.update(in_shell(f"{what}: {part} …"))
+    finally:
+        timer.cancel()
+        timer.join()
+        status.stop()
+
+
 # A keyword of `network_from` in a sentence, such as pins='hull' or nearest=True.
 _KEYWORD = re.compile(r"\b(cell|pins|volume|pixel|labels|nearest|strict|contract|join_crossings)=('?)([\w.]*)\2")
+
+
+# What sentences of the library call functions, in the words of the command.
+_IN_SHELL = {
+    "examine(FILE)": "critflow examine FILE",
+    "nearest_critical(network, coordinates) restores": "the nearest critical configuration restores",
+    "nearest_critical restores": "the nearest critical configuration restores",
+}
 
 
 def in_shell(sentences: str) -> str:
@@ -133,6 +176,8 @@ def in_shell(sentences: str) -> str:
         name, _, value = keyword.groups()
         return f"--{name.replace('_', '-')} {'' if value == 'True' else value}".strip()
 
+    for function, words in _IN_SHELL.items():
+        sentences = sentences.replace(function, words)
     return _KEYWORD.sub(option, sentences)
 
 
@@ -144,6 +189,9 @@ def convert(
     hints: Hints,
     size: Annotated[float, typer.Option(metavar="MM", help="Largest extent of a drawing or solid.")] = 100.0,
     radius: Annotated[float, typer.Option(metavar="MM", help="Radius of the struts of a solid.")] = 1.0,
+    by_stiffness: Annotated[
+        bool, typer.Option("--by-stiffness", help="Cross sections of drawn or solid struts by their stiffness.")
+    ] = False,
     copies: Annotated[
         str, typer.Option(metavar="NUMBERS", help="Copies of a periodic cell along each cell vector, such as '2 3'.")
     ] = "1",
@@ -158,6 +206,10 @@ def convert(
     options: dict[str, Any] = {"copies": _copies(copies)}
     if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
         options["size"] = size
+    if by_stiffness and out.suffix.lower() not in (".svg", ".stl", ".3mf"):
+        raise InputError(f"--by-stiffness is for .svg, .stl and .3mf, not {out.suffix}: leave it out")
+    if by_stiffness:
+        options["by_stiffness"] = True
     if out.suffix.lower() in (".stl", ".3mf"):
         options["radius"] = radius
     write_network(imported, out, **options)
@@ -178,7 +230,10 @@ def examine_file(
         from critflow.examination.page import require_page, write_page
 
         require_page(out)
-    examination = examine(read(files, hints))
+    names = " and ".join(file.name for file in files)
+    with waiting(f"examining {names}") as progress:
+        imported = read_held(lambda **pins: read(files, replace(hints, **pins)), progress)
+        examination = examine(imported, progress=progress)
     words = shlex.join([*map(str, files), *hints.words])
     print(in_shell("\n".join(report_lines(examination, words))))
     if out is not None:
@@ -219,21 +274,18 @@ def make(
     print(in_shell(str(imported)))
     writer_to(out, imported)
     solution: Solution[CriticalConfiguration]
-    if target:
-        solution, title = _designed(imported.network, target)
-    else:
-        optimum = optimize(imported.network, objective, throw=False)
-        solution, title = optimum, f"{objective} {optimum.objective:.6g}"
-        print(f"  {objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})")
+    with waiting(f"making {out.name}"):
+        if target:
+            solution, title, lines = _designed(imported.network, target)
+        else:
+            optimum = optimize(imported.network, objective, throw=False)
+            solution, title = optimum, f"{objective} {optimum.objective:.6g}"
+            lines = [f"{objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})"]
     critical = solution.value
-    certificate = certify(critical)
-    rigid = "rigid to second order" if certificate.rigid else "not certified as rigid"
-    print(
-        f"  certificate: {rigid}, {counted(certificate.n_self_stresses, 'self-stress')}, unbalanced force "
-        f"{certificate.residual:.1e} of the mean tension, least tension {certificate.least_tension:.2g} of it"
-    )
+    print("\n".join(f"  {line}" for line in lines))
     if not np.isfinite(critical.coordinates).all():
         return 3
+    print(f"  {certificate_text(critical, title, solution.status)}")
     write_network(critical, out)
     print(f"  written to {out}")
     if picture is not None:
@@ -242,8 +294,8 @@ def make(
     return 0 if solution.ok else 3
 
 
-def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str]:
-    """The design for targets of the command line, reported, and a title of it."""
+def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list[str]]:
+    """The design for targets of the command line, a title of it, and lines that report it."""
     targets = dict[str, Any]()
     for word in words:
         name, equals, value = word.partition("=")
@@ -253,13 +305,12 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str]:
             raise InputError(f"--target {name} is given twice: give one value, or limits LOW:HIGH")
         targets[name] = _target(value)
     solution = design(network, targets, throw=False)
-    print(f"  {solution.status.name}: {solution.reason}")
-    for name, one in solution.targets.items():
-        print(
-            f"  {name} {one.value:.12g} ± {one.error:.1e}, requested {targets[name]}, "
-            f"cost {one.multiplier + 0.0:.3g}, independence {one.independence:.3g}"
-        )
-    return solution, ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items())
+    lines = [f"{solution.status.name}: {solution.reason}"] + [
+        f"{name} {one.value:.12g} ± {one.error:.1e}, requested {targets[name]}, cost {one.multiplier + 0.0:.3g}, "
+        f"independence {one.independence:.3g}"
+        for name, one in solution.targets.items()
+    ]
+    return solution, ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items()), lines
 
 
 def _target(text: str) -> Any:

@@ -14,7 +14,9 @@ from typing import Literal, NamedTuple, overload
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.sparse.linalg import splu
+from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotri
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
 from critflow.arguments import checked
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
@@ -27,12 +29,16 @@ from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError, Solution, Stats, Status
 
 NEAREST_CONVERGED = 1e-9  # change of log σ in a step of Gauss and Newton below which it has converged
+NEAREST_ROUGH = 1e-3  # the same with a regularisation that is then left out
+NEAREST_BALANCED = 1e-6  # distance of the start, in units of the lengths, from which no regularisation is needed
+NEAREST_EXACT = 1e-12  # the same from which no step is needed: rounding leaves 1e-14
 NEAREST_DAMPING = 1e-9  # first damping of these steps, in units of the mean square of the coordinates
 # Regularises the multipliers of balance, relative to the mean stress: pivots of both signs stay apart.
 NEAREST_REGULARISATION = 1e-12
 # Smallest stress that a descent starts from, relative to the mean: stresses in balance at noisy positions may be
 # negative.
 SMALLEST_START = 0.05
+WEAKEST_START = 1e-3  # the same where none is negative
 # First regularisation of log σ, relative to the mean square length: an infimum that is not attained then has a
 # minimiser.
 NEAREST_RIDGE = 1e-8
@@ -201,8 +207,20 @@ class _Fit:
 
     def descend(self, theta: Array, max_steps: int) -> tuple[_Iterate, int, Status]:
         """Damped Gauss-Newton steps on D s² + ridge Σθ², and without the ridge where no stress tends to a limit."""
-        here, steps, status = self._descend(self.at(theta - theta.mean()), max_steps, self._ridge)
+        start = self.at(theta - theta.mean())
+        size = self._ridge / NEAREST_RIDGE * len(start.residual)
+        if start.cost < NEAREST_EXACT**2 * size:
+            return start, 0, Status.ok
+        if start.cost < NEAREST_BALANCED**2 * size:
+            here, steps, status = self._descend(start, max_steps, 0.0)
+            if status is Status.ok and np.abs(here.theta).max() <= WIDEST_STRESS:
+                return here, steps, status
+        # The end without the ridge needs only a rough one with it.
+        here, steps, status = self._descend(start, max_steps, self._ridge, NEAREST_ROUGH)
         extreme = np.abs(here.theta) > WIDEST_STRESS
+        if status is not Status.ok or extreme.any():
+            here, more, status = self._descend(here, max_steps - steps, self._ridge)
+            extreme, steps = np.abs(here.theta) > WIDEST_STRESS, steps + more
         # Stresses over many decades leave rounding in the steps before their last digits.
         if status is Status.stalled and extreme.any() and self.gradient(here) < NEAREST_STALLED:
             status = Status.ok
@@ -213,8 +231,10 @@ class _Fit:
         here, more, status = self._descend(here, max_steps - steps, 0.0)
         return here, steps + more, status
 
-    def _descend(self, here: _Iterate, max_steps: int, ridge: float) -> tuple[_Iterate, int, Status]:
-        """Steps until one changes no stress by more than `NEAREST_CONVERGED`."""
+    def _descend(
+        self, here: _Iterate, max_steps: int, ridge: float, tolerance: float = NEAREST_CONVERGED
+    ) -> tuple[_Iterate, int, Status]:
+        """Steps until one changes no log σ by more than the tolerance."""
         damping = NEAREST_DAMPING
         for step in range(max_steps):
             change = self._step(here, damping * self._size, ridge)
@@ -225,7 +245,7 @@ class _Fit:
             gained = here.cost + ridge * here.theta @ here.theta - there.cost - ridge * there.theta @ there.theta
             if gained >= 0:
                 theta = there.theta - there.theta.mean() if ridge == 0 else there.theta
-                converged = longest < NEAREST_CONVERGED or gained <= 1e-15 * here.cost
+                converged = longest < tolerance or gained <= 1e-15 * here.cost
                 here, damping = there._replace(theta=theta), max(_DECAY * damping, 1e-3 * NEAREST_DAMPING)
                 if converged:
                     return here, step + 1, Status.ok
@@ -268,18 +288,36 @@ class _Fit:
         m, n, d = self.network.n_edges, len(self._free), self.network.dimension
         if m * n * d > LARGEST_DENSE // 4 or not np.isfinite(error):
             return np.full(m, np.nan), np.full(m, np.nan)
-        sigma, L = here.balance.sigma, here.balance.bond_vectors
-        loads = np.asarray((sp.diags_array(sigma) @ spread_columns(self.network, L)).T.todense())
-        by_axis = loads.reshape(n, d * m)
-        J = -here.balance.factor.solve(by_axis).reshape(n * d, m)
+        # ∂x/∂θ_α = −P⁻¹ g_αᵀ (σL)_α, so that JᵀJ is an entrywise product.
+        forces = here.balance.sigma[:, None] * here.balance.bond_vectors
+        spread = here.balance.factor.solve(self.network.free_incidence.T.toarray())
+        gram = spread.T @ spread
         if self._moves:
-            full = np.concatenate([np.zeros((d, m)), J]).reshape(n + 1, d, m)
-            J = (full - full.mean(axis=0)).reshape(-1, m)
-        # The zero eigenvalue is that of the scale of σ.
-        values, columns = np.linalg.eigh(J.T @ J)
-        values, columns = values[1:], columns[:, 1:]
-        spread = error * np.sqrt(np.sum(columns**2 / np.maximum(values, np.finfo(float).tiny), axis=1))
-        return spread, columns[:, 0]
+            total = spread.sum(axis=0)
+            gram -= np.outer(total, total) / (n + 1)
+        gram *= forces @ forces.T
+        variances, weakest = _inverse_without_scale(gram)
+        return error * np.sqrt(variances), weakest
+
+
+def _inverse_without_scale(gram: Array) -> tuple[Array, Array]:
+    """Diagonal of the inverse of JᵀJ (m, m) across its null vector, equal changes of log σ, and its weakest vector."""
+    m, mean = len(gram), float(np.trace(gram)) / len(gram)
+    start = np.random.default_rng(0).standard_normal(m)
+    try:
+        # The null vector gets the mean eigenvalue, which is subtracted from the inverse.
+        factor = cho_factor(gram + mean / m, lower=True)
+        inverse = LinearOperator(gram.shape, lambda v: cho_solve(factor, v - v.mean()))
+        weakest = eigsh(inverse, k=1, which="LA", v0=start - start.mean())[1]
+        variances = np.diag(dpotri(factor[0], lower=1)[0]) - 1 / (m * mean)
+        if (variances > 0).all():
+            return variances, weakest[:, 0]
+    except (np.linalg.LinAlgError, ArpackNoConvergence):
+        pass
+    # The zero eigenvalue is that of the scale of σ.
+    values, columns = np.linalg.eigh(gram)
+    values, columns = values[1:], columns[:, 1:]
+    return np.sum(columns**2 / np.maximum(values, np.finfo(float).tiny), axis=1), columns[:, 0]
 
 
 def _step_pattern(network: Network) -> FixedPattern:
@@ -313,4 +351,6 @@ def _best_balance(manifold: CriticalManifold, x: Array) -> Array:
         sigma = factor.solve(sigma)
         sigma = sigma / np.abs(sigma).max()
     sigma = sigma * np.sign(sigma.sum() or 1.0)
-    return np.maximum(sigma, SMALLEST_START * float(np.mean(np.abs(sigma))))
+    # Stresses that are all positive are those of a configuration near by, however weak some are.
+    least = WEAKEST_START if (sigma > 0).all() else SMALLEST_START
+    return np.maximum(sigma, least * float(np.mean(np.abs(sigma))))

@@ -42,6 +42,7 @@ TRAPPED = 20  # number of successive steps at nearly singular matrices that show
 # Minimisers of each method in turn: "auto" continues with Newton's method where gradients alone do not converge.
 DESCENTS = {"fire": ("fire",), "lbfgs": ("lbfgs",), "newton": ("newton",), "auto": ("lbfgs", "newton")}
 
+_LOCAL = "the value is local, and other starts may have a better one: give starts and rng"
 # Step limits: several times the steps that standard networks of 1,000 vertices need.
 _MAX_STEPS = {"fire": 200_000, "lbfgs": 3_000, "newton": 200}
 # Descents repeated from moderate stresses.
@@ -100,6 +101,10 @@ def descend(
     if end.status is Status.stalled and reached.value.lengths.min() < SOUND**2 * reached.value.lengths.mean():
         note = f"edges become too short to resolve as the value falls to {optimum.objective:.6g}: try another start"
         return _at(objective, monitor.last_sound, replace(optimum, note=note))
+    if end.status is Status.stalled and reached.value.sigma.min() < FADED:
+        edge = int(reached.value.sigma.argmin())
+        note = f"stresses fade, that of edge {edge} first, before the others have converged: {_LOCAL}"
+        return replace(optimum, note=note)
     return optimum
 
 
@@ -252,7 +257,7 @@ def _infimum(optimum: Optimum, end: Minimum, objective: StressObjective, monitor
     listed = ", ".join(map(str, edges))
     optimum = replace(
         optimum,
-        note=f"edges {listed} {change} towards the infimum {limit:.8g}, which is not attained",
+        note=f"edges {listed} {change} towards the infimum {limit:.8g}, which is not attained: {_LOCAL}",
         objective=limit,
         uncertainty=left + float(np.abs(np.delete(gradient, edges)).sum()),
         collapsed_edges=edges if collapse else edges[:0],

@@ -18,6 +18,11 @@ from critflow.result import InputError
 
 GOALS = ("largest", "smallest")
 LIMITED = {"stress": ("lengths", "tensions", "force_densities"), "faces": ("lengths",), "stiffness": ("stiffnesses",)}
+# What helps where a calculation is that of one self-stress.
+SEVERAL_STRESSES = (
+    "prune_towards(network, {'B_0': 'largest'}, cuts=...) cuts edges at the least loss, and design(..., "
+    "change='stiffness') changes springs at rest"
+)
 ABSOLUTE = ("lengths", "stiffnesses")  # the others are in units of their mean
 
 

@@ -19,6 +19,7 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, 
 from critflow.critical.quantity import Quantity
 from critflow.critical.transition import PenalisedModulus, dilation
 from critflow.design.descent import DESCENTS, Observer, descend
+from critflow.design.limits import SEVERAL_STRESSES
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
 from critflow.linalg.tolerances import EPS
 from critflow.networks.checks import edge_values
@@ -65,8 +66,8 @@ def optimize(
 
     An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum has an
     edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`
-    where lengths grow without end.  The objective is then the limit of the value,
-    which may be local, as every optimum of a descent.
+    where lengths grow without end.  The objective is then the limit of the value.  Every optimum of a descent may be
+    local: where no stress gives equal lengths, different starts end at different length variances.
     Raises `InputError` for bad arguments, `SolveError` when the status is not `ok` and `throw`.
 
     Many parameters: all after the method are options of a descent, by keyword only.
@@ -94,7 +95,7 @@ def optimize(
     problem = _Problem(manifold, goal, signs, first, others, tolerance, max_steps, observe)
     if goal.one_self_stress and signs == "positive" and not problem.is_bulk:
         # The maximum of the bulk modulus over all stresses of all configurations is at σ = k, which is positive.
-        require_one_self_stress(manifold.network, "only its bulk modulus and its variances can be optimised")
+        require_one_self_stress(manifold.network, SEVERAL_STRESSES)
     optimum = METHODS[method](problem, method)
     return optimum.or_raise("no optimum") if throw else optimum
 

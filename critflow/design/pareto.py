@@ -11,7 +11,7 @@ first-order condition  w_1 ∇φ_1 + w_2 ∇φ_2 + Σ ν ∇(limits) = 0,  ν �
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.design.limits import Target, edge_limits, parse_targets
+from critflow.design.descent import SOUND
+from critflow.design.limits import SEVERAL_STRESSES, Target, edge_limits, parse_targets
 from critflow.design.problem import Preference, TargetProblem
 from critflow.design.stresses import Stresses
 from critflow.networks.network import Array, Network
@@ -94,7 +95,9 @@ def pareto(
     A point is certified, `Status.ok`, if its weights are not negative and the residual of its first-order conditions is
     below `FRONT_CERTIFIED`.  That is a proof of stationarity up to the residual, not of a global optimum: fronts are
     local, as every optimum of a descent.  The ends minimise one objective and a hundredth of the other.
-    `Status.not_reached` at a point where the front has no point in front of the line between its ends.
+    `Status.not_reached` at a point where the front has no point in front of the line between its ends;
+    `Status.edge_collapse` or `Status.slack_edges` at an end that is not attained, as edges shrink or lose their stress:
+    where the objective has no limit, as the largest C_B, the front has these two ends only, and needs limits.
     Raises `InputError` for unknown objectives, for two that have the same best configuration, and networks with several
     self-stresses; `SolveError` where a point is not certified and `throw` is set.
     """
@@ -124,7 +127,7 @@ def _pair(manifold: CriticalManifold, objectives: Mapping[Any, str] | Sequence[A
     if same(pair[0].quantity, pair[1].quantity):
         raise InputError("both objectives are the same quantity: give two different ones")
     if any(one.quantity.one_self_stress for one in pair):
-        require_one_self_stress(manifold.network, "change its stiffnesses, or prune it to one self-stress")
+        require_one_self_stress(manifold.network, SEVERAL_STRESSES)
     return pair
 
 
@@ -196,7 +199,7 @@ class _Search:
 
     def _between(self, ends: list[_Point], n: int) -> list[_Point]:
         """The ends and the points between them, each from its neighbour, and back where that is not the best."""
-        if n == 2 or not all(end.minimum.reached for end in ends):
+        if n == 2 or self._unlimited(ends) or not all(end.minimum.reached for end in ends):
             return ends
         found = [ends[0]]
         (first, last) = (self.objectives(end.minimum.point.z)[0] for end in ends)
@@ -232,10 +235,33 @@ class _Search:
             )
         self._ideal, self.units = np.diag(values).copy(), spread
         small = END_WEIGHT
-        return [
-            self._point(_Weighted(self, (1 - small, small), None), alone[0]),
-            self._point(_Weighted(self, (small, 1 - small), None), alone[1]),
+        weights = ((1 - small, small), (small, 1 - small))
+        ends = [self._point(_Weighted(self, pair, None), z) for pair, z in zip(weights, alone, strict=True)]
+        return [self._attained(end, target) for end, target in zip(ends, self._pair, strict=True)]
+
+    def _attained(self, end: _Point, target: Target) -> _Point:
+        """An end that is not certified, with its reason where edges shrink or lose their stress."""
+        sigma = self._stresses.stress(end.minimum.point.z)
+        length = np.linalg.norm(self._stresses.manifold.balance(sigma).bond_vectors, axis=1)
+        short, weak = length.min() < SOUND * length.mean(), sigma.min() < SOUND**2 * sigma.mean()
+        if end.status is Status.ok or not (short or weak):
+            return end
+        edge, change = (length.argmin(), "shrinks") if short else (sigma.argmin(), "loses its stress")
+        best = "largest" if target.goal < 0 else "smallest"
+        note = (
+            f"the {best} {target.name} is not attained, edge {edge} {change} towards it: limit the edges, as by "
+            "within={'force_densities': (0.2, None)}"
+        )
+        return replace(end, status=Status.edge_collapse if short else Status.slack_edges, note=note)
+
+    def _unlimited(self, ends: list[_Point]) -> bool:
+        """Whether an end is not attained and its objective has no limit."""
+        limits = [
+            target.quantity.extreme(self._stresses.manifold, True)[target.goal < 0]
+            for end, target in zip(ends, self._pair, strict=True)
+            if end.status in (Status.edge_collapse, Status.slack_edges)
         ]
+        return not np.isfinite(limits).all()
 
     def _alone(self, weights: tuple[float, float], more: list[Array]) -> Array:
         """The best z of one objective, from the start, where B_0 and C_B may be stationary, one near it, and more."""

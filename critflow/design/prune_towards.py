@@ -5,11 +5,16 @@ vectors with it: with its column c of edge α and r = C_αα,
     C → C + σ_α c cᵀ/(1 − σ_α r),   L → L + σ_α c L_αᵀ/(1 − σ_α r).
 No matrix is factorised while the identities of C and the balance of forces hold to a bound; beyond it C is computed
 again from the edges that remain.
+
+Towards a target each cut brings the value nearest to it, until none brings it nearer.  Where it is then still far, the
+last cuts are taken back, and others that do not go beyond the target follow in their place.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,6 +34,8 @@ from critflow.result import InputError, Solution, Stats, Status
 PRUNING_DRIFT = 1e-10  # error of rank-one updates from which P is factorised again: far below the digits of a design
 PRUNING_REACHED = 1e-3  # distance from a target that counts as reached, relative to it: cuts are discrete
 
+# Cuts that are taken back at most, each of which keeps a matrix C.
+_TAKEN_BACK = 2
 # The column of C that is checked changes from cut to cut.
 _PRIME = 7919
 
@@ -77,9 +84,9 @@ def prune_towards(
     drift      error of the identities of C, and of the balance of forces over the mean tension, from which P is
                factorised again
 
-    Cuts are discrete: `Status.not_reached` where no further cut reduces the distance from the target and it is larger
-    than the tolerance.  `Status.floppy` where every further cut opens the network.  A search cut by cut is not
-    exhaustive: other sets of edges may be nearer.
+    Cuts are discrete: `Status.not_reached` where no further cut reduces the distance from the target, and others in
+    place of the last ones leave it larger than the tolerance.  `Status.floppy` where every further cut opens the
+    network.  A search cut by cut is not exhaustive: other sets of edges may be nearer.
     Raises `InputError` for unknown quantities, stresses with zeros, networks beyond about 4,000 edges, and without
     target and number of cuts.
     """
@@ -89,18 +96,19 @@ def prune_towards(
     target = None if goal.goal else goal.low
     search = _Search(critical, goal, drift, seed)
     limit = critical.network.n_edges if cuts is None else cuts
-    values, status, note = [search.value()], Status.ok, ""
-    while len(search.cuts) < limit:
-        edge = search.next_edge(target, values[-1])
-        if edge is None:
-            status, note = (Status.floppy, "every further cut opens the network") if target is None else (status, note)
-            break
+    status, note, before = Status.ok, "", deque[_Search](maxlen=_TAKEN_BACK)
+    while len(search.cuts) < limit and (edge := search.next_edge(target)) is not None:
+        if target is not None:
+            before.append(search.copied())
         search.cut(edge)
-        values.append(search.value())
-    if target is not None and not abs(values[-1] - target) <= tolerance * target:
-        status = Status.not_reached
-        count = len(search.cuts)
-        note = f"{goal.name} is {values[-1]:.6g} after {count} cuts: no further one is nearer to {target:.6g}"
+    if target is None and len(search.cuts) < limit:
+        status, note = Status.floppy, "every further cut opens the network"
+    if target is not None and not search.distance(target) <= tolerance * target:
+        search = _without_overshoot(reversed(before), target, tolerance * target, limit) or search
+    values = search.values
+    if target is not None and not search.distance(target) <= tolerance * target:
+        status, reached = Status.not_reached, f"{values[-1]:.6g} after {len(search.cuts)} cuts"
+        note = f"{goal.name} is {reached}: no further one is nearer to {target:.6g}"
     configuration, edges = search.result(critical)
     exact = goal.quantity.evaluate(configuration)[0]
     solution = PrunedDesign(
@@ -138,20 +146,50 @@ def _goal(critical: CriticalConfiguration, targets: Mapping[Any, Any], cuts: int
     return goal
 
 
+def _without_overshoot(before: Iterable[_Search], target: float, tolerance: float, limit: int) -> _Search | None:
+    """A search that reaches the target from one of the given ones by cuts that do not go beyond it; None without."""
+    for search in before:
+        side = np.sign(search.values[-1] - target)
+        while len(search.cuts) < limit:
+            values = search.after_all()
+            gap = side * (values - target)
+            edge, distance = _best(search.target, np.where(gap >= -tolerance, values, np.nan))
+            if edge is None or distance >= search.distance(target):
+                break
+            search.cut(edge)
+            if distance <= tolerance:
+                return search
+    return None
+
+
 class _Search:
     """The edges that remain, C of them, and their bond vectors.
 
     kept      edges that remain and have a length
+    values    of the quantity, before the first cut and after each one
     untried   edges in random order, the next one last
     """
 
     def __init__(self, critical: CriticalConfiguration, target: Target, bound: float, seed: int | None):
         self._network, self._manifold = critical.network, CriticalManifold(critical.network)
-        self._target, self._goal, self._bound = target, target.quantity, bound
+        self.target, self._goal, self._bound = target, target.quantity, bound
         m = critical.network.n_edges
         self.sigma, self.kept, self.cuts, self.factorisations = critical.sigma.copy(), np.ones(m, bool), list[int](), 0
         self.untried = None if seed is None else generator(seed).permutation(m).tolist()
         self._factorise()
+        self.values = [self.value()]
+
+    def copied(self) -> _Search:
+        """A search that goes on by itself from here."""
+        other = copy(self)
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray | list):
+                setattr(other, name, value.copy())
+        return other
+
+    def distance(self, target: float) -> float:
+        """Distance of the last value from the target."""
+        return abs(self.values[-1] - target)
 
     def _factorise(self) -> None:
         g = self._manifold.network.free_incidence
@@ -178,16 +216,16 @@ class _Search:
         width = m if of_stress else max(1, LARGEST_DENSE // (4 * self.L.size))
         return np.concatenate([self.after(first, min(first + width, m)) for first in range(0, m, width)])
 
-    def next_edge(self, target: float | None, now: float) -> int | None:
+    def next_edge(self, target: float | None) -> int | None:
         """The edge that is cut next, or None where every cut opens the network or is away from the target."""
-        reached = np.inf if target is None else abs(now - target)
+        reached = np.inf if target is None else self.distance(target)
         if self.untried is None:
-            best, distance = _best(self._target, self.after_all())
+            best, distance = _best(self.target, self.after_all())
             return best if target is None or distance < reached else None
         while self.untried:
             edge = self.untried.pop()
             if self.kept[edge]:
-                best, distance = _best(self._target, self.after(edge, edge + 1))
+                best, distance = _best(self.target, self.after(edge, edge + 1))
                 if best is not None and (target is None or distance < reached):
                     return int(edge)
         return None
@@ -206,6 +244,7 @@ class _Search:
         # Edges that hang on one vertex have no length, and change nothing.
         lengths = np.linalg.norm(self.L, axis=1)
         self.kept &= lengths > NO_LENGTH * lengths[self.kept].mean()
+        self.values.append(self.value())
 
     def error(self) -> float:
         """Error of σCσC = σC in one entry, and of the balance of forces over the mean tension."""

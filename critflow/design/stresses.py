@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.critical.manifold import Balance, CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Quantity
-from critflow.design.limits import EdgeLimits, Target
+from critflow.design.limits import SEVERAL_STRESSES, EdgeLimits, Target
 from critflow.design.optimize import optimize
 from critflow.design.refusals import excluded, limiting_stress
 from critflow.design.variables import Designed, Variables
@@ -38,7 +38,6 @@ class Stresses(Variables):
     # Component of the gradient of the change along the surface of the targets, relative to 1 plus the largest one: the
     # change is then mostly least to 1e-3; it only selects.
     tolerance = 2e-2
-    preferable = True
 
     def __init__(
         self,
@@ -106,7 +105,7 @@ class Stresses(Variables):
 
     def excluded(self, targets: Sequence[Target]) -> str:
         if any(target.quantity.one_self_stress for target in targets):
-            require_one_self_stress(self.manifold.network, "change its stiffnesses, or prune it to one self-stress")
+            require_one_self_stress(self.manifold.network, SEVERAL_STRESSES)
         self._targets = list(targets)
         return excluded(self.manifold, targets, self.positive)
 

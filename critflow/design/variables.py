@@ -40,7 +40,6 @@ class Variables(ABC):
     low, high   limits (m,) of the values of `limited`
     longest     largest change of a component of z in one step
     tolerance   residual of the first-order conditions at which the least change has been selected
-    preferable  whether other preferences than the least change are defined
     """
 
     origin: Array
@@ -48,7 +47,6 @@ class Variables(ABC):
     high: Array = np.zeros(0)
     longest: ClassVar[float]
     tolerance: ClassVar[float]
-    preferable: ClassVar[bool] = False
 
     @abstractmethod
     def at(self, z: Array) -> Any:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from os import PathLike
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +15,7 @@ from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.nearest import Nearest, nearest_critical
 from critflow.examination.report import UNFINISHED, Examination
-from critflow.exchange.boundaries import hull_volume
+from critflow.exchange.boundaries import UnheldNetwork, hull_volume
 from critflow.exchange.convert import network_from
 from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.checks import edge_values
@@ -22,8 +24,8 @@ from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.onset.critical_strain import Onset, critical_strain
 from critflow.quantities.leverage import EdgeLeverage, edge_leverage
 from critflow.response.elasticity import Elasticity, elasticity
-from critflow.result import CritflowError, InputError, Solution, SolveError, Status
-from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
+from critflow.result import CritflowError, InputError, NetworkError, Solution, SolveError, Status
+from critflow.rigidity.counts import Rigidity, rigidity
 from critflow.rigidity.second_order import second_order_rigidity
 from critflow.rigidity.signed_stress import signed_stress
 from critflow.rigidity.spectrum import CLEAR_GAP
@@ -36,6 +38,10 @@ _TOLERANCE = 1e-6
 _LARGEST_TOLERANCE = 0.01
 # Largest networks of which each edge is cut.
 _MOST_CUTS = 3000
+# Steps towards the nearest critical configuration for each rule that is tried: near ones take ten.
+_TRIAL_STEPS = 20
+# Self-stresses beyond which only their number is computed, where it is certain without them.
+_MANY_STRESSES = 100
 _USABLE = (Status.ok, Status.edge_collapse, Status.slack_edges, *UNFINISHED)
 DEFORMATIONS = ("dilation", "simple_shear", "pure_shear", "uniaxial")
 
@@ -48,60 +54,105 @@ def examine(
     *,
     decimals: int | None = None,
     deformations: Sequence[str] = DEFORMATIONS,
+    progress: Callable[[str], None] = lambda part: None,
 ) -> Examination:
     """Examine a network, or that of a file, at coordinates (N_v, d), by default its positions; `print` the result.
 
     rest_lengths  ℓ (N_b,) of the critical strains; the lengths at the coordinates by default
     decimals      decimals that the coordinates have in their file; None: all digits, or those of an imported network
     deformations  names of the deformations whose critical strains are computed
+    progress      called with the name of each part before it is computed
 
-    Raises `InputError` where no positions are known; parts that fail are reported by a sentence, the others stand.
+    Raises `InputError` where no positions are known, and `NetworkError` for a file of a network that nothing holds,
+    with what each rule for fixed vertices gives; parts that fail are reported by a sentence, the others stand.
 
     >>> import critflow as cf
     >>> examination = cf.examine(cf.lattice("honeycomb", 2, 2), deformations=())
     >>> examination.order, examination.n_self_stresses
     ('critical', 1)
     """
-    network, x, rest, notes, digits, names = _subject(network, coordinates, rest_lengths)
+    if isinstance(network, str | PathLike):
+        network = read_held(partial(network_from, network), progress)
+    subject = _subject(network, coordinates, rest_lengths)
     if decimals is not None:
         if not 0 <= decimals <= 15:
             raise InputError(
                 f"decimals must be from 0 to 15, not {decimals}: leave them out where all digits are known"
             )
-        digits = Digits(decimals, 0.5 * 10.0**-decimals)
-    rounding = digits.effect(rest, grids=decimals is None)
+        subject = replace(subject, digits=Digits(decimals, 0.5 * 10.0**-decimals))
+    attempts = _Attempts(progress)
+    found = _judged(subject, attempts)
+    return replace(
+        found,
+        critical_strains=_critical_strains(found.network, subject.rest, deformations, attempts),
+        elasticity=None if found.nearly_critical else _elasticity(found.network, subject.x, attempts),
+        leverage=_leverage(found.critical, attempts),
+        failures=tuple(attempts.failures),
+    )
+
+
+def read_held(read: Callable[..., ImportedNetwork], progress: Callable[[str], None]) -> ImportedNetwork:
+    """The network that read() gives; where nothing holds it, `NetworkError` with what every rule of `pins` gives.
+
+    read  takes the keyword `pins`
+    """
+    try:
+        return read()
+    except UnheldNetwork as question:
+        unheld = question
+    answers = []
+    for rule in unheld.rules:
+        progress(f"pins='{rule}'")
+        try:
+            held = read(pins=rule)
+            verdict = _judged(_subject(held), _Attempts(progress), _TRIAL_STEPS).verdict
+            answer = f"fixes {len(held.network.pins)}: {verdict}"
+        except CritflowError as refusal:
+            answer = f"is refused, {refusal}"
+        answers.append(f"pins='{rule}' {answer}")
+    raise NetworkError(
+        f"the network has neither a cell nor fixed vertices, so it collapses: say which vertices are fixed. "
+        f"{'. '.join(answers)}. Or give a list of vertices, or a cell"
+    )
+
+
+def _judged(subject: _Subject, attempts: _Attempts, max_steps: int = 200) -> Examination:
+    """The order of rigidity, and the nearest critical configuration with its moduli.
+
+    max_steps  of the search for that configuration
+    """
+    network, x = subject.network, subject.x
+    rounding = subject.digits.effect(subject.rest)
     # A count is certain where singular values lie below the tolerance by CLEAR_GAP.
     tolerance = max(_TOLERANCE, min(CLEAR_GAP * rounding, _LARGEST_TOLERANCE))
-    attempts = _Attempts()
-    counted = rigidity(network, x, tolerance)
+    attempts.progress("self-stresses and zero modes")
+    many = network.n_edges - network.dimension * len(network.free) > _MANY_STRESSES
+    counted = rigidity(network, x, tolerance, vectors=not many)
+    # Without a zero mode no singular value lies below the tolerance, so that the number of self-stresses is certain.
+    if many and not counted.value.first_order_rigid:
+        counted = rigidity(network, x, tolerance)
     counts = counted.value
     tension = attempts.value("a self-stress in tension", lambda: _tension(network, x, counts))
-    nearest = _nearest(network, x, counts, attempts)
-    strains = _critical_strains(network, rest, deformations, attempts)
-    motion = attempts.value("the floppy motions", lambda: _participation(network, x, tolerance))
+    nearest = _nearest(network, x, counts, attempts, max_steps)
     # The configuration at the transition, where its moduli follow from one self-stress.
     critical = nearest.value if nearest and counts.n_self_stresses <= 1 and network.dimension > 1 else None
     return Examination(
         network=network,
         coordinates=x,
-        order=_order(network, x, counts, tension, tolerance, attempts),
+        order=_order(network, x, counted, tension, tolerance, attempts),
         rigidity=counted,
         tolerance=tolerance,
         tension=tension,
-        participation=motion,
         nearest=nearest,
         critical_elasticity=attempts.value("B_0 and G_0", lambda: elasticity(critical)) if critical else None,
-        critical_strains=strains,
-        elasticity=_elasticity(network, x, attempts),
-        leverage=_leverage(critical, attempts),
-        rounding=rounding * float(rest.mean()),
-        notes=notes,
-        names=names,
-        failures=tuple(attempts.failures),
+        rounding=rounding * float(subject.rest.mean()),
+        notes=subject.notes,
+        names=subject.names,
     )
 
 
-class _Subject(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Subject:
     """A network at coordinates (N_v, d), rest lengths (N_b,), and sentences, digits and names of its source."""
 
     network: Network
@@ -113,10 +164,9 @@ class _Subject(NamedTuple):
 
 
 def _subject(
-    thing: Network | ImportedNetwork | str | PathLike, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None
+    source: Network | ImportedNetwork, coordinates: ArrayLike | None = None, rest_lengths: ArrayLike | None = None
 ) -> _Subject:
     """The subject of an examination: at the positions and with the lengths there, where none are given."""
-    source = network_from(thing) if isinstance(thing, str | PathLike) else thing
     notes, names, digits = tuple[str, ...](), tuple[str, ...](), Digits(None, 0.0)
     if isinstance(source, ImportedNetwork):
         network, digits, names = source.network, source.data.digits, source.vertex_names
@@ -141,11 +191,13 @@ def _subject(
 class _Attempts:
     """Runs parts of an examination; a refusal becomes a sentence."""
 
-    def __init__(self) -> None:
+    def __init__(self, progress: Callable[[str], None]) -> None:
+        self.progress = progress
         self.failures: list[str] = []
 
     def value(self, part: str, compute: Callable[[], Result]) -> Result | None:
         """The result of a part, or None."""
+        self.progress(part)
         try:
             return compute()
         except CritflowError as error:
@@ -153,11 +205,13 @@ class _Attempts:
             return None
 
 
-def _nearest(network: Network, x: Array, counts: Rigidity, attempts: _Attempts) -> Nearest | None:
+def _nearest(network: Network, x: Array, counts: Rigidity, attempts: _Attempts, max_steps: int) -> Nearest | None:
     """The nearest critical configuration; none where several self-stresses make the network rigid to first order."""
     if counts.first_order_rigid and counts.n_self_stresses > 1:
         return None
-    nearest = attempts.value("the nearest critical configuration", lambda: nearest_critical(network, x, throw=False))
+    nearest = attempts.value(
+        "the nearest critical configuration", lambda: nearest_critical(network, x, max_steps=max_steps, throw=False)
+    )
     if nearest is None or nearest.status in _USABLE:
         return nearest
     attempts.failures.append(f"the nearest critical configuration: {nearest.reason}")
@@ -173,6 +227,7 @@ def _critical_strains(
         attempts.failures.append("the critical strains: an edge has no rest length: give a positive one to each")
         return onsets
     for name in deformations:
+        attempts.progress(f"the critical strain in {name}")
         try:
             onsets[name] = critical_strain(network, rest, name)
         except CritflowError as error:
@@ -194,10 +249,16 @@ def _tension(network: Network, x: Array, counts: Rigidity) -> float:
 
 
 def _order(
-    network: Network, x: Array, counts: Rigidity, tension: float | None, tolerance: float, attempts: _Attempts
+    network: Network,
+    x: Array,
+    counted: Solution[Rigidity],
+    tension: float | None,
+    tolerance: float,
+    attempts: _Attempts,
 ) -> str:
-    """The order of rigidity, a word of `Examination`."""
-    if np.isnan(counts.largest_zero):
+    """The order of rigidity, a word of `Examination`; "undecided" where the counts are in doubt."""
+    counts = counted.value
+    if counted.status is Status.singular:
         return "undecided"
     if counts.first_order_rigid:
         return "first"
@@ -228,9 +289,3 @@ def _leverage(critical: CriticalConfiguration | None, attempts: _Attempts) -> Ed
     if critical is None or critical.network.n_edges > _MOST_CUTS:
         return None
     return attempts.value("the cuts of edges", lambda: edge_leverage(critical).value)
-
-
-def _participation(network: Network, x: Array, tolerance: float) -> Array:
-    """Σ over orthonormal floppy modes of |u_i|²/d, (N_v,)."""
-    modes = zero_modes(network, x, tolerance).value.modes
-    return np.asarray(np.einsum("mid,mid->i", modes, modes) / network.dimension)

@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from critflow.arguments import checked
-from critflow.examination.report import Examination, report_lines
+from critflow.examination.report import AT_REST, Examination, report_lines
 from critflow.exchange.formats import require_folder
 from critflow.figures.drawing import draw, saved
 from critflow.result import InputError
@@ -28,8 +28,6 @@ _STYLE = (
 )
 # The picture follows the answer.
 _AFTER_PICTURE = "## As read"
-# Largest participation of a vertex that does not move.
-_AT_REST = 1e-6
 
 
 @checked
@@ -79,7 +77,7 @@ def pictures(examination: Examination) -> Figure:
     figure = plt.figure(figsize=(5.4 * panels, 5.0), layout="constrained")
     axes = figure.subplots(1, panels, squeeze=False)[0]
     # Discs are drawn in the plane only.
-    if moving is None or examination.network.dimension != 2 or moving.max(initial=0.0) <= _AT_REST:
+    if moving is None or examination.network.dimension != 2 or moving.max(initial=0.0) <= AT_REST:
         moving = None
     else:
         name += " (discs: floppy motions)"

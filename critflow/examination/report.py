@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib import import_module
 from os import PathLike
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.nearest import Nearest
 from critflow.exchange.data import counted
 from critflow.exchange.repair import described
@@ -15,10 +19,17 @@ from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import Onset
 from critflow.quantities.leverage import EdgeLeverage
 from critflow.response.elasticity import Elasticity
-from critflow.result import Record, Solution, Status
-from critflow.rigidity.counts import Rigidity
+from critflow.result import InputError, Record, Solution, Status
+from critflow.rigidity.counts import Rigidity, zero_modes
 
+# Distance from the nearest critical configuration, in units of the mean edge length, up to which a network counts as
+# one that its program has relaxed to a tolerance: the loosest ones in use are 1e-3.
+RELAXED = 1e-3
+# Participation of a vertex, at most, that does not move.
+AT_REST = 1e-6
 _MOST_EDGES = 5
+# Floppy modes up to which the vertices that move most say what is loose.
+_FEW_MODES = 50
 # A descent that ended so still holds a critical configuration.
 UNFINISHED = (Status.stalled, Status.step_limit)
 # Moduli below this part of the largest component are printed as zero.
@@ -47,17 +58,18 @@ _UNITS = {2: "stiffness", 3: "stiffness/length"}
 class Examination(Record):
     """The answers to the questions about one network; a part that could not be computed is None, with a sentence.
 
-    order         "floppy", "critical" (one self-stress, in tension on every edge), "first" (rigid to first order),
-                  "prestress" (a self-stress stabilises all floppy modes), "second" or "undecided"
+    order         of the coordinates as given: "floppy", "critical" (one self-stress, in tension on every edge), "first"
+                  (rigid to first order), "prestress" (a self-stress stabilises all floppy modes), "second" or
+                  "undecided"
     rigidity      self-stresses, zero modes and the gap of singular values
     tolerance     singular values below it count as zero
     tension       least |σ| over the largest of the best self-stress in tension on every edge; 0 where none exists
-    participation  (N_v,) part of each vertex in the floppy motions, at most 1
     nearest       the nearest critical configuration, or that towards which the descent tends
     leverage      B_0 of that configuration after the cut of each edge
     critical_elasticity  tensors of that configuration, at the transition
     critical_strains  by name of the deformation, for the rest lengths
-    elasticity    tensors at the coordinates, springs at rest
+    elasticity    tensors at the coordinates, springs at rest; None where the network is critical within a tolerance,
+                  whose moduli are those of the nearest critical configuration
     rounding      distance to a critical configuration that rounded coordinates may cause; 0 where they have all digits
     notes         sentences on the source
     names         (N_v,) names of the vertices in the source; empty: their numbers
@@ -70,13 +82,12 @@ class Examination(Record):
     rigidity: Solution[Rigidity]
     tolerance: float
     tension: float | None
-    participation: Array | None
     nearest: Nearest | None
-    leverage: EdgeLeverage | None
     critical_elasticity: Solution[Elasticity] | None
-    critical_strains: dict[str, Onset]
-    elasticity: Solution[Elasticity] | None
-    rounding: float = 0.0
+    rounding: float
+    critical_strains: dict[str, Onset] = field(default_factory=dict)
+    elasticity: Solution[Elasticity] | None = None
+    leverage: EdgeLeverage | None = None
     notes: tuple[str, ...] = ()
     names: tuple[str, ...] = field(default=(), repr=False)
     failures: tuple[str, ...] = ()
@@ -101,9 +112,106 @@ class Examination(Record):
         return f"{edge} ({self.vertex_name(int(tail))}–{self.vertex_name(int(head))})"
 
     @property
+    def n_floppy_modes(self) -> int:
+        """Number of zero modes that are neither translations of a periodic network nor rotations about its pins."""
+        counts = self.rigidity.value
+        return counts.n_zero_modes - counts.n_trivial - self._rotations
+
+    @property
+    def _rotations(self) -> int:
+        """Rotations that keep all fixed vertices in place; the cell keeps a periodic network from rotating."""
+        pins = np.array(list(self.network.pins.values()))
+        if not len(pins) or self.network.offsets.any():
+            return 0
+        size = np.ptp(self.coordinates, axis=0).max()
+        across = self.network.dimension - int(np.linalg.matrix_rank(pins - pins[0], tol=AT_REST * size))
+        return across * (across - 1) // 2
+
+    @cached_property
+    def _floppy_modes(self) -> Array | None:
+        """Orthonormal zero modes (n, N_v, d) but the translations; None for too many."""
+        try:
+            return zero_modes(self.network, self.coordinates, self.tolerance).value.modes
+        except InputError:
+            return None
+
+    @property
+    def participation(self) -> Array | None:
+        """Σ over orthonormal floppy modes of |u_i|²/d, (N_v,), the part of each vertex; None for too many modes."""
+        modes = self._floppy_modes
+        return None if modes is None else np.einsum("mid,mid->i", modes, modes) / self.network.dimension
+
+    @property
+    def distance(self) -> float:
+        """Distance to the nearest critical configuration in units of the mean edge length; NaN without one."""
+        lengths = np.linalg.norm(self.network.bond_vectors(self.coordinates), axis=1)
+        return np.nan if self.nearest is None else self.nearest.distance / float(lengths.mean())
+
+    @property
+    def critical(self) -> CriticalConfiguration | None:
+        """The nearest critical configuration, where its response follows from one self-stress; else None."""
+        return None if self.nearest is None or self.critical_elasticity is None else self.nearest.value
+
+    @property
+    def nearly_critical(self) -> bool:
+        """Whether the network is not critical as given, but within `RELAXED` edges."""
+        near, moduli = self.nearest, self.critical_elasticity
+        one = near is not None and near.ok and moduli is not None and getattr(moduli, "n_self_stresses", 0) == 1
+        return one and self.order not in ("critical", "first") and self.distance <= RELAXED
+
+    @cached_property
+    def loose(self) -> tuple[int, int]:
+        """Numbers of connected parts that move freely, and of their vertices, in a network that is rigid elsewhere."""
+        stiff = self.elasticity is not None and self.elasticity.ok and self.elasticity.value.tensor.any()
+        modes = self._floppy_modes
+        if self.order != "floppy" or not stiff or modes is None:
+            return 0, 0
+        # Modes of a periodic network have a mean of zero: the rigid part moves as one, and is the larger one.
+        rest = 0.0 if self.network.pins else np.median(modes, axis=1, keepdims=True)
+        moves = np.abs(modes - rest).max(axis=(0, 2)) > AT_REST
+        if moves[self.network.free].all():
+            return 0, 0
+        inside = self.network.edges[moves[self.network.edges].all(axis=1)]
+        graph = sp.coo_array((np.ones(len(inside)), inside.T), shape=(len(moves),) * 2)
+        return len(np.unique(connected_components(graph, directed=False)[1][moves])), int(moves.sum())
+
+    @property
+    def headline(self) -> tuple[str, str]:
+        """The rigidity in words, and what they mean."""
+        title, meaning = _ORDERS[self.order]
+        if self.nearly_critical:
+            near = (
+                "one self-stress, in tension on every edge, at the nearest critical configuration; strictly, as given,"
+            )
+            by_digits = self.nearest is not None and self.rounding >= self.nearest.distance
+            cause = ", which the digits of the coordinates explain" if by_digits else ""
+            return f"critical within {self.distance:.1g} of an edge", f"{near} {title}{cause}"
+        if self.order == "floppy" and self._rotations and not self.n_floppy_modes:
+            return "rigid, but free to rotate", "its fixed vertices lie on one line or point"
+        parts, vertices = self.loose
+        if parts:
+            inner = f"the self-stresses resist strain, and {counted(vertices, 'vertex')} can move without resistance"
+            return f"rigid, with {counted(parts, 'loose part')}", inner
+        if self.order == "floppy":
+            part = self.n_self_stresses > 0
+            meaning += "; the self-stresses stiffen a part of it only" if part else ", and every modulus is zero"
+        return title, meaning or self.rigidity.note
+
+    @property
     def title(self) -> str:
-        """The order of rigidity in words."""
-        return _ORDERS[self.order][0]
+        """The rigidity in words."""
+        return self.headline[0]
+
+    @property
+    def verdict(self) -> str:
+        """The rigidity in one sentence, as one of several ways to hold the network."""
+        if self.nearly_critical or self.order == "critical":
+            return f"{self.title}, one self-stress in tension"
+        counts = f"{counted(self.n_self_stresses, 'self-stress')}, {counted(self.n_floppy_modes, 'floppy mode')}"
+        if self.nearest is None:
+            return f"{self.title}, {counts}"
+        limit = "at most " if self.nearest.status in UNFINISHED else ""
+        return f"{self.title}, {counts}; {limit}{self.distance:.1g} of an edge from a critical configuration"
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -137,24 +245,23 @@ def report_lines(examination: Examination, file: str = "") -> list[str]:
 def _summary(examination: Examination, file: str) -> list[str]:
     """Title, answer and advice."""
     here, there = examination.elasticity, examination.critical_elasticity
-    known = here is not None and bool(np.isfinite(here.value.tensor).all())
-    answer = [_answer(examination)]
+    title, meaning = examination.headline
+    answer = [f"**{title}**" + (f": {meaning}" if meaning else "")]
+    known = _finite(here)
     if here is not None and known:
         answer.append(_bulk_and_shear(here.value))
-    if there is not None and not (known and (examination.order == "critical" or _same(examination))):
-        answer.append(f"at the nearest critical configuration {_bulk_and_shear(there.value, '_0')}")
+    if there is not None and _finite(there):
+        if examination.nearly_critical:
+            answer.append(f"{_bulk_and_shear(there.value, '_0')} at that configuration")
+        elif not (known and (examination.order == "critical" or _same(examination))):
+            answer.append(f"at the nearest critical configuration {_bulk_and_shear(there.value, '_0')}")
     answer += [f"next: {sentence}" for sentence in advice_of(examination, file)]
     return [f"# {described(examination.network)}", "", *(f"- {sentence}" for sentence in answer), ""]
 
 
-def _answer(examination: Examination) -> str:
-    """The order of rigidity with its meaning."""
-    rigidity, (title, meaning) = examination.rigidity, _ORDERS[examination.order]
-    if examination.order == "floppy":
-        part = rigidity.value.n_self_stresses > 0
-        meaning += "; the self-stresses stiffen a part of it only" if part else ", and every modulus is zero"
-    meaning = meaning or rigidity.note
-    return f"**{title}**" + (f": {meaning}" if meaning else "")
+def _finite(solution: Solution[Elasticity] | None) -> bool:
+    """Whether an elasticity is known."""
+    return solution is not None and bool(np.isfinite(solution.value.tensor).all())
 
 
 def _units(examination: Examination) -> str:
@@ -171,24 +278,27 @@ def _units(examination: Examination) -> str:
 
 def _rigidity(examination: Examination) -> list[str]:
     """Counts, the gap behind them, and what moves."""
-    rigidity, tension, motion = examination.rigidity, examination.tension, examination.participation
+    rigidity, tension, n_modes = examination.rigidity, examination.tension, examination.n_floppy_modes
     counts, lines = rigidity.value, ["## Rigidity", ""]
     if np.isnan(counts.largest_zero):
         return []
     if rigidity.note and examination.order != "undecided":
         lines.append(f"- {rigidity.note}")
-    n_floppy_modes = counts.n_zero_modes - counts.n_trivial
     zero = f"{counts.largest_zero:.1e} counts as zero, " if counts.largest_zero else ""
+    # Without the self-stresses the gap of a large network is a limit.
+    least = "at least " if len(counts.self_stresses) < counts.n_self_stresses else ""
+    rotations = examination._rotations
     lines += [
-        f"- {counted(counts.n_self_stresses, 'self-stress')}, {counted(n_floppy_modes, 'floppy mode')}",
-        f"- singular values: {zero}the least above zero is {counts.smallest_nonzero:.1e} (tolerance "
+        f"- {counted(counts.n_self_stresses, 'self-stress')}, {counted(n_modes, 'floppy mode')}"
+        + (f", {counted(rotations, 'rotation')} about the fixed vertices" if rotations else ""),
+        f"- singular values: {zero}the least above zero is {least}{counts.smallest_nonzero:.1e} (tolerance "
         f"{examination.tolerance:.0e})",
     ]
     if tension is not None:
         exists = f"exists: its least σ is {tension:.2g} of the largest" if tension else "does not exist"
         lines.append(f"- a self-stress in tension on every edge {exists}")
-    if n_floppy_modes and motion is not None:
-        most = np.argsort(motion)[::-1][:_MOST_EDGES]
+    if 0 < n_modes <= _FEW_MODES and examination.participation is not None:
+        most = np.argsort(examination.participation)[::-1][:_MOST_EDGES]
         lines.append(
             f"- vertices that move most in the floppy motions: {', '.join(map(examination.vertex_name, most))}"
         )
@@ -293,19 +403,20 @@ def _without_rounding(tensor: Elasticity, moduli: Array) -> Array:
 
 # What to do next in Python, and as commands.
 _FUNCTIONS = {
-    "restore": "nearest_critical(...).value restores it",
     "strain": "strain_path follows it from there",
     "stiffest": "nearest_critical(...).value is it, optimize(network, 'bulk_modulus') gives the stiffest one",
     "critical": "elasticity and stiffening give its response; strain_path follows it past the transition",
+    "nearly": "nearest.value is the critical configuration: elasticity and stiffening give its response",
     "first": "it is rigid at rest: elasticity gives its tensor; diluted(...) leads to the transition",
     "prestress": "elasticity gives its tensor at rest; signed_stress and strain_path follow it under stress",
 }
 _COMMANDS = {
-    "restore": "coordinates with more digits show it",
     "strain": "others follow at the strains below",
     "stiffest": "critflow make FILE --out OUT gives the stiffest one",
     "critical": "critflow explore FILE strains it past the transition; critflow make FILE --out OUT --target C_B=0 "
     "changes its stiffening",
+    "nearly": "critflow make FILE --out OUT gives the critical configuration of the largest B_0; critflow explore FILE "
+    "strains it past the transition",
     "first": "it is rigid at rest, with the moduli below",
     "prestress": "it is rigid at rest, with the moduli below; critflow make FILE --out OUT gives the stress of the "
     "largest bulk modulus",
@@ -316,20 +427,16 @@ def advice_of(examination: Examination, file: str = "") -> tuple[str, ...]:
     """Sentences on what to do next: functions of Python, or with the name of a file, commands."""
     words = {name: text.replace("FILE", file) for name, text in (_COMMANDS if file else _FUNCTIONS).items()}
     near, order, strains = examination.nearest, examination.order, examination.critical_strains
+    if examination.nearly_critical:
+        return (words["nearly"],)
     advice = []
-    within = near is not None and 0 < examination.rounding >= near.distance
-    if near is not None and within and order != "critical":
-        advice.append(
-            f"the network is critical within its digits: the nearest critical configuration is {near.distance:.1e} "
-            f"away, and rounded coordinates explain {examination.rounding:.0e}; {words['restore']}"
-        )
     if order == "floppy" and strains:
         name, onset = min(strains.items(), key=lambda item: abs(item[1].value.strain))
         advice.append(
             f"of the deformations below, {name} makes it rigid first, at γ = {onset.value.strain:.4g} ({_taut(onset)} "
             f"edges taut); {words['strain']}"
         )
-    if order == "floppy" and near is not None and not within:
+    if order == "floppy" and near is not None:
         limit = "at most " if near.status in UNFINISHED else ""
         advice.append(
             f"a critical configuration is {limit}{near.distance:.3g} away (root mean square): {words['stiffest']}"

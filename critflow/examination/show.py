@@ -9,13 +9,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow import upper_bound
 from critflow.critical.manifold import CriticalConfiguration
+from critflow.examination.certificate import certificate_text
 from critflow.figures.plot import network_figure
 from critflow.networks.network import Network
-from critflow.response.elasticity import elasticity
 from critflow.result import InputError, Status
-from critflow.rigidity.counts import certify
 from critflow.workflow.study import nearest, require
 
 _NEEDED = ("edges", "offsets", "cell", "sigma", "coordinates")
@@ -65,24 +63,3 @@ def show_configuration(case: xr.Dataset, path: Path) -> str:
     figure.savefig(path, dpi=200)
     plt.close(figure)
     return f"{certificate_text(critical, title, outcome)}\ndrawn in {path}"
-
-
-def certificate_text(critical: CriticalConfiguration, title: str, outcome: Status) -> str:
-    """The certificate, one line per check."""
-    certificate = certify(critical)
-    network, moduli = critical.network, elasticity(critical).value
-    bound = upper_bound(network, "B_0")
-    low, high = certificate.gap
-    state = "rigid to second order" if certificate.rigid else "not shown to be rigid: floppy parts remain"
-    lines = {
-        "status": outcome.name,
-        "force-balance residual": f"{certificate.residual:.2g} of the mean tension",
-        "least tension": f"{certificate.least_tension:.3g} of the mean",
-        "self-stresses": f"{certificate.n_self_stresses} (singular values {low:.1e} | {high:.1e})",
-        "zero modes": f"{certificate.n_zero_modes}; {state}",
-        "B_0": f"{moduli.bulk:.10f}, {100 * moduli.bulk / bound:.6f} % of its bound {bound:.10f}",
-        "G_0": f"{moduli.shear:.10g}",
-    }
-    width = max(map(len, lines))
-    head = f"{title}: {network.n_vertices} vertices, {network.n_edges} edges"
-    return "\n".join([head, *(f"  {name:<{width}}  {text}" for name, text in lines.items())])

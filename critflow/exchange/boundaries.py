@@ -1,15 +1,16 @@
-"""Fixed vertices of a free patch: by list, mask, hull, degree or box; a patch without any gets a proposal."""
+"""Fixed vertices of a free patch: by list, by mask or by a rule; a patch without any gets a proposal."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from critflow.exchange.data import Array, NetworkData, counted
+from critflow.exchange.data import Array, NetworkData, bond_vectors_of, counted
+from critflow.networks.faces import planar_faces
 from critflow.result import InputError, NetworkError
 
 Pins = str | Sequence[int | str] | ArrayLike | None
@@ -18,18 +19,26 @@ Pins = str | Sequence[int | str] | ArrayLike | None
 _ON_BORDER = 1e-6
 
 
+class UnheldNetwork(NetworkError):
+    """A network that has neither a cell nor fixed vertices; `rules` of `pins` fix some."""
+
+    def __init__(self, sentence: str, rules: tuple[str, ...]):
+        super().__init__(sentence)
+        self.rules = rules
+
+
 def with_pins(data: NetworkData, pins: Pins) -> NetworkData:
     """The data with fixed vertices.
 
-    pins  "hull", "degree" (vertices of one edge), "box" (vertices on the bounding box), "border" (vertices at the edges
-          of a picture), names or indices of vertices, or a mask (N_v,)
+    pins  "outer_face", "two_edges" (vertices of one or two edges), "degree" (of one edge), "hull" (on the convex hull),
+          "box" (on the bounding box), "border" (at the edges of a picture), names or indices of vertices, or a mask
     """
     if pins is None:
         return data
     chosen = _by_rule(data, pins) if isinstance(pins, str) else _listed(data, pins)
     if not len(chosen):
-        raise InputError(f"no vertex is fixed by pins={pins!r:.40}: choose another rule, or list vertices")
-    note = f"{counted(len(chosen), 'vertex', 'is')} fixed" + (f" ({_RULES[pins]})" if isinstance(pins, str) else "")
+        raise InputError(f"no vertex is fixed by pins={pins!r:.40}: choose another rule, {_NAMES}, or list vertices")
+    note = f"{counted(len(chosen), 'vertex', 'is')} fixed" + (f" ({_RULES[pins][0]})" if isinstance(pins, str) else "")
     return replace(data, pins=tuple(map(int, chosen))).noting(note)
 
 
@@ -44,49 +53,76 @@ def hull_volume(positions: Array) -> float:
 
 
 def require_boundary(data: NetworkData) -> NetworkData:
-    """The record itself; `NetworkError` with a proposal where it has neither a cell nor fixed vertices."""
+    """The record itself; `UnheldNetwork` with a proposal where it has neither a cell nor fixed vertices."""
     if data.cell is not None or data.pins:
         return data
-    proposals = []
-    for rule, meaning in _RULES.items():
-        count = len(_by_rule(data, rule))
-        if count:
-            proposals.append(f"pins='{rule}' fixes {count} ({meaning})")
-    raise NetworkError(
+    counts = {rule: len(_by_rule(data, rule)) for rule in _RULES}
+    proposals = [f"pins='{rule}' fixes {count} ({_RULES[rule][0]})" for rule, count in counts.items() if count]
+    raise UnheldNetwork(
         f"the network has neither a cell nor fixed vertices, so it collapses; which of its {data.n_vertices} vertices "
-        f"are fixed? {'; '.join(proposals)}; or give a list of vertices, or a cell"
+        f"are fixed? {'; '.join(proposals)}; or give a list of vertices, or a cell; examine(FILE) tries every rule",
+        tuple(rule for rule, count in counts.items() if count),
     )
 
 
-_RULES = {
-    "hull": "the corners and sides of the convex hull",
-    "degree": "vertices of a single edge",
-    "box": "vertices on the bounding box",
-    "border": "vertices at the edges of the picture",
-}
-
-
 def _by_rule(data: NetworkData, rule: str) -> NDArray[np.intp]:
+    """The vertices that a rule fixes."""
     if rule not in _RULES:
-        raise InputError(f"no rule for fixed vertices is called {rule!r}: choose {', '.join(_RULES)}, or give a list")
-    if rule == "border":
-        return np.array(data.border, np.intp)
-    if rule == "degree":
-        return np.flatnonzero(np.bincount(data.edges.ravel(), minlength=data.n_vertices) == 1)
+        raise InputError(f"no rule for fixed vertices is called {rule!r}: choose {_NAMES} or give a list")
+    return _RULES[rule][1](data)
+
+
+def _of_few_edges(data: NetworkData, most: int) -> NDArray[np.intp]:
+    """The vertices of at least one edge and at most some number of them."""
+    degree = np.bincount(data.edges.ravel(), minlength=data.n_vertices)
+    return np.flatnonzero((degree > 0) & (degree <= most))
+
+
+def _on_outer_face(data: NetworkData) -> NDArray[np.intp]:
+    """The vertices of edges that border no polygon or only one; none where edges cross, or in space."""
+    if data.dimension != 2:
+        return np.zeros(0, np.intp)
+    try:
+        faces = planar_faces(data.edges, bond_vectors_of(data), data.n_vertices)
+    except NetworkError:
+        return np.zeros(0, np.intp)
+    return np.unique(data.edges[np.bincount(faces.edges, minlength=data.n_edges) < 2])
+
+
+def _on_box(data: NetworkData) -> NDArray[np.intp]:
     # Vertices without edges leave the network, and are no part of its border.
     used = np.unique(data.edges)
     x = data.positions[used]
-    size = float(np.ptp(x, axis=0).max()) or 1.0
-    if rule == "box":
-        near = np.minimum(x - x.min(axis=0), x.max(axis=0) - x) <= _ON_BORDER * size
-        return used[near.any(axis=1)]
+    near = np.minimum(x - x.min(axis=0), x.max(axis=0) - x) <= _ON_BORDER * _size(x)
+    return used[near.any(axis=1)]
+
+
+def _on_hull(data: NetworkData) -> NDArray[np.intp]:
+    used = np.unique(data.edges)
+    x = data.positions[used]
     try:
         hull = ConvexHull(x)
     except (QhullError, ValueError):
         return np.zeros(0, np.intp)
     # Also the vertices on straight sides, which are no corners of the hull.
     distance = x @ hull.equations[:, :-1].T + hull.equations[:, -1]
-    return used[(distance >= -_ON_BORDER * size).any(axis=1)]
+    return used[(distance >= -_ON_BORDER * _size(x)).any(axis=1)]
+
+
+def _size(x: Array) -> float:
+    return float(np.ptp(x, axis=0).max()) or 1.0
+
+
+# What each rule fixes, in words, and the vertices of a record that it fixes.
+_RULES: dict[str, tuple[str, Callable[[NetworkData], NDArray[np.intp]]]] = {
+    "hull": ("the corners and sides of the convex hull", _on_hull),
+    "outer_face": ("the vertices of the outer face", _on_outer_face),
+    "two_edges": ("vertices of one or two edges", lambda data: _of_few_edges(data, 2)),
+    "degree": ("vertices of a single edge", lambda data: _of_few_edges(data, 1)),
+    "box": ("vertices on the bounding box", _on_box),
+    "border": ("vertices at the edges of the picture", lambda data: np.array(data.border, np.intp)),
+}
+_NAMES = ", ".join(map(repr, _RULES))
 
 
 def _listed(data: NetworkData, pins: Sequence[int | str] | ArrayLike) -> NDArray[np.intp]:

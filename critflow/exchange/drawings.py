@@ -7,25 +7,34 @@ from pathlib import Path
 
 import numpy as np
 
-from critflow.exchange.data import Array, NetworkData, bond_vectors_of
+from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
 from critflow.exchange.packages import optional
 from critflow.result import InputError
 
 
-def write_svg(data: NetworkData, path: Path, size: float = 100.0, width: float = 0.5) -> None:
-    """An SVG drawing whose larger side is `size` mm, with lines `width` mm wide."""
-    segments, low, high = planar_segments(data)
+def write_svg(
+    data: NetworkData, path: Path, size: float = 100.0, width: float = 0.5, by_stiffness: bool = False
+) -> None:
+    """An SVG drawing whose larger side is `size` mm, with lines `width` mm wide.
+
+    by_stiffness  a strip of a sheet has k ∝ width/|L|: widths ∝ k|L| of the mean `width`
+    """
+    segments, edges, low, high = planar_segments(data)
     scale = size / float((high - low).max())
     across, down = scale * (high - low)
     flipped = scale * np.stack([segments[..., 0] - low[0], high[1] - segments[..., 1]], axis=-1)
-    body = "".join(f"M{a[0]:.6f} {a[1]:.6f}L{b[0]:.6f} {b[1]:.6f}" for a, b in flipped.tolist())
-    margin = width
+    lines = [f"M{a[0]:.6f} {a[1]:.6f}L{b[0]:.6f} {b[1]:.6f}" for a, b in flipped.tolist()]
+    widths = width * relative_sections(data) if by_stiffness else np.array([width])
+    parts = zip(lines, widths[edges], strict=True) if by_stiffness else [("".join(lines), width)]
+    style = 'fill="none" stroke="black" stroke-linecap="round"'
+    paths = "".join(f'<path d="{line}" {style} stroke-width="{wide:.6g}"/>' for line, wide in parts)
+    margin = float(widths.max())
     view = f"{-margin:.6f} {-margin:.6f} {across + 2 * margin:.6f} {down + 2 * margin:.6f}"
     path.write_text(
         '<svg xmlns="http://www.w3.org/2000/svg" '
         f'width="{across + 2 * margin:.6f}mm" height="{down + 2 * margin:.6f}mm" '
         f'viewBox="{view}"><title>critflow network, millimetres</title>'
-        f'<path d="{body}" fill="none" stroke="black" stroke-width="{width}" stroke-linecap="round"/></svg>\n',
+        f"{paths}</svg>\n",
         encoding="utf-8",
     )
 
@@ -33,7 +42,7 @@ def write_svg(data: NetworkData, path: Path, size: float = 100.0, width: float =
 def write_dxf(data: NetworkData, path: Path, size: float = 100.0) -> None:
     """A DXF drawing of lines in millimetres whose larger side is `size` mm."""
     ezdxf = optional("ezdxf")
-    segments, low, high = planar_segments(data)
+    segments, _, low, high = planar_segments(data)
     scale = size / float((high - low).max())
     drawing = ezdxf.new("R2010", units=4)
     space = drawing.modelspace()
@@ -48,25 +57,32 @@ def require_plane(data: NetworkData) -> None:
         raise InputError("drawings to cut are two-dimensional: write STL for a network in three dimensions")
 
 
-def planar_segments(data: NetworkData) -> tuple[Array, Array, Array]:
-    """End points (n, 2, 2) of all edges, cut at the border of the cell, and the corners of the drawing."""
+def relative_sections(data: NetworkData) -> Array:
+    """Cross sections of elastic struts of the stiffnesses k = E A/|L|, over their mean, (N_b,)."""
+    k = np.ones(data.n_edges) if data.stiffness is None else data.stiffness
+    sections = k * np.linalg.norm(bond_vectors_of(data), axis=1)
+    return np.asarray(sections / sections.mean())
+
+
+def planar_segments(data: NetworkData) -> tuple[Array, IntArray, Array, Array]:
+    """End points (n, 2, 2) of all edges, cut at the border of the cell, their edges, and the corners of the drawing."""
     require_plane(data)
-    segments = clipped_segments(data)
+    segments, edges = clipped_segments(data)
     corners = segments.reshape(-1, 2) if data.cell is None else np.array(list(product((0, 1), repeat=2))) @ data.cell
-    return segments, corners.min(axis=0), corners.max(axis=0)
+    return segments, edges, corners.min(axis=0), corners.max(axis=0)
 
 
-def clipped_segments(data: NetworkData) -> Array:
-    """End points (n, 2, d) of the edges; those of a periodic network in all images, cut at the border of the cell."""
+def clipped_segments(data: NetworkData) -> tuple[Array, IntArray]:
+    """End points (n, 2, d) of edges, and the edge of each; of a periodic network all images, cut at its cell."""
     start = data.positions[data.edges[:, 0]]
     L = bond_vectors_of(data)
     if data.cell is None:
-        return np.stack([start, start + L], axis=1)
+        return np.stack([start, start + L], axis=1), np.arange(data.n_edges)
     inverse = np.linalg.inv(data.cell)
     tail = start @ inverse
     tail, step = tail - np.floor(tail), L @ inverse
     low, high = np.minimum(tail, tail + step).min(axis=0), np.maximum(tail, tail + step).max(axis=0)
-    pieces = []
+    pieces, edges = [], []
     for image in product(*(range(-int(np.floor(h)), 1 - int(np.floor(w))) for w, h in zip(low, high, strict=True))):
         a = tail + image
         # Liang and Barsky: the part of the line inside the unit cell; a direction without extent is inside or not.
@@ -78,4 +94,5 @@ def clipped_segments(data: NetworkData) -> Array:
         inside = leave > enter + 1e-12
         ends = np.stack([a + enter[:, None] * step, a + leave[:, None] * step], axis=1)[inside]
         pieces.append(ends @ data.cell)
-    return np.concatenate(pieces)
+        edges.append(np.flatnonzero(inside))
+    return np.concatenate(pieces), np.concatenate(edges)

@@ -6,6 +6,9 @@ const LABELS = { B_0: "B₀", G_0: "G₀", C_G_stress_corrected: "C_G, stress-co
 const ROWS = ["B_0", "bound", "G_0", "C_B", "C_G", "C_G_stress_corrected", "V_L", "V_τ", "residual", "self-stresses", "zero modes", "B(γ)", "G(γ)", "M(γ)", "force(γ)"];
 let state = {}, welcome = {}, panels = {}, series = [], seriesKey = null, point = null, trail = [], curve = null;
 let legendOf = null, socket, waiting = false, queue = [], sequence = 0, sentAt = new Map(), drag = null, picked = null, requested = null;
+const zoom = { network: { k: 1, x: 0, y: 0 }, forces: { k: 1, x: 0, y: 0 } };
+const MEANING = { B_0: "bulk modulus at the transition", G_0: "shear modulus at the transition", C_B: "growth of the bulk modulus with the strain of dilation", C_G: "growth of the shear modulus with the strain of shear, energy convention",
+  C_G_stress_corrected: "growth of the shear modulus, corrected by the stress", V_L: "variance of the lengths over their squared mean", "V_τ": "variance of the tensions over their squared mean", bound: "no stress of this network has a larger B₀" };
 const HINT = "Click an edge and drag it up or down, choose a population, or move γ past the transition. Every number below is exact to its error.";
 const HELP = { edge: "Pick an edge, or type its number.", face: "Every edge keeps its direction and tension, so B₀ stands still." };
 const SLOW = "This network is large: at 10,000 vertices a change takes about 0.2 s, errors half a second more, and counts another second.";
@@ -90,11 +93,11 @@ function context(canvas) {
   c.setTransform(ratio, 0, 0, ratio, 0, 0); c.clearRect(0, 0, box.width, box.height);
   return [c, box.width, box.height];
 }
-function fit(outline, width, height) {
+function fit(outline, width, height, { k, x: dx, y: dy }) {
   const xs = outline.map((p) => p[0]), ys = outline.map((p) => p[1]), margin = 6;
   const x0 = Math.min(...xs), y0 = Math.min(...ys), w = Math.max(...xs) - x0, h = Math.max(...ys) - y0;
-  const s = Math.min((width - 2 * margin) / w, (height - 2 * margin) / h);
-  const left = (width - s * w) / 2, top = (height - s * h) / 2;
+  const plain = Math.min((width - 2 * margin) / w, (height - 2 * margin) / h), s = k * plain;
+  const left = k * (width - plain * w) / 2 + dx, top = k * (height - plain * h) / 2 + dy;
   return { s, x0: left - s * x0, y0: top + s * (h + y0), x: (v) => left + s * (v - x0), y: (v) => top + s * (h - v + y0), inverse: (px, py) => [(px - left) / s + x0, h + y0 - (py - top) / s] };
 }
 function path(c, view, corners) {
@@ -109,7 +112,7 @@ function drawPanels() {
   get("noforces").hidden = Boolean(panels.forces);
 }
 function drawPanel(canvas, drawing, faces) {
-  const [c, width, height] = context(canvas), view = (drawing.view = fit(drawing.outline, width, height)), ratio = canvas.width / width;
+  const [c, width, height] = context(canvas), view = (drawing.view = fit(drawing.outline, width, height, zoom[canvas.id])), ratio = canvas.width / width;
   const { segments, edges, runs, n } = drawing, palette = welcome.palette, unit = Math.min(2.2, Math.max(0.35, 60 * Math.min(width, height) / 500 / Math.sqrt(n)));
   if (!canvas.image || canvas.image.width !== canvas.width || canvas.image.height !== canvas.height) canvas.image = c.createImageData(canvas.width, canvas.height);
   new Uint32Array(canvas.image.data.buffer).fill(0xffffffff);
@@ -127,6 +130,7 @@ function drawPanel(canvas, drawing, faces) {
     c.stroke();
   }
   c.globalCompositeOperation = "source-over";
+  if (canvas.id === "network") { c.fillStyle = "#14202b"; for (const [x, y] of state.marks.pins) c.fillRect(view.x(x) - 3, view.y(y) - 3, 6, 6); }
   path(c, view, drawing.outline); c.rect(-1, -1, width + 2, height + 2); c.fillStyle = "#fff"; c.fill("evenodd");
   path(c, view, drawing.outline); c.strokeStyle = "#8a949e"; c.lineWidth = 1; c.stroke();
 }
@@ -140,7 +144,7 @@ function numbers(header) {
     let row = rows[number.key];
     if (!row) {
       row = document.createElement("tr"); row.dataset.key = number.key;
-      const head = document.createElement("th"); head.scope = "row"; head.textContent = LABELS[number.key] || number.key;
+      const head = document.createElement("th"); head.scope = "row"; head.textContent = LABELS[number.key] || number.key; head.title = MEANING[number.key] || "";
       row.append(head, document.createElement("td"), document.createElement("td"));
       const after = [...body.rows].find((other) => ROWS.indexOf(other.dataset.key) > ROWS.indexOf(number.key));
       body.insertBefore(row, after || null); rows[number.key] = row;
@@ -168,6 +172,7 @@ function controls() {
   if (state.strain[0]) get("deformation").value = state.strain[0];
   const busy = waiting || queue.length;
   bounds(); if (!busy) adjust(get("gamma"), { value: state.strain[1] }); text(get("gammavalue"), (+state.strain[1]).toFixed(3));
+  if (state.random) for (const [id, value] of [["vertices", state.random[0]], ["seed", state.random[1]]]) if (document.activeElement !== get(id)) adjust(get(id), { value });
   if (!busy) state.weights.forEach((weight, i) => { const input = get("blend").querySelectorAll("input")[i]; if (input) { adjust(input, { value: weight }); text(input.nextSibling, weight.toFixed(2)); } });
   if (!get("script").hidden) showScript();
 }
@@ -232,7 +237,16 @@ function openPoint(item) {
 const tool = () => document.querySelector("input[name=tool]:checked").value;
 for (const name of ["network", "forces"]) {
   const canvas = get(name);
+  canvas.onwheel = (event) => {
+    event.preventDefault();
+    const box = canvas.getBoundingClientRect(), z = zoom[name], f = Math.max(1, Math.min(200, z.k * 1.002 ** -event.deltaY)) / z.k;
+    const px = event.clientX - box.left, py = event.clientY - box.top;
+    Object.assign(z, f * z.k === 1 ? { k: 1, x: 0, y: 0 } : { k: f * z.k, x: px - f * (px - z.x), y: py - f * (py - z.y) });
+    drawPanels();
+  };
+  canvas.ondblclick = () => { Object.assign(zoom[name], { k: 1, x: 0, y: 0 }); drawPanels(); };
   canvas.onpointerdown = (event) => {
+    if (event.shiftKey || event.button === 1) { canvas.setPointerCapture(event.pointerId); drag = { pan: true }; return; }
     const box = canvas.getBoundingClientRect(), [x, y] = panels[name].view.inverse(event.clientX - box.left, event.clientY - box.top);
     canvas.setPointerCapture(event.pointerId);
     const kind = name === "forces" && tool() === "face" ? "edge" : tool();
@@ -240,6 +254,7 @@ for (const name of ["network", "forces"]) {
     send({ do: "pick", panel: name, x, y, tool: kind });
   };
   canvas.onpointermove = (event) => {
+    if (drag && drag.pan) { zoom[name].x += event.movementX; zoom[name].y += event.movementY; drawPanels(); return; }
     if (!drag || !(event.buttons & 1)) return;
     const up = drag.y - event.clientY, item = state[drag.kind];
     if (!item || (!drag.moved && Math.abs(up) < 4) || (!drag.moved && waiting)) return;
@@ -287,9 +302,12 @@ get("plane").onkeydown = (event) => {
 };
 get("new").onsubmit = (event) => { event.preventDefault(); say("Making the network …"); send({ do: "open", n_vertices: +get("vertices").value, seed: +get("seed").value }); };
 get("file").onchange = async () => {
-  const file = get("file").files[0]; if (!file) return;
-  const reply = await fetch(`upload?token=${token}&tab=${welcome.tab}&name=${encodeURIComponent(file.name)}`, { method: "POST", body: file }).catch(() => null);
-  if (reply && reply.ok) send({ do: "file", name: file.name }); else say(reply ? await reply.text() : "The file did not reach the server.", true);
+  const chosen = [...get("file").files]; if (!chosen.length) return;
+  for (const file of chosen) {
+    const reply = await fetch(`upload?token=${token}&tab=${welcome.tab}&name=${encodeURIComponent(file.name)}`, { method: "POST", body: file }).catch(() => null);
+    if (!reply || !reply.ok) { say(reply ? await reply.text() : "The file did not reach the server.", true); return; }
+  }
+  send({ do: "file", name: chosen[0].name, pins: get("pins").value, volume: get("volume").value });
   get("file").value = "";
 };
 async function save(name) {

@@ -31,12 +31,13 @@ class Page:
 
     progress  called by long computations with a sentence
     name      of the tab, by which a reload finds its page
-    uploads   paths of the files that the tab may open, by name
+    uploads   paths of the files that the tab may open, by name, in `folder`
     """
 
     def __init__(self, source: Source | Dataset, progress: Callable[[str], None] = lambda sentence: None):
         self.progress, self.stopping, self.name = progress, False, ""
         self.uploads: dict[str, Path] = {}
+        self.folder: Path | None = None
         self._sessions: list[Session] = []
         self.dataset = source if isinstance(source, Dataset) else None
         self.filter, self.view = Filter(), View()
@@ -131,9 +132,10 @@ class Page:
     def _file(self, message: dict[str, Any]) -> str:
         """Open a network or a dataset that was sent to the server before."""
         path = self.uploads[message["name"]]
+        hints = {name: _hint(str(message[name])) for name in ("pins", "volume") if message.get(name)}
         try:
             if path.suffix != ".nc":
-                sentence, self.dataset = self._start(File(path)), None
+                sentence, self.dataset = self._start(File(path, hints)), None
             else:
                 dataset = Dataset(path)
                 sentence, self.dataset, self.filter = self._start(dataset), dataset, Filter()
@@ -169,7 +171,9 @@ class Page:
         """The picture of the state with what belongs to the tab; `refine` returns the numbers."""
         reply = self.view.show(self.session)
         undo = self.session.can_undo or bool(self._sessions)
-        reply.header.update(undo=undo, redo=self.session.can_redo, plane=self._plane())
+        source = self.session.source
+        random = [source.n_vertices, source.seed] if isinstance(source, Random) else None
+        reply.header.update(undo=undo, redo=self.session.can_redo, plane=self._plane(), random=random)
         return reply
 
     def refine(self) -> Reply | None:
@@ -202,6 +206,14 @@ class Page:
     def script(self) -> str:
         """The lines of Python that make the state again."""
         return script(self.session)
+
+
+def _hint(words: str) -> Any:
+    """A number, the names of vertices, or the word of a rule."""
+    try:
+        return float(words)
+    except ValueError:
+        return [name.strip() for name in words.split(",")] if "," in words else words
 
 
 _ACTIONS: dict[str, Callable[[Page, dict[str, Any]], str | None]] = {

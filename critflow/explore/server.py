@@ -159,9 +159,10 @@ class _Upload(_Guarded):
         is_name = name.encode() == given and name.isprintable() and Path(name).name == name and name != ".."
         if not (is_name and 0 < len(given) <= _LONGEST_NAME):
             raise HTTPError(400, reason="the file has no usable name, rename it")
-        folder = Path(tempfile.mkdtemp(dir=self.explorer.folder.name))
-        (folder / name).write_bytes(self.request.body)
-        page.uploads[name] = folder / name
+        # In one folder, where the two tables of a network find each other.
+        page.folder = page.folder or Path(tempfile.mkdtemp(dir=self.explorer.folder.name))
+        page.uploads[name] = page.folder / name
+        page.uploads[name].write_bytes(self.request.body)
 
 
 class _Socket(WebSocketHandler):

@@ -79,11 +79,12 @@ class Picked:
         }
 
     def marks(self, dual: Dual | None, network: Network, coordinates: Array, L: Array) -> dict[str, Any]:
-        """The picked edge, and outlines of the picked face in all images."""
+        """The picked edge, outlines of the picked face in all images, and the places of fixed vertices."""
         outlines: list[Array] = []
         if self.face is not None and dual is not None:
             outlines = face_outlines(dual.faces, self.face, network, coordinates, L)
-        return {"edge": self.edge, "face": [outline.tolist() for outline in outlines]}
+        pins = coordinates[list(network.pins)].tolist()
+        return {"edge": self.edge, "face": [outline.tolist() for outline in outlines], "pins": pins}
 
 
 def known_dual(model: Model) -> Dual:

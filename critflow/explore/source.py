@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -64,23 +64,32 @@ class Random:
 
 @dataclass(frozen=True)
 class File:
-    """The network of a file, or of two tables, at the force densities that it contains, or at equal stress."""
+    """The network of a file, or of two tables, at the force densities that it contains, or at equal stress.
+
+    hints  options of `network_from`, such as pins and volume; with labels the file numbers the cells of a tissue
+    """
 
     path: Path
     second: Path | None = None
+    hints: dict[str, Any] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
         return " and ".join(path.name for path in (self.path, self.second) if path)
 
     def open(self) -> tuple[Model, CriticalConfiguration]:
-        imported = network_from((self.path, self.second) if self.second else self.path)
+        hints = dict(self.hints)
+        labels = hints.pop("labels", False)
+        files = (self.path, self.second) if self.second else self.path
+        imported = network_from(labels=self.path, **hints) if labels else network_from(files, **hints)
         check_size(imported.network.n_vertices)
         return opened(Model(imported.network), imported.force_densities)
 
     def lines(self, start: CriticalConfiguration) -> list[str]:
         names = (self.path.name, self.second.name) if self.second else self.path.name
-        return imported_lines(f"network_from({names!r})", start)
+        hints = "".join(f", {name}={value!r}" for name, value in self.hints.items() if name != "labels")
+        first = f"labels={names!r}" if self.hints.get("labels") else repr(names)
+        return imported_lines(f"network_from({first}{hints})", start)
 
 
 def opened(model: Model, stress: Any = None) -> tuple[Model, CriticalConfiguration]:

@@ -9,11 +9,13 @@ from critflow import (
     InputError,
     SolveError,
     Status,
+    foam_network,
     lattice,
     nearest_critical,
     network_from,
     voronoi_network,
 )
+from critflow.critical.nearest import _Fit, _inverse_without_scale
 
 
 def pinned_network(n_vertices=100):
@@ -142,3 +144,35 @@ def test_a_step_limit_is_a_status():
     assert limited.status is Status.step_limit and limited.stats.residual > 1e-6
     with pytest.raises(SolveError, match="did not end in 1 steps"):
         nearest_critical(network, observed, max_steps=1)
+
+
+@pytest.mark.parametrize("decades", [2, 10, 40])
+def test_uncertainties_are_those_of_the_pseudoinverse(decades):
+    # With equal changes of log σ as null vector; eigenvectors take over where a Cholesky factor does not exist.
+    m, rng = 30, np.random.default_rng(1)
+    basis = np.linalg.qr(np.column_stack([np.ones(m), rng.standard_normal((m, m - 1))]))[0][:, 1:]
+    values = np.logspace(0, -decades, m - 1)
+    variances, weakest = _inverse_without_scale((basis * values) @ basis.T)
+    exact = np.sum(basis**2 / values, axis=1)
+    assert np.isfinite(variances).all() and (variances > 0).all()
+    if decades < 40:
+        np.testing.assert_allclose(variances, exact, rtol=10.0 ** (decades - 14))
+        assert abs(weakest @ basis[:, -1]) == pytest.approx(1, abs=1e-3)
+
+
+@pytest.mark.parametrize("make", [voronoi_network, foam_network])
+def test_positions_in_balance_need_no_step(make, monkeypatch):
+    network = make(200, seed=1)
+    step, ridges = _Fit._step, []
+
+    def observed(fit, here, damping, ridge):
+        ridges.append(ridge)
+        return step(fit, here, damping, ridge)
+
+    # Positions close to balance need no regularisation.
+    monkeypatch.setattr(_Fit, "_step", observed)
+    noise = 1e-8 * np.random.default_rng(0).normal(size=network.positions.shape)
+    assert nearest_critical(network, network.positions + noise).ok and ridges and not any(ridges)
+    monkeypatch.setattr(_Fit, "_step", lambda *arguments: pytest.fail("a system was factorised"))
+    found = nearest_critical(network, network.positions)
+    assert found.stats.steps == 0 and found.distance < 1e-12

@@ -67,6 +67,18 @@ def test_limits_of_edges_bound_a_front():
     assert front.achieved[0, 0] == pytest.approx(properties(front.value[0], "V_tau").values["V_tau"], rel=1e-12)
 
 
+def test_an_end_that_is_not_attained_says_so():
+    network = voronoi_network(12, seed=0)
+    front = pareto(network, {"B_0": "largest", "C_B": "largest"}, 3, max_steps=100, throw=False)
+    # C_B has no limit, so that the front has its two ends only.
+    assert front.statuses == (Status.ok, Status.edge_collapse) and "within=" in front.note
+    assert "the largest C_B is not attained, edge" in front.note
+    lengths = front.value[1].lengths
+    assert lengths.min() < 0.01 * lengths.mean()
+    limited = pareto(network, {"B_0": "largest", "C_B": "largest"}, 3, within={"force_densities": (0.2, None)})
+    assert limited.ok and len(limited.value) == 3
+
+
 def test_bad_input_raises_one_sentence():
     for objectives, n, word in (
         ({"B_0": "largest"}, 3, "two objectives"),

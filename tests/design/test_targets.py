@@ -11,6 +11,8 @@ from critflow import (
     design,
     elasticity,
     lattice,
+    optimize,
+    pareto,
     stiffening,
     upper_bound,
     voronoi_network,
@@ -127,8 +129,14 @@ def test_a_signed_response_is_reached():
 
 
 def test_several_self_stresses_are_refused():
-    with pytest.raises(InputError, match="self-stress"):
-        design(lattice("triangular", 4, 4), {"B_0": 0.2})
+    several = lattice("triangular", 4, 4)
+    for refused in (
+        lambda: design(several, {"B_0": 0.2}),
+        lambda: optimize(several, "G_0"),
+        lambda: pareto(several, ["B_0", "V_L"]),
+    ):
+        with pytest.raises(InputError, match=r"self-stress.*at least 18: prune_towards\("):
+            refused()
 
 
 def test_limits_of_edges_signs_and_free_edges_hold():

@@ -2,6 +2,9 @@
 
 import json
 import os
+import re
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -25,6 +28,7 @@ from critflow.command import networks
 from critflow.command.main import main
 from critflow.examination.page import write_page
 from critflow.exchange import packages
+from critflow.result import NetworkError
 
 VORONOI = voronoi_network(n_vertices=40, seed=1)
 
@@ -115,6 +119,99 @@ def test_a_critical_network_of_few_digits_is_recognised(form):
     found = examine(read, deformations=())
     assert found.order == "critical"
     assert any("so lengths are known to" in note for note in found.notes)
+
+
+def tissue(tmp_path, noise):
+    """Tables of a patch of a tessellation: with the vertices of two edges held it is critical, up to the noise."""
+    inner = (VORONOI.offsets == 0).all(axis=1)
+    edges = VORONOI.edges[inner]
+    while (hanging := (np.bincount(edges.ravel(), minlength=40)[edges] == 1).any(axis=1)).any():
+        edges = edges[~hanging]
+    x = VORONOI.positions + noise * np.random.default_rng(0).normal(size=(40, 2))
+    vertices = "".join(f"{v},{x[v, 0]:.15g},{x[v, 1]:.15g}\n" for v in np.unique(edges))
+    (tmp_path / "t_vertices.csv").write_text(f"id,x,y\n{vertices}")
+    (tmp_path / "t_edges.csv").write_text("tail,head\n" + "".join(f"{a},{b}\n" for a, b in edges))
+    return tmp_path / "t.csv"
+
+
+def test_every_rule_for_fixed_vertices_is_tried(tmp_path, capsys):
+    file = tissue(tmp_path, 1e-6)
+    with pytest.raises(NetworkError) as question:
+        examine(file)
+    answers = {rule: answer for rule, answer in re.findall(r"pins='(\w+)' (.*?)\. ", str(question.value))}
+    assert list(answers) == ["hull", "outer_face", "two_edges", "box"]
+    assert re.search(r"within \de-0[67] of an edge, one self-stress in tension", answers["two_edges"])
+    assert answers["box"].startswith("fixes 4: floppy, 0 self-stresses")
+    assert main(["examine", str(file)]) == 2
+    error = capsys.readouterr().err
+    assert "--pins two_edges fixes" in error and error.count("\n") == 1
+    assert main(["convert", str(file), str(tmp_path / "t.svg")]) == 2
+    assert "critflow examine FILE tries every rule" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("noise", "nearly"), [(1e-5, True), (3e-3, False)])
+def test_a_network_that_was_relaxed_to_a_tolerance_is_critical_within_it(tmp_path, noise, nearly):
+    found = examine(network_from(tissue(tmp_path, noise), pins="two_edges"))
+    lengths = np.linalg.norm(found.network.bond_vectors(found.coordinates), axis=1)
+    assert found.distance == pytest.approx(found.nearest.distance / lengths.mean())
+    assert found.nearly_critical is nearly and found.order == "floppy"
+    if nearly:
+        exact = critflow.elasticity(found.nearest.value).value
+        assert f"critical within {found.distance:.1g} of an edge**: one self-stress" in found.text
+        assert "strictly, as given, floppy" in found.text and f"B_0 = {exact.bulk:.8g}" in found.text
+        assert found.elasticity is None and "nearest.value" in found.advice[0]
+    else:
+        assert found.title == "floppy" and found.elasticity.value.bulk == 0
+
+
+def test_a_rigid_network_with_a_loose_chain_is_not_called_floppy():
+    # A triangular lattice with a bent path of three edges beside one of its own.
+    base = lattice("triangular", 4, 4)
+    tail, head = base.edges[0]
+    x = np.concatenate([base.positions, base.positions[tail] + [[0.3, 0.2], [0.7, 0.3]]])
+    edges = np.concatenate([base.edges, [[tail, 16], [16, 17], [17, head]]])
+    offsets = np.concatenate([base.offsets, [[0, 0], [0, 0], base.offsets[0]]])
+    found = examine(Network(edges, offsets, base.cell, positions=x))
+    assert found.loose == (1, 2) and found.title == "rigid, with 1 loose part"
+    assert "2 vertices can move without resistance" in found.text and found.elasticity.value.bulk > 0.8
+
+
+def test_rotations_about_fixed_vertices_are_no_floppy_modes():
+    x = [[0, 0], [1, 0], [0.5, 0.8], [1.5, 0.8]]
+    edges = [[0, 1], [1, 2], [2, 0], [2, 3], [3, 1]]
+    found = examine(Network(edges, pins={0: x[0]}, positions=x))
+    assert (found.n_floppy_modes, found.title) == (0, "rigid, but free to rotate")
+    assert "0 floppy modes, 1 rotation about the fixed vertices" in found.text
+    # In space one fixed vertex leaves three rotations, two one, and three not in line none.
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    pairs = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+    for n_pins, rotations in ((1, 3), (2, 1), (3, 0)):
+        kept = pairs[pairs[:, 1] >= n_pins]
+        found = examine(Network(kept, pins=dict(enumerate(corners[:n_pins])), positions=corners), deformations=())
+        n_zero = found.rigidity.value.n_zero_modes
+        assert (n_zero, found.n_floppy_modes) == (rotations, 0)
+
+
+def test_self_stresses_of_large_rigid_networks_are_counted_only():
+    network = critflow.delaunay_network(n_vertices=200, seed=0)
+    found = examine(network, deformations=())
+    exact = critflow.rigidity(network, network.positions).value
+    assert found.n_self_stresses == exact.n_self_stresses == 202 and found.order == "first"
+    assert not len(found.rigidity.value.self_stresses) and "at least 1.0e-05" in found.text
+
+
+def test_a_terminal_shows_what_takes_long(monkeypatch, capsys):
+    monkeypatch.setattr(networks, "_PATIENCE", 0.0)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with networks.waiting("examining a.csv") as progress:
+        progress("pins='hull'")
+        time.sleep(0.3)
+    assert "examining a.csv: --pins hull …" in capsys.readouterr().err
+    monkeypatch.undo()
+    with networks.waiting("examining a.csv"):
+        pass
+    assert not capsys.readouterr().err
 
 
 def test_vertices_have_the_names_of_the_source(tmp_path):

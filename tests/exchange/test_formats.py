@@ -590,6 +590,24 @@ def test_solids_are_watertight_and_state_their_units(tmp_path, name, copies):
     assert stl.volume == pytest.approx(packed.volume, rel=1e-5) and len(stl.faces) == len(packed.faces)
 
 
+def test_cross_sections_of_struts_are_those_of_their_stiffness(tmp_path):
+    # k = E A/|L|: areas ∝ k|L|, 1 and 6 here, of mean 3.5.
+    x = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
+    network = Network([[0, 1], [1, 2]], pins={0: x[0], 2: x[2]}, positions=x, stiffness=[1.0, 3.0])
+    write_network(network, tmp_path / "n.svg", size=100.0, width=0.7, by_stiffness=True)
+    paths = ET.parse(tmp_path / "n.svg").getroot()[1:]
+    assert [float(path.get("stroke-width")) for path in paths] == pytest.approx([0.2, 1.2])
+    trimesh = pytest.importorskip("trimesh")
+    write_network(network, tmp_path / "n.stl", size=100.0, radius=1.0, by_stiffness=True)
+    solid = trimesh.load_mesh(tmp_path / "n.stl")
+    bodies = sorted(solid.split(), key=lambda body: len(body.faces))
+    assert solid.is_watertight and len(bodies) == 5
+    radii = np.array([1.0, 6.0]) ** 0.5 / 3.5**0.5
+    assert sorted(np.ptp(body.vertices[:, 2]) / 2 for body in bodies[:2]) == pytest.approx(radii, rel=1e-4)
+    # Balls are as large as the largest strut that ends there.
+    assert sorted(np.ptp(body.vertices[:, 2]) / 2 for body in bodies[2:]) == pytest.approx(radii[[0, 1, 1]], rel=1e-4)
+
+
 def test_tiled_drawings_are_cut_at_the_border_of_all_copies(tmp_path):
     network = NETWORKS["sheared"]
     with pytest.raises(InputError, match="copies"):
@@ -602,7 +620,7 @@ def test_tiled_drawings_are_cut_at_the_border_of_all_copies(tmp_path):
     extent = np.ptp(np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) @ (2 * network.cell), axis=0).max()
     total = 4 * np.linalg.norm(L, axis=1).sum() * 100 / extent
     assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(total, rel=1e-5)
-    assert len(ends) < 4 * len(clipped_segments(data_of(network)))
+    assert len(ends) < 4 * len(clipped_segments(data_of(network))[0])
 
 
 @pytest.mark.parametrize(("ending", "extra"), [("graphml", "graphs"), ("json", "graphs"), ("3mf", "solids")])

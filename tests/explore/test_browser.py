@@ -156,6 +156,24 @@ LINES = {
 }
 
 
+def test_the_wheel_zooms_about_the_pointer_and_a_double_click_shows_all(browser):
+    async def check():
+        tab = await browser.tab()
+        x, y = map(round, await place(tab))
+        first = await pixels(tab)
+        box = "get('network').getBoundingClientRect()"
+        point = f"(() => {{ const r = {box}; return panels.network.view.inverse({x} - r.left, {y} - r.top); }})()"
+        before, scale = await tab.run(point), await tab.run("panels.network.view.s")
+        turn = f"new WheelEvent('wheel', {{ deltaY: -500, clientX: {x}, clientY: {y}, cancelable: true }})"
+        await tab.run(f"get('network').dispatchEvent({turn})")
+        assert await tab.run("panels.network.view.s") > 2 * scale and await pixels(tab) != first
+        assert await tab.run(point) == pytest.approx(before, abs=1e-9)
+        await tab.run("get('network').dispatchEvent(new MouseEvent('dblclick'))")
+        assert await pixels(tab) == first
+
+    browser(check())
+
+
 def test_an_edge_that_does_not_exist_is_refused_and_arrows_go_round(browser):
     async def check():
         tab = await browser.tab()

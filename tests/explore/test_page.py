@@ -116,6 +116,22 @@ def test_a_wrong_message_is_a_sentence(page, message, word):
     assert page.session.state is before
 
 
+def test_tables_open_with_fixed_vertices_and_a_volume(page, tmp_path):
+    for table, text in {
+        "edges": "tail,head\nA,D\nB,D\nC,D\n",
+        "vertices": "id,x,y\nA,0,0\nB,4,0\nC,0,3\nD,1,1\n",
+    }.items():
+        page.uploads[f"t_{table}.csv"] = tmp_path / f"t_{table}.csv"
+        page.uploads[f"t_{table}.csv"].write_text(text)
+    refused = header(page, do="file", name="t_edges.csv")
+    assert refused["error"] and "neither a cell nor fixed vertices" in refused["sentence"]
+    assert refused["random"] == [64, 3]
+    opened = header(page, do="file", name="t_edges.csv", pins="A, B, C", volume="6")
+    assert not opened["error"] and opened["random"] is None and len(opened["marks"]["pins"]) == 3
+    network = page.session.state.model.network
+    assert network.volume == 6 and "pins=['A', 'B', 'C'], volume=6.0)" in page.script()
+
+
 def test_a_broken_file_is_a_sentence(page, tmp_path):
     page.uploads["broken.nc"] = tmp_path / "broken.nc"
     page.uploads["broken.nc"].write_bytes(b"no dataset")

@@ -103,7 +103,10 @@ def test_an_upload_without_a_usable_name_writes_nothing(name):
         assert (await server.get("upload?tab=closed&name=a.csv", method="POST", body="x")).code == 404
         assert list(Path(server.explorer.folder.name).iterdir()) == []
         assert (await server.get(f"upload?tab={tab}&name=a.csv", method="POST", body="x")).code == 200
-        assert server.explorer.pages[tab].uploads["a.csv"].read_text() == "x"
+        assert (await server.get(f"upload?tab={tab}&name=b.csv", method="POST", body="y")).code == 200
+        first, second = server.explorer.pages[tab].uploads.values()
+        # Two tables of one network lie in one folder.
+        assert (first.read_text(), second.read_text()) == ("x", "y") and first.parent == second.parent
 
     served(check)
 
@@ -121,6 +124,17 @@ def test_the_token_is_in_a_private_file_and_not_in_the_arguments_of_the_browser(
 
     monkeypatch.setattr("critflow.explore.server.serve", look)
     assert main(["explore", "--n-vertices", "36"]) == 0 and len(opened) == 1
+
+
+def test_the_command_takes_fixed_vertices_and_a_volume(tmp_path, monkeypatch):
+    (tmp_path / "t_edges.csv").write_text("tail,head\n0,3\n1,3\n2,3\n")
+    (tmp_path / "t_vertices.csv").write_text("x,y\n0,0\n4,0\n0,3\n1,1\n")
+    sources = []
+    monkeypatch.setattr("critflow.explore.server.serve", lambda explorer, port, announce: sources.append(explorer))
+    assert main(["explore", str(tmp_path / "t.csv"), "--pins", "two_edges", "--volume", "hull"]) == 0
+    network = sources[0].source.open()[0].network
+    assert len(network.pins) == 3 and network.volume == pytest.approx(6)
+    sources[0].close()
 
 
 def test_a_file_that_cannot_be_shown_is_one_sentence(tmp_path, capsys):
