@@ -224,6 +224,8 @@ def test_triangular_lattice(columns, rows, k):
     network, x = triangular_lattice(columns, rows)
     solution = elasticity(network.with_stiffness(k), x)
     assert solution.status is Status.ok
+    # B is the mean of the components xx, xy, yx, yy, and so is its error.
+    assert solution.value.errors.bulk == pytest.approx(solution.value.errors.tensor[:2, :2].sum() / 4, rel=1e-12, abs=0)
     moduli = k * TRIANGULAR_BULK_MODULUS, k * TRIANGULAR_SHEAR_MODULUS
     assert (solution.value.bulk, solution.value.shear) == pytest.approx(moduli, rel=1e-12 if columns < 12 else 1e-10)
 
