@@ -320,6 +320,10 @@ def weak_forces(
     system = WeakSystem(network, sigma, critical.bond_vectors, sp.csr_array(hessian)[rows][:, rows])
     strain = weak_strain(critical, system, U, path)
     model = WeakModel(system, np.array([force, strain.weak_load]), remainder(critical, U, force, system))
+    if not np.isfinite(model.end):
+        note = "the end of the stable branch was not found: scale the weak energy, or relax it with weak_equilibrium()"
+        solution = Solution(None, Status.stalled, Stats("weak forces"), note)  # type: ignore[arg-type]
+        return solution.or_raise("no theory of weak forces") if throw else solution
     model.cover(*(place * model.scale for place in _FIRST_NODES))
     square = sigma**2 * critical.lengths**2 / network.stiffness
     growth = turning(strain, strain, critical, path.second_rate(0.0))

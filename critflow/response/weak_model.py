@@ -34,6 +34,8 @@ from critflow.response.weak_system import WeakFactor, WeakSystem
 NODE_RATIO = 2.0  # of the distances of nodes from the end of the branch: Φ then has ten digits between them
 # Directions of the Krylov space below this part of the largest are rounding of its solutions.
 _INDEPENDENT = 1e-11
+# The first tension, in units of tr H/tr P, grows by this factor until it is on the branch, up to a limit.
+_GROWTH, _LARGEST_START = 4.0, 1e9
 _END_ACCURACY = 1e-9  # relative, of the end of the branch
 
 
@@ -61,12 +63,14 @@ class WeakModel:
         self.end = self._branch_end() if end is None else end
 
     def _branch_end(self) -> float:
-        """s_end: the stiffness sP + H is positive on the floppy motions above it."""
+        """s_end: the stiffness sP + H is positive on the floppy motions above it; NaN where it is not found."""
         if not self.system.hessian.count_nonzero():
             return 0.0
         start = self.scale
         while not (factor := self.system.factorize(start)).positive:
-            start *= 4
+            start *= _GROWTH
+            if start > _LARGEST_START * self.scale:
+                return np.nan
         # With the weight of the constraints the stiffness is positive everywhere; motions that it resists have 1/w.
         size, whole = self.loads.shape[1], factor.factor
         stiffness = LinearOperator((size, size), matvec=lambda u: whole.multiply(np.ravel(u)))

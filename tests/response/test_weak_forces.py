@@ -29,6 +29,7 @@ from critflow import (
     voronoi_network,
     weak_forces,
 )
+from critflow.response.weak_model import WeakModel
 from critflow.springs.weak_energies import weak_function
 from critflow.springs.weak_equilibrium import weak_equilibrium
 
@@ -295,12 +296,15 @@ def test_bad_input_raises_one_sentence(name):
     assert "\n" not in str(caught.value)
 
 
-def test_failures_are_statuses():
+def test_failures_are_statuses(monkeypatch):
     # Some compressed edges may be stabilised by the others; more of them are not.
     assert weak_forces(partly_compressed(20, 1), AngleSprings()).ok
     linkage = CriticalManifold(three_bar_linkage()).configuration([1.0, 1.0, -0.6])
     found = weak_forces(linkage, AngleSprings(2.0), [[1.0, 0.0], [0.0, 0.0]], throw=False)
     assert found.status is Status.unstable and found.value is None
+    monkeypatch.setattr(WeakModel, "_branch_end", lambda model: np.nan)
+    found = weak_forces(CRITICAL, AngleSprings(), throw=False)
+    assert found.status is Status.stalled and found.value is None
     honeycomb = lattice("honeycomb", 3, 3)
     critical = CriticalManifold(honeycomb).configuration(np.ones(honeycomb.n_edges))
     found = weak_forces(critical, AngleSprings(1.9), "simple_shear", throw=False)
