@@ -29,7 +29,7 @@ from critflow.examination.certificate import certificate_text
 from critflow.examination.examine import examine, read_held
 from critflow.examination.report import report_lines
 from critflow.exchange.convert import network_from, write_network, writer_to
-from critflow.exchange.data import counted, require_regular
+from critflow.exchange.data import require_regular
 from critflow.exchange.formats import writable_format
 from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.network import Network
