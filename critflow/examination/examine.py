@@ -84,7 +84,7 @@ def examine(
     found = _judged(subject, attempts)
     return replace(
         found,
-        critical_strains=_critical_strains(found.network, subject.rest, deformations, attempts),
+        critical_strains=_critical_strains(found, subject, deformations, attempts),
         elasticity=None if found.nearly_critical else _elasticity(found.network, subject.x, attempts),
         leverage=_leverage(found.critical, attempts),
         failures=tuple(attempts.failures),
@@ -219,9 +219,13 @@ def _nearest(network: Network, x: Array, counts: Rigidity, attempts: _Attempts, 
 
 
 def _critical_strains(
-    network: Network, rest: Array, deformations: Sequence[str], attempts: _Attempts
+    found: Examination, subject: _Subject, deformations: Sequence[str], attempts: _Attempts
 ) -> dict[str, Onset]:
-    """Critical strains of the rest lengths; none where it is not floppy at strain zero."""
+    """Critical strains of the rest lengths; none where the network is rigid at strain zero."""
+    network, rest = found.network, subject.rest
+    lengths = np.linalg.norm(network.bond_vectors(subject.x), axis=1)
+    if found.order not in ("floppy", "undecided") and np.array_equal(rest, lengths):
+        return {}
     onsets: dict[str, Onset] = {}
     if deformations and not (rest > 0).all():
         attempts.failures.append("the critical strains: an edge has no rest length: give a positive one to each")

@@ -135,7 +135,7 @@ class Page:
         hints = {name: _hint(str(message[name])) for name in ("pins", "volume") if message.get(name)}
         try:
             if path.suffix != ".nc":
-                sentence, self.dataset = self._start(File(path, hints)), None
+                sentence, self.dataset = self._start(File(path, hints=hints)), None
             else:
                 dataset = Dataset(path)
                 sentence, self.dataset, self.filter = self._start(dataset), dataset, Filter()
