@@ -25,6 +25,7 @@ from critflow.networks.network import Array, Network
 from critflow.result import Record, Solution, Stats, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
 from critflow.rigidity.prestress import stable_margin, stiffness_error
+from critflow.rigidity.spectrum import ITERATION_ERROR
 from critflow.solvers.semidefinite import fourth_order_bound, second_order_relaxation
 
 POSITIVE = 1e-7  # an eigenvalue above this is positive: below, the solutions of semidefinite programs are not accurate
@@ -116,8 +117,9 @@ def second_order_rigidity(
     counts = counted.value
     if counted.status is Status.singular:
         return _uncertain(counted)
-    # What a tolerance counts as zero, it leaves open in the stresses and the modes.
-    turned = 0.0 if tolerance is None else tolerance / counts.smallest_nonzero
+    # What only the tolerance counts as zero, it leaves open in the stresses and the modes.
+    by_tolerance = tolerance is not None and counts.largest_zero > ITERATION_ERROR
+    turned = tolerance / counts.smallest_nonzero if tolerance and by_tolerance else 0.0
     stable = _by_one_stress(network, counts, network.bond_vectors(np.asarray(coordinates, dtype=float)), turned)
     if stable is not None:
         return _answer(stable, Status.ok)

@@ -333,7 +333,7 @@ def test_rounded_mechanisms_are_not_rigid(decimals):
     for seed in range(12):
         network = parallel_bars(seed, decimals)
         found = second_order_rigidity(network, network.positions, tolerance=100 * 0.5 * 10.0**-decimals)
-        assert found.status in (Status.undecided, Status.floppy) and not found.value.prestress_stable
+        assert not found.value.second_order_rigid and not found.value.prestress_stable
         assert found.value.second_order_rigid is not True
     # The tolerance does not hide a stress in tension on every edge.
     network = voronoi_network(24, seed=1)
