@@ -13,8 +13,18 @@ from critflow.networks.network import Array, IntArray
 from critflow.result import InputError
 
 
+class _OfLengths(Quantity):
+    """A quantity of lengths and tensions: independent of the stiffness, and not negative but for signed areas."""
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        return np.zeros_like(balance.sigma)
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return 0.0, np.inf
+
+
 @dataclass(frozen=True)
-class LengthVariance(Quantity):
+class LengthVariance(_OfLengths):
     """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
 
     name: ClassVar[str] = "V_L"
@@ -35,15 +45,9 @@ class LengthVariance(Quantity):
         turning = (derivative / length)[:, None] * (dL - dlength[:, None] * unit)
         return np.zeros_like(dsigma), change[:, None] * unit + turning
 
-    def by_stiffness(self, balance: Balanced) -> Array:
-        return np.zeros_like(balance.sigma)
-
-    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
-        return 0.0, np.inf
-
 
 @dataclass(frozen=True)
-class TensionVariance(Quantity):
+class TensionVariance(_OfLengths):
     """V_τ = ⟨(τ − ⟨τ⟩)²⟩/⟨τ⟩² of the tensions τ = σ|L| (`TensionVariance`)."""
 
     name: ClassVar[str] = "V_tau"
@@ -64,15 +68,9 @@ class TensionVariance(Quantity):
         turning = (derivative * sigma / length)[:, None] * (dL - dlength[:, None] * unit)
         return change * length + derivative * dlength, stretching + turning
 
-    def by_stiffness(self, balance: Balanced) -> Array:
-        return np.zeros_like(balance.sigma)
-
-    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
-        return 0.0, np.inf
-
 
 @dataclass(frozen=True)
-class EdgeLength(Quantity):
+class EdgeLength(_OfLengths):
     """The length |L_α| of one edge."""
 
     edge: int
@@ -94,15 +92,9 @@ class EdgeLength(Quantity):
         ddL[self.edge] = (dL[self.edge] - (unit @ dL[self.edge]) * unit) / length
         return np.zeros_like(dsigma), ddL
 
-    def by_stiffness(self, balance: Balanced) -> Array:
-        return np.zeros_like(balance.sigma)
-
-    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
-        return 0.0, np.inf
-
 
 @dataclass(frozen=True)
-class FaceArea(Quantity):
+class FaceArea(_OfLengths):
     """The area ½ Σ_(i<j) s_i × s_j of one face of a planar network, of its sides s in turn."""
 
     face: int
@@ -128,8 +120,8 @@ class FaceArea(Quantity):
         np.add.at(ddL, edges, 0.5 * signs[:, None] * _turned(2 * before + sides - sides.sum(axis=0)))
         return np.zeros_like(dsigma), ddL
 
-    def by_stiffness(self, balance: Balanced) -> Array:
-        return np.zeros_like(balance.sigma)
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return -np.inf, np.inf
 
     def _sides(self, balance: Balanced, vectors: Array) -> tuple[IntArray, IntArray, Array]:
         faces = balance.network.faces
