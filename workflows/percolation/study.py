@@ -11,12 +11,13 @@ import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, quantity, stiffening, upper_bound, voronoi_network
 from critflow.generators.random_networks import check_voronoi
-from critflow.onset.from_lengths import stressed_fraction
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ..shared.checks import check_network
+from ..shared.measurements import stressed_fraction
 from ..shared.populations import random_lengths
 from ..shared.reports import PAPER
+from ..shared.strain_protocol import critical_by_strain
 from ..shared.tables import numbers, outcomes
 from .report import claims, percolation_figure, spread_figure, summary
 
@@ -29,9 +30,9 @@ def case(parameters, *, seed, n_vertices):
     rows, strained = [], []
     for spread in parameters["spreads"]:
         lengths = random_lengths(stable_rng(seed, "percolation", str(n_vertices)), manifold.network.n_edges, spread)
-        rows.append(measured(manifold, lengths, "conic"))
+        rows.append(measured(manifold, critical_from_lengths(manifold, lengths, throw=False)))
         protocol = seed < parameters["protocol_networks"]
-        strained.append(measured(manifold, lengths, "strain") if protocol else NOT_COMPUTED)
+        strained.append(measured(manifold, critical_by_strain(manifold, lengths)) if protocol else NOT_COMPUTED)
     names = ("solve_status", "stressed_fraction", "bulk", "C_B")
     return {
         "status": Status.ok,
@@ -40,9 +41,8 @@ def case(parameters, *, seed, n_vertices):
     }
 
 
-def measured(manifold, lengths, method):
-    """Status, stressed part, B_0 over the largest possible, and C_B of one set of rest lengths."""
-    solution = critical_from_lengths(manifold, lengths, method, throw=False)
+def measured(manifold, solution):
+    """Status, stressed part, B_0 over the largest possible, and C_B of the configuration of one set of rest lengths."""
     if solution.status not in (Status.ok, Status.slack_edges):
         return (solution.status, np.nan, np.nan, np.nan)
     network, critical = manifold.network, solution.value
