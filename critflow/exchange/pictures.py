@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from importlib import import_module  # at their use: libraries of 0.2 s that only pictures need
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image, ImageSequence
-from scipy.interpolate import make_splprep
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
 
@@ -32,8 +31,9 @@ def read_picture(path: Path) -> NDArray:
     """The values of a picture (rows, columns), or of a stack (pages, rows, columns); also those of a file .npy."""
     if path.suffix.lower() == ".npy":
         return np.asarray(np.load(path, allow_pickle=False))
-    with Image.open(path) as image:
-        pages = np.stack([np.asarray(page) for page in ImageSequence.Iterator(image)])
+    images = import_module("PIL.Image")
+    with images.open(path) as image:
+        pages = np.stack([np.asarray(page) for page in import_module("PIL.ImageSequence").Iterator(image)])
     if pages.ndim == 4:
         # Grey values that are stored as equal colours, with or without opacity.
         if (pages[..., 1:3] != pages[..., :1]).any():
@@ -116,7 +116,7 @@ def _curve_length(path: Array, ends: Array, reach: Array, size: Array) -> float:
         return chord
     weights = np.ones(len(points))
     weights[[0, -1]] = _AT_ENDS
-    curve = make_splprep(points.T, w=weights, s=len(points) * _NOISE**2)[0]
+    curve = import_module("scipy.interpolate").make_splprep(points.T, w=weights, s=len(points) * _NOISE**2)[0]
     fine = curve(np.linspace(0, 1, 4 * len(points))).T
     return max(chord, float(np.linalg.norm(np.diff(fine, axis=0) * size, axis=1).sum()))
 
