@@ -28,6 +28,7 @@ from critflow.critical.curvature import StereographicChart
 from critflow.critical.transition import transition_modulus
 from critflow.linalg.factor import FixedPattern
 from critflow.springs.tissue import FaceSprings
+from critflow.springs.weak_energies import AngleSprings
 from workflows.benchmarks import reference
 
 # Factorisations of one call on at most eight vertices; the largest number seen is a third of it.
@@ -198,6 +199,13 @@ CALLS = {
         p.network, critical_of(p), 1e-3, deformation=a_deformation(p, r)
     ),
     "pareto": lambda p, r: call.pareto(p.network, {"V_tau": "smallest", "V_L": "smallest"}, 3, max_steps=40),
+    "weak_forces": lambda p, r: call.weak_forces(critical_of(p), AngleSprings()).value.modulus(
+        [-1e-3, 0.0, 1e-3], 1e-4
+    ),
+    "weak_equilibrium": lambda p, r: (
+        call.weak_equilibrium(critical_of(p), AngleSprings(), [1e-3], 1e-4, throw=False).value.tension
+    ),
+    "soft_spectrum": lambda p, r: call.soft_spectrum(critical_of(p)),
     "edge_leverage": lambda p, r: call.edge_leverage(critical_of(p)),
     "properties": lambda p, r: call.properties(critical_of(p), r.choice([["V_tau", "V_L"], ["B_0", "C_B"]])),
     "quantity": lambda p, r: call.quantity(p.network, "V_L"),

@@ -153,7 +153,10 @@ def _bypass(sigma: Array, columns: Array, edges: IntArray) -> tuple[Array, Array
     own = np.arange(len(edges))
     around = columns.copy()
     around[edges, own] = 0.0
-    return sigma @ around**2 / columns[edges, own], around
+    own_columns = columns[edges, own]
+    # Edges that are cut already have columns of zeros.
+    bypass = np.divide(sigma @ around**2, own_columns, out=np.zeros_like(own_columns), where=own_columns != 0)
+    return bypass, around
 
 
 class Part:
