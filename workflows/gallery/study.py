@@ -27,12 +27,12 @@ from critflow import (
 )
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
 from critflow.generators.random_networks import check_voronoi
-from critflow.onset.from_lengths import stressed_fraction
 from critflow.quantities.stress_hessian import flat_directions
 from critflow.result import StudyError
 from critflow.workflow import Axis, Study, stable_rng
 
 from ..shared.checks import check_network, check_positive
+from ..shared.measurements import stressed_fraction
 from ..shared.own_network import check_own, own_manifold, own_network, with_digest
 from ..shared.populations import random_lengths
 from ..shared.reports import PAPER
