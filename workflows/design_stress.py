@@ -44,7 +44,7 @@ def designed(manifold, S):
     made, time = timed(cf.design, manifold, dict(zip(NAMES, S, strict=True)), throw=False)
     achieved = scaled_stress(made.value)
     return {
-        "target": S,
+        "requested": S,
         "achieved": achieved,
         "error": np.abs(achieved - S).max() / np.linalg.norm(S),
         "distance": made.distance,
@@ -108,7 +108,7 @@ study = Study(
     variables=(
         *numbers(
             ("seed", "target", "component"),
-            target="requested S_xx, S_yy, S_xy over √D",
+            requested="S_xx, S_yy, S_xy over √D of the target",
             achieved="achieved components",
         ),
         *numbers(

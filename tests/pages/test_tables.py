@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from workflows.pages.tables import REFERENCE, TABLES, filled, pages
+from workflows.pages.tables import FEW, REFERENCE, TABLES, claim_counts, filled, pages
 
 ROOT = Path(__file__).parents[2]
 
@@ -21,16 +21,34 @@ def test_tables_are_up_to_date_and_pictures_exist(page):
 
 def test_a_table_follows_its_summary(tmp_path):
     (tmp_path / "ensemble").mkdir()
-    measures = {"mean": 0.25, "std": 0.05, "q95": 0.3}
-    names = ("bulk_modulus_0", "C_B_exact", "shear_modulus_0", "C_G_exact")
-    rows = dict.fromkeys(names, measures) | {"shear_modulus_0": {"mean": 1e-15, "std": 1e-15, "q95": 2e-15}}
+    measures = {"n": 3, "mean": 0.25, "std": 0.05, "q95": 0.3}
+    rows = dict.fromkeys(FEW, measures)
+    rows["shear_modulus_0"] = {"n": 3, "mean": 1e-15, "std": 1e-15, "q95": 2e-15}
+    rows["C_G_exact"] = measures | {"n": 2, "mean": -0.5}
     summary = {"networks": 3, "parameters": {"n_vertices": 60}, "populations": {"bulk_modulus": rows}}
     (tmp_path / "ensemble" / "summary.json").write_text(json.dumps(summary))
     page = filled("before\n<!-- populations: generated -->\nold\n<!-- /populations -->\nafter\n", tmp_path)
-    assert "| bulk_modulus | 0.25 ± 0.05 | 0.25 ± 0.05 | < 2e-15 | 0.25 ± 0.05 |\n" in page
+    assert "| population | n | B_0 | C_B | G_0 | C_G, energy | C_G, stress-corrected |\n" in page
+    assert "| max B_0 | 3, 2 | 0.25 ± 0.05 | 0.25 ± 0.05 | < 2e-15 | -0.5 ± 0.05 | 0.25 ± 0.05 |\n" in page
     assert "3 networks of 60 vertices" in page and "old" not in page
     assert page.startswith("before\n<!-- populations: generated -->\n") and page.endswith("after\n")
     assert filled(page, tmp_path) == page
+
+
+def test_claims_are_counted_by_kind_and_older_runs_apart(tmp_path):
+    kinds = ["paper", "paper", "paper", "ours", "check", "check"]
+    verdicts = ["holds", "undecided", "measured", "differs", "holds", "holds"]
+    for study, claims in {
+        "new": [{"verdict": verdict, "kind": kind} for verdict, kind in zip(verdicts, kinds, strict=True)],
+        "old": [{"verdict": "holds"}, {"verdict": "differs"}, {"verdict": "measured"}],
+    }.items():
+        (tmp_path / study).mkdir()
+        (tmp_path / study / "claims.json").write_text(json.dumps(claims))
+    table = claim_counts(tmp_path)
+    assert "|  | holds | differs | undecided |\n" in table
+    for row in ("claims of the paper | 1 | 0 | 1", "claims of ours | 0 | 1 | 0", "checks of the code | 2 | 0 | 0"):
+        assert f"| {row} |\n" in f"{table}\n"
+    assert table.endswith("`old` (1 of 2 hold).") and "`new`" not in table
 
 
 def test_every_table_can_be_made():

@@ -20,8 +20,10 @@ import xarray as xr
 from PIL import Image, ImageSequence
 
 from critflow.workflow.load import load_study
+from critflow.workflow.study import KINDS
 
 from .paper import EQUATIONS, FIGURES, printed
+from .tables import claim_counts
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "results" / "README.md"
@@ -33,8 +35,9 @@ HEAD = """# Results
 
 `critflow run NAME` writes to `results/NAME/`, which git ignores. `results/reference/NAME/` contains the results of the
 paper that git keeps: figures, claims and summaries, with the lock files of the versions that made them. The netCDF
-files are made by the commands. Times are seconds on two cores. This page is written by
-`python -m workflows.pages.results`.
+files are made by the commands. Figures and claims are made from the dataset of a run, sometimes by later code than the
+run itself. Times are seconds with one or two processes, on two cores that other programs shared. This page is written
+by `python -m workflows.pages.results`.
 """
 
 
@@ -47,7 +50,8 @@ def rendered(reference: Path = REFERENCE) -> str:
     """The text of results/README.md."""
     runs = json.loads((reference / "runs.json").read_text(encoding="utf-8"))
     claims = {study: _claims(reference, study) for study in studies()}
-    parts = [HEAD, _overview(claims, runs), *(_study(study, reference) for study in studies()), _table(claims)]
+    overview = _overview(claims, runs, reference)
+    parts = [HEAD, overview, *(_study(study, claims[study], reference) for study in studies()), _table(claims)]
     return "\n".join(parts)
 
 
@@ -55,27 +59,43 @@ def _claims(reference: Path, study: str) -> list[dict]:
     return json.loads((reference / study / "claims.json").read_text(encoding="utf-8"))
 
 
+def _older(claims: list[dict]) -> bool:
+    """Whether the run is older than kinds and criteria of claims."""
+    return any("kind" not in claim for claim in claims)
+
+
 def _count(claims: list[dict]) -> str:
     tested = [claim for claim in claims if claim["verdict"] != "measured"]
-    return f"{sum(claim['verdict'] == 'holds' for claim in tested)} of {len(tested)}"
+    return f"{sum(claim['verdict'] == 'holds' for claim in tested)} of {len(tested)}" if tested else ""
 
 
-def _overview(claims: dict[str, list[dict]], runs: dict[str, dict]) -> str:
-    lines = ["| study | command | seconds | claims that hold | made by |", "|---|---|---|---|---|"]
+def _holding(claims: list[dict]) -> str:
+    """The claims that hold, by kind."""
+    if _older(claims):
+        return f"{_count(claims)} claims of an older run hold"
+    counts = {kind: _count([claim for claim in claims if claim["kind"] == kind]) for kind in KINDS}
+    return "; ".join(f"{KINDS[kind]}: {count} hold" for kind, count in counts.items() if count)
+
+
+def _overview(claims: dict[str, list[dict]], runs: dict[str, dict], reference: Path) -> str:
+    """One row a study, with the number of claims of each kind that hold, and the counts of all studies."""
+    lines = [_row("study", "command", "seconds", *KINDS.values(), "made by"), "|---" * (4 + len(KINDS)) + "|"]
     for study, its_claims in claims.items():
         run = runs.get(study, {})
         seconds = f"{run['seconds']:.0f}" if "seconds" in run else ""
         made_by = f"{run.get('source', '')} {run.get('commit', '')[:7]}".strip()
-        count = f"[{_count(its_claims)}](reference/{study}/claims.md)"
-        lines.append(_row(f"[{study}](#{study})", f"`critflow run {study}`", seconds, count, made_by))
-    total = [claim for its_claims in claims.values() for claim in its_claims]
-    return "\n".join([*lines, "", f"In total {_count(total)} tested claims hold.", ""])
+        counts = [_count([claim for claim in its_claims if claim.get("kind") == kind]) for kind in KINDS]
+        cells = [f"[{count}](reference/{study}/claims.md)" if count else "" for count in counts]
+        lines.append(_row(f"[{study}](#{study})", f"`critflow run {study}`", seconds, *cells, made_by))
+    text = ["", "Claims that hold, of those tested. All studies together:", "", claim_counts(reference), ""]
+    return "\n".join([*lines, *text])
 
 
-def _study(study: str, reference: Path) -> str:
+def _study(study: str, its_claims: list[dict], reference: Path) -> str:
     """Its pictures in the order of the paper, each with its number and content, and those that are not listed last."""
     claims, folder = f"reference/{study}/claims.md", reference / study / "figures"
-    lines = [f"## {study}", "", f"- `critflow run {study}`; claims in [{claims}]({claims})"]
+    older = f"; this run is older than the kinds of claims: {_count(its_claims)} hold" if _older(its_claims) else ""
+    lines = [f"## {study}", "", f"- `critflow run {study}`; claims in [{claims}]({claims}){older}"]
     shown: list[str] = []
     for figure in (figure for figure in FIGURES if figure.study == study):
         caption = f"{printed(figure.label) or 'Beyond the paper'}: {figure.meaning}"
@@ -111,7 +131,7 @@ def _table(claims: dict[str, list[dict]]) -> str:
     for figure in FIGURES:
         command, table = f"`critflow run {figure.study}`", f"[claims](reference/{figure.study}/claims.md)"
         label = printed(figure.label) if figure.label else "(beyond the paper)"
-        lines.append(_row(label, figure.meaning, command, table, f"{_count(claims[figure.study])} claims hold"))
+        lines.append(_row(label, figure.meaning, command, table, _holding(claims[figure.study])))
     for study, its_claims in claims.items():
         for claim in its_claims:
             verdict = f"{claim['verdict']}: {claim['because']}" if claim["because"] else claim["verdict"]

@@ -9,20 +9,26 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+from critflow.workflow.study import KINDS
+
+from ..shared.populations import NAMES
 from .paper import EQUATIONS, named
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "results" / "reference"
-FEW = {"bulk_modulus_0": "B_0", "C_B_exact": "C_B", "shear_modulus_0": "G_0", "C_G_exact": "C_G"}
-MEASURES = {
+# Both conventions of C_G: the sign that the paper states of max G_0 is that of the stress-corrected one.
+FEW = {
     "bulk_modulus_0": "B_0",
     "C_B_exact": "C_B",
     "shear_modulus_0": "G_0",
     "C_G_exact": "C_G, energy",
     "C_G_stress_corrected_exact": "C_G, stress-corrected",
+}
+MEASURES = FEW | {
     "length_variance": "V_L",
     "tension_variance": "V_τ",
     "stressed_fraction": "stressed edges",
@@ -88,12 +94,13 @@ def measures(reference: Path) -> str:
 def _populations(summary: dict, columns: dict[str, str], outcomes: bool) -> str:
     lines = [
         f"Mean ± standard deviation over {summary['networks']} networks of {summary['parameters']['n_vertices']} "
-        "vertices, in units of k:",
+        "vertices, in units of k. n is the number of networks; a second number is that of C_B and C_G:",
         "",
-        *_head("population", *columns.values(), *(["outcomes"] if outcomes else [])),
+        *_head("population", "n", *columns.values(), *(["outcomes"] if outcomes else [])),
     ]
     for population, rows in summary["populations"].items():
-        cells = [population, *(_spread(rows[name]) for name in columns)]
+        n = sorted({rows[name]["n"] for name in columns}, reverse=True)  # edges of zero length leave C_B, C_G undefined
+        cells = [NAMES[population], ", ".join(map(str, n)), *(_spread(rows[name]) for name in columns)]
         if outcomes:
             cells.append(", ".join(f"{count} {status}" for status, count in rows["status"].items()))
         lines.append(_row(*cells))
@@ -107,15 +114,35 @@ def _spread(row: dict) -> str:
 
 
 def ensemble_claims(reference: Path) -> str:
-    """The claims of the ensemble with their verdicts."""
+    """The claims of the ensemble with criteria, samples and verdicts."""
     claims = _read(reference, "ensemble", "claims")
     holding = sum(claim["verdict"] == "holds" for claim in claims)
-    lines = [f"{holding} of {len(claims)} tested claims hold; reasons: `results/reference/ensemble/claims.md`.", ""]
+    lines = [f"{holding} of {len(claims)} claims hold; reasons: `results/reference/ensemble/claims.md`.", ""]
     return "\n".join([*lines, *_claim_rows("the paper", claims)])
 
 
 def _claim_rows(statement: str, claims: list[dict]) -> list[str]:
-    return [*_head(statement, "measured", "verdict"), *(_row(c["statement"], c["value"], c["verdict"]) for c in claims)]
+    names = ("statement", "criterion", "value", "sample", "verdict")
+    rows = (_row(*(claim.get(name, "").replace("|", "\\|") for name in names)) for claim in claims)
+    return [*_head(statement, "criterion", "measured", "sample", "verdict"), *rows]
+
+
+def claim_counts(reference: Path) -> str:
+    """Verdicts of all studies by kind of claim; runs older than kinds and criteria are named below the table."""
+    verdicts, older = {kind: Counter() for kind in KINDS}, {}
+    for file in sorted(reference.glob("*/claims.json")):
+        for claim in json.loads(file.read_text(encoding="utf-8")):
+            if "kind" in claim:
+                verdicts[claim["kind"]][claim["verdict"]] += 1
+            elif claim["verdict"] != "measured":
+                older.setdefault(file.parent.name, []).append(claim["verdict"] == "holds")
+    columns = ("holds", "differs", "undecided")
+    lines = _head("", *columns)
+    lines += [_row(KINDS[kind], *(str(count[column]) for column in columns)) for kind, count in verdicts.items()]
+    if older:
+        runs = ", ".join(f"`{study}` ({sum(held)} of {len(held)} hold)" for study, held in older.items())
+        lines += ["", f"Not counted are runs older than the division by kind, whose claims have no criterion: {runs}."]
+    return "\n".join(lines)
 
 
 # Speed, size and failure
@@ -224,7 +251,8 @@ def equations(page: str) -> str:
 
 
 TABLES: dict[str, Callable[[Path], str]] = {
-    table.__name__: table for table in (populations, measures, ensemble_claims, speed, programs, sizes, failures)
+    table.__name__: table
+    for table in (populations, measures, ensemble_claims, claim_counts, speed, programs, sizes, failures)
 } | {f"equations_{page}": lambda _, page=page: equations(page) for page in {e.page: None for e in EQUATIONS}}
 
 
