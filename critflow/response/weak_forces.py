@@ -30,13 +30,14 @@ from critflow.critical.manifold import CriticalConfiguration
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
 from critflow.response.soft_spectrum import soft_eigenvalues
+from critflow.response.thermal_model import ThermalModel
 from critflow.response.weak_model import Modes, WeakModel
 from critflow.response.weak_strain import WeakStrain, remainder, turning, weak_strain
 from critflow.response.weak_system import WeakSystem
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises
 from critflow.rigidity.uniqueness import require_only_self_stress
-from critflow.springs.weak_energies import WeakEnergy, WeakFunction, weak_function
+from critflow.springs.weak_energies import Temperature, WeakEnergy, WeakFunction, no_energy, weak_function
 
 LARGEST_ERROR = 0.1  # of the tension above the end of the branch, beyond which values are NaN
 NO_WORK = 1e-9  # part of Σσ|L||AL| below which a strain does no work on the self-stress
@@ -85,7 +86,7 @@ class WeakForces(Record):
     growth: float
     _energy: WeakFunction = field(repr=False)
     _path: WeakStrain = field(repr=False)
-    _model: WeakModel = field(repr=False)
+    _model: WeakModel | ThermalModel = field(repr=False)
     _full: WeakForces | None = field(default=None, repr=False)
 
     def tension(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
@@ -127,7 +128,7 @@ class WeakForces(Record):
             path = _fixed(deformation, self.critical.network.dimension)
             system = self._model.system
             other = weak_strain(self.critical, system, self._energy, path)
-            modes = self._extended(other.weak_load)
+            modes = self._model.extended(other.weak_load)
             load, growth, mixed = modes.loads[2], path.second_rate(0.0), other.strain @ self._path.strain
         volume = self._volume(state)
         if self._full is not None:
@@ -176,24 +177,14 @@ class WeakForces(Record):
 
     @property
     def _modes(self) -> Modes:
-        if not self.cubic:
-            return self._model.modes
-        factor = self._model.system.factorize(1.0, weak=0.0)
-        v = factor.solve(self._model.loads[0])[0]
-        F = max(float(v @ self._model.loads[0]), 0.0)
-        return Modes(np.zeros(1), v[:, None] / (F**0.5 or 1.0), np.array([[F**0.5], [0.0]]))
-
-    def _extended(self, load: Array) -> Modes:
-        """Modes that contain the response to a further load (d·n_free,), at the same nodes."""
-        model = self._model
-        larger = WeakModel(model.system, np.concatenate([model.loads, [load]]), model.remainder, model.end)
-        larger.cover(*model.covered)
-        return larger.modes
+        return self._model.leading if self.cubic else self._model.modes
 
     def _solve(self, strain: ArrayLike, kappa: ArrayLike) -> WeakState:
         gamma, kappa_ = np.broadcast_arrays(_numbers(strain, "strain"), _numbers(kappa, "kappa"))
         if not (kappa_ > 0).all():
-            raise InputError(f"kappa must be positive, the size of the weak energy, not {kappa_.min()}: leave out zero")
+            raise InputError(
+                f"kappa must be positive, the weak energy or temperature, not {kappa_.min()}: leave out zero"
+            )
         if self._full is not None:
             modes = self._modes
             x = self._roots(gamma, kappa_, modes, 0.0)
@@ -245,7 +236,7 @@ class WeakForces(Record):
             full = self._full._solve(gamma, kappa)
             error = np.abs(full.s - s) + full.error
             return WeakState(gamma, kappa, s, load, resistance, error, np.full(s.shape, int(Status.ok)))
-        left_out = np.abs(self._model.neglected_slopes(s)).sum(axis=-1) / (kappa * resistance)
+        left_out = np.abs(self._model.neglected_slopes(s, kappa)).sum(axis=-1) / (kappa * resistance)
         elastic = 0.5 * np.abs(self.growth * gamma / self.work)
         elastic = elastic + 1.5 * np.abs(self.softening / self.compliance * kappa * s)
         error = left_out + elastic**2 * np.abs(s) + np.abs(coarse - x)
@@ -287,9 +278,10 @@ def weak_forces(
     The module's docstring has the equations: all constants are exact at the critical configuration, nothing is fitted.
 
     energy       `AngleSprings`, `SoftSprings`, `PointForces`, a function x (N_v, d), F (d, d) → U, ∂U/∂x (N_v, d) and
-                 ∂²U/∂x∂x sparse (d·N_v)², or a list of these
+                 ∂²U/∂x∂x sparse (d·N_v)², or a list of these; or `Temperature()` alone: κ is T (`thermal_model`)
     deformation  what `deformation_of` accepts, with a fixed cell
-    order        "full", or "cubic": the leading order, D τ³ − c γ τ² − ½κ²F = 0, without H and without growth
+    order        "full", or "cubic": the leading order, D τ³ − c γ τ² − ½κ²F = 0, without H and without growth; of
+                 temperature D τ² − c γ τ − ½N_f T = 0
 
     `Status.unstable` where the self-stress does not stabilise the floppy motions, `Status.undecided` where rounding
     hides whether it does, `Status.floppy` where the strain does no work on the self-stress.
@@ -307,7 +299,8 @@ def weak_forces(
     network, sigma = critical.network, critical.sigma
     path = _fixed(deformation, network.dimension)
     _require_floppy_motions(critical)
-    U = weak_function(energy, network)
+    thermal = isinstance(energy, Temperature)
+    U = no_energy if thermal else weak_function(energy, network)
     failed = _failed_status(critical, path)
     if failed is not None:
         solution: Solution[WeakForces] = Solution(None, *failed)  # type: ignore[arg-type]
@@ -319,13 +312,16 @@ def weak_forces(
         raise InputError("the weak energy has no finite forces at the critical configuration: correct its function")
     system = WeakSystem(network, sigma, critical.bond_vectors, sp.csr_array(hessian)[rows][:, rows])
     strain = weak_strain(critical, system, U, path)
-    model = WeakModel(system, np.array([force, strain.weak_load]), remainder(critical, U, force, system))
+    square = sigma**2 * critical.lengths**2 / network.stiffness
+    if thermal:
+        model: WeakModel | ThermalModel = ThermalModel(critical, system, strain, float(square.sum()))
+    else:
+        model = WeakModel(system, np.array([force, strain.weak_load]), remainder(critical, U, force, system))
     if not np.isfinite(model.end):
         note = "the end of the stable branch was not found: scale the weak energy, or relax it with weak_equilibrium()"
         solution = Solution(None, Status.stalled, Stats("weak forces"), note)  # type: ignore[arg-type]
         return solution.or_raise("no theory of weak forces") if throw else solution
     model.cover(*(place * model.scale for place in _FIRST_NODES))
-    square = sigma**2 * critical.lengths**2 / network.stiffness
     growth = turning(strain, strain, critical, path.second_rate(0.0))
     softening = float(np.sum(square * sigma / network.stiffness))
     value = WeakForces(critical, path, strain.work, float(square.sum()), softening, growth, U, strain, model)

@@ -151,8 +151,21 @@ class WeakModel:
         distance = np.array([node.s - self.end for node in self._nodes])
         return CubicSpline(np.log(distance), np.array([node.neglected for node in self._nodes]))
 
-    def neglected_slopes(self, s: Array) -> Array:
-        """d/ds of the neglected energies, (..., 3)."""
+    @property
+    def leading(self) -> Modes:
+        """The model without H: v = (1/s) Z(ZᵀPZ)⁻¹Zᵀf."""
+        v = self.system.factorize(1.0, weak=0.0).solve(self.loads[0])[0]
+        root = max(float(v @ self.loads[0]), 0.0) ** 0.5
+        return Modes(np.zeros(1), v[:, None] / (root or 1.0), np.array([[root], [0.0]]))
+
+    def extended(self, load: Array) -> Modes:
+        """Modes that contain the response to a further load (d·n_free,), at the same nodes."""
+        larger = WeakModel(self.system, np.concatenate([self.loads, [load]]), self.remainder, self.end)
+        larger.cover(*self.covered)
+        return larger.modes
+
+    def neglected_slopes(self, s: Array, kappa: Array) -> Array:
+        """d/ds of the neglected energies, (..., 3), the same for all κ."""
         distance = np.clip(s - self.end, *self.covered)
         return np.asarray(self._splines(np.log(distance), 1) / distance[..., None])
 

@@ -138,7 +138,17 @@ class PointForces(Record):
         return lambda x, F: (-float(np.vdot(forces, x)), -forces, nothing)
 
 
-WeakEnergy = AngleSprings | SoftSprings | PointForces | WeakFunction | Sequence[Any]
+@dataclass(frozen=True, eq=False)
+class Temperature(Record):
+    """Thermal motion, for `weak_forces` alone, whose κ is then k_B T in units of energy: no function of positions."""
+
+
+def no_energy(x: Array, F: Array) -> tuple[float, Array, sp.sparray]:
+    """U = 0."""
+    return 0.0, np.zeros_like(x), sp.csr_array((x.size, x.size))
+
+
+WeakEnergy = AngleSprings | SoftSprings | PointForces | Temperature | WeakFunction | Sequence[Any]
 """What `weak_function` accepts."""
 
 
@@ -146,6 +156,8 @@ def weak_function(energy: WeakEnergy, network: Network) -> WeakFunction:
     """The function of an energy on a network: one of this module, a callable, or a sequence of them, which add up."""
     if isinstance(energy, AngleSprings | SoftSprings | PointForces):
         return energy.on(network)
+    if isinstance(energy, Temperature):
+        raise InputError("temperature acts alone, in weak_forces: leave out the other energies, or the temperature")
     if callable(energy):
         return _Checked(energy, network.n_vertices, network.dimension)
     if isinstance(energy, Sequence) and len(energy) and not isinstance(energy, str):
