@@ -281,6 +281,18 @@ def test_cables_in_tension_pull_a_free_cell_flat():
     assert strain_path(state, [0.0, 0.01], "uniaxial").ok
 
 
+@pytest.mark.parametrize("seed", [0, 5])
+def test_soft_chains_beside_slack_cables(seed):
+    # Next to the onset the softest modes, of 1e-12, are softer than the shift that resists floppy vertices.
+    network = fibre_network("mikado", 80, z=3.4, seed=seed)
+    onset = critical_strain(network, np.linalg.norm(network.bond_vectors(network.positions), axis=1), "uniaxial")
+    cables = strain_path(onset, [2e-8], "uniaxial").value
+    taut = strain_path(onset, [2e-8], "uniaxial", taut_only=True).value
+    assert cables.coordinate_error[0] < 1e-14
+    for name in ("bulk_modulus", "modulus"):
+        np.testing.assert_allclose(getattr(cables, name), getattr(taut, name), rtol=1e-6, err_msg=name)
+
+
 def test_a_sheared_cell_that_is_free_resists_beyond_its_onset():
     critical, path = critical_of(voronoi(60, seed=0)), Deformation.uniaxial(2).freeing("xy")
     onset = critical_strain(critical.network, critical.lengths, path)
