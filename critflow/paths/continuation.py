@@ -343,9 +343,11 @@ def attempt(course: Course, point: Point, strain: float) -> Step:
     solution, factor, cell = course.relaxed(start, cell)
     end = Step(cell, solution.value, predicted, solution.stats.steps, coordinate_error=solution.stats.error_bound)
     if not solution.ok:
-        # FIRE at its step limit gains nothing from smaller strain steps.
-        curable = course.method != "fire" or solution.status is not Status.step_limit
-        return replace(end.failed(solution.status, solution.reason), curable=curable)
+        # FIRE at its step limit gains nothing from smaller strain steps, nor do cables in a floppy cell: their energy
+        # is convex.
+        limited = course.method == "fire" and solution.status is Status.step_limit
+        loose = solution.status is Status.floppy and _unique(end.state)
+        return replace(end.failed(solution.status, solution.reason), curable=not (limited or loose))
     if _keeps_lengths(end.state, strain):
         return replace(end.failed(Status.floppy, _FLOPPY.format(strain)), curable=False)
     unique = _unique(end.state)

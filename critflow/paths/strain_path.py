@@ -140,7 +140,8 @@ def strain_path(
     onset: energy, stress and moduli are zero up to γ_c of `critical_strain`, at which the branch begins.  Coordinates
     are not unique before, and their error is NaN.
     `Status.floppy` at a strain where springs keep all lengths, as free components of the cell permit next to a
-    transition.
+    transition, or where no stress fixes these components: cables only pull, so free sides are undetermined past the
+    onset, or are pulled together until the cell is flat.
 
     Raises `InputError` for strains that do not lead away from zero, a deformation that inverts the cell, a start
     without balance, `SolveError` where the path stops and `throw` is set.

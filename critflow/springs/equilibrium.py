@@ -25,6 +25,9 @@ LOOSEST_TOLERANCE = 1e-8
 FINEST_TOLERANCE = 1e-14  # force that rounding leaves; no relaxation is repeated with a smaller tolerance
 COLLAPSING_LENGTH = 1e-3  # in a failed relaxation an edge below this part of the mean length is reported as collapsing
 
+# Shifts of the Hessian for the correction of a state with floppy parts: corrections shrink by shift/(shift + stiffness)
+# in each mode, and the last shift is as small as the rounding of the factor permits.
+CORRECTION_SHIFTS = (FLOPPY_SHIFT, 1e-2 * FLOPPY_SHIFT, 1e-3 * FLOPPY_SHIFT)
 NEWTON_STEPS = 200
 _FIRE_STEPS = 200_000
 
@@ -246,8 +249,12 @@ def _correction(state: ElasticState, pattern: FixedPattern, factor: Factor | Non
         if np.isfinite(correction.remainder):
             return correction, factor
     # Some part may be floppy.
-    factor = state.factorize(pattern, FLOPPY_SHIFT * state.stiffness_scale)
-    return state.exact_displacement(factor, regularised=True), factor
+    for shift in CORRECTION_SHIFTS:
+        factor = state.factorize(pattern, shift * state.stiffness_scale)
+        correction = state.exact_displacement(factor, regularised=True)
+        if np.isfinite(correction.remainder):
+            break
+    return correction, factor
 
 
 class Relaxation(Function, Generic[State]):

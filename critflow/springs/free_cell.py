@@ -19,9 +19,20 @@ from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
 from critflow.result import Stats, Status
 from critflow.springs.equilibrium import NEWTON_STEPS, Equilibrium, as_minimum, with_bounds
-from critflow.springs.minimum import stability_of
-from critflow.springs.newton import newton
+from critflow.springs.minimum import ROUNDING_COMPRESSION, stability_of
+from critflow.springs.newton import FLOPPY_SHIFT, newton
 from critflow.springs.state import SpringState
+
+# Strain of the cell by the stress that is left, above which nothing fixes its free components.  In a cell that cables
+# pull flat the remaining step is the whole of what is left, 1; where they are fixed it is rounding over a stiffness.
+UNFIXED_STRAIN = 0.1
+# Roundings of the Schur complement in units of its terms, below which a stiffness of the cell is zero.
+SCHUR_ROUNDING = 64 * EPS
+NO_TENSION = 1e-9  # σ of a cable, in units of the largest, up to which it may be slack
+UNFIXED = (
+    "no stress fixes the free components of the cell: the springs are floppy in it, or pull its sides together until "
+    "it is flat; fix a component"
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,17 +105,38 @@ class FreeCellState(SpringState):
         return super().edge_rates(motion[:-m]) + np.tensordot(motion[-m:] / self.unit, self._stretches(), 1)
 
     def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> BorderedFactor:
-        return self._bordered(super().factorize(pattern, shift), self.modified_stiffness, self.sigma, shift)
+        return self.bordered(super().factorize(pattern, shift), self.modified_stiffness, self.sigma, shift)
 
     def factorize_convex(self, pattern: FixedPattern, shift: float) -> BorderedFactor:
-        return self._bordered(super().factorize_convex(pattern, shift), *self.convex_parts(), shift)
+        return self.bordered(super().factorize_convex(pattern, shift), *self.convex_parts(), shift)
 
-    def _bordered(self, vertices: Factor, axial: Array, isotropic: Array, shift: float) -> BorderedFactor:
+    def bordered(self, vertices: Factor, axial: Array, isotropic: Array, shift: float = 0.0) -> BorderedFactor:
+        """The factor for vertices and cell, from one for the vertices, of the stiffness c L Lᵀ + t 1 of each edge."""
         L, V = self.bond_vectors, self._stretches() / self.unit
         TV = (axial * np.einsum("ad,mad->ma", L, V))[:, :, None] * L + isotropic[:, None] * V
         X = np.stack([(self.network.divergence @ one).ravel() for one in TV], axis=1)
         C = np.einsum("mad,nad->mn", V, TV) + shift * np.eye(len(V))
-        return BorderedFactor(vertices, X, C)
+        return BorderedFactor(vertices, X, C, float(np.sum(np.abs(V) * np.abs(TV))))
+
+    def stretch_errors(self, border: BorderedFactor) -> Array:
+        """Bound of the changes of p (m,) by the conjugate stress that is left; infinite where nothing resists them."""
+        return border.schur_bound((np.abs(self.conjugate_forces) + self.conjugate_rounding) / self.unit)
+
+    def fixes_cell(self, pattern: FixedPattern, left: Array) -> bool:
+        """Whether tension resists the free components, of whose p (m,) a change is left.
+
+        Cables at their rest length resist extension but no contraction: they are judged as slack.
+        """
+        if self.law.one_sided:
+            tension = np.maximum(NO_TENSION * self.sigma.max(), ROUNDING_COMPRESSION * self.stress_rounding)
+            rest = np.where(self.sigma > tension, self.rest_lengths, np.maximum(self.rest_lengths, 2 * self.lengths))
+            tense = replace(self, rest_lengths=rest)
+            vertices = tense.factorize(pattern, FLOPPY_SHIFT * self.stiffness_scale).vertices
+            border = tense.bordered(vertices, tense.modified_stiffness, tense.sigma)
+            left = np.maximum(left, tense.stretch_errors(border))
+        with np.errstate(invalid="ignore"):
+            strain = np.abs(np.tensordot(left / self.unit, np.abs(self.rates), 1)).max()
+        return bool(strain < UNFIXED_STRAIN)
 
     def _stretches(self) -> Array:
         """A_m L, (m, N_b, d)."""
@@ -117,21 +149,26 @@ def stretched(stretch: Array, strains: Array) -> Array:
 
 
 class BorderedFactor(Factor):
-    """The factor of [[H, X], [Xᵀ, C]] for one right side (n + m,), from a factor of H, X (n, m) and C (m, m)."""
+    """The factor of [[H, X], [Xᵀ, C]] for one right side (n + m,), from a factor of H, X (n, m) and C (m, m).
 
-    __slots__ = ("_coupling", "_modes", "_values", "response", "vertices")
+    size  of the terms of which C is the sum
+    """
 
-    def __init__(self, vertices: Factor, coupling: Array, corner: Array):
+    __slots__ = ("_coupling", "_modes", "_rounding", "_values", "response", "vertices")
+
+    def __init__(self, vertices: Factor, coupling: Array, corner: Array, size: float):
         self.vertices, self._coupling = vertices, coupling
         self._shift, self._singular, self._pivots, self._multigrid = 0.0, False, None, None
         m = len(corner)
         # H⁻¹ X, (n, m).
         self.response = np.full_like(coupling, np.nan)
         self._values, self._modes = np.full(m, np.nan), np.eye(m)
+        self._rounding = 0.0
         if vertices.sound:
             self.response = vertices.solve(coupling)
             schur = corner - coupling.T @ self.response
             self._values, self._modes = np.linalg.eigh(0.5 * (schur + schur.T))
+            self._rounding = SCHUR_ROUNDING * (size + float(np.sum(np.abs(coupling) * np.abs(self.response))))
 
     def solve(self, right_side: Array) -> Array:
         m = len(self._values)
@@ -145,9 +182,12 @@ class BorderedFactor(Factor):
         return np.asarray(self._modes @ (inverse * (self._modes.T @ right_side)))
 
     def schur_bound(self, size: Array) -> Array:
-        """Bound of |S⁻¹ r| (m,) for |r| below a size (m,)."""
-        with np.errstate(divide="ignore"):
-            return np.asarray(np.abs(self._modes) @ ((np.abs(self._modes.T) @ size) / np.abs(self._values)))
+        """Bound of |S⁻¹ r| (m,) for |r| below a size (m,); infinite where an eigenvalue of S is rounding."""
+        stiffness = np.abs(self._values)
+        loads = np.abs(self._modes.T) @ size
+        changes = np.divide(loads, stiffness, out=np.full_like(loads, np.inf), where=stiffness > self._rounding)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.abs(self._modes) @ changes)
 
     @property
     def pivots(self) -> Array:
@@ -168,15 +208,17 @@ def relaxed_with_cell(
     solution = Equilibrium(end.state.springs_of(network), end.status, stats, indefinite=end.indefinite)
     if not solution.ok:
         return solution, None, q
-    border = end.factor if isinstance(end.factor, BorderedFactor) else end.state.factorize(pattern)
-    solution, factor = with_bounds(solution, pattern, border.vertices, corrected=True, judged=False)
+    vertices = (end.factor if isinstance(end.factor, BorderedFactor) else end.state.factorize(pattern)).vertices
+    solution, factor = with_bounds(solution, pattern, vertices, corrected=True, judged=False)
     there = FreeCellState.of(solution.value, q, state.strains)
-    left = border.schur_bound((np.abs(there.conjugate_forces) + there.conjugate_rounding) / there.unit)
+    # Of this state and without a shift, which resists every motion of the cell.
+    border = there.bordered(vertices, there.modified_stiffness, there.sigma)
+    left = there.stretch_errors(border)
     affine = np.einsum("mij,vj->mvi", there.rates, there.coordinates[network.free]) / there.unit
     moved = np.abs(affine.reshape(len(q), -1)).T + np.abs(border.response)
-    bound = solution.stats.error_bound + float((moved @ left).max(initial=0.0))
-    if solution.ok and not np.isfinite(bound):
-        note = "no stress fixes the free components of the cell: the springs are floppy in it"
-        solution = replace(solution, status=Status.floppy, note=note)
+    with np.errstate(invalid="ignore"):
+        bound = solution.stats.error_bound + float((moved @ left).max(initial=0.0))
+    if solution.ok and not (np.isfinite(bound) and there.fixes_cell(pattern, left)):
+        solution = replace(solution, status=Status.floppy, note=UNFIXED)
     solution = replace(solution, stats=replace(solution.stats, error_bound=bound))
     return as_minimum(solution, *stability_of(there, pattern)), factor, q

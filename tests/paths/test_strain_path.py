@@ -34,7 +34,9 @@ from critflow import (
     equilibrium,
     fibre_network,
     foam_network,
+    lattice,
     optimize,
+    packing_network,
     spring_state,
     stiffening,
     strain_path,
@@ -250,6 +252,45 @@ def test_free_sides_leave_a_critical_network_floppy(deformation, strain):
     assert [end.status for end in ends] == [Status.floppy] * 2
     # On one side the strain loosens the network anyway; on the other one springs find a cell that keeps their lengths.
     assert sum("keep all lengths" in end.note for end in ends) == 1
+
+
+@pytest.mark.parametrize(
+    "network", [voronoi(24, seed=1), packing_network(24, z=3.6, seed=2), fibre_network("mikado", 40, z=3.4, seed=1)]
+)
+def test_cables_do_not_hold_free_sides_apart(network):
+    # Cables only pull, Σ σ L_y² = 0 leaves those along x taut, whatever the height of the cell.
+    lengths = 1.05 * np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    onset = critical_strain(network, lengths, "uniaxial_free")
+    strains = onset.strain + np.array([-1e-3, 1e-6, 1e-3, 0.3, 2.0])
+    path = strain_path(
+        spring_state(network, lengths, network.positions, Cable()), strains, "uniaxial_free", throw=False
+    )
+    assert path.value.status.tolist() == [Status.ok, Status.floppy, *[Status.missing] * 3]
+    assert "free components" in path.note and len(path.states) == 1 and path.stats.steps < 100
+    # Each strain by itself: at large ones all chains are taut and pull the cell flat.
+    for strain in strains[1:]:
+        end = strain_path(onset, [strain - onset.strain], "uniaxial_free", throw=False)
+        assert end.status is Status.floppy and np.isnan(end.value.bulk_modulus).all()
+
+
+def test_cables_in_tension_pull_a_free_cell_flat():
+    network = lattice("triangular", 4, 4)
+    state = spring_state(network, np.full(network.n_edges, 0.9), network.positions, Cable())
+    end = strain_path(state, [0.0, 0.01], "uniaxial_free", throw=False)
+    assert end.status is Status.floppy and "flat" in end.note
+    assert strain_path(state, [0.0, 0.01], "uniaxial").ok
+
+
+@pytest.mark.parametrize("seed", [0, 5])
+def test_soft_chains_beside_slack_cables(seed):
+    # Next to the onset the softest modes, of 1e-12, are softer than the shift that resists floppy vertices.
+    network = fibre_network("mikado", 80, z=3.4, seed=seed)
+    onset = critical_strain(network, np.linalg.norm(network.bond_vectors(network.positions), axis=1), "uniaxial")
+    cables = strain_path(onset, [2e-8], "uniaxial").value
+    taut = strain_path(onset, [2e-8], "uniaxial", taut_only=True).value
+    assert cables.coordinate_error[0] < 1e-14
+    for name in ("bulk_modulus", "modulus"):
+        np.testing.assert_allclose(getattr(cables, name), getattr(taut, name), rtol=1e-6, err_msg=name)
 
 
 def test_a_sheared_cell_that_is_free_resists_beyond_its_onset():
