@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, critical_configuration
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.networks.chains import chains
 from critflow.networks.network import IntArray, Network
 from critflow.result import InputError, Record
@@ -31,7 +31,7 @@ Mask = NDArray[np.bool_]
 class TautComponent(Record):
     """A connected part of the stressed edges, with its configuration.
 
-    configuration  of the network of these edges, whose bond vectors and error bounds are those of the whole
+    configuration  of the network of these edges
     edges          (n,) indices of its edges in the whole network
     vertices       indices of its vertices in the whole network
     cables         (n,) cable of each edge, 0 … n_cables − 1
@@ -105,8 +105,9 @@ class Backbone(Record):
 def backbone(critical: CriticalConfiguration) -> Backbone:
     """The stressed edges, σ ≠ 0, of a critical configuration, as networks of their own.
 
-    Each component has the bond vectors, coordinates and error bounds of the whole and σ scaled to Σσ² = n; without pins
-    its first vertex is at the origin.
+    Each component has σ scaled to Σσ² = n, and the bond vectors and coordinates of the whole; where the whole has error
+    bounds, those in balance under the scaled stress with bounds of their own.  Without pins its first vertex is at the
+    origin.
 
     Raises `InputError` for stresses that are not finite or zero everywhere, and as `taut_networks`.
 
@@ -191,12 +192,11 @@ def taut_networks(network: Network, taut: Mask) -> list[tuple[Network, IntArray,
 
 
 def _component(critical: CriticalConfiguration, part: Network, edges: IntArray, vertices: IntArray) -> TautComponent:
-    x = critical.coordinates[vertices]
-    value = critical_configuration(part, critical.sigma[edges], x if part.pins else x - x[0])
-    configuration = replace(
-        value,
-        bond_vectors=critical.bond_vectors[edges],
-        error_bound=critical.error_bound,
-        bond_errors=critical.bond_errors[edges],
-    )
+    x, sigma = critical.coordinates[vertices], critical.sigma[edges]
+    configuration = critical_configuration(part, sigma, x if part.pins else x - x[0])
+    configuration = replace(configuration, bond_vectors=critical.bond_vectors[edges])
+    if np.isfinite(critical.bond_errors[edges]).all():
+        # Scaling rounds the stress once more, which moves the configuration.
+        balance = CriticalManifold(part).solve(sigma)
+        configuration = balance.value if balance.ok else configuration
     return TautComponent(configuration, edges, vertices, cables(part))

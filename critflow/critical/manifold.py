@@ -114,11 +114,11 @@ def critical_configuration(network: Network, sigma: Array, coordinates: Array) -
     return CriticalConfiguration(network, sigma, coordinates, network.bond_vectors(coordinates))
 
 
-def _scaled(stress: Array) -> Extended:
-    """A stress (N_b,) of any size scaled to Σσ² = N_b, with the rounding of the product; no change if it is scaled."""
+def _scaled(stress: Array, squares: float) -> Extended:
+    """A stress (N_b,) of any size scaled to Σσ² = `squares`, with the rounding of the product; as it is if scaled."""
     power = int(np.frexp(np.abs(stress).max())[1])
     whole = np.ldexp(stress, -power)
-    scale = np.sqrt(len(stress) / np.sum(whole**2))
+    scale = np.sqrt(squares / np.sum(whole**2))
     half = np.ldexp(0.5, power)
     return two_product(whole, 2 * half if abs(0.5 * scale - half) < SCALED * half else scale)
 
@@ -275,10 +275,13 @@ class CriticalManifold:
             return self.pressurised.solve(sigma, pressures, throw).value
         return self.solve(sigma, throw).value
 
-    def solve(self, stress: ArrayLike, throw: bool = False, balance: Balance | None = None) -> ForceBalance:
+    def solve(
+        self, stress: ArrayLike, throw: bool = False, balance: Balance | None = None, squares: float | None = None
+    ) -> ForceBalance:
         """As `configuration`, with status, number of negative pivots, Skeel's condition and bounds on all errors.
 
         balance  of this stress, where it is known: spares a factorisation if the stress is scaled
+        squares  Σσ² of the stress as stored, N_b by default; of a part, that of the whole
 
         Coordinates are NaN where P is singular (`Status.singular`), and where rounding may have taken every digit
         because P is nearly singular or its entries span too many decades (`Status.ill_conditioned`).
@@ -287,7 +290,7 @@ class CriticalManifold:
         if not given.any():
             raise NetworkError("sigma is zero on every edge: give each edge a force density, positive for tension")
         # The balance is that of the given stress: scaling rounds it, and a nearly singular P magnifies that rounding.
-        exact = _scaled(given)
+        exact = _scaled(given, self.network.n_edges if squares is None else squares)
         sigma = exact.high
         if balance is None or not np.array_equal(balance.sigma, sigma):
             balance = self.balance(sigma)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold, critical_configuration
+from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
 from critflow.linalg.saddle import Saddle
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformation
@@ -134,7 +134,8 @@ def _balanced(
         return (balance.value, balance.stats.condition) if balance.ok else None
     if part is None or part.several:
         return None
-    balance = CriticalManifold(part.network).solve(end.sigma[taut])
+    # With the scale of the whole, so that its bounds are those of the stress as stored.
+    balance = CriticalManifold(part.network).solve(end.sigma[taut], squares=network.n_edges)
     if not balance.ok:
         return None
     x = network.all_coordinates(end.coordinates / (1 + end.strain))
@@ -142,7 +143,8 @@ def _balanced(
     x[part.vertices] = balance.value.coordinates + (0.0 if part.network.pins else x[part.vertices[0]])
     sigma, errors = np.zeros(network.n_edges), np.full(network.n_edges, np.nan)
     sigma[taut] = balance.value.sigma
-    whole = critical_configuration(network, sigma, x if network.pins else x - x[0])
+    x = x if network.pins else x - x[0]
+    whole = CriticalConfiguration(network, sigma, x, network.bond_vectors(x))
     # Short edges would lose digits in the rounding of the coordinates.
     whole.bond_vectors[taut], errors[taut] = balance.value.bond_vectors, balance.value.bond_errors
     return replace(whole, bond_errors=errors), balance.stats.condition

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
@@ -53,6 +54,8 @@ def start_of(start: Start, law: SpringLaw | None, taut_only: bool) -> Beginning:
         raise InputError(f"a path starts from a critical configuration or a state of springs, not {start!r:.60}")
     if start.rest_lengths is not None and not taut_only:
         return _of_cables(start, start.rest_lengths, law)
+    short = (start.lengths <= COLLAPSED * start.lengths.mean()) & (start.sigma != 0)
+    _require_directions(short, "change its stress, or remove it")
     part, note = start, ""
     if not start.sigma.all():
         part, n_slack = backbone(start).configuration, int(np.count_nonzero(start.sigma == 0))
@@ -68,7 +71,14 @@ def _of_state(state: SpringState, law: SpringLaw | None, taut_only: bool) -> Beg
         raise InputError("the state has a spring law: leave out law=, or make a state with the other law")
     if taut_only:
         raise InputError("a state of springs has no slack part to leave out: taut_only belongs to a configuration")
+    _require_directions(state.lengths == 0, "move its ends apart")
     return Beginning(state)
+
+
+def _require_directions(short: NDArray[np.bool_], instead: str) -> None:
+    """`InputError` where an edge of these (N_b,) has no length."""
+    if short.any():
+        raise InputError(f"edge {int(short.argmax())} has no length, so its spring has no direction: {instead}")
 
 
 def balanced(springs: SpringState) -> bool:

@@ -133,7 +133,7 @@ class FreeCellState(SpringState):
             tense = replace(self, rest_lengths=rest)
             vertices = tense.factorize(pattern, FLOPPY_SHIFT * self.stiffness_scale).vertices
             border = tense.bordered(vertices, tense.modified_stiffness, tense.sigma)
-            left = np.maximum(left, tense.stretch_errors(border))
+            left = np.maximum(left, tense.stretch_errors(border) * (self.unit / tense.unit))
         with np.errstate(invalid="ignore"):
             strain = np.abs(np.tensordot(left / self.unit, np.abs(self.rates), 1)).max()
         return bool(strain < UNFIXED_STRAIN)

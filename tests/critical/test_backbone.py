@@ -37,8 +37,8 @@ def test_the_backbone_keeps_bond_vectors_balance_and_bounds(slack):
     bone = backbone(slack)
     part = bone.configuration
     assert bone.n_slack == np.count_nonzero(slack.sigma == 0) > 0
-    assert np.array_equal(part.bond_vectors, slack.bond_vectors[bone.taut])
-    assert np.array_equal(part.bond_errors, slack.bond_errors[bone.taut])
+    apart = np.linalg.norm(part.bond_vectors - slack.bond_vectors[bone.taut], axis=1)
+    assert (apart <= part.bond_errors + slack.bond_errors[bone.taut]).all() and part.bond_errors.max() < 1e-14
     assert np.sum(part.sigma**2) == pytest.approx(bone.network.n_edges, rel=1e-14)
     np.testing.assert_allclose(bone.network.bond_vectors(part.coordinates), part.bond_vectors, rtol=0, atol=1e-13)
     assert part.residual < 1e-13

@@ -47,6 +47,7 @@ from critflow.critical.manifold import critical_configuration
 from critflow.networks.deformation import DEFORMATIONS
 from critflow.paths.strain_path import PathSolver
 from critflow.springs.free_cell import stretched
+from critflow.springs.state import SpringState
 from workflows.benchmarks import reference
 
 STRAINS = np.array([1e-6, 1e-5, 1e-4, 0.001, 0.002, 0.003, 0.01, 0.05])
@@ -429,7 +430,22 @@ def beginning(**changes):
     return replace(replace(taut_rows(2), rest_lengths=np.ones(taut_rows(2).network.n_edges)), **changes)
 
 
+# The vertices 1 and 2 have the same neighbours, and at σ = 1 the same place.
+TWINS = CriticalManifold(
+    Network(
+        [[0, 1], [1, 0], [0, 2], [2, 0], [1, 2], [0, 1], [0, 2]],
+        [[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 1]],
+        np.eye(2),
+    )
+).configuration(np.ones(7))
+
 WRONG_STARTS = {
+    "an edge without length": (TWINS, {}, "edge 4 has no length.*stress"),
+    "a spring without length": (
+        SpringState(TWINS.network, np.ones(7), TWINS.coordinates, TWINS.bond_vectors),
+        {},
+        "edge 4 has no length.*apart",
+    ),
     "two-sided": (beginning(), {"law": Hookean()}, "compressed"),
     "other lengths": (beginning(rest_lengths=np.linspace(1, 2, 8)), {}, "these rest lengths"),
     "a state": (stiff_lattice(), {"taut_only": True}, "no slack part"),

@@ -3,6 +3,7 @@
 True errors come from the high-precision reference on the same floating-point input.
 """
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -25,6 +26,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
+from critflow.critical.backbone import backbone
 from critflow.precision.double_double import extended
 from critflow.precision.refinement import Refinement
 from workflows.benchmarks import reference
@@ -275,6 +277,21 @@ def test_bounds_hold_for_the_stored_stress(maker):
         found = pairs(value, value.sigma)
         assert all(error <= bound for error, bound in found)
         assert found[0][1] < 100 * found[0][0]
+
+
+def test_bounds_hold_for_the_stored_stress_of_a_taut_part():
+    for seed in range(4):
+        lengths = np.random.default_rng(seed).uniform(0.2, 1.8, 30)
+        whole = critical_from_lengths(voronoi_network(20, seed=1), lengths, throw=False).value
+        found = backbone(whole)
+        part, stored = found.configuration, whole.sigma[found.taut]
+        assert found.n_slack > 0 and np.sum(stored**2) == pytest.approx(30, rel=1e-14)
+        as_stored = replace(
+            part, bond_vectors=whole.bond_vectors[found.taut], bond_errors=whole.bond_errors[found.taut]
+        )
+        compared = pairs(part, part.sigma) + pairs(as_stored, stored)[1:]
+        assert all(error <= bound for error, bound in compared)
+        assert max(bound for _, bound in compared) < 1e-14
 
 
 def test_slack_edges_have_no_bounds():
