@@ -122,9 +122,11 @@ def ensemble_claims(reference: Path) -> str:
 
 
 def _claim_rows(statement: str, claims: list[dict]) -> list[str]:
-    names = ("statement", "criterion", "value", "sample", "verdict")
-    rows = (_row(*(claim.get(name, "").replace("|", "\\|") for name in names)) for claim in claims)
-    return [*_head(statement, "criterion", "measured", "sample", "verdict"), *rows]
+    """A table of claims, without the columns that older runs lack."""
+    titles = {"statement": statement, "criterion": "criterion", "value": "measured", "sample": "sample"}
+    columns = {name: title for name, title in titles.items() if name in claims[0]} | {"verdict": "verdict"}
+    rows = (_row(*(claim[name].replace("|", "\\|") for name in columns)) for claim in claims)
+    return [*_head(*columns.values()), *rows]
 
 
 def claim_counts(reference: Path) -> str:
