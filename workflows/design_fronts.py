@@ -92,7 +92,8 @@ def figure(ds):
             known = one.isel(front=front).dropna("point", subset=["bulk"])
             label = ", ".join(f"{end} ${target}$" for target, end in list(FRONTS.values())[front].items())
             axes.plot(known.bulk / unit, known.growth / unit, ms=4, lw=1, label=label, **series(place))
-        axes.set(xlabel="$B_0 / \\max B_0$", ylabel=f"${name} / \\max B_0$", yscale="symlog")
+        convention = ", energy" * (name == "C_G")
+        axes.set(xlabel="$B_0 / \\max B_0$", ylabel=f"${name} / \\max B_0${convention}", yscale="symlog")
     row[0].plot([0, 1], [0, -0.5], color="k", lw=1.6, label="$C_B = -B_0/2$")
     for axes in row:
         axes.legend(fontsize=8, frameon=False, loc="upper left")

@@ -67,7 +67,7 @@ def figure(ds):
         values = ds.isel(target=n).where(ds.design_status.isel(target=n) == cf.Status.ok)
         reach.plot(values.distance, values.C_G, linestyle="none", markersize=5, **series(n))
     reach.set(
-        xlabel="change of log lengths (r.m.s.)", ylabel="$C_G$  [k]", xlim=(0, None),
+        xlabel="change of log lengths (r.m.s.)", ylabel="$C_G$, energy  [k]", xlim=(0, None),
         title=f"cost, and $C_G$ that follows: {ds.sizes['seed']} networks",
     )  # fmt: skip
     for axes in (growth, reach):

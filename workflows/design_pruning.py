@@ -48,7 +48,7 @@ def figure(ds):
     n_vertices = parameters(ds)["n_vertices"]
     figure, (loss,) = panels(
         1,
-        f"Pruning at constant stress: $N_v$ = {n_vertices}, mean ± standard deviation of {ds.sizes['seed']} networks",
+        f"Pruning at constant stress: $N_v$ = {n_vertices},\nmean ± standard deviation of {ds.sizes['seed']} networks",
         height=4.0,
     )
     share = 100 * np.arange(ds.sizes["cut"]) / (1.5 * n_vertices)

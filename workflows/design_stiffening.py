@@ -100,7 +100,7 @@ def figure(ds):
     left.plot(B, -B / 2, color="k", linewidth=1, label="$C_B = -B_0/2$")
     left.set(xlabel="$B_0$  [k]", ylabel="$C_B$  [k]", title="growth of the bulk modulus")
     legend_below(figure, left, ncols=4)
-    middle.set(xlabel="$B_0$  [k]", ylabel="$C_G$  [k]", title="growth of the shear modulus")
+    middle.set(xlabel="$B_0$  [k]", ylabel="$C_G$, energy  [k]", title="growth of the shear modulus")
     return figure
 
 

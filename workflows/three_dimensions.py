@@ -73,7 +73,8 @@ def response_figure(ds):
             values = _without_outliers(axes, values)
         # A shear modulus that vanishes to rounding has no place on a logarithmic axis.
         values = np.maximum(values, LEAST_SHOWN) if name == "shear_modulus_0" else values
-        violins(axes, list(values), [LABELS[name] for name in names], log=name == "shear_modulus_0")
+        shown = [LABELS[name].replace("random ", "random\n") for name in names]
+        violins(axes, list(values), shown, log=name == "shear_modulus_0")
         axes.set_ylabel(label, fontsize=10)
         axes.set_title(letter, loc="left", fontweight="bold", fontsize=12)
     figure.supxlabel(

@@ -16,15 +16,15 @@ from ..shared.verification import bond_vectors
 
 # Name and characteristic number of every panel, in the order of the letters.
 CAPTIONS = {
-    "length_variance": ("least $V_L$", "$V_L$ {V_L}"),
-    "tension_variance": ("least $V_\\tau$", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
+    "length_variance": ("min $V_L$", "$V_L$ {V_L}"),
+    "tension_variance": ("min $V_\\tau$", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
     "tension_variance_inflated": ("B, some faces inflated", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
-    "bulk_modulus": ("largest $B_0$, $\\sigma = k$", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "bulk_modulus": ("max $B_0$, $\\sigma = k$", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
     "bulk_modulus_wave": ("D after a smooth mode", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
     "bulk_modulus_designed": ("D, some faces largest", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
-    "shear_modulus_1": ("largest $G_0$, $r$ = {thresholds[0]:g}", "$G_0$ = {G_0:.3f} $k$"),
-    "shear_modulus_2": ("largest $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
-    "shear_modulus_3": ("largest $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "shear_modulus_1": ("max $G_0$, $r$ = {thresholds[0]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "shear_modulus_2": ("max $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "shear_modulus_3": ("max $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
     "random_lengths": ("random $\\ell$, $s$ = {spread:g}", "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed"),
     "random_lengths_wide": ("random $\\ell$, $s$ = {spread_wide:g}", "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed"),
     "random_stress_1": ("random $\\sigma$", "$B_0$ = {B_0:.3f} $k$"),

@@ -87,7 +87,7 @@ def _overview(claims: dict[str, list[dict]], runs: dict[str, dict], reference: P
         counts = [_count([claim for claim in its_claims if claim.get("kind") == kind]) for kind in KINDS]
         cells = [f"[{count}](reference/{study}/claims.md)" if count else "" for count in counts]
         lines.append(_row(f"[{study}](#{study})", f"`critflow run {study}`", seconds, *cells, made_by))
-    text = ["", "Claims that hold, of those tested. All studies together:", "", claim_counts(reference), ""]
+    text = ["", "The columns count the claims that hold, of those tested.", "", claim_counts(reference), ""]
     return "\n".join([*lines, *text])
 
 

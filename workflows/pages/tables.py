@@ -35,6 +35,7 @@ MEASURES = FEW | {
 }
 # Programs beside which critflow was measured, as the names of methods begin.
 PROGRAMS = ("LAMMPS", "ASE", "matscipy", "jax_fdm")
+VERBS = {"holds": "hold", "differs": "differ", "undecided": "undecided"}
 # The default method of each task and the reason for it, from the measurements.
 REASONS = {
     "configuration": "a sparse solver chosen by size: QDLDL for small matrices, Pardiso or METIS for large ones",
@@ -122,9 +123,11 @@ def ensemble_claims(reference: Path) -> str:
 
 
 def _claim_rows(statement: str, claims: list[dict]) -> list[str]:
-    names = ("statement", "criterion", "value", "sample", "verdict")
-    rows = (_row(*(claim.get(name, "").replace("|", "\\|") for name in names)) for claim in claims)
-    return [*_head(statement, "criterion", "measured", "sample", "verdict"), *rows]
+    """A table of claims, without the columns that older runs lack."""
+    titles = {"statement": statement, "criterion": "criterion", "value": "measured", "sample": "sample"}
+    columns = {name: title for name, title in titles.items() if name in claims[0]} | {"verdict": "verdict"}
+    rows = (_row(*(claim[name].replace("|", "\\|") for name in columns)) for claim in claims)
+    return [*_head(*columns.values()), *rows]
 
 
 def claim_counts(reference: Path) -> str:
@@ -136,13 +139,15 @@ def claim_counts(reference: Path) -> str:
                 verdicts[claim["kind"]][claim["verdict"]] += 1
             elif claim["verdict"] != "measured":
                 older.setdefault(file.parent.name, []).append(claim["verdict"] == "holds")
-    columns = ("holds", "differs", "undecided")
-    lines = _head("", *columns)
-    lines += [_row(KINDS[kind], *(str(count[column]) for column in columns)) for kind, count in verdicts.items()]
+    counted = (
+        f"{KINDS[kind]}: {', '.join(f'{count[verdict]} {verb}' for verdict, verb in VERBS.items())}"
+        for kind, count in verdicts.items()
+    )
+    text = f"Verdicts of all studies. {'; '.join(counted).capitalize()}."
     if older:
         runs = ", ".join(f"`{study}` ({sum(held)} of {len(held)} hold)" for study, held in older.items())
-        lines += ["", f"Not counted are runs older than the division by kind, whose claims have no criterion: {runs}."]
-    return "\n".join(lines)
+        text += f" Not counted are runs older than kinds and criteria of claims: {runs}."
+    return text
 
 
 # Speed, size and failure

@@ -17,6 +17,7 @@ from ..shared.reports import parameters, series
 # Parts of the bound at which one network is drawn.
 SHOWN = (0.1, 0.25, 0.6)
 STYLES = (":", "--", "-", "-.")
+EXAMPLE = 0.3  # threshold of the inset, which is as wide to the eye as its margin
 BLUE, GREEN, PURPLE = COLOURS[0], COLOURS[3], COLOURS[5]
 
 
@@ -216,7 +217,7 @@ def _draw_compressed(axes, ds, name, expected):
 
 
 def scaling_figure(ds):
-    """G_0 against size by population, against the threshold by size, and against the number of starts."""
+    """G_0 against size by population, against the threshold by size with its allowed stresses, and against starts."""
     figure = Figure(figsize=(13, 4.4), dpi=110, layout="constrained")
     by_size, by_threshold, by_start = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
     _draw_sizes(by_size, ds)
@@ -271,6 +272,29 @@ def _draw_thresholds(axes, ds):
     axes.set_xticks([0.01, 0.03, 0.1, 0.3, 0.7], ["0.01", "0.03", "0.1", "0.3", "0.7"])
     axes.minorticks_off()
     axes.legend(fontsize=8.5, frameon=False, loc="center right")
+    _draw_allowed(axes.inset_axes((0.16, 0.42, 0.4, 0.42)))
+
+
+def _draw_allowed(axes):
+    """The sphere of stresses of the three-bar linkage, seen along equal stresses, with those above r in green."""
+    across = np.array([[-1, 1, 0], [-1, -1, 2]]) / np.sqrt([[2], [6]])
+    turn = np.linspace(0, 2 * np.pi, 100)
+    axes.fill(*np.sqrt(3) * np.array([np.cos(turn), np.sin(turn)]), facecolor="0.93", edgecolor="0.6", linewidth=0.8)
+    axes.fill(*across @ allowed_region(0.0).T, facecolor="0.8", edgecolor="0.4", linewidth=0.8)
+    axes.fill(*across @ allowed_region(EXAMPLE).T, facecolor=GREEN, edgecolor="none")
+    for n, corner in enumerate(np.sqrt(3) * across.T):
+        axes.annotate(f"$\\sigma_{n + 1}$", 1.5 * corner, ha="center", va="center", fontsize=8.5)
+    axes.set_title(f"three bars: $\\sigma > r = {EXAMPLE}$", fontsize=8.5, pad=0)
+    axes.set(xlim=(-2.4, 2.4), ylim=(-2.1, 2.5), aspect="equal")
+    axes.axis("off")
+
+
+def allowed_region(r, n=30):
+    """Boundary (3n, 3) of the stresses σ ≥ r of three edges on their sphere Σσ² = 3: an arc σ_i = r for each edge."""
+    rest = np.sqrt(3 - r**2)
+    angle = np.linspace(np.arcsin(r / rest), np.arccos(r / rest), n)
+    arc = np.stack([np.full(n, r), rest * np.cos(angle), rest * np.sin(angle)], axis=1)
+    return np.concatenate([np.roll(arc, edge, axis=1) for edge in range(3)])
 
 
 def _draw_starts(axes, ds):
