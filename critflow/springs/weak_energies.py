@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial, reduce
-from operator import add
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -187,7 +186,7 @@ def _checked(x: Array, F: Array, *, function: Callable[[Array, Array], Any]) -> 
 def _sum(x: Array, F: Array, *, parts: list[WeakFunction]) -> tuple[float, Array, sp.sparray]:
     """A sum of weak energies."""
     values, gradients, hessians = zip(*(part(x, F) for part in parts), strict=True)
-    return sum(values), np.sum(gradients, axis=0), sp.csr_array(reduce(add, hessians))
+    return sum(values), np.sum(gradients, axis=0), sp.csr_array(sum(hessians[1:], hessians[0]))
 
 
 _Terms = Callable[[Array], tuple[float, Array, tuple[IntArray, IntArray, Array]]]
@@ -243,20 +242,21 @@ def _angle_terms(
     value = float(0.5 * np.sum(k * (angle - rest) ** 2))
     first, second = (k * derivative for derivative in _by_cosine(angle, rest))
     # ∂c/∂P = (q − c p)/|P| of the edge vector P, and its sign on L
-    scales = (signs / lengths).T
-    rates = scales[:, :, None] * np.stack([q - c[:, None] * p, p - c[:, None] * q])
+    rates = (signs / lengths).T[:, :, None] * np.stack([q - c[:, None] * p, p - c[:, None] * q])
     gradient = np.zeros_like(L)
     np.add.at(gradient, edges.T, first[:, None] * rates)
-    one, c_, blocks = np.eye(L.shape[1]), c[:, None, None], []
-    for i, j in np.ndindex(2, 2):
-        a, b = (p, q) if i == 0 else (q, p)
+    one, c_, unit, blocks = np.eye(L.shape[1]), c[:, None, None], (p, q), []
+    for i, j in ((0, 0), (1, 1), (0, 1)):
+        a, b = unit[i], unit[1 - i]
         if i == j:  # ∂²c/∂P∂P = (3c p pᵀ − p qᵀ − q pᵀ − c)/|P|²
             curvature = 3 * c_ * _outer(a, a) - _outer(a, b) - _outer(b, a) - c_ * one
         else:  # ∂²c/∂P∂Q = (1 − p pᵀ − q qᵀ + c p qᵀ)/|P||Q|
-            curvature = one - _outer(a, a) - _outer(b, b) + c_ * _outer(a, b)
-        block = (first * scales[i] * scales[j])[:, None, None] * curvature
+            curvature = one - _outer(p, p) - _outer(q, q) + c_ * _outer(p, q)
+        scale = signs[:, i] * signs[:, j] / (lengths[:, i] * lengths[:, j])
+        block = (first * scale)[:, None, None] * curvature
         blocks.append(block + second[:, None, None] * _outer(rates[i], rates[j]))
-    rows, cols = (edges.T[ends].ravel() for ends in ([0, 0, 1, 1], [0, 1, 0, 1]))
+    blocks.append(blocks[2].transpose(0, 2, 1))
+    rows, cols = (edges.T[ends].ravel() for ends in ([0, 1, 0, 1], [0, 1, 1, 0]))
     return value, gradient, (rows, cols, np.concatenate(blocks))
 
 
