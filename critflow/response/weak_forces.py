@@ -27,7 +27,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked, shown
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.networks.deformation import Deformable, Deformation, deformation_of
+from critflow.networks.checks import floats
+from critflow.networks.deformation import Deformable, Deformation
 from critflow.networks.network import Array
 from critflow.response.soft_spectrum import soft_eigenvalues
 from critflow.response.thermal_model import ThermalModel
@@ -38,6 +39,7 @@ from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises
 from critflow.rigidity.uniqueness import require_only_self_stress
 from critflow.springs.weak_energies import Temperature, WeakEnergy, WeakFunction, no_energy, weak_function
+from critflow.springs.weak_equilibrium import fixed_deformation
 
 LARGEST_ERROR = 0.1  # of the tension above the end of the branch, beyond which values are NaN
 NO_WORK = 1e-9  # part of Σσ|L||AL| below which a strain does no work on the self-stress
@@ -125,7 +127,7 @@ class WeakForces(Record):
             load, growth = modes.loads[1], self.deformation.second_rate(0.0)
             mixed = growth
         else:
-            path = _fixed(deformation, self.critical.network.dimension)
+            path = fixed_deformation(deformation, self.critical.network.dimension)
             system = self._model.system
             other = weak_strain(self.critical, system, self._energy, path)
             modes = self._model.extended(other.weak_load)
@@ -185,10 +187,9 @@ class WeakForces(Record):
             raise InputError(
                 f"kappa must be positive, the weak energy or temperature, not {kappa_.min()}: leave out zero"
             )
-        if self._full is not None:
-            modes = self._modes
-            x = self._roots(gamma, kappa_, modes, 0.0)
-            return self._state(gamma, kappa_, x, x, modes)
+        if self.cubic:
+            x = self._roots(gamma, kappa_, self._modes, 0.0)
+            return self._state(gamma, kappa_, x, x, self._modes)
         model, closest = self._model, _CLOSEST * self._model.scale
         for _ in range(_MOST_EXTENSIONS):
             x = self._roots(gamma, kappa_, model.modes, model.end)
@@ -297,14 +298,12 @@ def weak_forces(
     if order not in ("full", "cubic"):
         raise InputError(f"the order of weak forces is 'full' or 'cubic', not {shown(order)}")
     network, sigma = critical.network, critical.sigma
-    path = _fixed(deformation, network.dimension)
+    path = fixed_deformation(deformation, network.dimension)
     _require_floppy_motions(critical)
     thermal = isinstance(energy, Temperature)
     U = no_energy if thermal else weak_function(energy, network)
-    failed = _failed_status(critical, path)
-    if failed is not None:
-        solution: Solution[WeakForces] = Solution(None, *failed)  # type: ignore[arg-type]
-        return solution.or_raise("no theory of weak forces") if throw else solution
+    if (failed := _failure(critical, path)) is not None:
+        return _refused(*failed, throw)
     _, gradient, hessian = U(critical.coordinates, np.eye(network.dimension))
     rows = np.arange(gradient.size).reshape(gradient.shape)[network.free].ravel()
     force = -gradient[network.free].ravel()
@@ -319,8 +318,7 @@ def weak_forces(
         model = WeakModel(system, np.array([force, strain.weak_load]), remainder(critical, U, force, system))
     if not np.isfinite(model.end):
         note = "the end of the stable branch was not found: scale the weak energy, or relax it with weak_equilibrium()"
-        solution = Solution(None, Status.stalled, Stats("weak forces"), note)  # type: ignore[arg-type]
-        return solution.or_raise("no theory of weak forces") if throw else solution
+        return _refused(Status.stalled, note, throw)
     model.cover(*(place * model.scale for place in _FIRST_NODES))
     growth = turning(strain, strain, critical, path.second_rate(0.0))
     softening = float(np.sum(square * sigma / network.stiffness))
@@ -330,22 +328,16 @@ def weak_forces(
     return Solution(value, Status.ok, Stats("weak forces", len(model.modes.theta)))
 
 
+def _refused(status: Status, note: str, throw: bool) -> Solution[WeakForces]:
+    solution: Solution[WeakForces] = Solution(None, status, Stats("weak forces"), note)  # type: ignore[arg-type]
+    return solution.or_raise("no theory of weak forces") if throw else solution
+
+
 def _numbers(values: ArrayLike, name: str) -> Array:
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be a number or an array of numbers, not {shown(values)}") from None
+    array = floats(values, name)
     if not np.isfinite(array).all():
         raise InputError(f"{name} must be finite: leave out the values that are not")
     return array
-
-
-def _fixed(deformation: Deformable, dimension: int) -> Deformation:
-    """A deformation without free components of the cell, else an `InputError`."""
-    path = deformation_of(deformation, dimension)
-    if path.free:
-        raise InputError("weak forces act in a cell of fixed components: choose a deformation that frees none")
-    return path
 
 
 def _require_floppy_motions(critical: CriticalConfiguration) -> None:
@@ -365,15 +357,16 @@ def _require_floppy_motions(critical: CriticalConfiguration) -> None:
         )
 
 
-def _failed_status(critical: CriticalConfiguration, path: Deformation) -> tuple[Status, Stats, str] | None:
-    network, sigma, L = critical.network, critical.sigma, critical.bond_vectors
-    stable = stabilises(network, critical.coordinates, L, sigma)
+def _failure(critical: CriticalConfiguration, path: Deformation) -> tuple[Status, str] | None:
+    """The status, and a note, of a configuration that the theory does not cover."""
+    sigma, L = critical.sigma, critical.bond_vectors
+    stable = stabilises(critical.network, critical.coordinates, L, sigma)
+    if stable is False:
+        return Status.unstable, "the stress does not stabilise all floppy motions"
     if not stable:
-        undecided = stable is not False
-        note = "" if undecided else "the stress does not stabilise all floppy motions"
-        return Status.undecided if undecided else Status.unstable, Stats("weak forces"), note
+        return Status.undecided, ""
     affine = L @ path.rate(0.0).T
     work = abs(float(sigma @ np.einsum("ad,ad->a", L, affine)))
     if not work > NO_WORK * float(np.sum(np.abs(sigma) * critical.lengths * np.linalg.norm(affine, axis=1))):
-        return Status.floppy, Stats("weak forces"), "the strain does no work on the self-stress: choose another one"
+        return Status.floppy, "the strain does no work on the self-stress: choose another one"
     return None

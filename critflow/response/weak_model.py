@@ -151,7 +151,7 @@ class WeakModel:
         distance = np.array([node.s - self.end for node in self._nodes])
         return CubicSpline(np.log(distance), np.array([node.neglected for node in self._nodes]))
 
-    @property
+    @cached_property
     def leading(self) -> Modes:
         """The model without H: v = (1/s) Z(ZᵀPZ)⁻¹Zᵀf."""
         v = self.system.factorize(1.0, weak=0.0).solve(self.loads[0])[0]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -78,8 +79,8 @@ class AngleSprings(Record):
         if not ((rest >= 0) & (rest <= np.pi)).all():
             raise InputError("rest angles lie between 0 and π, in radians: correct the first that does not")
         stiffness = _per_term(self.stiffness, len(edges), "stiffness", "pair of edges")
-        terms = _AngleTerms(edges, signs, rest, stiffness)
-        return _BondEnergy.of(network.n_vertices, network.edges, network.offsets, network.cell, terms)
+        terms = partial(_angle_terms, edges=edges, signs=signs, rest=rest, k=stiffness)
+        return _bond_energy(network, network.edges, network.offsets, terms)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +113,7 @@ class SoftSprings(Record):
         rest = _per_term(self.rest_lengths, len(edges), "rest_lengths", "soft spring", positive=False)
         if not (rest >= 0).all():
             raise InputError("rest lengths of soft springs are not negative: correct the first that is")
-        return _BondEnergy.of(network.n_vertices, edges, offsets, network.cell, _SpringTerms(k, rest))
+        return _bond_energy(network, edges, offsets, partial(_spring_terms, k=k, rest=rest))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,144 +160,104 @@ def weak_function(energy: WeakEnergy, network: Network) -> WeakFunction:
     if isinstance(energy, Temperature):
         raise InputError("temperature acts alone, in weak_forces: leave out the other energies, or the temperature")
     if callable(energy):
-        return _Checked(energy, network.n_vertices, network.dimension)
+        return partial(_checked, function=energy)
     if isinstance(energy, Sequence) and len(energy) and not isinstance(energy, str):
-        return _Sum([weak_function(one, network) for one in energy])
+        return partial(_sum, parts=[weak_function(one, network) for one in energy])
     raise InputError(
         "a weak energy is AngleSprings, SoftSprings, PointForces, a function of x and F that returns energy, gradient "
         f"and sparse Hessian, or a list of these, not {energy!r:.40}"
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Checked:
+def _checked(x: Array, F: Array, *, function: Callable[[Array, Array], Any]) -> tuple[float, Array, sp.sparray]:
     """A user's own function, whose results have the expected shapes."""
-
-    function: Callable[[Array, Array], Any]
-    n_vertices: int
-    dimension: int
-
-    def __call__(self, x: Array, F: Array) -> tuple[float, Array, sp.sparray]:
-        result, size = self.function(x, F), x.size
-        if not isinstance(result, tuple) or len(result) != 3:
-            raise InputError("a weak energy returns three things: energy, gradient and sparse Hessian")
-        value, gradient, hessian = float(result[0]), np.asarray(result[1], float), sp.csr_array(result[2])
-        if gradient.shape != x.shape or hessian.shape != (size, size):
-            raise InputError(
-                f"a weak energy returns a gradient of shape {x.shape} and a Hessian of shape {(size, size)}, not "
-                f"{gradient.shape} and {hessian.shape}"
-            )
-        return value, gradient, hessian
+    result, size = function(x, F), x.size
+    if not isinstance(result, tuple) or len(result) != 3:
+        raise InputError("a weak energy returns three things: energy, gradient and sparse Hessian")
+    value, gradient, hessian = float(result[0]), np.asarray(result[1], float), sp.csr_array(result[2])
+    if gradient.shape != x.shape or hessian.shape != (size, size):
+        raise InputError(
+            f"a weak energy returns a gradient of shape {x.shape} and a Hessian of shape {(size, size)}, not "
+            f"{gradient.shape} and {hessian.shape}"
+        )
+    return value, gradient, hessian
 
 
-@dataclass(frozen=True, eq=False)
-class _Sum:
+def _sum(x: Array, F: Array, *, parts: list[WeakFunction]) -> tuple[float, Array, sp.sparray]:
     """A sum of weak energies."""
-
-    parts: list[WeakFunction]
-
-    def __call__(self, x: Array, F: Array) -> tuple[float, Array, sp.sparray]:
-        first, *others = (part(x, F) for part in self.parts)
-        total = first
-        for value, gradient, hessian in others:
-            total = (total[0] + value, total[1] + gradient, sp.csr_array(total[2] + hessian))
-        return total
+    values, gradients, hessians = zip(*(part(x, F) for part in parts), strict=True)
+    return sum(values), np.sum(gradients, axis=0), sp.csr_array(sum(hessians[1:], hessians[0]))
 
 
-@dataclass(frozen=True, eq=False)
-class _BondEnergy:
-    """Terms of the bond vectors L = g x + F b of a graph: `spread` is g ⊗ 1, (d·n, d·N_v)."""
-
-    incidence: sp.csr_array
-    boundary: Array
-    spread: sp.csr_array
-    terms: _AngleTerms | _SpringTerms
-
-    @classmethod
-    def of(
-        cls, n_vertices: int, edges: IntArray, offsets: IntArray, cell: Array | None, terms: _AngleTerms | _SpringTerms
-    ) -> _BondEnergy:
-        n, d = offsets.shape
-        signs = np.tile([-1.0, 1.0], n)
-        g = sp.csr_array((signs, (np.repeat(np.arange(n), 2), edges.ravel())), shape=(n, n_vertices))
-        b = np.zeros((n, d)) if cell is None else offsets @ cell
-        return cls(g, b, sp.csr_array(sp.kron(g, sp.eye_array(d))), terms)
-
-    def __call__(self, x: Array, F: Array) -> tuple[float, Array, sp.sparray]:
-        L = self.incidence @ x + self.boundary @ F.T
-        value, gradient, (rows, cols, blocks) = self.terms(L)
-        n, d = L.shape
-        axes = np.arange(d)
-        where = (d * rows[:, None, None] + axes[:, None], d * cols[:, None, None] + axes)
-        indices = [np.broadcast_to(index, blocks.shape).ravel() for index in where]
-        M = sp.csr_array((blocks.ravel(), indices), shape=(n * d, n * d))
-        return value, self.incidence.T @ gradient, sp.csr_array(self.spread.T @ M @ self.spread)
+_Terms = Callable[[Array], tuple[float, Array, tuple[IntArray, IntArray, Array]]]
+"""L (n, d) → U, ∂U/∂L (n, d), and ∂²U/∂L∂L as the edges of rows and columns, (m,) each, of blocks (m, d, d)."""
 
 
-# Blocks (m, d, d) of ∂²U/∂L∂L with the edges of their rows and columns, (m,) each.
-_Blocks = tuple[IntArray, IntArray, Array]
+def _bond_energy(network: Network, edges: IntArray, offsets: IntArray, terms: _Terms) -> WeakFunction:
+    """The energy of terms over the bond vectors L = g x + F b of a graph."""
+    n, d = offsets.shape
+    where = np.repeat(np.arange(n), 2), edges.ravel()
+    g = sp.csr_array((np.tile([-1.0, 1.0], n), where), shape=(n, network.n_vertices))
+    spread = sp.csr_array(sp.kron(g, sp.eye_array(d)))
+    b = np.zeros((n, d)) if network.cell is None else offsets @ network.cell
+    return partial(_of_bonds, g=g, spread=spread, b=b, terms=terms)
 
 
-@dataclass(frozen=True, eq=False)
-class _SpringTerms:
+def _of_bonds(
+    x: Array, F: Array, *, g: sp.csr_array, spread: sp.csr_array, b: Array, terms: _Terms
+) -> tuple[float, Array, sp.sparray]:
+    """U and its derivatives by x; `spread` is g ⊗ 1, (d·n, d·N_v)."""
+    value, gradient, (rows, cols, blocks) = terms(g @ x + b @ F.T)
+    size, d = spread.shape[0], x.shape[1]
+    axes = np.arange(d)
+    where = (d * rows[:, None, None] + axes[:, None], d * cols[:, None, None] + axes)
+    indices = [np.broadcast_to(index, blocks.shape).ravel() for index in where]
+    M = sp.csr_array((blocks.ravel(), indices), shape=(size, size))
+    return value, g.T @ gradient, sp.csr_array(spread.T @ M @ spread)
+
+
+def _spring_terms(L: Array, k: Array, rest: Array) -> tuple[float, Array, tuple[IntArray, IntArray, Array]]:
     """½ k(|L| − ℓ)²."""
-
-    stiffness: Array
-    rest: Array
-
-    def __call__(self, L: Array) -> tuple[float, Array, _Blocks]:
-        length, k, rest = norms(L), self.stiffness, self.rest
-        divisor = np.where(rest > 0, length, 1.0)
-        if not (divisor > 0).all():
-            raise InputError(f"soft spring {int(divisor.argmin())} has no length, so no direction: move its ends apart")
-        # k n nᵀ + k(1 − ℓ/|L|)(1 − n nᵀ)
-        ratio, n = rest / divisor, L / divisor[:, None]
-        blocks = (k * (1 - ratio))[:, None, None] * np.eye(L.shape[1])
-        blocks = blocks + (k * ratio)[:, None, None] * n[:, :, None] * n[:, None, :]
-        edges = np.arange(len(L))
-        return float(0.5 * np.sum(k * (length - rest) ** 2)), (k * (1 - ratio))[:, None] * L, (edges, edges, blocks)
+    length = norms(L)
+    divisor = np.where(rest > 0, length, 1.0)
+    if not (divisor > 0).all():
+        raise InputError(f"soft spring {int(divisor.argmin())} has no length, so no direction: move its ends apart")
+    # k n nᵀ + k(1 − ℓ/|L|)(1 − n nᵀ)
+    ratio, n = rest / divisor, L / divisor[:, None]
+    blocks = (k * (1 - ratio))[:, None, None] * np.eye(L.shape[1])
+    blocks = blocks + (k * ratio)[:, None, None] * n[:, :, None] * n[:, None, :]
+    edges = np.arange(len(L))
+    return float(0.5 * np.sum(k * (length - rest) ** 2)), (k * (1 - ratio))[:, None] * L, (edges, edges, blocks)
 
 
-@dataclass(frozen=True, eq=False)
-class _AngleTerms:
+def _angle_terms(
+    L: Array, edges: IntArray, signs: Array, rest: Array, k: Array
+) -> tuple[float, Array, tuple[IntArray, IntArray, Array]]:
     """½ k(θ − θ0)² of pairs of edges, by the cosine c = p·q of the unit vectors p and q away from their vertex."""
-
-    edges: IntArray
-    signs: Array
-    rest: Array
-    stiffness: Array
-
-    def __call__(self, L: Array) -> tuple[float, Array, _Blocks]:
-        vectors = self.signs[:, :, None] * L[self.edges]
-        lengths = np.linalg.norm(vectors, axis=2)
-        p, q = (vectors / lengths[:, :, None]).transpose(1, 0, 2)
-        c = np.einsum("nd,nd->n", p, q)
-        # Differences of directions have full accuracy for all angles, which the cosine lacks.
-        angle = 2 * np.arctan2(norms(p - q), norms(p + q))
-        first, second = _by_cosine(angle, self.rest)
-        value = float(0.5 * np.sum(self.stiffness * (angle - self.rest) ** 2))
-        first, second = self.stiffness * first, self.stiffness * second
-        # ∂c/∂P = (q − c p)/|P| of the edge vector P, and its sign on L
-        to_p, to_q = (self.signs / lengths).T[:, :, None] * np.stack([q - c[:, None] * p, p - c[:, None] * q])
-        gradient = np.zeros_like(L)
-        np.add.at(gradient, self.edges[:, 0], first[:, None] * to_p)
-        np.add.at(gradient, self.edges[:, 1], first[:, None] * to_q)
-        one, c_, unit = np.eye(L.shape[1]), c[:, None, None], (p, q)
-        curvatures = {}
-        for i, j in ((0, 0), (1, 1), (0, 1)):
-            a, b = unit[i], unit[1 - i]
-            if i == j:  # ∂²c/∂P∂P = (3c p pᵀ − p qᵀ − q pᵀ − c)/|P|²
-                curvature = 3 * c_ * _outer(a, a) - _outer(a, b) - _outer(b, a) - c_ * one
-            else:  # ∂²c/∂P∂Q = (1 − p pᵀ − q qᵀ + c p qᵀ)/|P||Q|
-                curvature = one - _outer(p, p) - _outer(q, q) + c_ * _outer(p, q)
-            scale = self.signs[:, i] * self.signs[:, j] / (lengths[:, i] * lengths[:, j])
-            rates = (to_p, to_q)
-            curvatures[i, j] = (first * scale)[:, None, None] * curvature
-            curvatures[i, j] += second[:, None, None] * _outer(rates[i], rates[j])
-        curvatures[1, 0] = curvatures[0, 1].transpose(0, 2, 1)
-        rows = np.concatenate([self.edges[:, i] for i, _ in curvatures])
-        cols = np.concatenate([self.edges[:, j] for _, j in curvatures])
-        return value, gradient, (rows, cols, np.concatenate(list(curvatures.values())))
+    vectors = signs[:, :, None] * L[edges]
+    lengths = np.linalg.norm(vectors, axis=2)
+    p, q = (vectors / lengths[:, :, None]).transpose(1, 0, 2)
+    c = np.einsum("nd,nd->n", p, q)
+    angle = _angle(p, q)
+    value = float(0.5 * np.sum(k * (angle - rest) ** 2))
+    first, second = (k * derivative for derivative in _by_cosine(angle, rest))
+    # ∂c/∂P = (q − c p)/|P| of the edge vector P, and its sign on L
+    rates = (signs / lengths).T[:, :, None] * np.stack([q - c[:, None] * p, p - c[:, None] * q])
+    gradient = np.zeros_like(L)
+    np.add.at(gradient, edges.T, first[:, None] * rates)
+    one, c_, unit, blocks = np.eye(L.shape[1]), c[:, None, None], (p, q), []
+    for i, j in ((0, 0), (1, 1), (0, 1)):
+        a, b = unit[i], unit[1 - i]
+        if i == j:  # ∂²c/∂P∂P = (3c p pᵀ − p qᵀ − q pᵀ − c)/|P|²
+            curvature = 3 * c_ * _outer(a, a) - _outer(a, b) - _outer(b, a) - c_ * one
+        else:  # ∂²c/∂P∂Q = (1 − p pᵀ − q qᵀ + c p qᵀ)/|P||Q|
+            curvature = one - _outer(p, p) - _outer(q, q) + c_ * _outer(p, q)
+        scale = signs[:, i] * signs[:, j] / (lengths[:, i] * lengths[:, j])
+        block = (first * scale)[:, None, None] * curvature
+        blocks.append(block + second[:, None, None] * _outer(rates[i], rates[j]))
+    blocks.append(blocks[2].transpose(0, 2, 1))
+    rows, cols = (edges.T[ends].ravel() for ends in ([0, 1, 0, 1], [0, 1, 1, 0]))
+    return value, gradient, (rows, cols, np.concatenate(blocks))
 
 
 def _outer(a: Array, b: Array) -> Array:
@@ -310,11 +271,11 @@ def _by_cosine(angle: Array, rest: Array) -> tuple[Array, Array]:
     """
     bend = np.pi - angle
     straight = (bend < _NEARLY_STRAIGHT) & (rest == np.pi)
-    if (np.minimum(bend, angle)[~straight] < _CERTAIN_DIRECTION).any():
-        pair = int(np.flatnonzero(~straight & (np.minimum(bend, angle) < _CERTAIN_DIRECTION))[0])
+    parallel = ~straight & (np.minimum(bend, angle) < _CERTAIN_DIRECTION)
+    if parallel.any():
         raise InputError(
-            f"the edges of pair {pair} are parallel and their rest angle is another, so the force has no direction: "
-            "give a rest angle of π, or bend them a little"
+            f"the edges of pair {int(parallel.argmax())} are parallel and their rest angle is another, so the force "
+            "has no direction: give a rest angle of π, or bend them a little"
         )
     safe = np.where(straight, 0.5 * np.pi, angle)
     sine, cosine, change = np.sin(safe), np.cos(safe), safe - rest
@@ -326,16 +287,10 @@ def _by_cosine(angle: Array, rest: Array) -> tuple[Array, Array]:
 def _meeting_edges(network: Network) -> tuple[IntArray, Array]:
     """All pairs of edges at a vertex (n, 2), with ±1 (n, 2) for a common tail or head."""
     ends = network.edges.ravel()
-    order = np.argsort(ends, kind="stable")
-    degree = np.bincount(ends, minlength=network.n_vertices)
-    first = np.concatenate([[0], np.cumsum(degree)])[:-1]
-    found = []
-    for z in np.unique(degree[degree > 1]):
-        places = first[degree == z][:, None] + np.arange(z)
-        i, j = np.triu_indices(z, 1)
-        found.append(order[np.stack([places[:, i].ravel(), places[:, j].ravel()], axis=1)])
-    halves = np.concatenate(found) if found else np.zeros((0, 2), int)
-    halves = halves[np.argsort(ends[halves[:, 0]], kind="stable")]
+    meets = sp.csr_array((np.ones(len(ends)), (np.arange(len(ends)), ends)))
+    i, j = sp.triu(meets @ meets.T, 1).nonzero()
+    order = np.lexsort((j, i, ends[i]))
+    halves = np.stack([i[order], j[order]], axis=1)
     return halves // 2, np.where(halves % 2, -1.0, 1.0)
 
 
@@ -348,7 +303,11 @@ def _positions_bonds(network: Network) -> Array:
 
 def _angles(L: Array, edges: IntArray, signs: Array) -> Array:
     """Angles (n,) between the directions of pairs of edges away from their vertex."""
-    p, q = (signs[:, :, None] * L[edges] / norms(L)[edges][:, :, None]).transpose(1, 0, 2)
+    return _angle(*(signs[:, :, None] * L[edges] / norms(L)[edges][:, :, None]).transpose(1, 0, 2))
+
+
+def _angle(p: Array, q: Array) -> Array:
+    """Angles (n,) of unit vectors: differences have full accuracy for all of them, which the cosine lacks."""
     return np.asarray(2 * np.arctan2(norms(p - q), norms(p + q)))
 
 

@@ -139,9 +139,7 @@ def weak_equilibrium(
     if not 0 < kappa < np.inf:
         raise InputError(f"kappa must be positive and finite, not {kappa}: it is the size of the weak energy")
     network = critical.network
-    path = deformation_of(deformation, network.dimension)
-    if path.free:
-        raise InputError("weak forces act in a cell of fixed components: choose a deformation that frees none")
+    path = fixed_deformation(deformation, network.dimension)
     U = weak_function(energy, network)
     rest = critical.lengths if critical.rest_lengths is None else critical.rest_lengths
     chosen = (HOOKEAN if (critical.sigma != 0).all() else Cable()) if law is None else law
@@ -156,6 +154,14 @@ def weak_equilibrium(
     outcome = next((code for code in status if code is not Status.ok), Status.ok)
     solution = Solution(value, outcome, Stats("newton", len(gammas)))
     return solution.or_raise("no equilibrium with these weak forces") if throw else solution
+
+
+def fixed_deformation(deformation: Deformable, dimension: int) -> Deformation:
+    """A deformation without free components of the cell, else an `InputError`."""
+    path = deformation_of(deformation, dimension)
+    if path.free:
+        raise InputError("weak forces act in a cell of fixed components: choose a deformation that frees none")
+    return path
 
 
 def _followed(

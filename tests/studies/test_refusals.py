@@ -24,7 +24,7 @@ SETTINGS = {
         **{"thresholds=0.1,0.03": "three positive numbers", "fraction=1.0": "between 0 and 1"},
         **{"shortest=0.0": "must be positive", "n_vertices=7": "vertices"},
     },
-    "onset": {"deformations=twist": "twist", "past=0.1,0.2": "three", "excess=0": "excess"},
+    "onset": {"deformations=twist": "twist", "excess=0": "excess"},
     "three_bar": {"span=-1": "span", "reach=1": "reach", "s=0:1:0.5": "s needs"},
     "three_dimensions": {
         **{"n_vertices=40": "", "hard_core=1.2": "", "strains=0": "", "threshold=0.0": "threshold"},

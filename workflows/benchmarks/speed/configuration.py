@@ -32,7 +32,7 @@ HUGE, _AT_HUGE = 1_000_000, ("superlu", "metis", "pardiso")
 # Dense matrices, and eliminations in Python, beyond are out of the question.
 DENSE, ELIMINATED = 2_000, 300
 # Backends that require another package.
-FAST = {"metis": "pymetis", "pardiso": "pypardiso"}
+FAST = {"metis": "pymetis", "pardiso": "pypardiso", "pyamg": "pyamg"}
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 # Where every run of an iterative method takes seconds it has one level, at which its answer is worth something.
 LARGE, _GOOD = 100_000, (1e-10,)
