@@ -14,8 +14,9 @@ def test_critical_strains_have_bounds_and_the_others_a_status(dataset):
     assert ((dataset.strain_status == Status.ok) == found).all()
     assert float(dataset.strain_gap.max()) < 2e-9
     assert found.sel(family="triangular", z=3.4).all()
-    # A Voronoi network is in balance under the forces of its dual triangulation.
-    assert dataset.strain_status.sel(family="voronoi", z=3).isin([Status.rigid, Status.undecided]).all()
+    # A Voronoi network is in balance under the forces of its dual triangulation: it is at the transition as built, and
+    # rounding may hide the side.
+    assert dataset.strain_status.sel(family="voronoi", z=3).isin((Status.rigid, Status.undecided)).all()
     assert dataset.surface_strain.sel(family="triangular").isnull().all()
 
 

@@ -50,7 +50,7 @@ def coordination_figure(ds):
     lettered(onsets, taut)
     figure.suptitle(
         f"Networks with fewer edges become rigid later: $N_v$ = {parameters(ds)['n_vertices']}, mean and standard "
-        f"deviation of {ds.sizes['seed']} networks\nopen: with some seeds no network has this coordination",
+        f"deviation of {ds.sizes['seed']} networks\nopen: some seeds have no onset at this coordination",
         fontsize=10.5,
     )
     return figure
@@ -141,7 +141,7 @@ def _order(ds):
                 "γ_c = " + ", ".join(f"{value:.3f}" for value in mean[some])
                 + " at z = " + ", ".join(f"{value:g}" for value in z[some]),
                 bool((np.diff(mean[some]) < 0).all()), "it does not fall everywhere",
-                f"z = {left_out} left out: some seeds have no network there" if left_out else "",
+                f"z = {left_out} left out: some seeds have no network or no onset there" if left_out else "",
                 criterion=f"means fall at every step, in {TITLES.get(deformation, deformation)}",
             )  # fmt: skip
 
