@@ -71,6 +71,8 @@ def soft_spectrum(critical: CriticalConfiguration) -> SoftSpectrum:
     (9, 29)
     """
     network, sigma, L, d = critical.network, critical.sigma, critical.bond_vectors, critical.network.dimension
+    if slack := int(np.count_nonzero(sigma == 0)):
+        raise InputError(f"{slack} edges are slack: take the spectrum of the taut part, backbone(critical)")
     require_only_self_stress(critical, "remove edges until one is left")
     size = d * len(network.free)
     if size * size > LARGEST_DENSE:

@@ -100,7 +100,7 @@ def test_a_chain_under_tension_vibrates_as_a_string():
 def test_bad_input():
     for critical, word in (
         (CriticalManifold(lattice("triangular", 4, 4)).configuration(np.ones(48)), "one self-stress"),
-        (slack_lattice()[2], "self-stress|floppy|stabilise"),
+        (slack_lattice()[2], "are slack"),
         (optimize(voronoi_network(4000, seed=1), "B_0", "closed_form").value, "too large"),
     ):
         with pytest.raises(InputError, match=word):
