@@ -142,7 +142,7 @@ def printed_claims(ds):
     }
     at = int(np.argmin(np.abs(spreads - PRINTED_SPREAD)))
     below = found["bulk"] < PRINTED_BULK - BULK_TOLERANCE
-    agreeing = spreads[: int(np.argmax(below))].max(initial=np.nan) if below.any() else spreads.max()
+    agreeing = (spreads[: int(np.argmax(below))] if below.any() else spreads).max(initial=0.0)
     networks = f"{sample} networks, N_v = {size}"
     yield Claim.tested(
         "percolation-bulk", "at a spread of 0.3 B_0 is about 10 % below its largest value", f"{PRINTED_BULK}",
