@@ -13,6 +13,7 @@ from contextlib import contextmanager, nullcontext
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
+import matplotlib.pyplot as plt
 import pytest
 from hypothesis import settings
 from matplotlib.figure import Figure
@@ -40,6 +41,13 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.sweep)
     # Files that wait for other processes begin, so that no process is alone with them at the end.
     items.sort(key=lambda item: item.path.parent.name != "workflow")
+
+
+@pytest.fixture(autouse=True)
+def figures_are_closed():
+    """Pyplot keeps each figure, and warns from the twenty-first one in a process of many tests."""
+    yield
+    plt.close("all")
 
 
 @contextmanager
