@@ -11,7 +11,8 @@ import numpy as np
 
 from critflow import CriticalConfiguration, CriticalManifold, Solution, critical_from_lengths, optimize
 from critflow.workflow import stable_rng
-from workflows.shared.strain_protocol import critical_by_strain
+
+from .strain_protocol import critical_by_strain
 
 OPTIMA = ("length_variance", "tension_variance", "bulk_modulus", "shear_modulus")
 # The populations of the paper; `random_lengths_wide` follows the printed spread of the rest lengths.

@@ -22,8 +22,8 @@ from critflow.critical.derivatives import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.design.optimize import objective_of
 from critflow.quantities.stress_hessian import stress_hessian
-from workflows.shared.strain_protocol import critical_by_strain
 
+from ...shared.strain_protocol import critical_by_strain
 from .. import reference
 from ..elimination import subtraction_free_solve
 from ..reference import Unknown

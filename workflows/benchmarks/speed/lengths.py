@@ -19,9 +19,9 @@ from critflow.onset.taut_edges import OnsetState, newton_taut
 from critflow.precision.double_double import Extended
 from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
-from workflows.shared.strain_protocol import critical_by_strain
 
 from ...shared.populations import random_lengths
+from ...shared.strain_protocol import critical_by_strain
 from ..timing import Answer, Method, Task
 from . import references
 
