@@ -203,3 +203,9 @@ def test_many_parameters_have_a_reason(every_function):
     many = {name for name, node in every_function.items() if n_parameters(node) > MOST_PARAMETERS}
     unexplained = {name for name in many if REASON not in (ast.get_docstring(every_function[name]) or "").lower()}
     assert unexplained == set(), f"take fewer, or say {REASON!r} and why in the docstring"
+
+
+def test_studies_name_their_neighbours_relatively():
+    # In the wheel they are critflow.studies, and no package is called workflows.
+    for file in sorted((Path(__file__).parents[1] / "workflows").rglob("*.py")):
+        assert "from workflows" not in file.read_text(encoding="utf-8"), file
