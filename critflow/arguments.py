@@ -51,12 +51,15 @@ def checked(function: Callable[Parameters, Returned]) -> Callable[Parameters, Re
 
 
 def held(holder: Any, kinds: tuple[type, ...]) -> Any:
-    """What a holder or its value is or holds of these kinds: itself, its `configuration` or `network`; None without."""
+    """What a holder or its value is or holds of these kinds: itself, its `configuration` or `network`; None without.
+
+    A class whose network is another problem without the rest says so by a sentence `alone`, and holds nothing.
+    """
     if isinstance(holder, kinds):
         return holder
     one = holder.value if isinstance(holder, Solution) else holder
-    if getattr(one, "pressures", None) is not None:
-        return one if isinstance(one, kinds) else None  # Its network without the pressures is another problem.
+    if getattr(one, "alone", ""):
+        return one if isinstance(one, kinds) else None
     for part in (one, getattr(one, "configuration", None), getattr(one, "network", None)):
         if isinstance(part, kinds):
             return part
@@ -141,8 +144,8 @@ class _Kinds:
         """Where the value contains a suitable one."""
         if np.random.Generator in self.classes and is_number(value):
             return f": use numpy.random.default_rng({value})"
-        if getattr(value, "pressures", None) is not None:
-            return ": it is in balance under pressures, which this call does not contain"
+        if reason := getattr(value, "alone", ""):
+            return f": {reason}"
         inner = [("value", value.value)] if isinstance(value, Solution) else []
         inner += [(f.name, getattr(value, f.name, None)) for f in fields(value)] if is_dataclass(value) else []
         if words := [name for name, part in inner if isinstance(part, tuple(self.classes))]:

@@ -142,13 +142,21 @@ def nearest_critical(
     x = validated_coordinates(manifold.network, coordinates)
     if error is not None and not error > 0:
         raise InputError(f"the error of the coordinates must be positive, not {error}")
-    if pressures:
-        if start is not None:
-            raise InputError("pressures=True solves a linear system and needs no start: omit it")
-        inferred = infer_pressures(manifold.network, x, error)
-        return inferred.or_raise("no tensions and pressures balance here") if throw else inferred
     if max_steps < 0:
         raise InputError(f"max_steps must not be negative, not {max_steps}")
+    if pressures and start is not None:
+        raise InputError("pressures=True solves a linear system and needs no start: omit it")
+    if pressures:
+        inferred = infer_pressures(manifold.network, x, error)
+        return inferred.or_raise("no tensions and pressures balance here") if throw else inferred
+    nearest = _nearest(manifold, x, error, start, max_steps)
+    return nearest.or_raise("no nearest critical configuration was found") if throw else nearest
+
+
+def _nearest(
+    manifold: CriticalManifold, x: Array, error: float | None, start: ArrayLike | None, max_steps: int
+) -> Nearest:
+    """The end of the descent under stresses alone, with its standard errors."""
     sigma = _best_balance(manifold, x) if start is None else edge_values(start, manifold.network.n_edges, "start")
     fit = _Fit(manifold, x)
     here, steps, status = fit.descend(np.log(sigma), max_steps)
@@ -158,7 +166,7 @@ def nearest_critical(
     s = error if error is not None else float(np.sqrt(here.cost / freedom)) if freedom > 0 else np.nan
     stress_error, undetermined = fit.uncertainty(here, s)
     displacement = found.value.coordinates + here.shift - x
-    solution = Nearest(
+    return Nearest(
         value=found.value,
         status=status if found.ok else found.status,
         note=_note(here, steps, status),
@@ -170,7 +178,6 @@ def nearest_critical(
         undetermined=undetermined,
         error=s,
     )
-    return solution.or_raise("no nearest critical configuration was found") if throw else solution
 
 
 def _note(here: _Iterate, steps: int, status: Status) -> str:

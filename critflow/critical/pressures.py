@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -49,6 +50,7 @@ class PressurisedConfiguration(Record):
     coordinates: Array
     bond_vectors: Array
     error_bound: float = np.nan
+    alone: ClassVar[str] = "it is in balance under pressures, which this call does not contain"
 
     @cached_property
     def lengths(self) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +37,7 @@ class StressesAndPressures(Variables):
     def at(self, z: Array) -> PressureBalance:
         balance = self.manifold.balance(np.exp(z[: self.n_edges]), z[self.n_edges :])
         if balance.factor.indefinite:
-            balance.bond_vectors[:] = np.nan
+            return replace(balance, bond_vectors=np.full_like(balance.bond_vectors, np.nan))
         return balance
 
     def values(self, state: PressureBalance, quantities: Sequence[Quantity]) -> tuple[Array, Array]:
