@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.optimize import linprog
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
@@ -101,7 +101,9 @@ class IsogonalModes(Record):
         if not shortest > 0:
             raise InputError(f"the shortest length must be positive, not {shortest}")
         E = sp.csr_array(self.elongations)
-        found = linprog(-(E @ w), A_ub=-E.T, b_ub=critical.lengths - shortest, bounds=(None, None), method="highs")
+        found = scipy.optimize.linprog(
+            -(E @ w), A_ub=-E.T, b_ub=critical.lengths - shortest, bounds=(None, None), method="highs"
+        )
         if found.status == 2:
             raise InputError(f"no isogonal change makes every edge {shortest:g} or longer: choose a smaller length")
         ok = found.status == 0

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from critflow.exchange.data import Array, NetworkData, bond_vectors_of, counted
 from critflow.networks.faces import planar_faces
@@ -47,8 +47,8 @@ def hull_volume(positions: Array) -> float:
     if positions.shape[1] == 1:
         return float(np.ptp(positions))
     try:
-        return float(ConvexHull(positions).volume)
-    except (QhullError, ValueError):
+        return float(scipy.spatial.ConvexHull(positions).volume)
+    except (scipy.spatial.QhullError, ValueError):
         raise InputError("the vertices span no convex hull: name the volume as a number, such as volume=1.0") from None
 
 
@@ -101,8 +101,8 @@ def _on_hull(data: NetworkData) -> NDArray[np.intp]:
     used = np.unique(data.edges)
     x = data.positions[used]
     try:
-        hull = ConvexHull(x)
-    except (QhullError, ValueError):
+        hull = scipy.spatial.ConvexHull(x)
+    except (scipy.spatial.QhullError, ValueError):
         return np.zeros(0, np.intp)
     # Also the vertices on straight sides, which are no corners of the hull.
     distance = x @ hull.equations[:, :-1].T + hull.equations[:, -1]

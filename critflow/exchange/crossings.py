@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
 
@@ -92,7 +92,7 @@ def _near(start: Array, L: Array, cell: Array) -> tuple[IntArray, IntArray]:
     edge = np.repeat(np.arange(len(L)), count)
     within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     middle = (start[edge] + ((within + 0.5) / count[edge])[:, None] * L[edge]) @ inverse
-    tree = KDTree(middle - np.floor(middle), boxsize=1 + 1e-15)
+    tree = scipy.spatial.KDTree(middle - np.floor(middle), boxsize=1 + 1e-15)
     a, b = tree.query_pairs(1.001 * size * np.linalg.norm(inverse, 2), output_type="ndarray").T
     a, b = np.where(edge[a] < edge[b], (a, b), (b, a))
     rows = np.column_stack([edge[a], edge[b], np.round(middle[a] - middle[b]).astype(np.int64)])

@@ -6,9 +6,8 @@ from importlib import import_module  # at their use: libraries of 0.2 s that onl
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import distance_transform_edt
-from scipy.spatial import KDTree
 
 from critflow.exchange.data import Array, IntArray, NetworkData, counted
 from critflow.exchange.packages import optional
@@ -79,7 +78,7 @@ def from_skeleton(picture: ArrayLike, pixel: ArrayLike = 1.0) -> NetworkData:
     tips = np.array([[p[0], p[-1]] for p in paths])
     lengths = np.array([np.linalg.norm(np.diff(p, axis=0) * size, axis=1).sum() for p in paths])
     # Half the width of the fibre at each end.
-    width = distance_transform_edt(image, sampling=size.tolist())
+    width = scipy.ndimage.distance_transform_edt(image, sampling=size.tolist())
     reach = width[tuple(tips.reshape(-1, image.ndim).astype(int).T)].reshape(-1, 2)
     # Pixels of one junction are one vertex: those closer than two pixels.
     points, inverse = _merged(tips.reshape(-1, image.ndim), 2.0)
@@ -217,7 +216,7 @@ def _corners(mask: IntArray) -> Array:
 
 def _merged(points: Array, distance: float) -> tuple[Array, IntArray]:
     """Points closer than a distance, joined to their mean; and the joined point of each."""
-    group = components(KDTree(points).query_pairs(distance, output_type="ndarray"), len(points))
+    group = components(scipy.spatial.KDTree(points).query_pairs(distance, output_type="ndarray"), len(points))
     return _means(points, group), group
 
 

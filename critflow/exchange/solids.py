@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 from critflow.exchange.data import Array, NetworkData
 from critflow.exchange.drawings import clipped_segments, relative_sections
@@ -71,7 +71,7 @@ def struts(segments: Array, radii: Array) -> Any:
 def _balls(points: Array, radii: Array) -> tuple[Array, Array]:
     """Points of which no two are close, except in chains, and the largest radius (n,) of the struts that end there."""
     order = np.arange(len(points))
-    pairs = KDTree(points).query_pairs(_INSET * float(radii.min()), output_type="ndarray")
+    pairs = scipy.spatial.KDTree(points).query_pairs(_INSET * float(radii.min()), output_type="ndarray")
     np.minimum.at(order, pairs.max(axis=1), pairs.min(axis=1))
     largest = radii.copy()
     np.maximum.at(largest, order, radii)

@@ -12,8 +12,8 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from critflow.arguments import checked, generator, shown
 from critflow.generators.dilution import diluted, with_coordination
@@ -148,7 +148,9 @@ def _crossings(centres: Array, angles: Array, longest: float) -> _Crossings:
     reach = range(-int(longest) - 1, int(longest) + 2)
     images = np.array(list(product(reach, repeat=2)))
     copies = (centres[None] + images[:, None]).reshape(-1, 2)
-    near = cKDTree(centres).sparse_distance_matrix(cKDTree(copies), longest, output_type="coo_matrix")
+    near = scipy.spatial.cKDTree(centres).sparse_distance_matrix(
+        scipy.spatial.cKDTree(copies), longest, output_type="coo_matrix"
+    )
     first, second, image = near.row, near.col % len(centres), images[near.col // len(centres)]
     once = first < second
     first, second, image = first[once], second[once], image[once]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.spatial import cKDTree
+import scipy
 
 from critflow.arguments import checked, generator
 from critflow.generators.dilution import diluted
@@ -88,7 +87,7 @@ class _Packing:
 
     def relaxed(self, start: Array) -> Array:
         """Positions (n, d) at a minimum of the energy."""
-        found = minimize(
+        found = scipy.optimize.minimize(
             lambda x: self._energy(x.reshape(start.shape)),
             start.ravel(),
             jac=True,
@@ -112,7 +111,7 @@ class _Packing:
     def _overlaps(self, x: Array) -> tuple[IntArray, IntArray, Array, Array]:
         """Pairs that overlap, the vectors between them, and their relative overlaps."""
         if self._listed_at.shape != x.shape or np.abs(x - self._listed_at).max() > 0.35 * self._skin:
-            tree = cKDTree(x % self._side, boxsize=self._side)
+            tree = scipy.spatial.cKDTree(x % self._side, boxsize=self._side)
             self._pairs = np.ascontiguousarray(tree.query_pairs(self._reach + self._skin, output_type="ndarray").T)
             self._listed_at = x.copy()
         first, second = self._pairs

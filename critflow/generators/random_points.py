@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from critflow.arguments import checked
 from critflow.networks.network import Array
@@ -163,7 +163,7 @@ def _first_come(trials: Array, distance: float) -> NDArray[np.bool_]:
     """The trials that remain when each, in order, must keep its distance to all that remain before it."""
     if len(trials) == 0:
         return np.zeros(0, bool)
-    tree = cKDTree(trials, boxsize=1.0, balanced_tree=False)
+    tree = scipy.spatial.cKDTree(trials, boxsize=1.0, balanced_tree=False)
     return _accepted(len(trials), tree.query_pairs(distance, output_type="ndarray"))
 
 
@@ -221,7 +221,7 @@ def _add_in_cell(n_points: int, distance: float, rng: np.random.Generator, shape
         trials = voxels[rng.integers(len(voxels), size=len(voxels))] + side * rng.random((len(voxels), dimension))
         trials = trials[_gap(placed, trials, shape, distance) >= distance]
         ids, images = near_images(trials, shape, distance)
-        pairs = cKDTree((trials[ids] + images) @ shape).query_pairs(distance, output_type="ndarray")
+        pairs = scipy.spatial.cKDTree((trials[ids] + images) @ shape).query_pairs(distance, output_type="ndarray")
         added = trials[_accepted(len(trials), np.sort(ids[pairs], axis=1))]
         placed = np.concatenate([placed, added])[:n_points]
         radius = np.linalg.norm((corners - 0.5) * side @ shape, axis=1).max()
@@ -237,5 +237,5 @@ def _gap(points: Array, places: Array, shape: Array, limit: float) -> Array:
     if len(points) == 0:
         return np.full(len(places), np.inf)
     ids, images = near_images(points, shape, limit)
-    tree = cKDTree((points[ids] + images) @ shape)
+    tree = scipy.spatial.cKDTree((points[ids] + images) @ shape)
     return np.asarray(tree.query(places @ shape, distance_upper_bound=limit)[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from critflow.arguments import checked, generator
 from critflow.generators.random_points import points_in_cell
@@ -68,7 +68,9 @@ class _Graph:
         unit_ball = np.pi if dimension == 2 else 4 / 3 * np.pi
         self._reach = (n_candidates / (n_points * unit_ball)) ** (1 / dimension)
         ids, images = near_images(points, np.eye(dimension), self._reach)
-        near = cKDTree(points).sparse_distance_matrix(cKDTree(points[ids] + images), self._reach, output_type="ndarray")
+        near = scipy.spatial.cKDTree(points).sparse_distance_matrix(
+            scipy.spatial.cKDTree(points[ids] + images), self._reach, output_type="ndarray"
+        )
         first, second, image = near["i"], ids[near["j"]], images[near["j"]]
         once = first < second
         order = rng.permutation(int(once.sum()))

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from itertools import combinations
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import Delaunay
 
 from critflow.generators.lattices import periodic_network
 from critflow.networks.network import Array, IntArray, Network
@@ -131,7 +131,7 @@ def _periodic_delaunay(points: Array, cell: Array) -> tuple[NDArray[np.int64], A
     while True:
         ids, images = near_images(points, cell, margin)
         coordinates = (points[ids] + images) @ cell
-        simplices = Delaunay(coordinates).simplices
+        simplices = scipy.spatial.Delaunay(coordinates).simplices
         centres, radii = _circumcentres(coordinates[simplices])
         centres = centres @ to_cell
         inside = ((centres > -1e-6) & (centres < 1 + 1e-6)).all(axis=1)

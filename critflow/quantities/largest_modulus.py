@@ -14,8 +14,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
-from scipy.optimize import linprog
 
 from critflow.arguments import checked
 from critflow.critical.extreme import ISOTROPIC, force_map, vanishes
@@ -147,7 +147,7 @@ def least_compressed_length(network: Network | CriticalManifold, strain: Deforma
     unit = T / np.linalg.norm(T, axis=1)[:, None]
     normal = unit @ _QUARTER_TURN.T
     n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors
-    program = linprog(
+    program = scipy.optimize.linprog(
         np.repeat([0.0, 1.0], [n_coordinates, n_edges]),
         A_ub=sp.hstack([-spread_columns(network, unit), -sp.eye_array(n_edges)]),
         b_ub=np.einsum("ad,ad->a", unit, b),

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 import scipy.linalg
-from scipy.interpolate import CubicSpline
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from critflow.linalg.vectors import quasi_random
@@ -147,9 +147,9 @@ class WeakModel:
         return Modes(theta, Y, self.loads @ Y)
 
     @cached_property
-    def _splines(self) -> CubicSpline:
+    def _splines(self) -> scipy.interpolate.CubicSpline:
         distance = np.array([node.s - self.end for node in self._nodes])
-        return CubicSpline(np.log(distance), np.array([node.neglected for node in self._nodes]))
+        return scipy.interpolate.CubicSpline(np.log(distance), np.array([node.neglected for node in self._nodes]))
 
     @cached_property
     def leading(self) -> Modes:

@@ -14,9 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.optimize import linprog
 
 from critflow.arguments import checked
 from critflow.linalg.saddle import Saddle
@@ -179,7 +179,7 @@ def _tension(S: Array) -> Array | None:
     cost = np.concatenate([np.zeros(n_stresses), -np.ones(n_edges)])
     below = sp.hstack([sp.csr_array(-S.T), sp.eye_array(n_edges)], format="csr")
     bounds = [(None, None)] * n_stresses + [(0.0, 1.0)] * n_edges
-    answer = linprog(cost, A_ub=below, b_ub=np.zeros(n_edges), bounds=bounds, method="highs")
+    answer = scipy.optimize.linprog(cost, A_ub=below, b_ub=np.zeros(n_edges), bounds=bounds, method="highs")
     if answer.status != 0 or not -answer.fun > 0.5:
         return None
     return np.asarray(answer.x[:n_stresses] @ S)

@@ -19,8 +19,8 @@ from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from critflow.result import Status
 from critflow.solvers.minimize import ARMIJO, ROUNDING
@@ -116,7 +116,7 @@ class _Working:
         root = np.sqrt(np.maximum(values, FLOOR * max(values[-1], np.finfo(float).tiny)))
         A = root[:, None] * vectors.T
         # Free multipliers as differences of two that are not negative.
-        found, _ = nnls(np.hstack([A, -A[:, self.equal]]), (vectors.T @ right) / root)
+        found, _ = scipy.optimize.nnls(np.hstack([A, -A[:, self.equal]]), (vectors.T @ right) / root)
         mu = found[: len(right)]
         mu[self.equal] -= found[len(right) :]
         return np.asarray(mu)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import hyp2f1
+import scipy
 
 from critflow.arguments import shown
 from critflow.networks.network import Array
@@ -89,7 +89,7 @@ class PowerLaw(SpringLaw):
 
     def energy(self, extension: Array, rest: Array, k: Array) -> Array:
         # kℓ²/(n − 1)·((λⁿ − 1)/n − (λ − 1)), λ = |L|/ℓ, without the difference: k e² ∫ (1 − s)(1 + s e/ℓ)^{n−2} ds.
-        return 0.5 * k * extension**2 * hyp2f1(2 - self.exponent, 1, 3, -extension / rest)
+        return 0.5 * k * extension**2 * scipy.special.hyp2f1(2 - self.exponent, 1, 3, -extension / rest)
 
     def tension(self, extension: Array, rest: Array, k: Array) -> Array:
         power = self.exponent - 1
