@@ -40,7 +40,11 @@ class Evaluation:
 
 def evaluate(manifold: CriticalManifold, quantity: Quantity, sigma: Array) -> Evaluation:
     """Value and gradient of a quantity at a stress σ (N_b,), unchecked, by one factorisation and 2d solves."""
-    balance = manifold.balance(sigma)
+    return evaluate_at(manifold.balance(sigma), quantity)
+
+
+def evaluate_at(balance: Balance, quantity: Quantity) -> Evaluation:
+    """Value and gradient of a quantity at a balance, by d solves."""
     value, partials = quantity.evaluate(balance)
     gradient, adjoint = balance.pull_back(*partials)
     return Evaluation(quantity, balance, value, gradient, adjoint)

@@ -120,13 +120,13 @@ def test_a_path_without_tensors_solves_for_its_strains_alone(monkeypatch, deform
 
 
 def test_lengths_determine_the_transition_without_springs(factorised):
-    """The cone program, Newton's method on the stressed edges, and one balance of the resulting stress."""
+    """A few steps of the iteration, Newton's method on the stressed edges, and one balance of the resulting stress."""
     network = NETWORKS["planar"](60, seed=1)
     lengths = 1 + 0.02 * np.sin(1.0 + np.arange(network.n_edges))
     answers = []
     counts = factorised(network, lambda: answers.append(critical_from_lengths(network, lengths)))
     assert answers[0].status is Status.ok
-    assert set(counts) == {"P", "saddle"} and counts["P"] <= 2  # at most once for each tolerance of the cone
+    assert set(counts) == {"P", "saddle"} and counts["P"] <= 6
 
 
 @pytest.mark.parametrize("n_vertices", [60, 500])

@@ -113,9 +113,9 @@ def test_slack_edges_are_reported(name):
 
 @pytest.mark.parametrize(
     "n_vertices, spread, seed, tolerances",
-    [(100, 0.05, 0, [1e-6]), (100, 0.1, 14, [1e-6, 1e-12]), (100, 0.3, 0, [1e-12]), (30, 0.0, 4, [1e-6, 1e-12])],
+    [(100, 0.05, 0, []), (100, 0.1, 14, [1e-12]), (100, 0.3, 0, [1e-12]), (30, 0.0, 4, [1e-12])],
 )
-def test_the_cone_program_has_the_least_sufficient_tolerance(monkeypatch, n_vertices, spread, seed, tolerances):
+def test_the_cone_program_is_solved_for_slack_edges_only(monkeypatch, n_vertices, spread, seed, tolerances):
     requested = []
 
     def fit(incidence, offsets, target, tolerance):
@@ -127,7 +127,7 @@ def test_the_cone_program_has_the_least_sufficient_tolerance(monkeypatch, n_vert
     target = np.exp(spread * np.random.default_rng(seed).standard_normal(network.n_edges))
     solution = critical_from_lengths(network, target, throw=False)
     assert requested == tolerances
-    assert solution.status is (Status.ok if tolerances == [1e-6] else Status.slack_edges)
+    assert solution.status is (Status.slack_edges if tolerances else Status.ok)
 
 
 @pytest.mark.parametrize("shortest", [1e-9, 1e-12, 1e-20, 1e-100])
