@@ -94,10 +94,9 @@ def optimize(
         optimum = _cone_program(problem)
     else:
         quick = method == "auto" and start is None and _cone_program_pays(problem, tolerance)
-        optimum = _cone_program(problem) if quick else None
+        equal = _cone_program(problem) if quick else None
         # Equal lengths may leave edges slack: the least variance is then not zero.
-        if optimum is None or not optimum.ok:
-            optimum = _best_descent(problem, given, method, tolerance, max_steps, observe)
+        optimum = equal or _best_descent(problem, given, method, tolerance, max_steps, observe)
     return optimum.or_raise("no optimum") if throw else optimum
 
 

@@ -201,8 +201,8 @@ class _Search:
         if n == 2 or self._unlimited(ends) or not all(end.minimum.reached for end in ends):
             return ends
         found = [ends[0]]
-        differences = np.linspace(*(float(end.values[0] - end.values[1]) for end in ends), n)
-        problems = [_Weighted(self, (0.5, 0.5), float(difference)) for difference in differences[1:-1]]
+        first, last = (float(end.values[0] - end.values[1]) for end in ends)
+        problems = [_Weighted(self, (0.5, 0.5), float(difference)) for difference in np.linspace(first, last, n)[1:-1]]
         for problem in problems:
             found.append(self._point(problem, found[-1].z))
         found.append(ends[1])

@@ -60,6 +60,12 @@ class Variables(ABC):
     def designed(self, z: Array, quantities: Sequence[Quantity]) -> Designed:
         """The end of a design at z, solved to the last digit."""
 
+    def at_configuration(self, solved: Solution[Any], z: Array, quantities: Sequence[Quantity]) -> Designed:
+        """The end at a refined configuration, to which the errors refer."""
+        value = solved.value
+        values, errors = np.array([(one.evaluate(value)[0], one.error(value)) for one in quantities]).reshape(-1, 2).T
+        return Designed(value, solved, values, errors, self.values(self.at(z), quantities)[1], value.error_bound)
+
     def change(self, state: Any, z: Array) -> tuple[float, Array]:
         """Half the square of the change, and its gradient by z (N,)."""
         change = z - self.origin

@@ -66,7 +66,8 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     """
     manifold = CriticalManifold.of(network)
     network, k = manifold.network, manifold.network.stiffness
-    A, found, shortest = transition_modulus(network, strain).symmetric, None, 1.0
+    A, shortest = transition_modulus(network, strain).symmetric, 1.0
+    found: Solution[CriticalConfiguration] | None = None
     if np.allclose(A, A[0, 0] * np.eye(len(A)), rtol=0, atol=ISOTROPIC * np.abs(A).max()):
         # F = A is isotropic: the configuration is L* itself.
         found = manifold.solve(k)
