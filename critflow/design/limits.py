@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -37,12 +37,6 @@ class Target(NamedTuple):
     high: float
     goal: int
 
-    @property
-    def size(self) -> float:
-        """Errors are relative to the size of a target, and absolute below a hundredth."""
-        finite = [abs(limit) for limit in (self.low, self.high) if np.isfinite(limit)]
-        return max([*finite, 1e-2]) if finite else 1.0
-
 
 def parse_targets(network: Network, targets: Mapping[Any, object]) -> list[Target]:
     """The targets in their order; raises `InputError` for unknown names, and for values that are no targets."""
@@ -69,6 +63,12 @@ def parse_targets(network: Network, targets: Mapping[Any, object]) -> list[Targe
             f"only one target can be largest or smallest, not {' and '.join(goals)}: give the others limits"
         )
     return parsed
+
+
+def limit_sizes(targets: Sequence[Target]) -> Array:
+    """The largest finite limit of each target, by its magnitude (n,)."""
+    limits = np.abs([(target.low, target.high) for target in targets]).reshape(-1, 2)
+    return np.where(np.isfinite(limits), limits, 0.0).max(axis=1)
 
 
 def limits_of(name: str, value: object) -> tuple[float, float]:

@@ -92,7 +92,8 @@ class RestLengths(Variables):
 
     def _scaled(self, problem: Problem) -> Minimum:
         """The rest lengths in the ratios of the start, by Newton's method."""
-        z, point, steps = self.origin + self._factor(), problem.at(self.origin + self._factor()), 1
+        z, steps = self.origin + self._factor(), 1
+        point = problem.at(z)
         while np.isfinite(point.constraints).all() and steps < 4:
             error = float((problem.low - point.constraints)[0])
             if abs(error) <= RESTORED:

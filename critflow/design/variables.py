@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.critical.quantity import Quantity
-from critflow.design.limits import Target
+from critflow.design.limits import Target, limit_sizes
 from critflow.networks.network import Array
 from critflow.result import InputError, Solution
 from critflow.solvers.constrained import Minimum, Problem, minimise_constrained
@@ -80,8 +80,8 @@ class Variables(ABC):
         return np.zeros((0, len(self.origin)))
 
     def sizes(self, targets: Sequence[Target]) -> Array:
-        """Units (n,) of the errors of targets."""
-        return np.array([target.size for target in targets])
+        """Errors of targets are relative to these (n,), and absolute below a hundredth."""
+        return np.maximum(limit_sizes(targets), 1e-2)
 
     def excluded(self, targets: Sequence[Target]) -> str:
         """A sentence where a proof excludes the targets, else an empty string."""
