@@ -15,7 +15,7 @@ from critflow.networks.network import Array
 from critflow.quantities.optimum import Optimum
 from critflow.result import Stats, Status
 from critflow.solvers.minimize import METHODS, Fire, Method, Minimum, Point, minimise
-from critflow.solvers.saddles import minimise_past_saddles
+from critflow.solvers.saddles import Descent, minimise_past_saddles
 
 FADED = 1e-12  # σ that tends to zero, where Σσ² = N_b: far below the stresses of any optimum (1e-3)
 # Ratio of a stress to the median, at most, from which a failed descent is repeated: from 10 or 100 a few starts of
@@ -75,16 +75,18 @@ def descend(
     monitor = (SignedDescentMonitor if signed else DescentMonitor)(objective, observe)
 
     def run(x: Array, limit: int | None) -> Minimum:
-        return _repeated(objective, method, x, tolerance, limit, monitor)
+        return _minimise(objective, method, x, tolerance, limit, monitor)
 
-    end, saddles = minimise_past_saddles(objective, run, objective.unknowns(start), max_steps, STATIONARY)
+    def repeated(x: Array, limit: int | None) -> Minimum:
+        return _repeated(objective, run, x, limit, monitor)
+
+    end, saddles = minimise_past_saddles(objective, repeated, objective.unknowns(start), max_steps, STATIONARY)
     reached = manifold.solve(objective.sigma(end.point.x), balance=end.point.state.balance)
-    stats = Stats(method, end.steps, residual=end.point.residual, condition=reached.stats.condition)
-    stats = replace(stats, error_bound=reached.value.error_bound)
+    condition, bound = reached.stats.condition, reached.value.error_bound
     optimum = Optimum(
         value=reached.value,
         status=end.status,
-        stats=stats,
+        stats=Stats(method, end.steps, residual=end.point.residual, condition=condition, error_bound=bound),
         objective=objective.sign * end.point.value,
         saddles=saddles,
         crossings=tuple(monitor.crossings),
@@ -109,15 +111,10 @@ def descend(
 
 
 def _repeated(
-    objective: StressObjective,
-    method: str,
-    x: Array,
-    tolerance: float,
-    max_steps: int | None,
-    monitor: DescentMonitor,
+    objective: StressObjective, run: Descent, x: Array, max_steps: int | None, monitor: DescentMonitor
 ) -> Minimum:
     """The descent from x (N_b,), repeated from moderate stresses where it does not end at an optimum."""
-    end = _minimise(objective, method, x, tolerance, max_steps, monitor)
+    end = run(x, max_steps)
     steps = end.steps
     for _ in range(_REPEATS):
         left = None if max_steps is None else max_steps - steps
@@ -125,19 +122,19 @@ def _repeated(
         repeatable = end.status in (*_NOT_ATTAINED, Status.stalled, Status.singular) and left != 0
         if not repeatable or monitor.ended or moderate is None or np.array_equal(moderate, end.point.x):
             break
-        again = _minimise(objective, method, moderate, tolerance, left, monitor)
+        again = run(moderate, left)
         steps += again.steps
-        if not _improves(objective, again, end):
+        if not _improves(again, end):
             break
         end = again
     return replace(end, steps=steps)
 
 
-def _improves(objective: StressObjective, again: Minimum, end: Minimum) -> bool:
+def _improves(again: Minimum, end: Minimum) -> bool:
     """Whether a repeated descent replaces the end of the first one."""
-    rank = {Status.ok: 0, Status.edge_collapse: 0, Status.slack_edges: 0}
-    if rank.get(again.status, 1) != rank.get(end.status, 1):
-        return again.status in rank
+    ended = [one.status in (Status.ok, *_NOT_ATTAINED) for one in (again, end)]
+    if ended[0] != ended[1]:
+        return ended[0]
     margin = 0.0
     if end.status in _NOT_ATTAINED:
         # Two approaches to one infimum differ by their distances from it.
@@ -210,7 +207,7 @@ class DescentMonitor:
         return Status.stalled if unresolved else None
 
     def diverges(self, end: Minimum) -> bool:
-        """Whether the descent ended because lengths grow without end."""
+        """Whether the descent ended because lengths grow without end, which positive stresses exclude."""
         return False
 
 

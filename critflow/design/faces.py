@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 from critflow.critical.isogonal import IsogonalModes, face_modes, isogonal_modes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity, dot
-from critflow.design.limits import EdgeLimits, Target
+from critflow.design.limits import EdgeLimits, Target, limit_sizes
 from critflow.design.variables import Designed, Variables
 from critflow.networks.network import Array, Network
 from critflow.quantities.vocabulary import quantity
@@ -74,16 +74,11 @@ class FaceAmplitudes(Variables):
         return Stretched(self.network, sigma, lengths[:, None] * self.directions, lengths, self.manifold)
 
     def values(self, state: Stretched, quantities: Sequence[Quantity]) -> tuple[Array, Array]:
-        values, by_length = self._by_length(state, quantities)
-        return values, by_length @ self.lengths_of
-
-    def _by_length(self, state: Stretched, quantities: Sequence[Quantity]) -> tuple[Array, Array]:
-        """Values (n,) and their derivatives by the lengths (n, N_b)."""
         values, rows = np.empty(len(quantities)), np.empty((len(quantities), self.network.n_edges))
         for n, one in enumerate(quantities):
             values[n], (by_sigma, by_L) = one.evaluate(state)
             rows[n] = dot(self.directions, by_L) - state.sigma / state.lengths * by_sigma
-        return values, rows
+        return values, rows @ self.lengths_of
 
     def change(self, state: Stretched, z: Array) -> tuple[float, Array]:
         # Lengths that are not positive are outside the domain.
@@ -99,9 +94,7 @@ class FaceAmplitudes(Variables):
     def sizes(self, targets: Sequence[Target]) -> Array:
         """Errors are relative to the size of a target, and absolute below a hundredth of its unit."""
         powers = [{"length": 1, "area": 2}.get(target.quantity.name.split("[")[0], 0) for target in targets]
-        ends = np.abs([[getattr(target, end) for target in targets] for end in ("low", "high")])
-        largest = np.where(np.isfinite(ends), ends, 0.0).max(axis=0)
-        return np.maximum(largest, 1e-2 * self.unit ** np.array(powers))
+        return np.maximum(limit_sizes(targets), 1e-2 * self.unit ** np.array(powers))
 
     def distance(self, z: Array) -> float:
         return float(np.sqrt(np.mean(np.log(self.at(z).lengths / self.critical.lengths) ** 2)))
@@ -150,15 +143,14 @@ class FaceAmplitudes(Variables):
         amplitudes = np.zeros(self.modes.elongations.shape[0])
         amplitudes[: self.n_modes] = self.unit * z
         value = self.modes.walk(amplitudes)
-        values, by_length = self._by_length(self.at(z), quantities)
+        values, rows = self.values(self.at(z), quantities)
         # The configuration of the same stress, solved anew, bounds the errors of the one that was walked to.
         solved = self.manifold.solve(value.sigma)
+        errors = np.full(len(quantities), np.nan)
         if solved.ok:
             apart = [abs(one.evaluate(solved.value)[0] - v) for one, v in zip(quantities, values, strict=True)]
             errors = np.array(apart) + [one.error(solved.value) for one in quantities]
-        else:
-            errors = np.full(len(quantities), np.nan)
-        return Designed(value, solved, values, errors, by_length @ self.lengths_of, solved.value.error_bound)
+        return Designed(value, solved, values, errors, rows, solved.value.error_bound)
 
 
 def _limits(critical: CriticalConfiguration, limits: Sequence[EdgeLimits]) -> tuple[Array, Array]:

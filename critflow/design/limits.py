@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,7 +17,9 @@ from critflow.quantities.vocabulary import quantity, same
 from critflow.result import InputError
 
 GOALS = ("largest", "smallest")
-LIMITED = {"stress": ("lengths", "tensions", "force_densities"), "faces": ("lengths",), "stiffness": ("stiffnesses",)}
+# Powers of σ and |L| in the quantities of an edge that a stress sets.
+POWERS = {"lengths": (0, 1), "tensions": (1, 1), "force_densities": (1, 0)}
+LIMITED = {"stress": tuple(POWERS), "faces": ("lengths",), "stiffness": ("stiffnesses",)}
 # What helps where a calculation is that of one self-stress.
 SEVERAL_STRESSES = (
     "prune_towards(network, {'B_0': 'largest'}, cuts=...) cuts edges at the least loss, and design(..., "
@@ -34,12 +36,6 @@ class Target(NamedTuple):
     low: float
     high: float
     goal: int
-
-    @property
-    def size(self) -> float:
-        """Errors are relative to the size of a target, and absolute below a hundredth."""
-        finite = [abs(limit) for limit in (self.low, self.high) if np.isfinite(limit)]
-        return max([*finite, 1e-2]) if finite else 1.0
 
 
 def parse_targets(network: Network, targets: Mapping[Any, object]) -> list[Target]:
@@ -69,6 +65,12 @@ def parse_targets(network: Network, targets: Mapping[Any, object]) -> list[Targe
     return parsed
 
 
+def limit_sizes(targets: Sequence[Target]) -> Array:
+    """The largest finite limit of each target, by its magnitude (n,)."""
+    limits = np.abs([(target.low, target.high) for target in targets]).reshape(-1, 2)
+    return np.where(np.isfinite(limits), limits, 0.0).max(axis=1)
+
+
 def limits_of(name: str, value: object) -> tuple[float, float]:
     """Low and high limit of a target."""
     low, high = value if isinstance(value, tuple | list) and len(value) == 2 else (value, value)
@@ -94,14 +96,11 @@ class EdgeLimits:
         """Limits from a pair of numbers or of arrays; None is no limit."""
         if not (isinstance(value, tuple | list) and len(value) == 2):
             raise InputError(f"the limits of {name} must be a pair (low, high), each a number, one an edge, or None")
-        low, high = (
-            np.full(n_edges, sign * np.inf)
-            if limit is None
-            else edge_values(
-                np.full(n_edges, limit) if np.ndim(limit) == 0 else limit, n_edges, f"limit of {name}", positive=False
-            )
-            for sign, limit in zip((-1, 1), value, strict=True)
-        )
+        low, high = np.full(n_edges, -np.inf), np.full(n_edges, np.inf)
+        for end, limit in zip((low, high), value, strict=True):
+            if limit is not None:
+                each = np.full(n_edges, limit) if np.ndim(limit) == 0 else limit
+                end[:] = edge_values(each, n_edges, f"limit of {name}", positive=False)
         if (low > high).any():
             raise InputError(f"the lower limit of {name} is above the upper one at edge {int(np.argmax(low > high))}")
         if name in ABSOLUTE and (high <= 0).any():
@@ -112,35 +111,31 @@ class EdgeLimits:
 
     def values(self, balance: Balance) -> Array:
         """q, (N_b,)."""
-        q = self._quantities(balance)
-        return q if self.name == "lengths" else q / q.mean()
+        q, mean, _, _ = self._quantities(balance)
+        return q / mean
 
     def rows(self, balance: Balance, edges: NDArray[np.intp]) -> Array:
         """dq/dσ of chosen edges, (m, N_b): one solve with P each."""
-        network, sigma, L = balance.network, balance.sigma, balance.bond_vectors
-        m, length = len(edges), np.linalg.norm(balance.bond_vectors, axis=1)
-        unit = L / length[:, None]
-        weight = {"lengths": np.ones_like(sigma), "tensions": sigma, "force_densities": np.zeros_like(sigma)}[self.name]
-        direct = {"lengths": np.zeros_like(sigma), "tensions": length, "force_densities": np.ones_like(sigma)}[
-            self.name
-        ]
-        g = network.free_incidence
-        spread = g @ balance.factor.solve(g[edges].T.toarray()) if weight.any() else np.zeros((len(sigma), m))
-        # ∂|L_β|/∂σ_α = −(g P⁻¹ gᵀ)_αβ L_α·L_β/|L_β|
-        rows = -(weight[edges] * spread * (L @ unit[edges].T)).T
-        rows[np.arange(m), edges] += direct[edges]
-        if self.name == "lengths":
-            return np.asarray(rows)
-        q = self._quantities(balance)
-        mean = q.mean()
-        of_mean = balance.pull_back(direct / len(q), (weight / len(q))[:, None] * unit)[0]
+        L, g, m = balance.bond_vectors, balance.network.free_incidence, len(edges)
+        q, mean, by_sigma, by_L = self._quantities(balance)
+        rows = np.zeros((m, len(q)))
+        if by_L.any():
+            # ∂|L_β|/∂σ_α = −(g P⁻¹ gᵀ)_αβ L_α·L_β/|L_β|
+            rows -= ((g @ balance.factor.solve(g[edges].T.toarray())) * (L @ by_L[edges].T)).T
+        rows[np.arange(m), edges] += by_sigma[edges]
+        if self.name in ABSOLUTE:
+            return rows
+        of_mean = balance.pull_back(by_sigma / len(q), by_L / len(q))[0]
         return np.asarray((rows - (q[edges] / mean)[:, None] * of_mean) / mean)
 
-    def _quantities(self, balance: Balance) -> Array:
-        if self.name == "force_densities":
-            return balance.sigma
-        length = np.linalg.norm(balance.bond_vectors, axis=1)
-        return length if self.name == "lengths" else balance.sigma * length
+    def _quantities(self, balance: Balance) -> tuple[Array, float, Array, Array]:
+        """q before its division by the mean of all, or by 1; that number; and ∂q/∂σ (N_b,) and ∂q/∂L (N_b, d)."""
+        a, b = POWERS[self.name]
+        sigma, L = balance.sigma, balance.bond_vectors
+        length = np.linalg.norm(L, axis=1)
+        q = sigma**a * length**b
+        by_L = (b * sigma**a / length)[:, None] * L
+        return q, 1.0 if self.name in ABSOLUTE else float(q.mean()), a * length**b, by_L
 
 
 def edge_limits(n_edges: int, within: Mapping[str, object], change: str = "stress") -> list[EdgeLimits]:

@@ -7,8 +7,8 @@ stresses of that scale.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -83,25 +83,24 @@ def optimize(
     >>> abs(found.objective - cf.upper_bound(network, 'B_0')) < 1e-12
     True
     """
-    manifold = CriticalManifold.of(network)
-    if signs not in ("positive", "any"):
-        raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
-    goal = objective_of(manifold.network, objective, threshold if signs == "positive" else None)
     if method not in METHODS:
         raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
-    if method == "newton" and not goal.has_differential:
-        raise InputError(f"Newton's method needs {goal.name}.differential: define it, or choose 'lbfgs'")
-    if starts < 1 or (starts > 1 and rng is None):
-        raise InputError("starts must be at least 1, and more than one start needs a random generator rng")
-    _check_limits(tolerance, max_steps)
-    n_edges = manifold.network.n_edges
-    first = None if start is None else edge_values(start, n_edges, "start", signs == "positive")
-    others = [np.abs(rng.standard_normal(n_edges)) for _ in range(starts - 1)] if rng is not None else []
-    problem = _Problem(manifold, goal, signs, first, others, tolerance, max_steps, observe)
-    if goal.one_self_stress and signs == "positive" and not problem.is_bulk:
-        # The maximum of the bulk modulus over all stresses of all configurations is at σ = k, which is positive.
-        require_one_self_stress(manifold.network, SEVERAL_STRESSES)
-    optimum = METHODS[method](problem, method)
+    if not tolerance > 0:
+        raise InputError(f"the tolerance must be positive, not {tolerance}")
+    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 0):
+        raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
+    problem = _problem(CriticalManifold.of(network), objective, signs, threshold)
+    if method == "newton" and not problem.goal.has_differential:
+        raise InputError(f"Newton's method needs {problem.goal.name}.differential: define it, or choose 'lbfgs'")
+    given = _starts(problem, start, starts, rng)
+    if method == "closed_form" or (method == "auto" and _closed_form_pays(problem)):
+        optimum = _closed_form(problem)
+    elif method == "conic":
+        optimum = _cone_program(problem)
+    else:
+        free = method == "auto" and start is None and max_steps is None and observe is None
+        equal = _equal_lengths(problem, tolerance) if free else None
+        optimum = equal or _best_descent(problem, given, method, tolerance, max_steps, observe)
     return optimum.or_raise("no optimum") if throw else optimum
 
 
@@ -116,27 +115,15 @@ def objective_of(network: Network, objective: str | Quantity, threshold: float |
     return goal
 
 
-def _check_limits(tolerance: float, max_steps: int | None) -> None:
-    if not tolerance > 0:
-        raise InputError(f"the tolerance must be positive, not {tolerance}")
-    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 0):
-        raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
-
-
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """A checked request: `start` is None for σ = 1, `others` are further starts."""
+    """An objective over the positive stresses of a network, or over stresses of any sign."""
 
     manifold: CriticalManifold
     goal: Quantity
-    signs: str
-    start: Array | None
-    others: list[Array]
-    tolerance: float
-    max_steps: int | None
-    observe: Observer | None
+    positive: bool
 
-    @property
+    @cached_property
     def is_bulk(self) -> bool:
         """Whether the objective is the modulus of a dilation."""
         d = self.manifold.network.dimension
@@ -144,33 +131,44 @@ class _Problem:
         return of_stress is not None and of_stress.squared and np.array_equal(of_stress.strain, dilation(d))
 
 
-def _automatic(problem: _Problem, method: str) -> Optimum:
-    """The method of the objective alone where it pays, else a descent."""
-    exact = _EXACT.get(problem.goal.exact)
-    if exact is not None and exact.pays(problem):
-        optimum = exact.solve(problem, problem.goal.exact)
-        if optimum is not None and (optimum.ok or exact.conclusive):
-            return optimum
-    return _best_descent(problem, method)
+def _problem(manifold: CriticalManifold, objective: str | Quantity, signs: str, threshold: float) -> _Problem:
+    if signs not in ("positive", "any"):
+        raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
+    positive = signs == "positive"
+    problem = _Problem(manifold, objective_of(manifold.network, objective, threshold if positive else None), positive)
+    if problem.goal.one_self_stress and positive and not problem.is_bulk:
+        # The maximum of the bulk modulus over all stresses of all configurations is at σ = k, which is positive.
+        require_one_self_stress(manifold.network, SEVERAL_STRESSES)
+    return problem
 
 
-def _best_descent(problem: _Problem, method: str) -> Optimum:
+def _starts(problem: _Problem, start: ArrayLike | None, n: int, rng: np.random.Generator | None) -> list[Array]:
+    """Stresses (N_b,) of all starts: the given one or σ = 1, then random ones."""
+    m = problem.manifold.network.n_edges
+    if n < 1 or (n > 1 and rng is None):
+        raise InputError("starts must be at least 1, and more than one start needs a random generator rng")
+    first = np.ones(m) if start is None else edge_values(start, m, "start", problem.positive)
+    return [first, *(np.abs(rng.standard_normal(m)) for _ in range(n - 1) if rng is not None)]
+
+
+def _best_descent(
+    problem: _Problem,
+    starts: list[Array],
+    method: str,
+    tolerance: float,
+    max_steps: int | None,
+    observe: Observer | None,
+) -> Optimum:
     """The best of the descents from all starts; one with status `ok` where there is one."""
-    objective = (StressObjective if problem.signs == "positive" else SignedStressObjective)(
-        problem.manifold, problem.goal
-    )
-    first = np.ones(problem.manifold.network.n_edges) if problem.start is None else problem.start
-    optima = [
-        descend(objective, method, start, problem.tolerance, problem.max_steps, problem.observe)
-        for start in [first, *problem.others]
-    ]
+    objective = (StressObjective if problem.positive else SignedStressObjective)(problem.manifold, problem.goal)
+    optima = [descend(objective, method, start, tolerance, max_steps, observe) for start in starts]
     values = np.array([optimum.objective for optimum in optima])
     good = [n for n, optimum in enumerate(optima) if optimum.ok] or range(len(optima))
-    best = max(good, key=lambda n: values[n]) if problem.goal.maximise else min(good, key=lambda n: values[n])
+    best = min(good, key=lambda n: objective.sign * values[n])
     return replace(optima[best], start=best, starts=values)
 
 
-def _closed_form(problem: _Problem, method: str) -> Optimum:
+def _closed_form(problem: _Problem) -> Optimum:
     """The largest modulus in closed form."""
     manifold, goal = problem.manifold, problem.goal
     of_stress = goal.of_stress(manifold.network.dimension)
@@ -178,7 +176,7 @@ def _closed_form(problem: _Problem, method: str) -> Optimum:
         raise InputError("a closed form is known for moduli without a penalty only: choose another method")
     optimum = largest_modulus(manifold, of_stress.strain)
     compressed = int(np.sum(optimum.value.sigma < 0))
-    if compressed and problem.signs == "positive":
+    if compressed and problem.positive:
         raise InputError(
             f"the largest modulus for this strain compresses {compressed} edges: allow it with signs='any', or choose "
             "another method"
@@ -197,10 +195,11 @@ def _closed_form(problem: _Problem, method: str) -> Optimum:
 
 def _closed_form_pays(problem: _Problem) -> bool:
     """Whether a configuration of the largest value is known, with no more compression than the signs allow."""
-    return problem.is_bulk or (problem.signs == "any" and problem.manifold.network.dimension == 2)
+    plane = problem.manifold.network.dimension == 2
+    return problem.goal.exact == "closed_form" and (problem.is_bulk or (not problem.positive and plane))
 
 
-def _cone_program(problem: _Problem, method: str) -> Optimum:
+def _cone_program(problem: _Problem) -> Optimum:
     """The configuration of equal lengths, whose length variance is zero."""
     manifold, goal = problem.manifold, problem.goal
     if goal.exact != "conic":
@@ -220,19 +219,24 @@ def _cone_program(problem: _Problem, method: str) -> Optimum:
     )
 
 
-def _equal_lengths(problem: _Problem, method: str) -> Optimum | None:
-    """The configuration of equal lengths, to a rough tolerance by the iteration alone; None where it does not end."""
+def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
+    """The configuration of equal lengths, to a rough tolerance by the iteration alone.
+
+    None for other objectives, and where edges fall slack: the least variance is then not zero.
+    """
     manifold, goal = problem.manifold, problem.goal
-    if problem.tolerance * manifold.network.n_edges < ROUGH:
-        return _cone_program(problem, method)
-    if problem.observe is not None or problem.max_steps is not None:
+    n_edges = manifold.network.n_edges
+    if goal.exact != "conic" or not problem.positive:
         return None
-    for step, (balance, deviation) in enumerate(iterate_lengths(manifold, np.ones(manifold.network.n_edges))):
-        if deviation > 2 * problem.tolerance * manifold.network.n_edges:
+    if tolerance * n_edges < ROUGH:
+        exact = _cone_program(problem)
+        return exact if exact.ok else None
+    for step, (balance, deviation) in enumerate(iterate_lengths(manifold, np.ones(n_edges))):
+        if deviation > 2 * tolerance * n_edges:
             continue  # The gradient, which costs as much as a step, is about two deviations an edge.
         here = evaluate_at(balance, goal)
         residual = float(np.abs(here.gradient).max())
-        if residual < problem.tolerance:
+        if residual < tolerance:
             found = manifold.solve(balance.sigma, balance=balance)
             stats = Stats("iteration", step, residual, found.stats.condition, found.stats.error_bound)
             return Optimum(
@@ -241,35 +245,10 @@ def _equal_lengths(problem: _Problem, method: str) -> Optimum | None:
     return None
 
 
-def _starts_freely(problem: _Problem) -> bool:
-    """Whether every edge is to be under tension and no start is given."""
-    return problem.start is None and problem.signs == "positive"
-
-
 def _stationarity(manifold: CriticalManifold, goal: Quantity, value: CriticalConfiguration) -> tuple[float, float]:
     """Value of an objective at a configuration, and the largest component of dO/dσ."""
     evaluation = evaluate(manifold, goal, value.sigma)
     return evaluation.value, float(np.abs(evaluation.gradient).max())
 
 
-@dataclass(frozen=True)
-class _Exact:
-    """An exact method: when "auto" chooses it, and whether its failure leaves nothing for a descent."""
-
-    solve: Callable[[_Problem, str], Optimum | None]
-    pays: Callable[[_Problem], bool]
-    conclusive: bool
-
-
-_EXACT = {
-    "closed_form": _Exact(_closed_form, _closed_form_pays, conclusive=True),
-    # Equal lengths that leave edges slack: the least variance is not zero.
-    "conic": _Exact(_equal_lengths, _starts_freely, conclusive=False),
-}
-
-METHODS: dict[str, Callable[[_Problem, str], Optimum]] = {
-    "auto": _automatic,
-    **dict.fromkeys((name for name in DESCENTS if name != "auto"), _best_descent),
-    "closed_form": _closed_form,
-    "conic": _cone_program,
-}
+METHODS = (*DESCENTS, "closed_form", "conic")

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
+from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.design.descent import SOUND
 from critflow.design.limits import SEVERAL_STRESSES, Target, edge_limits, parse_targets
-from critflow.design.problem import Preference, TargetProblem
 from critflow.design.stresses import Stresses
+from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
 from critflow.quantities.vocabulary import quantity, same
 from critflow.result import InputError, Solution, Stats, Status
@@ -133,35 +133,40 @@ def _pair(manifold: CriticalManifold, objectives: Mapping[Any, str] | Sequence[A
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """The end of the search for one point of the front."""
+    """The end of the search for one point of the front, φ (2,) there, and the multipliers of the limits of edges."""
 
     minimum: Minimum
+    values: Array
     weights: Array
+    limits: Array
     residual: float
-    n_limited: int
     status: Status
     note: str
 
+    @property
+    def z(self) -> Array:
+        return self.minimum.point.z
+
 
 class _Weighted:
-    """½(φ_1 + φ_2) or w·φ, with φ_1 − φ_2 as first constraint where it is prescribed, then the limits of the edges."""
+    """w·φ, with φ_1 − φ_2 as first constraint where it is prescribed, then the limits of the edges."""
 
-    def __init__(self, search: _Search, weights: tuple[float, float], difference: float | None):
-        self._search, self.weights, self.difference = search, np.array(weights), difference
+    def __init__(self, search: _Search, weights: tuple[float, float], difference: float | None = None):
+        self._search, self.weights = search, np.array(weights)
         first = [] if difference is None else [difference]
-        self.low = np.concatenate([first, search.problem.low])
-        self.high = np.concatenate([first, search.problem.high])
+        self.n_prescribed, stresses = len(first), search.stresses
+        self.low, self.high = np.concatenate([first, stresses.low]), np.concatenate([first, stresses.high])
 
     def at(self, z: Array) -> Point:
-        values, gradients, limits = self._search.objectives(z)
-        shift = int(self.difference is not None)
-        first = [values[0] - values[1]] if shift else []
+        state, values, gradients = self._search.objectives(z)
+        stresses, n = self._search.stresses, self.n_prescribed
+        apart, along = (values[:1] - values[1:])[:n], (gradients[:1] - gradients[1:])[:n]
 
         def rows(indices: NDArray[np.intp]) -> Array:
-            own = limits.rows(indices[indices >= shift] - shift)
-            return np.concatenate([[gradients[0] - gradients[1]], own]) if shift and 0 in indices else own
+            limits = stresses.limited_rows(state, indices[indices >= n] - n)
+            return np.concatenate([along[indices[indices < n]], limits])
 
-        constraints = np.concatenate([first, limits.constraints])
+        constraints = np.concatenate([apart, stresses.limited(state)])
         return Point(z, float(self.weights @ values), self.weights @ gradients, constraints, rows)
 
 
@@ -169,32 +174,26 @@ class _Search:
     """The points of one front."""
 
     def __init__(self, stresses: Stresses, pair: list[Target], max_steps: int):
-        self._stresses, self._pair, self._max_steps = stresses, pair, max_steps
+        self.stresses, self._pair, self._max_steps = stresses, pair, max_steps
         self._signs = np.array([float(one.goal) for one in pair])
-        self.problem = TargetProblem(stresses, Preference(stresses), [])
         self._ideal, self.units = np.zeros(2), np.ones(2)
 
-    def objectives(self, z: Array) -> tuple[Array, Array, Point]:
-        """φ (2,), their gradients (2, N), and the limits of the edges, at z."""
+    def objectives(self, z: Array) -> tuple[Balance, Array, Array]:
+        """The balance at z, φ (2,), and their gradients (2, N)."""
+        state = self.stresses.at(z)
         with np.errstate(all="ignore"):
-            values, gradients = self._stresses.values(self._stresses.at(z), [one.quantity for one in self._pair])
-            limits = self.problem.at(z)
-        return (
-            (self._signs * values - self._ideal) / self.units,
-            (self._signs / self.units)[:, None] * gradients,
-            limits,
-        )
+            values, gradients = self.stresses.values(state, [one.quantity for one in self._pair])
+        return state, (self._signs * values - self._ideal) / self.units, (self._signs / self.units)[:, None] * gradients
 
     def points(self, n: int) -> list[_Point]:
         """The front between the best ends that are known: a better end that a front contains begins another one."""
         starts: list[list[Array]] = [[], []]
         for _ in range(_FRONTS):
             found = self._between(self._ends(starts), n)
-            values = np.array([self.objectives(one.minimum.point.z)[0] for one in found])
-            values[[not one.minimum.reached for one in found]] = np.inf
+            values = np.array([one.values if one.minimum.reached else [np.inf, np.inf] for one in found])
             if values.min() > -BETTER_END:
                 break
-            starts = [[found[i].minimum.point.z] for i in values.argmin(axis=0)]
+            starts = [[found[i].z] for i in values.argmin(axis=0)]
         return found
 
     def _between(self, ends: list[_Point], n: int) -> list[_Point]:
@@ -202,23 +201,18 @@ class _Search:
         if n == 2 or self._unlimited(ends) or not all(end.minimum.reached for end in ends):
             return ends
         found = [ends[0]]
-        (first, last) = (self.objectives(end.minimum.point.z)[0] for end in ends)
-        differences = np.linspace(first[0] - first[1], last[0] - last[1], n)
-        problems = [_Weighted(self, (0.5, 0.5), float(difference)) for difference in differences[1:-1]]
+        first, last = (float(end.values[0] - end.values[1]) for end in ends)
+        problems = [_Weighted(self, (0.5, 0.5), float(difference)) for difference in np.linspace(first, last, n)[1:-1]]
         for problem in problems:
-            found.append(self._point(problem, found[-1].minimum.point.z))
+            found.append(self._point(problem, found[-1].z))
         found.append(ends[1])
         # Where the front jumps, the points beyond belong to the branch of the other end.
         for i in range(n - 2, 0, -1):
-            if found[i].status is not Status.ok or self._dominated(found)[i]:
-                again, old = self._point(problems[i - 1], found[i + 1].minimum.point.z), found[i]
+            if found[i].status is not Status.ok or dominated(np.array([one.values for one in found]))[i]:
+                again, old = self._point(problems[i - 1], found[i + 1].z), found[i]
                 better = old.status is not Status.ok or again.minimum.point.value < old.minimum.point.value
                 found[i] = again if again.status is Status.ok and better else old
         return found
-
-    def _dominated(self, found: list[_Point]) -> NDArray[np.bool_]:
-        """Whether another point is better in both objectives, (n,)."""
-        return dominated(np.array([self.objectives(one.minimum.point.z)[0] for one in found]))
 
     def _ends(self, starts: list[list[Array]]) -> list[_Point]:
         """Each end first alone, which gives the units, then with a small weight of the other objective.
@@ -227,22 +221,21 @@ class _Search:
         """
         self._ideal, self.units = np.zeros(2), np.ones(2)
         alone = [self._alone(weights, more) for weights, more in zip(((1.0, 0.0), (0.0, 1.0)), starts, strict=True)]
-        values = np.array([self.objectives(z)[0] for z in alone])
+        values = np.array([self.objectives(z)[1] for z in alone])
         spread = np.diag(values[::-1]) - np.diag(values)
         if not (spread > SAME_END * np.abs(values).max(axis=0)).all():
             raise InputError(
                 "both objectives have the same best configuration, so there is no front between them: change one"
             )
         self._ideal, self.units = np.diag(values).copy(), spread
-        small = END_WEIGHT
-        weights = ((1 - small, small), (small, 1 - small))
-        ends = [self._point(_Weighted(self, pair, None), z) for pair, z in zip(weights, alone, strict=True)]
+        weights = ((1 - END_WEIGHT, END_WEIGHT), (END_WEIGHT, 1 - END_WEIGHT))
+        ends = [self._point(_Weighted(self, pair), z) for pair, z in zip(weights, alone, strict=True)]
         return [self._attained(end, target) for end, target in zip(ends, self._pair, strict=True)]
 
     def _attained(self, end: _Point, target: Target) -> _Point:
         """An end that is not certified, with its reason where edges shrink or lose their stress."""
-        sigma = self._stresses.stress(end.minimum.point.z)
-        length = np.linalg.norm(self._stresses.manifold.balance(sigma).bond_vectors, axis=1)
+        balance = self.stresses.at(end.z)
+        sigma, length = balance.sigma, norms(balance.bond_vectors)
         short, weak = length.min() < SOUND * length.mean(), sigma.min() < SOUND**2 * sigma.mean()
         if end.status is Status.ok or not (short or weak):
             return end
@@ -257,7 +250,7 @@ class _Search:
     def _unlimited(self, ends: list[_Point]) -> bool:
         """Whether an end is not attained and its objective has no limit."""
         limits = [
-            target.quantity.extreme(self._stresses.manifold, True)[target.goal < 0]
+            target.quantity.extreme(self.stresses.manifold, True)[target.goal < 0]
             for end, target in zip(ends, self._pair, strict=True)
             if end.status in (Status.edge_collapse, Status.slack_edges)
         ]
@@ -265,21 +258,19 @@ class _Search:
 
     def _alone(self, weights: tuple[float, float], more: list[Array]) -> Array:
         """The best z of one objective, from the start, where B_0 and C_B may be stationary, one near it, and more."""
-        origin, problem = self._stresses.origin, _Weighted(self, weights, None)
+        origin, problem = self.stresses.origin, _Weighted(self, weights)
         shaken = origin + _SHAKEN * np.random.default_rng(0).standard_normal(len(origin))
-        found = [
-            minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING)
-            for start in (origin, shaken, *more)
-        ]
-        best = min(found, key=lambda end: end.point.value if end.reached else np.inf)
-        return best.point.z
+        found = [self._minimum(problem, start) for start in (origin, shaken, *more)]
+        return min(found, key=lambda end: end.point.value if end.reached else np.inf).point.z
+
+    def _minimum(self, problem: _Weighted, start: Array) -> Minimum:
+        return minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING)
 
     def _point(self, problem: _Weighted, start: Array) -> _Point:
-        found = minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING)
-        weights, first = problem.weights.copy(), int(problem.difference is not None)
-        if first:
+        found, weights = self._minimum(problem, start), problem.weights.copy()
+        if problem.n_prescribed:
             weights += found.multipliers[0] * np.array([1.0, -1.0])
-        gradients = self.objectives(found.point.z)[1]
+        _, values, gradients = self.objectives(found.point.z)
         # Where both objectives are stationary, as B_0 and C_B at σ = k, the gradients are rounding.
         residual = found.residual / max(float(np.abs(weights[:, None] * gradients).max()), FRONT_FLAT)
         status, note = found.status, ""
@@ -291,7 +282,8 @@ class _Search:
             status = Status.ok
         elif status is Status.ok:
             status = Status.stalled
-        return _Point(found, weights, residual, int(np.count_nonzero(found.multipliers[first:])), status, note)
+        limits = found.multipliers[problem.n_prescribed :]
+        return _Point(found, values, weights, limits, residual, status, note)
 
 
 def dominated(values: Array) -> NDArray[np.bool_]:
@@ -301,7 +293,7 @@ def dominated(values: Array) -> NDArray[np.bool_]:
 
 def _front(stresses: Stresses, pair: list[Target], found: list[_Point], units: Array) -> Front:
     """The front with the values at configurations that are solved to the last digit."""
-    solved = [stresses.manifold.solve(stresses.stress(one.minimum.point.z)) for one in found]
+    solved = [stresses.manifold.solve(stresses.stress(one.z)) for one in found]
     statuses = [one.status if balance.ok else balance.status for one, balance in zip(found, solved, strict=True)]
     achieved = np.array([[each.quantity.evaluate(one.value)[0] for each in pair] for one in solved])
     worst = next((i for i, status in enumerate(statuses) if status is not Status.ok), None)
@@ -319,6 +311,6 @@ def _front(stresses: Stresses, pair: list[Target], found: list[_Point], units: A
         weights=np.array([one.weights for one in found]),
         residuals=residuals,
         statuses=tuple(statuses),
-        n_limited=np.array([one.n_limited for one in found]),
+        n_limited=np.array([np.count_nonzero(one.limits) for one in found]),
         dominated=dominated(achieved * [each.goal for each in pair]),
     )

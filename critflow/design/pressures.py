@@ -58,8 +58,5 @@ class StressesAndPressures(Variables):
         return ""
 
     def designed(self, z: Array, quantities: Sequence[Quantity]) -> Designed:
-        solved, balance = self.manifold.solve(np.exp(z[: self.n_edges]), z[self.n_edges :]), self.at(z)
-        _, rows = self.values(balance, quantities)
-        values = np.array([quantity.evaluate(solved.value)[0] for quantity in quantities])  # type: ignore[arg-type]
-        errors = np.array([quantity.error(solved.value) for quantity in quantities])  # type: ignore[arg-type]
-        return Designed(solved.value, solved, values, errors, rows, solved.value.error_bound)
+        solved = self.manifold.solve(np.exp(z[: self.n_edges]), z[self.n_edges :])
+        return self.at_configuration(solved, z, quantities)

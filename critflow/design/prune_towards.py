@@ -12,9 +12,7 @@ last cuts are taken back, and others that do not go beyond the target follow in 
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Mapping
-from copy import copy
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -34,7 +32,7 @@ from critflow.result import InputError, Solution, Stats, Status
 PRUNING_DRIFT = 1e-10  # error of rank-one updates from which P is factorised again: far below the digits of a design
 PRUNING_REACHED = 1e-3  # distance from a target that counts as reached, relative to it: cuts are discrete
 
-# Cuts that are taken back at most, each of which keeps a matrix C.
+# Cuts that are taken back at most.
 _TAKEN_BACK = 2
 # The column of C that is checked changes from cut to cut.
 _PRIME = 7919
@@ -93,28 +91,24 @@ def prune_towards(
     if isinstance(critical, Network):
         critical = CriticalManifold(critical).configuration(critical.stiffness)
     goal = _goal(critical, targets, cuts)
-    target = None if goal.goal else goal.low
-    search = _Search(critical, goal, drift, seed)
-    limit = critical.network.n_edges if cuts is None else cuts
-    status, note, before = Status.ok, "", deque[_Search](maxlen=_TAKEN_BACK)
-    while len(search.cuts) < limit and (edge := search.next_edge(target)) is not None:
-        if target is not None:
-            before.append(search.copied())
+    search, limit = _Search(critical, goal, drift, seed), critical.network.n_edges if cuts is None else cuts
+    while len(search.cuts) < limit and (edge := search.next_edge()) is not None:
         search.cut(edge)
-    if target is None and len(search.cuts) < limit:
+    near, status, note = tolerance * goal.low, Status.ok, ""
+    if goal.goal and len(search.cuts) < limit:
         status, note = Status.floppy, "every further cut opens the network"
-    if target is not None and not search.distance(target) <= tolerance * target:
-        search = _without_overshoot(reversed(before), target, tolerance * target, limit) or search
+    if not goal.goal and not search.distance() <= near:
+        search = _without_overshoot(search, near, limit) or search
     values = search.values
-    if target is not None and not search.distance(target) <= tolerance * target:
+    if not goal.goal and not search.distance() <= near:
         status, reached = Status.not_reached, f"{values[-1]:.6g} after {len(search.cuts)} cuts"
-        note = f"{goal.name} is {reached}: no further one is nearer to {target:.6g}"
-    configuration, edges = search.result(critical)
+        note = f"{goal.name} is {reached}: no further one is nearer to {goal.low:.6g}"
+    configuration, edges = search.result()
     exact = goal.quantity.evaluate(configuration)[0]
     solution = PrunedDesign(
         value=configuration,
         status=status,
-        stats=Stats("rank-one updates", len(search.cuts), np.nan if target is None else abs(values[-1] / target - 1)),
+        stats=Stats("rank-one updates", len(search.cuts), np.nan if goal.goal else abs(values[-1] / goal.low - 1)),
         note=note,
         cuts=np.array(search.cuts, dtype=np.int64),
         edges=edges,
@@ -146,15 +140,18 @@ def _goal(critical: CriticalConfiguration, targets: Mapping[Any, Any], cuts: int
     return goal
 
 
-def _without_overshoot(before: Iterable[_Search], target: float, tolerance: float, limit: int) -> _Search | None:
-    """A search that reaches the target from one of the given ones by cuts that do not go beyond it; None without."""
-    for search in before:
-        side = np.sign(search.values[-1] - target)
+def _without_overshoot(ended: _Search, tolerance: float, limit: int) -> _Search | None:
+    """A search that reaches the target, without the last cuts of another, by cuts that do not go beyond it, or None."""
+    for back in range(1, 1 + min(_TAKEN_BACK, len(ended.cuts))):
+        search = _Search(ended.critical, ended.target, ended.bound, None)
+        for earlier in ended.cuts[:-back]:
+            search.cut(earlier)
+        side = np.sign(search.values[-1] - search.target.low)
         while len(search.cuts) < limit:
             values = search.after_all()
-            gap = side * (values - target)
-            edge, distance = _best(search.target, np.where(gap >= -tolerance, values, np.nan))
-            if edge is None or distance >= search.distance(target):
+            gap = side * (values - search.target.low)
+            edge, distance = search.best(np.where(gap >= -tolerance, values, np.nan))
+            if edge is None or distance >= search.distance():
                 break
             search.cut(edge)
             if distance <= tolerance:
@@ -172,24 +169,24 @@ class _Search:
 
     def __init__(self, critical: CriticalConfiguration, target: Target, bound: float, seed: int | None):
         self._network, self._manifold = critical.network, CriticalManifold(critical.network)
-        self.target, self._goal, self._bound = target, target.quantity, bound
+        self.critical, self.target, self._goal, self.bound = critical, target, target.quantity, bound
         m = critical.network.n_edges
         self.sigma, self.kept, self.cuts, self.factorisations = critical.sigma.copy(), np.ones(m, bool), list[int](), 0
         self.untried = None if seed is None else generator(seed).permutation(m).tolist()
         self._factorise()
         self.values = [self.value()]
 
-    def copied(self) -> _Search:
-        """A search that goes on by itself from here."""
-        other = copy(self)
-        for name, value in vars(self).items():
-            if isinstance(value, np.ndarray | list):
-                setattr(other, name, value.copy())
-        return other
+    def distance(self) -> float:
+        """Distance of the last value from the target; infinite where the largest or smallest is sought."""
+        return np.inf if self.target.goal else abs(self.values[-1] - self.target.low)
 
-    def distance(self, target: float) -> float:
-        """Distance of the last value from the target."""
-        return abs(self.values[-1] - target)
+    def best(self, values: Array) -> tuple[int | None, float]:
+        """Place of the best value, and its distance from the target; None where all cuts open the network."""
+        if not np.isfinite(values).any():
+            return None, np.inf
+        distance = self.target.goal * values if self.target.goal else np.abs(values - self.target.low)
+        best = int(np.nanargmin(distance))
+        return best, float(distance[best])
 
     def _factorise(self) -> None:
         g = self._manifold.network.free_incidence
@@ -216,17 +213,16 @@ class _Search:
         width = m if of_stress else max(1, LARGEST_DENSE // (4 * self.L.size))
         return np.concatenate([self.after(first, min(first + width, m)) for first in range(0, m, width)])
 
-    def next_edge(self, target: float | None) -> int | None:
+    def next_edge(self) -> int | None:
         """The edge that is cut next, or None where every cut opens the network or is away from the target."""
-        reached = np.inf if target is None else self.distance(target)
         if self.untried is None:
-            best, distance = _best(self.target, self.after_all())
-            return best if target is None or distance < reached else None
+            best, distance = self.best(self.after_all())
+            return best if distance < self.distance() else None
         while self.untried:
             edge = self.untried.pop()
             if self.kept[edge]:
-                best, distance = _best(self.target, self.after(edge, edge + 1))
-                if best is not None and (target is None or distance < reached):
+                best, distance = self.best(self.after(edge, edge + 1))
+                if best is not None and distance < self.distance():
                     return int(edge)
         return None
 
@@ -239,7 +235,7 @@ class _Search:
         dger(growth, column, column, a=self.C.T, overwrite_a=True)
         self.sigma[edge], self.kept[edge] = 0.0, False
         self.cuts.append(edge)
-        if not self.error() <= self._bound:
+        if not self.error() <= self.bound:
             self._factorise()
         # Edges that hang on one vertex have no length, and change nothing.
         lengths = np.linalg.norm(self.L, axis=1)
@@ -256,16 +252,7 @@ class _Search:
         mean = np.abs(self.sigma * np.linalg.norm(self.L, axis=1))[edges].mean()
         return float(max(of_C, np.abs(force).max(initial=0.0) / mean))
 
-    def result(self, critical: CriticalConfiguration) -> tuple[CriticalConfiguration, IntArray]:
+    def result(self) -> tuple[CriticalConfiguration, IntArray]:
         """The configuration of the edges that remain, solved from their stresses, and their indices."""
-        network, edges, _ = pruned(critical.network, self.kept)
-        return CriticalManifold(network).configuration(critical.sigma[edges]), edges
-
-
-def _best(target: Target, values: Array) -> tuple[int | None, float]:
-    """Place of the best value, and its distance from the target; None where all cuts open the network."""
-    if not np.isfinite(values).any():
-        return None, np.inf
-    distance = target.goal * values if target.goal else np.abs(values - target.low)
-    best = int(np.nanargmin(distance))
-    return best, float(distance[best])
+        network, edges, _ = pruned(self._network, self.kept)
+        return CriticalManifold(network).configuration(self.critical.sigma[edges]), edges

@@ -15,6 +15,7 @@ import numpy as np
 
 from critflow.critical.extreme import largest_value, modulus_form
 from critflow.critical.manifold import CriticalManifold
+from critflow.critical.quantity import OfStress
 from critflow.critical.transition import dilation, pure_shear, strain_components
 from critflow.design.limits import Target
 from critflow.networks.deformation import strain_basis
@@ -53,8 +54,14 @@ def _beyond_extreme(manifold: CriticalManifold, targets: Sequence[Target], posit
     return ""
 
 
+def _of_stress(targets: Sequence[Target], dimension: int) -> list[tuple[Target, OfStress]]:
+    """The targets that are functions of S/√D, with these."""
+    pairs = [(target, target.quantity.of_stress(dimension)) for target in targets]
+    return [(target, function) for target, function in pairs if function is not None]
+
+
 def _beyond_stress(manifold: CriticalManifold, targets: Sequence[Target], positive: bool) -> str:
-    """The bound (S:A)² ≤ V D μ_A of a fully prescribed S, for the worst strain A."""
+    """What a fully prescribed S implies: its signs, and with C = S⊗S/(V D) every modulus."""
     network = manifold.network
     S = prescribed_stress(network.dimension, targets)
     if S is None:
@@ -63,19 +70,13 @@ def _beyond_stress(manifold: CriticalManifold, targets: Sequence[Target], positi
     matrix = np.einsum("n,nij->ij", S, strains * np.where(np.einsum("nii->n", strains) > 0, 1, 2)[:, None, None])
     if positive and np.linalg.eigvalsh(matrix)[0] <= 0:
         return "S is positive definite where every edge is under tension: choose signs='any', or another S"
-    for target in targets:
-        # C = S⊗S/(V D): every modulus follows from S/√D.
-        of_stress = target.quantity.of_stress(network.dimension)
-        if of_stress is not None and of_stress.squared:
-            implied = float(np.sum(matrix * of_stress.strain)) ** 2 / network.volume
-            if not target.low * (1 - 1e-9) <= implied <= target.high * (1 + 1e-9):
-                raise InputError(
-                    f"the targets contradict each other: these components of S/√D make {target.name} {implied:.8g}"
-                )
-    ratio = float(S @ np.linalg.solve(modulus_form(manifold, strains) * network.volume, S))
-    if ratio <= 1 + BOUND_ROUNDING:
-        return ""
-    return f"S/√D exceeds its bound for every stress of this network by a factor of {np.sqrt(ratio):.6g}"
+    for target, function in _of_stress(targets, network.dimension):
+        implied = float(np.sum(matrix * function.strain)) ** 2 / network.volume
+        if function.squared and not target.low * (1 - 1e-9) <= implied <= target.high * (1 + 1e-9):
+            raise InputError(
+                f"the targets contradict each other: these components of S/√D make {target.name} {implied:.8g}"
+            )
+    return ""
 
 
 def _beyond_together(manifold: CriticalManifold, targets: Sequence[Target]) -> str:
@@ -84,23 +85,16 @@ def _beyond_together(manifold: CriticalManifold, targets: Sequence[Target]) -> s
     S/√D lies in the ellipsoid sᵀ form⁻¹ s ≤ V, so its products C s with some strains in vᵀ (C form Cᵀ)⁻¹ v ≤ V.
     """
     network, (_, strains) = manifold.network, strain_basis(manifold.network.dimension)
-    rows, sizes, signed, names = list[Array](), list[float](), list[bool](), list[str]()
-    for target in targets:
-        of_stress = target.quantity.of_stress(network.dimension)
-        if target.low != target.high or of_stress is None:
-            continue
-        rows.append(strain_components(of_stress.strain))
-        sizes.append(np.sqrt(network.volume * target.low) if of_stress.squared else target.low)
-        signed.append(not of_stress.squared)
-        names.append(target.name)
-    # A fully prescribed S has this bound already.
-    if len(rows) < 2 or prescribed_stress(network.dimension, targets) is not None:
+    exact = [(t, function) for t, function in _of_stress(targets, network.dimension) if t.low == t.high]
+    if len(exact) < 2:
         return ""
-    C, v = np.array(rows), np.array(sizes)
+    names = [target.name for target, _ in exact]
+    C = np.array([strain_components(function.strain) for _, function in exact])
+    v = [np.sqrt(network.volume * target.low) if function.squared else target.low for target, function in exact]
     inverse = np.linalg.pinv(C @ (modulus_form(manifold, strains) * network.volume) @ C.T, hermitian=True)
     fits = list[float]()
-    for pattern in product(*((1.0,) if known else (1.0, -1.0) for known in signed)):
-        values = v * pattern
+    for pattern in product(*((1.0, -1.0) if function.squared else (1.0,) for _, function in exact)):
+        values = np.multiply(v, pattern)
         s = np.linalg.lstsq(C, values, rcond=None)[0]
         if np.abs(C @ s - values).max() <= 1e-9 * np.abs(values).max():
             fits.append(float(values @ inverse @ values))
@@ -116,11 +110,9 @@ def prescribed_stress(dimension: int, targets: Sequence[Target]) -> Array | None
     """The components S:A of a fully prescribed S/√D in the order of `strain_basis`, or None."""
     _, strains = strain_basis(dimension)
     found = np.full(len(strains), np.nan)
-    for target in targets:
-        of_stress = target.quantity.of_stress(dimension)
-        if of_stress is not None and not of_stress.squared and target.low == target.high:
-            same = (strains == of_stress.strain).all(axis=(1, 2))
-            found[same] = target.low
+    for target, function in _of_stress(targets, dimension):
+        if not function.squared and target.low == target.high:
+            found[(strains == function.strain).all(axis=(1, 2))] = target.low
     return None if np.isnan(found).any() else found
 
 
@@ -178,9 +170,6 @@ def _beyond_softening(manifold: CriticalManifold, targets: Sequence[Target]) -> 
 
 def _range_of_modulus(targets: Sequence[Target], strain: Array, bound: float) -> tuple[float, float]:
     """The requested range of the modulus of a strain, inside 0 and its bound."""
-    same = []
-    for target in targets:
-        of_stress = target.quantity.of_stress(len(strain))
-        if of_stress is not None and of_stress.squared and np.array_equal(of_stress.strain, strain):
-            same.append(target)
+    pairs = _of_stress(targets, len(strain))
+    same = [target for target, function in pairs if function.squared and np.array_equal(function.strain, strain)]
     return max([0.0, *(t.low for t in same)]), min([bound, *(t.high for t in same)])

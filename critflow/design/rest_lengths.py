@@ -18,9 +18,9 @@ from critflow.design.variables import Designed, Variables
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
-from critflow.onset.critical_strain import Onset, critical_strain
+from critflow.onset.critical_strain import CriticalStrain, critical_strain
 from critflow.onset.from_lengths import critical_from_lengths
-from critflow.result import InputError, Status
+from critflow.result import InputError, Solution, Status
 from critflow.solvers.constrained import RESTORED, Minimum, Problem, minimise_constrained
 from critflow.springs.state import SpringState, spring_state
 
@@ -41,12 +41,12 @@ class RestLengths(Variables):
         self.state, self.network, self.ratios = state, state.network, ratios
         self.origin = np.log(edge_values(rest, self.network.n_edges, "rest_lengths"))
         self._sought: dict[str, Target] = {}
-        self._onsets: dict[tuple[str, bytes], Onset] = {}
+        self._onsets: dict[tuple[str, bytes], Solution[CriticalStrain]] = {}
 
     def at(self, z: Array) -> Array:
         return z
 
-    def onset(self, z: Array, quantity: Quantity) -> Onset:
+    def onset(self, z: Array, quantity: Quantity) -> Solution[CriticalStrain]:
         """The onset at log ℓ = z in the direction of the target; the last ones are kept."""
         deformation: Deformation | None = getattr(quantity, "deformation", None)
         if not quantity.name.startswith("onset[") or deformation is None:
@@ -92,7 +92,8 @@ class RestLengths(Variables):
 
     def _scaled(self, problem: Problem) -> Minimum:
         """The rest lengths in the ratios of the start, by Newton's method."""
-        z, point, steps = self.origin + self._factor(), problem.at(self.origin + self._factor()), 1
+        z, steps = self.origin + self._factor(), 1
+        point = problem.at(z)
         while np.isfinite(point.constraints).all() and steps < 4:
             error = float((problem.low - point.constraints)[0])
             if abs(error) <= RESTORED:

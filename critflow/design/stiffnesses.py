@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
 from critflow.critical.quantity import Quantity
-from critflow.design.limits import EdgeLimits, Target
+from critflow.design.limits import EdgeLimits, Target, limit_sizes
 from critflow.design.variables import Designed, Variables
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.networks.checks import edge_values
@@ -89,11 +89,9 @@ class Stiffnesses(Variables):
 
     def sizes(self, targets: Sequence[Target]) -> Array:
         """The size of each target, and at least a hundredth of the largest."""
-        low, high = (np.abs([getattr(target, end) for target in targets]) for end in ("low", "high"))
-        ends = np.maximum(low, high)
-        ends = np.where(np.isfinite(ends), ends, np.where(np.isfinite(np.minimum(low, high)), np.minimum(low, high), 0))
-        largest = float(ends.max(initial=0.0)) or float(np.abs(self.at(self.origin).tensor).max())
-        return np.maximum(ends, _SMALL * largest)
+        sizes = limit_sizes(targets)
+        largest = float(sizes.max(initial=0.0)) or float(np.abs(self.at(self.origin).tensor).max())
+        return np.maximum(sizes, _SMALL * largest)
 
     def excluded(self, targets: Sequence[Target]) -> str:
         """A sentence where the targets contradict any network of this many self-stresses, else an empty string."""

@@ -149,12 +149,7 @@ class Stresses(Variables):
         yield origin + _SPREADS[1] * shaken[1]
 
     def designed(self, z: Array, quantities: Sequence[Quantity]) -> Designed:
-        solved, balance = self.manifold.solve(self.stress(z)), self.at(z)
-        _, rows = self.values(balance, quantities)
-        # At the refined configuration that is returned, to which the errors refer.
-        values = np.array([quantity.evaluate(solved.value)[0] for quantity in quantities])
-        errors = np.array([quantity.error(solved.value) for quantity in quantities])
-        return Designed(solved.value, solved, values, errors, rows, solved.value.error_bound)
+        return self.at_configuration(self.manifold.solve(self.stress(z)), z, quantities)
 
     def distance(self, z: Array) -> float:
         change = z - self.origin

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.critical.quantity import Quantity
-from critflow.design.limits import Target
+from critflow.design.limits import Target, limit_sizes
 from critflow.networks.network import Array
 from critflow.result import InputError, Solution
 from critflow.solvers.constrained import Minimum, Problem, minimise_constrained
@@ -60,6 +60,12 @@ class Variables(ABC):
     def designed(self, z: Array, quantities: Sequence[Quantity]) -> Designed:
         """The end of a design at z, solved to the last digit."""
 
+    def at_configuration(self, solved: Solution[Any], z: Array, quantities: Sequence[Quantity]) -> Designed:
+        """The end at a refined configuration, to which the errors refer."""
+        value = solved.value
+        values, errors = np.array([(one.evaluate(value)[0], one.error(value)) for one in quantities]).reshape(-1, 2).T
+        return Designed(value, solved, values, errors, self.values(self.at(z), quantities)[1], value.error_bound)
+
     def change(self, state: Any, z: Array) -> tuple[float, Array]:
         """Half the square of the change, and its gradient by z (N,)."""
         change = z - self.origin
@@ -74,8 +80,8 @@ class Variables(ABC):
         return np.zeros((0, len(self.origin)))
 
     def sizes(self, targets: Sequence[Target]) -> Array:
-        """Units (n,) of the errors of targets."""
-        return np.array([target.size for target in targets])
+        """Errors of targets are relative to these (n,), and absolute below a hundredth."""
+        return np.maximum(limit_sizes(targets), 1e-2)
 
     def excluded(self, targets: Sequence[Target]) -> str:
         """A sentence where a proof excludes the targets, else an empty string."""

@@ -21,7 +21,7 @@ from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.checks import edge_values
 from critflow.networks.digits import Digits
 from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.onset.critical_strain import Onset, critical_strain
+from critflow.onset.critical_strain import CriticalStrain, critical_strain
 from critflow.quantities.leverage import EdgeLeverage, edge_leverage
 from critflow.response.elasticity import Elasticity, elasticity
 from critflow.result import CritflowError, InputError, NetworkError, Solution, SolveError, Status
@@ -220,13 +220,13 @@ def _nearest(network: Network, x: Array, counts: Rigidity, attempts: _Attempts, 
 
 def _critical_strains(
     found: Examination, subject: _Subject, deformations: Sequence[str], attempts: _Attempts
-) -> dict[str, Onset]:
+) -> dict[str, Solution[CriticalStrain]]:
     """Critical strains of the rest lengths; none where the network is rigid at strain zero."""
     network, rest = found.network, subject.rest
     lengths = np.linalg.norm(network.bond_vectors(subject.x), axis=1)
     if found.order not in ("floppy", "undecided") and np.array_equal(rest, lengths):
         return {}
-    onsets: dict[str, Onset] = {}
+    onsets: dict[str, Solution[CriticalStrain]] = {}
     if deformations and not (rest > 0).all():
         attempts.failures.append("the critical strains: an edge has no rest length: give a positive one to each")
         return onsets

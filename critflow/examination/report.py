@@ -16,7 +16,7 @@ from critflow.critical.nearest import Nearest
 from critflow.exchange.data import counted
 from critflow.exchange.repair import described
 from critflow.networks.network import Array, Network
-from critflow.onset.critical_strain import Onset
+from critflow.onset.critical_strain import CriticalStrain
 from critflow.quantities.leverage import EdgeLeverage
 from critflow.response.elasticity import Elasticity
 from critflow.result import InputError, Record, Solution, Status
@@ -85,7 +85,7 @@ class Examination(Record):
     nearest: Nearest | None
     critical_elasticity: Solution[Elasticity] | None
     rounding: float
-    critical_strains: dict[str, Onset] = field(default_factory=dict)
+    critical_strains: dict[str, Solution[CriticalStrain]] = field(default_factory=dict)
     elasticity: Solution[Elasticity] | None = None
     leverage: EdgeLeverage | None = None
     notes: tuple[str, ...] = ()
@@ -370,7 +370,7 @@ def _strains(examination: Examination) -> list[str]:
     return [*lines, ""]
 
 
-def _taut(onset: Onset) -> str:
+def _taut(onset: Solution[CriticalStrain]) -> str:
     return f"{int(onset.value.taut.sum())} of {len(onset.value.taut)}"
 
 

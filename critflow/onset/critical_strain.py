@@ -120,18 +120,6 @@ class CriticalStrain(Record):
         return counted.ok and counts.n_self_stresses == 1 and not counts.first_order_rigid
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Onset(Solution[CriticalStrain]):
-    """The onset of rigidity on a path; `stats.steps` counts interior-point iterations.
-
-    programs      cone programs
-    newton_steps  steps of Newton's method on the taut edges
-    """
-
-    programs: int = 0
-    newton_steps: int = 0
-
-
 @checked
 def critical_strain(
     network: Network,
@@ -140,14 +128,15 @@ def critical_strain(
     *,
     direction: int = 1,
     throw: bool = True,
-) -> Onset:
+) -> Solution[CriticalStrain]:
     """The strain γ_c at which a floppy network of rest lengths ℓ (N_b,) becomes rigid: t(F(γ_c)) = 1.
 
     deformation  name, matrix A for F = 1 + γA, function γ → F, or `Deformation`, which may have free components
     direction    1 for γ_c > 0, −1 for γ_c < 0
 
     Exact for cables, which resist extension only, and for springs where `valid_for_springs`.  On paths linear in γ the
-    onset is unique; on others it is the one that Newton's method reaches from γ = 0.
+    onset is unique; on others it is the one that Newton's method reaches from γ = 0.  `stats.steps` counts
+    interior-point iterations.
     Error bound (proof): `lower` and `upper` where `proven`; the network is floppy at the one of smaller |γ| and rigid
     at the other, and `stats.error_bound` is their distance.  Error bound (estimate): elsewhere.
     Free normal components of the cell are not unique, since cables resist no compression: the cell changes about as
@@ -179,7 +168,7 @@ def critical_strain(
     return onset.or_raise(f"{known} under {path.deformation.name}") if throw else onset
 
 
-def _onset(path: BoundaryPath, lengths: Array, interior: Interior) -> Onset:
+def _onset(path: BoundaryPath, lengths: Array, interior: Interior) -> Solution[CriticalStrain]:
     """The onset of a network that is floppy at strain zero, with bounds on its strain and its status."""
     found = _from_rough_program(path, lengths, interior)
     search = found[0] if found else search_onset(path, lengths)
@@ -232,7 +221,9 @@ def _resolved(path: BoundaryPath, lengths: Array, start: OnsetState) -> tuple[On
     return state, central
 
 
-def _measured(path: BoundaryPath, lengths: Array, state: OnsetState, bounds: StrainBounds, search: Search) -> Onset:
+def _measured(
+    path: BoundaryPath, lengths: Array, state: OnsetState, bounds: StrainBounds, search: Search
+) -> Solution[CriticalStrain]:
     """The onset at a state, with the stress and the derivatives of its strain."""
     network, sign = path.network, path.direction
     F = path.gradient(state.strain, state.free)
@@ -257,10 +248,10 @@ def _measured(path: BoundaryPath, lengths: Array, state: OnsetState, bounds: Str
         gradient=sign * value.tensions / (virial * rate),
     )
     stats = Stats("conic", search.steps, residual=state.error, error_bound=upper - lower)
-    return Onset(onset, search.status, stats, search.note, programs=search.programs, newton_steps=state.steps)
+    return Solution(onset, search.status, stats, search.note)
 
 
-def _without_onset(path: BoundaryPath, search: Search) -> Onset:
+def _without_onset(path: BoundaryPath, search: Search) -> Solution[CriticalStrain]:
     network, nothing = path.network, np.full((path.network.dimension,) * 2, np.nan)
     onset = CriticalStrain(
         *(np.nan, np.nan, np.nan, (False, False)),
@@ -272,4 +263,4 @@ def _without_onset(path: BoundaryPath, search: Search) -> Onset:
         normal=nothing,
         gradient=np.full(network.n_edges, np.nan),
     )
-    return Onset(onset, search.status, Stats("conic", search.steps), search.note, programs=search.programs)
+    return Solution(onset, search.status, Stats("conic", search.steps), search.note)

@@ -112,23 +112,19 @@ class Course:
 
     def relaxed(self, start: SpringState, cell: Cell) -> tuple[Equilibrium[SpringState], Factor | None, Cell]:
         """The equilibrium from a prediction, a factor of the Hessian near it, and its cell."""
-        if not len(cell.stretch):
-            solution, factor = self._relaxed_in_place(start)
-            if not solution.ok and start.law.one_sided:
-                # On the kinks of cables that are just tight corrections do not converge.
-                placed = with_slack_placed(solution.value, solution.value.sigma)
-                if placed is not solution.value:
-                    steps = solution.stats.steps
-                    solution, factor = self._relaxed_in_place(placed)
-                    steps += solution.stats.steps
-                    solution = replace(solution, stats=replace(solution.stats, steps=steps))
-            return solution, factor, cell
-        free = FreeCellState.of(start, cell.stretch, cell.free_strains)
-        solution, factor, q = relaxed_with_cell(free, self.reference, cell.affine, self.pattern, self.tolerance)
-        return solution, factor, replace(cell, stretch=q)
-
-    def _relaxed_in_place(self, start: SpringState) -> tuple[Equilibrium[SpringState], Factor | None]:
-        return relaxed(start, self.pattern, self.method, self.tolerance, condition=False)
+        if len(cell.stretch):
+            free = FreeCellState.of(start, cell.stretch, cell.free_strains)
+            solution, factor, q = relaxed_with_cell(free, self.reference, cell.affine, self.pattern, self.tolerance)
+            return solution, factor, replace(cell, stretch=q)
+        solution, factor = relaxed(start, self.pattern, self.method, self.tolerance, condition=False)
+        if not solution.ok and start.law.one_sided:
+            # On the kinks of cables that are just tight corrections do not converge.
+            placed = with_slack_placed(solution.value, solution.value.sigma)
+            if placed is not solution.value:
+                steps = solution.stats.steps
+                solution, factor = relaxed(placed, self.pattern, self.method, self.tolerance, condition=False)
+                solution = replace(solution, stats=replace(solution.stats, steps=steps + solution.stats.steps))
+        return solution, factor, cell
 
     def rates(self, cell: Cell) -> tuple[Array, Array]:
         """Rates of the strain and of the free components, and second derivatives (`path_rates`)."""

@@ -11,7 +11,6 @@ directions of T that close are the solution of one more linear system, and some 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -20,11 +19,12 @@ import scipy.sparse as sp
 from critflow.arguments import checked
 from critflow.critical.extreme import ISOTROPIC, force_map, vanishes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity
+from critflow.critical.quantity import Quantity, dot
 from critflow.critical.transition import TransitionModulus, transition_modulus
 from critflow.linalg.matrices import spread_columns
 from critflow.networks.deformation import Deformable
 from critflow.networks.network import Array, Network
+from critflow.onset.taut_edges import unknown_configuration
 from critflow.quantities.optimum import Optimum
 from critflow.quantities.vocabulary import quantity
 from critflow.result import InputError, Solution, SolveError, Stats, Status
@@ -65,10 +65,19 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     Raises `InputError` in three dimensions except for dilations: such forces seldom close there.
     """
     manifold = CriticalManifold.of(network)
-    network = manifold.network
-    A = transition_modulus(network, strain).symmetric
-    found, shortest, F, moment = _attaining(manifold, A)
-    bound = float(np.trace(F @ moment @ F.T)) / network.volume
+    network, k = manifold.network, manifold.network.stiffness
+    A, shortest = transition_modulus(network, strain).symmetric, 1.0
+    found: Solution[CriticalConfiguration] | None = None
+    if np.allclose(A, A[0, 0] * np.eye(len(A)), rtol=0, atol=ISOTROPIC * np.abs(A).max()):
+        # F = A is isotropic: the configuration is L* itself.
+        found = manifold.solve(k)
+    elif network.dimension != 2:
+        raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
+    L_star = found.value.bond_vectors if found is not None and found.ok else manifold.balance(k).bond_vectors
+    F, moment = force_map(network, L_star, A)
+    bound, zero = float(np.trace(F @ moment @ F.T)) / network.volume, vanishes(F, moment, A)
+    if found is None:
+        found, shortest = (manifold.solve(k), 1.0) if zero else _closed(manifold, L_star, F, A, bound)
     value = found.value
     optimum = Optimum(
         value=value,
@@ -82,53 +91,27 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
         objective=TransitionModulus(A).evaluate(value)[0],
         bound=bound,
     )
-    attained = vanishes(F, moment, A) or abs(optimum.gap) < BALANCED
-    if value.residual < BALANCED and attained and shortest > NO_LENGTH:
+    if value.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
         edges = value.collapsed_edges
         note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""
         return replace(optimum, collapsed_edges=edges, note=note)
     # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
     status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if found.ok else found.status
-    unknown = np.full_like(value.bond_vectors, np.nan)
-    value = CriticalConfiguration(network, unknown[:, 0], np.full_like(value.coordinates, np.nan), unknown)
-    stats = replace(optimum.stats, residual=value.residual, error_bound=value.error_bound)
-    return replace(optimum, value=value, status=status, stats=stats, objective=bound)
+    return replace(optimum, value=unknown_configuration(network), status=status, objective=bound)
 
 
-class _Attaining(NamedTuple):
-    """Configuration of the largest modulus, its shortest length over the mean, and F and M of the force network."""
-
-    found: Solution[CriticalConfiguration]
-    shortest: float
-    F: Array
-    moment: Array
-
-
-def _attaining(manifold: CriticalManifold, A: Array) -> _Attaining:
-    """The configuration with forces T = kFL*, for a symmetric strain A (d, d)."""
-    network, k = manifold.network, manifold.network.stiffness
-    if np.allclose(A, A[0, 0] * np.eye(len(A)), rtol=0, atol=ISOTROPIC * np.abs(A).max()):
-        # F = A is isotropic: the configuration is L* itself.
-        found = manifold.solve(k)
-        L_star = found.value.bond_vectors if found.ok else manifold.balance(k).bond_vectors
-        return _Attaining(found, 1.0, *force_map(network, L_star, A))
-    if network.dimension != 2:
-        raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
-    L_star = manifold.balance(k).bond_vectors
-    F, moment = force_map(network, L_star, A)
-    if vanishes(F, moment, A):
-        return _Attaining(manifold.solve(k), 1.0, F, moment)
-    bound = float(np.trace(F @ moment @ F.T)) / network.volume
+def _closed(
+    manifold: CriticalManifold, L_star: Array, F: Array, A: Array, bound: float
+) -> tuple[Solution[CriticalConfiguration], float]:
+    """The configuration with forces T = kFL*, and its shortest length over the mean."""
+    k, parallel = manifold.network.stiffness, abs(float(np.linalg.det(F))) <= PARALLEL_FORCES * float(np.sum(F**2))
     for closed in (_nearest_bonds, _stretched_bonds):
         L = closed(manifold, L_star, F)
-        square = np.einsum("ad,ad->a", L, L)
-        sigma = k * np.einsum("ad,ad->a", L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny)
-        found, shortest = manifold.solve(sigma), float(np.sqrt(square.min()) / np.sqrt(square).mean())
-        modulus = TransitionModulus(A).evaluate(found.value)[0]
-        parallel = abs(float(np.linalg.det(F))) <= PARALLEL_FORCES * float(np.sum(F**2))
-        if abs(modulus / bound - 1) < BALANCED or parallel:
+        square = dot(L, L)
+        found = manifold.solve(k * dot(L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny))
+        if parallel or abs(TransitionModulus(A).evaluate(found.value)[0] / bound - 1) < BALANCED:
             break
-    return _Attaining(found, shortest, F, moment)
+    return found, float(np.sqrt(square.min()) / np.sqrt(square).mean())
 
 
 def least_compressed_length(network: Network | CriticalManifold, strain: Deformable) -> float:
@@ -150,9 +133,9 @@ def least_compressed_length(network: Network | CriticalManifold, strain: Deforma
     program = scipy.optimize.linprog(
         np.repeat([0.0, 1.0], [n_coordinates, n_edges]),
         A_ub=sp.hstack([-spread_columns(network, unit), -sp.eye_array(n_edges)]),
-        b_ub=np.einsum("ad,ad->a", unit, b),
+        b_ub=dot(unit, b),
         A_eq=sp.hstack([spread_columns(network, normal), sp.csr_array((n_edges, n_edges))]),
-        b_eq=-np.einsum("ad,ad->a", normal, b),
+        b_eq=-dot(normal, b),
         bounds=[(None, None)] * n_coordinates + [(0, None)] * n_edges,
     )
     if program.status != 0:
@@ -169,7 +152,7 @@ def _nearest_bonds(manifold: CriticalManifold, L_star: Array, F: Array) -> Array
     network, k = manifold.network, manifold.network.stiffness
     normal = L_star @ F.T @ _QUARTER_TURN.T
     no_force = np.zeros((len(network.free), 2))
-    u, _, _ = manifold.saddle.factorize(k, normal).solve(no_force, -np.einsum("ad,ad->a", normal, L_star))
+    u, _, _ = manifold.saddle.factorize(k, normal).solve(no_force, -dot(normal, L_star))
     return np.asarray(L_star + network.free_incidence @ u)
 
 
@@ -182,5 +165,5 @@ def _stretched_bonds(manifold: CriticalManifold, L_star: Array, F: Array) -> Arr
     network, B = manifold.network, F.T @ _QUARTER_TURN.T
     start, no_force = L_star @ B.T, np.zeros((len(network.free), 2))
     factor = manifold.saddle.factorize(network.stiffness, L_star)
-    u, _, _ = factor.solve(no_force, -np.einsum("ad,ad->a", L_star, start))
+    u, _, _ = factor.solve(no_force, -dot(L_star, start))
     return np.asarray(np.linalg.solve(B, (start + network.free_incidence @ u).T).T)

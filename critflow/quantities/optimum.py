@@ -18,7 +18,9 @@ def _no_edges() -> NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Optimum(Solution[CriticalConfiguration]):
-    """The best critical configuration by an objective.  Numbers that do not apply are NaN or None, lists are empty.
+    """The best critical configuration by an objective; `stats.residual` is the largest component of dO/dσ.
+
+    Numbers that do not apply are NaN or None, lists are empty.
 
     objective         value of the objective; where the optimum is not attained, the limit of the value
     objective_error   |objective − optimum|, where the optimum is known in closed form.  Error bound (proof), except
@@ -50,18 +52,8 @@ class Optimum(Solution[CriticalConfiguration]):
     negative_pivots: int | None = None
 
     @property
-    def configuration(self) -> CriticalConfiguration:
-        """The critical configuration, the same as `value`."""
-        return self.value
-
-    @property
     def gap(self) -> float:
         """1 − objective/bound where the bound is attained, else NaN."""
         if not self.ok:
             return np.nan
         return 1 - self.objective / self.bound if self.bound else 0.0
-
-    @property
-    def gradient_norm(self) -> float:
-        """Largest component of dO/dσ, the residual of an optimum."""
-        return self.stats.residual

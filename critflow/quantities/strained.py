@@ -25,8 +25,8 @@ from critflow.networks.deformation import Deformable, Deformation, deformation_o
 from critflow.networks.network import Array, Network
 from critflow.paths.strain_path import strain_path
 from critflow.paths.tangent import path_rates
-from critflow.response.linear_response import LinearResponse, linear_response
-from critflow.response.tensor import Elasticity
+from critflow.response.linear_response import linear_response
+from critflow.response.tensor import Elasticity, strain_components
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.laws import SpringLaw
 from critflow.springs.state import SpringState
@@ -49,10 +49,10 @@ class StrainedResponse(Solution[SpringState | None]):
     All are empty, and the state is None, where the path does not reach the strain.
     """
 
-    achieved: dict[str, float]
-    by_rest_length: Gradients = field(repr=False)
-    by_stiffness: Gradients = field(repr=False)
-    by_stress: Gradients = field(repr=False)
+    achieved: dict[str, float] = field(default_factory=dict)
+    by_rest_length: Gradients = field(default_factory=dict, repr=False)
+    by_stiffness: Gradients = field(default_factory=dict, repr=False)
+    by_stress: Gradients = field(default_factory=dict, repr=False)
 
 
 @checked
@@ -82,32 +82,31 @@ def strained_response(
     measures = _measures(path, strain, quantities)
     if network.cell is None:
         raise InputError("moduli at finite strain are those of a periodic cell: give a network without pins")
+    springs = isinstance(start, CriticalConfiguration)
     if isinstance(start, CriticalConfiguration) and not (start.sigma > 0).all():
         raise InputError(
             "gradients at finite strain need tension on every edge: give a configuration of positive stress"
         )
-    springs = isinstance(start, CriticalConfiguration)
     found = strain_path(start, [strain], deformation=path, law=law, taut_only=springs, throw=False)
     if not found.ok:
-        nothing = StrainedResponse(
-            None, found.status, found.stats, found.note, achieved={}, by_rest_length={}, by_stiffness={}, by_stress={}
-        )
+        nothing = StrainedResponse(None, found.status, found.stats, found.note)
         return nothing.or_raise("the strain was not reached") if throw else nothing
     state, stretch = found.value.states[-1], found.value.free_components[-1]
     _require_homogeneous(state)
-    values, by_rest, by_k = _Adjoint(state, path, strain, stretch).gradients(measures)
-    by_stress = _pulled_back(network, start, by_rest) if isinstance(start, CriticalConfiguration) else {}
+    adjoint = _Adjoint(state, path, strain, stretch)
+    linearised = {name: measure(adjoint.tensors) for name, measure in measures.items()}
+    rows = {name: adjoint.gradients(form) for name, (_, form) in linearised.items()}
+    by_rest, by_k = ({name: pair[n] for name, pair in rows.items()} for n in (0, 1))
     tensor = found.value.elasticity[-1]
     error = float(tensor.errors.tensor.max() / np.abs(tensor.tensor).max())
-    stats = Stats("implicit differentiation", found.stats.steps, found.stats.residual, error_bound=error)
     return StrainedResponse(
         state,
         Status.ok,
-        stats,
-        achieved=values,
+        Stats("implicit differentiation", found.stats.steps, found.stats.residual, error_bound=error),
+        achieved={name: value for name, (value, _) in linearised.items()},
         by_rest_length=by_rest,
         by_stiffness=by_k,
-        by_stress=by_stress,
+        by_stress=_pulled_back(network, start, by_rest) if isinstance(start, CriticalConfiguration) else {},
     )
 
 
@@ -170,47 +169,20 @@ def _require_homogeneous(state: SpringState) -> None:
 # Quantities as functions of the tensor and the stress
 
 
-@dataclass(frozen=True, eq=False)
-class _Measure:
-    """Value of a quantity and its derivatives by C (m, m) and by S (d, d), both symmetric."""
-
-    value: float
-    by_C: Array
-    by_S: Array
+Form = Callable[[Elasticity], float]
+"""A function that is linear in the tensor C and the stress S."""
+Measure = Callable[[Elasticity], tuple[float, Form]]
+"""A quantity: its value at a tensor and a stress, and its change with them."""
 
 
-Measures = dict[str, Callable[[Elasticity], _Measure]]
+def _linear(form: Form) -> Measure:
+    return lambda tensors: (float(form(tensors)), form)
 
 
-def _linear(function: Callable[[Elasticity], float]) -> Callable[[Elasticity], _Measure]:
-    """A quantity that is linear in C and S: its derivatives are its values at unit tensors."""
-
-    def measure(tensors: Elasticity) -> _Measure:
-        by_C, by_S = _responses_to_units(tensors, function)
-        return _Measure(float(function(tensors)), by_C, by_S)
-
-    return measure
-
-
-def _responses_to_units(tensors: Elasticity, function: Callable[[Elasticity], float]) -> tuple[Array, Array]:
-    """Values of a linear function at unit tensors C (m, m) and S (d, d), shared by both entries of a symmetric pair."""
-    m, d = len(tensors.tensor), tensors.dimension
-    by_C, by_S = np.zeros((m, m)), np.zeros((d, d))
-    zero_C, zero_S = np.zeros((m, m)), np.zeros((d, d))
-    for form, stressed in ((by_C, False), (by_S, True)):
-        for a, b in zip(*np.triu_indices(len(form)), strict=True):
-            unit = np.zeros_like(form)
-            unit[a, b] = unit[b, a] = 1.0
-            C, S = (zero_C, unit) if stressed else (unit, zero_S)
-            value = function(Elasticity(C, zero_C, S, tensors.volume))
-            form[a, b] = form[b, a] = value if a == b else value / 2
-    return by_C, by_S
-
-
-def _compliant(poisson: bool) -> Callable[[Elasticity], _Measure]:
+def _compliant(poisson: bool) -> Measure:
     """Young's modulus 1/s_xxxx or Poisson's ratio −s_yyxx/s_xxxx, with s the inverse of the stress-strain tensor."""
 
-    def measure(tensors: Elasticity) -> _Measure:
+    def measure(tensors: Elasticity) -> tuple[float, Form]:
         s = np.linalg.inv(tensors.stress_strain)
         stretched, across = float(s[0, 0]), float(s[1, 0])
         # ds = −s dB s, entry by entry.
@@ -219,13 +191,27 @@ def _compliant(poisson: bool) -> Callable[[Elasticity], _Measure]:
             value, by_B = -across / stretched, -by_across / stretched + across / stretched**2 * by_stretched
         else:
             value, by_B = 1 / stretched, -by_stretched / stretched**2
-        by_C, by_S = _responses_to_units(tensors, lambda unit: float(np.vdot(by_B, unit.stress_strain)))
-        return _Measure(value, by_C, by_S)
+        return value, lambda unit: float(np.vdot(by_B, unit.stress_strain))
 
     return measure
 
 
-def _measures(deformation: Deformation, strain: float, quantities: Sequence[str]) -> Measures:
+def _components(form: Form, tensors: Elasticity) -> list[Array]:
+    """Derivatives of a form by C (m, m) and by S (d, d), shared by both entries of a symmetric pair."""
+    zeros, parts = [np.zeros_like(tensors.tensor), np.zeros_like(tensors.stress)], list[Array]()
+    for place, zero in enumerate(zeros):
+        part = zero.copy()
+        for a, b in zip(*np.triu_indices(len(part)), strict=True):
+            unit = zero.copy()
+            unit[a, b] = unit[b, a] = 1.0
+            C, S = (unit, zeros[1]) if place == 0 else (zeros[0], unit)
+            value = form(Elasticity(C, zeros[0], S, tensors.volume))
+            part[a, b] = part[b, a] = value if a == b else value / 2
+        parts.append(part)
+    return parts
+
+
+def _measures(deformation: Deformation, strain: float, quantities: Sequence[str]) -> dict[str, Measure]:
     """The requested quantities; `InputError` for unknown ones."""
     d = deformation.dimension
     if d < 2:
@@ -233,7 +219,7 @@ def _measures(deformation: Deformation, strain: float, quantities: Sequence[str]
     if not np.isfinite(strain) or strain == 0:
         raise InputError(f"the strain must be finite and not zero, not {strain}: at the transition call stiffening()")
     names = strain_basis(d)[0]
-    table: Measures = {
+    table: dict[str, Measure] = {
         "bulk_modulus": _linear(lambda tensors: tensors.bulk),
         "shear_modulus": _linear(lambda tensors: tensors.shear),
         "shear_modulus_stress_corrected": _linear(lambda tensors: tensors.shear_stress_corrected),
@@ -278,27 +264,26 @@ class _Adjoint:
         # Tension and stiffness are homogeneous in (|L|, ℓ), of degree one and zero, and proportional to k.
         tension_by_rest = (sigma * l - l * state.edge_stiffness) / rest
         stiffness_by_rest = -l * third / rest
-        self._by_parameter = {
-            "rest": (tension_by_rest / l, (stiffness_by_rest - tension_by_rest / l) / l**2),
-            "stiffness": (sigma / k, K / k),
-        }
-        self._free_rates, self._free = _free_motions(self, deformation, strain, stretch, response)
+        # ∂σ/∂p and ∂K/∂p for p = ℓ and p = k.
+        self._by_parameters = (
+            (tension_by_rest / l, (stiffness_by_rest - tension_by_rest / l) / l**2),
+            (sigma / k, K / k),
+        )
+        # Rates of the free components of the cell, and the relaxed motions with each.
+        self._free_rates = path_rates(deformation, strain, deformation.gradient(strain), stretch)[0][1:]
+        weights = [strain_components(0.5 * (A + A.T)) for A in self._free_rates]
+        motions = [
+            L @ A.T + network.free_incidence @ np.tensordot(weight, response.relaxations, 1)
+            for A, weight in zip(self._free_rates, weights, strict=True)
+        ]
+        self._free = np.reshape(motions, (-1, *L.shape))
 
-    def gradients(self, measures: Measures) -> tuple[dict[str, float], Gradients, Gradients]:
-        """Values, and gradients by ℓ and by k."""
-        values: dict[str, float] = {}
-        by_rest: Gradients = {}
-        by_k: Gradients = {}
-        for name, measure in measures.items():
-            quantity = measure(self.tensors)
-            values[name] = quantity.value
-            by_rest[name], by_k[name] = self._gradient(quantity)
-        return values, by_rest, by_k
-
-    def _gradient(self, quantity: _Measure) -> tuple[Array, Array]:
+    def gradients(self, form: Form) -> tuple[Array, Array]:
+        """Gradients by ℓ and by k of a quantity that changes by a form of C and S."""
+        by_C, by_S = _components(form, self.tensors)
         state, V = self._state, self.tensors.volume
         L, sigma, K, network = state.bond_vectors, state.sigma, state.modified_stiffness, state.network
-        W, S = quantity.by_C / V, quantity.by_S / V
+        W, S = by_C / V, by_S / V
         weighted_rates = np.einsum("ab,bei->aei", W, self._rates)
         weighted_hdots = W @ self._hdots
         SL = L @ S
@@ -310,38 +295,17 @@ class _Adjoint:
         by_L += 2 * sigma[:, None] * turned
         by_L += 2 * np.einsum("e,ae,aei->ei", K, weighted_hdots, self._rates + self._affine)
         adjoint = network.free_incidence @ self._solved(-np.asarray(network.divergence @ by_L))
-        if len(self._free_rates):
-            dilating = np.trace(self._free_rates, axis1=1, axis2=2)
-            grown = float(np.vdot(quantity.by_C, self.tensors.tensor) + np.vdot(quantity.by_S, self.tensors.stress))
-            by_q = np.einsum("ei,mei->m", by_L, self._free) - dilating * grown
-            resistance = np.array([[self.tensors.second(A, B) for B in self._free_rates] for A in self._free_rates])
-            z = -np.linalg.solve(V * resistance, by_q)
-            adjoint = adjoint + np.einsum("m,mei->ei", z, self._free)
+        grown = float(np.vdot(by_C, self.tensors.tensor) + np.vdot(by_S, self.tensors.stress))
+        A = self._free_rates
+        by_q = np.einsum("ei,mei->m", by_L, self._free) - np.trace(A, axis1=1, axis2=2) * grown
+        resistance = np.reshape([self.tensors.second(a, b) for a in A for b in A], (len(A), len(A)))
+        adjoint = adjoint - np.einsum("m,mei->ei", np.linalg.solve(V * resistance, by_q), self._free)
         work = np.einsum("ei,ei->e", L, adjoint)
-        rest, stiffness = (
-            by_parameter_K * by_K + by_parameter_sigma * (by_sigma + work)
-            for by_parameter_sigma, by_parameter_K in self._by_parameter.values()
-        )
-        return rest, stiffness
+        by_rest, by_k = (K_by * by_K + sigma_by * (by_sigma + work) for sigma_by, K_by in self._by_parameters)
+        return by_rest, by_k
 
     def _solved(self, force: Array) -> Array:
         """H⁻¹ f (n_free, d), refined once."""
         y = self._factor.solve(force.ravel())
         y = y + self._factor.solve(force.ravel() - self._factor.multiply(y))
         return y.reshape(force.shape)
-
-
-def _free_motions(
-    adjoint: _Adjoint, deformation: Deformation, strain: float, stretch: Array, response: LinearResponse
-) -> tuple[Array, Array]:
-    """Rates A_m (n, d, d) of the free components of the cell and the relaxed motions L̇_m (n, N_b, d) with each."""
-    state = adjoint._state
-    L, d = state.bond_vectors, state.network.dimension
-    if not deformation.free:
-        return np.zeros((0, d, d)), np.zeros((0, *L.shape))
-    rates = path_rates(deformation, strain, deformation.gradient(strain), stretch)[0][1:]
-    symmetric = 0.5 * (rates + np.swapaxes(rates, 1, 2))
-    weights = np.einsum("aij,mij->ma", adjoint._E, symmetric)
-    weights[:, d:] *= 2
-    u = np.tensordot(weights, response.relaxations, 1)
-    return rates, np.array([L @ A.T + state.network.free_incidence @ w for A, w in zip(rates, u, strict=True)])

@@ -78,7 +78,7 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
     symbol = ALIASES.get(name, name)
     plain = _plain(network.dimension)
     if symbol in plain:
-        return plain[symbol]()
+        return plain[symbol]
     if match := _INDEXED.fullmatch(symbol):
         kind, index = match.groups()
         if kind in _COUNTED and index.isdecimal():
@@ -86,7 +86,8 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
         if kind in _DEFORMED and index in DEFORMATIONS:
             return _DEFORMED[kind](network, index)
     listed = names(network)
-    nearest = get_close_matches(str(name), [*listed, *ALIASES], 1, 0.5)
+    spellings = [*listed, *(alias for alias, symbol in ALIASES.items() if symbol in listed)]
+    nearest = get_close_matches(str(name), spellings, 1, 0.5)
     hint = f"did you mean {nearest[0]!r}? " if nearest else ""
     plainest = ", ".join(name for name in listed if len(name) < 6 and name[:2] not in ("S_", "C_")) + ", C_B, C_G"
     raise InputError(
@@ -101,24 +102,16 @@ def names(network: Network) -> list[str]:
     return [*_plain(network.dimension), "length[EDGE]", "area[FACE]", *deformed]
 
 
-def _plain(d: int) -> dict[str, Callable[[], Quantity]]:
+def _plain(d: int) -> dict[str, Quantity]:
     """The quantities without an index, by name."""
-    table: dict[str, Callable[[], Quantity]] = {
-        "B_0": lambda: TransitionModulus(dilation(d), "B_0"),
-        "G_0": lambda: TransitionModulus(pure_shear(d), "G_0"),
-        "C_B": Stiffening,
-        "C_G": lambda: Stiffening(of_shear=True),
-        "V_L": LengthVariance,
-        "V_tau": TensionVariance,
-    }
     stress = [StressComponent(strain, f"S_{axes}") for axes, strain in zip(*strain_basis(d), strict=True)]
-    for component in stress:
-        table[component.name] = lambda component=component: component  # type: ignore[misc]
-    for a, first in enumerate(stress):
-        for second in stress[a:]:
-            product = TensorComponent(first, second)
-            table[product.name] = lambda product=product: product  # type: ignore[misc]
-    return table
+    every: list[Quantity] = [
+        TransitionModulus(dilation(d), "B_0"),
+        *([TransitionModulus(pure_shear(d), "G_0")] if d > 1 else []),
+        *(Stiffening(), Stiffening(of_shear=True), LengthVariance(), TensionVariance(), *stress),
+        *(TensorComponent(first, second) for a, first in enumerate(stress) for second in stress[a:]),
+    ]
+    return {one.name: one for one in every}
 
 
 _COUNTED: dict[str, Callable[[int], Quantity]] = {"length": EdgeLength, "area": FaceArea}

@@ -14,7 +14,6 @@ from critflow import (
     elasticity,
     foam_network,
     optimize,
-    spring_state,
     stiffening,
     strain_path,
     upper_bound,
@@ -137,8 +136,3 @@ def test_a_certificate_of_tensions_factorises_no_system(factorised, n_vertices):
     counts = factorised(network, lambda: certify(critical))
     assert set(counts) <= {SPRINGS} and counts[SPRINGS] <= 4
     assert certify(critical).rigid
-
-
-def test_the_counter_distinguishes_the_elastic_hessian(factorised, network, critical):
-    state = spring_state(network, 0.999 * critical.lengths, critical.coordinates)
-    assert factorised(network, lambda: state.factorize(state.pattern())) == {SPRINGS: 1}

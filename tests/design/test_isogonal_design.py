@@ -138,23 +138,6 @@ def test_other_units_of_length_give_the_same_design():
     np.testing.assert_allclose(small.value.lengths, scale * large.value.lengths, rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "targets, word",
-    [
-        ({}, "at least one"),
-        ({"colour": 1.0}, "colour"),
-        ({"area": 1.0}, "area"),
-        ({"length[60]": 1.0}, "60 edges"),
-        ({"area[20]": 1.0}, "20 faces"),
-        ({"C_B": (2.0, 1.0)}, "low"),
-        ({"C_B": np.inf}, "C_B"),
-    ],
-)
-def test_bad_targets_are_refused_in_one_sentence(targets, word):
-    with pytest.raises(InputError, match=word):
-        changed(critical(), targets)
-
-
 def test_bad_configurations_are_refused_in_one_sentence():
     with pytest.raises(InputError, match="two dimensions"):
         network = voronoi_3d()

@@ -3,22 +3,17 @@
 import numpy as np
 import pytest
 from problems import (
-    HONEYCOMB_BULK_MODULUS,
     NETWORKS,
     at,
     dense_bond_vectors,
     modulus_by_formula,
-    oblique,
     random_start,
     random_stress,
-    voronoi_3d,
-    with_random_stiffness,
 )
 
-from critflow import CriticalManifold, InputError, Status, elasticity, lattice, optimize, upper_bound, voronoi_network
+from critflow import CriticalManifold, InputError, Status, elasticity, optimize, upper_bound, voronoi_network
 from critflow.critical.derivatives import evaluate
-from critflow.critical.transition import dilation, pure_shear, transition_modulus
-from critflow.critical.variances import LengthVariance
+from critflow.critical.transition import pure_shear
 from critflow.design.optimize import objective_of
 
 NETWORK = voronoi_network(100, seed=1)
@@ -54,34 +49,7 @@ def test_every_method_ends_where_the_gradient_vanishes(objective, method):
     assert solution.objective == pytest.approx(value, rel=1e-11, abs=1e-18)
 
 
-@pytest.mark.parametrize("name", ["voronoi 3D", "oblique", "random stiffness"])
-@pytest.mark.parametrize("objective", ["bulk_modulus", "shear_modulus"])
-def test_every_kind_of_network(objective, name):
-    network = {
-        "voronoi 3D": lambda: with_random_stiffness(voronoi_3d(), 1),
-        "oblique": lambda: oblique(voronoi_network(40, seed=3)),
-        "random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
-    }[name]()
-    solution = optimize(network, objective, "lbfgs")
-    assert solution.status is Status.ok
-    assert solution.value.residual < 1e-12
-    assert projected_gradient(network, objective, solution.value.sigma) < 1.1e-12
-
-
 # Largest bulk modulus
-
-
-@pytest.mark.parametrize(
-    "method, start",
-    [(method, start) for method in ("lbfgs", "fire", "newton", "closed_form") for start in (1, 2)],
-)
-def test_largest_bulk_modulus_equals_its_bound(method, start):
-    solution = optimize(NETWORK, "bulk_modulus", method, start=random_start(start))
-    assert solution.status is Status.ok
-    assert elasticity(solution.value).value.bulk == pytest.approx(upper_bound(NETWORK, "B_0"), rel=1e-12)
-    L = dense_bond_vectors(NETWORK, solution.value.sigma)
-    by_formula = modulus_by_formula(NETWORK, solution.value.sigma, L, np.eye(2) / 2)
-    assert by_formula == pytest.approx(upper_bound(NETWORK, "B_0"), rel=1e-12)
 
 
 @pytest.mark.parametrize("name", ["voronoi, random stiffness", "voronoi 3D", "oblique"])
@@ -91,7 +59,7 @@ def test_the_bound_by_its_formula_and_by_its_force_network(name):
     L_star = dense_bond_vectors(network, k)
     bound = np.sum(k[:, None] * L_star**2) / (d**2 * abs(np.linalg.det(network.cell)))
     assert upper_bound(network, "B_0") == pytest.approx(bound, rel=1e-13)
-    for method in ("closed_form", "lbfgs"):
+    for method in ("closed_form", "lbfgs", "newton"):
         solution = optimize(network, "bulk_modulus", method, start=random_stress(network.n_edges, 1))
         assert solution.status is Status.ok
         # Equality in Cauchy–Schwarz: the forces σL are those of σ = k, whatever the lengths are.
@@ -102,38 +70,6 @@ def test_the_bound_by_its_formula_and_by_its_force_network(name):
         np.testing.assert_allclose(force / scale, expected, rtol=0, atol=1e-9)
         assert elasticity(solution.value).value.bulk == pytest.approx(bound, rel=1e-12)
     assert optimize(network, "bulk_modulus").gap == pytest.approx(0, abs=1e-13)
-
-
-def test_honeycomb_attains_its_bound():
-    assert upper_bound(lattice("honeycomb", 4, 3), "B_0") == pytest.approx(HONEYCOMB_BULK_MODULUS, rel=1e-13)
-
-
-@pytest.mark.parametrize("method, start", [("closed_form", None), ("lbfgs", 3)])
-def test_the_maximum_is_flat_in_half_as_many_directions_as_vertices(method, start):
-    network = NETWORK
-    solution = optimize(network, "bulk_modulus", method, start=None if start is None else random_start(start))
-    assert solution.status is Status.ok
-    sigma = solution.value.sigma
-    goal = transition_modulus(network, dilation(2))
-    found = evaluate(CriticalManifold(network), goal, sigma)
-    columns = [found.hessian_product(direction) for direction in np.diag(sigma)]
-    H = sigma[:, None] * np.stack(columns, axis=1)
-    np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-12)
-    eigenvalues = np.sort(np.abs(np.linalg.eigvalsh(H)))
-    # Scaling of σ and N_v/2 − 1 isogonal directions.  A gradient of up to 1e-12 turns the eigenvalues by as much.
-    assert eigenvalues[49] < 1e-12
-    assert eigenvalues[50] > 1e3 * eigenvalues[49]
-    assert np.linalg.eigvalsh(H).max() < 1e-12
-
-
-def test_signed_stresses_stay_below_the_bound():
-    network, bound = voronoi_network(40, seed=2), upper_bound(voronoi_network(40, seed=2), "B_0")
-    rng = np.random.default_rng(4)
-    manifold = CriticalManifold(network)
-    for _ in range(50):
-        solution = manifold.solve(rng.standard_normal(60))
-        assert solution.status is Status.ok
-        assert elasticity(solution.value).value.bulk < bound
 
 
 # Variances
@@ -194,18 +130,6 @@ def test_many_starts_return_the_best():
     assert least.objective == np.min(least.starts)
 
 
-def test_objectives_of_a_user():
-    solution = optimize(NETWORK, LengthVariance(), "lbfgs")
-    assert solution.status is Status.ok
-    named = optimize(NETWORK, "length_variance", "lbfgs")
-    np.testing.assert_array_equal(solution.value.sigma, named.value.sigma)
-    strain = np.array([[0.5, 0.0], [0.0, -0.5]])
-    goal = transition_modulus(NETWORK, strain)
-    upper = optimize(NETWORK, goal, "lbfgs", max_steps=5, throw=False)
-    assert upper.status is Status.step_limit
-    assert upper.objective > goal.evaluate(at(NETWORK, np.ones(150), dense_bond_vectors(NETWORK, np.ones(150))))[0]
-
-
 def test_bad_arguments_are_refused():
     with pytest.raises(InputError, match="random generator"):
         optimize(NETWORK, "shear_modulus", starts=3)
@@ -217,11 +141,11 @@ def test_a_rough_tolerance_ends_the_iteration_to_equal_lengths():
     network = voronoi_network(1_000, seed=1)
     for tolerance in (1e-4, 1e-6):
         rough = optimize(network, "length_variance", tolerance=tolerance)
-        assert rough.stats.method == "iteration" and rough.gradient_norm < tolerance
+        assert rough.stats.method == "iteration" and rough.stats.residual < tolerance
         lengths = rough.value.lengths
         assert rough.objective == pytest.approx(np.var(lengths) / np.mean(lengths) ** 2, rel=1e-6)
         assert rough.objective_error == rough.objective > 1e-12
-        assert rough.gradient_norm == pytest.approx(projected_gradient(network, "V_L", rough.value.sigma), rel=1e-6)
+        assert rough.stats.residual == pytest.approx(projected_gradient(network, "V_L", rough.value.sigma), rel=1e-6)
     assert optimize(network, "length_variance").stats.method == "conic"
 
 

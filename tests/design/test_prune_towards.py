@@ -96,14 +96,6 @@ def test_cuts_end_where_every_further_one_opens_the_network():
     assert len(found.cuts) < 5 and found.value.residual < 1e-12
 
 
-def test_an_added_edge_is_the_last_one_and_its_cut_restores_the_network():
-    network = critical().network
-    more = network.with_edge(3, 17, (1, 0), stiffness=2.0)
-    assert more.n_edges == network.n_edges + 1 and more.stiffness[-1] == 2.0
-    np.testing.assert_array_equal(more.offsets[-1], [1, 0])
-    np.testing.assert_array_equal(more.without_edges(network.n_edges).edges, network.edges)
-
-
 @pytest.mark.parametrize(
     "wrong, word",
     [

@@ -9,7 +9,7 @@ from critflow.linalg.matrices import balanced_part
 from critflow.linalg.saddle import Saddle
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.from_lengths import newton_error
-from critflow.onset.taut_edges import OnsetState, newton_taut, unknown_configuration
+from critflow.onset.taut_edges import OnsetState, newton_taut
 from critflow.onset.taut_set import polish_taut
 from critflow.solvers.cone import fit_lengths
 
@@ -69,10 +69,6 @@ def test_an_edge_that_cannot_be_stressed_is_released(edge):
     assert found.error < 1e-12
     np.testing.assert_array_equal(found.taut, kept)
     np.testing.assert_allclose(found.sigma[kept] / found.sigma[kept].mean(), critical.sigma / critical.sigma.mean())
-
-
-def test_an_unknown_configuration_has_no_number():
-    assert np.isnan(unknown_configuration(NETWORK).lengths).all()
 
 
 def test_the_balanced_part_of_a_stress_is_the_self_stress():

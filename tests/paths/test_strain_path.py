@@ -102,17 +102,6 @@ def test_moduli_do_not_depend_on_tensors(make, deformation):
         np.testing.assert_allclose(getattr(few.value, name), getattr(all_.value, name), rtol=1e-12, err_msg=name)
 
 
-def test_energy_is_the_work_done():
-    # dE/dV = pressure-like Σσ|L|²/(dV): the trapezium over the path has an error of the square of the step.
-    critical = critical_of(voronoi(40, seed=3))
-    gamma = np.linspace(0.0005, 0.02, 40)
-    path = strain_path(critical, gamma).value
-    volume = np.array([s.network.volume for s in path.states])
-    slope = np.array([np.sum(s.sigma * s.lengths**2) / (2 * s.network.volume) for s in path.states])
-    work = np.sum(0.5 * (slope[1:] + slope[:-1]) * np.diff(volume))
-    assert work == pytest.approx(path.energy[-1] - path.energy[0], rel=1e-4)
-
-
 @pytest.mark.parametrize(
     "strains", [[], [0.002, 0.001], [-0.001, 0.001], [-0.001, -0.001], [0.0, 0.001], [np.nan], [0.001, 0.001], [np.inf]]
 )
@@ -283,7 +272,7 @@ def test_cables_in_tension_pull_a_free_cell_flat():
 
 
 @pytest.mark.parametrize("seed", [0, 5])
-def test_soft_chains_beside_slack_cables(seed):
+def test_soft_chains_next_to_slack_cables(seed):
     # Next to the onset the softest modes, of 1e-12, are softer than the shift that resists floppy vertices.
     network = fibre_network("mikado", 80, z=3.4, seed=seed)
     onset = critical_strain(network, np.linalg.norm(network.bond_vectors(network.positions), axis=1), "uniaxial")

@@ -26,7 +26,7 @@ from critflow import (
 )
 from critflow.critical.derivatives import evaluate
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.transition import PenalisedModulus, TransitionModulus, dilation, pure_shear, transition_modulus
+from critflow.critical.transition import PenalisedModulus, TransitionModulus, pure_shear, transition_modulus
 from critflow.quantities.vocabulary import ALIASES, names, same
 from workflows.benchmarks import reference
 from workflows.benchmarks.high_precision import MP, dot, numbers, roots
@@ -203,16 +203,6 @@ def test_penalty_rises_as_the_tenth_power():
     object.__setattr__(balance, "network", Four())
     expected = -(2.0**10 + 1.0 + 2 * (sigma[2] / 0.1) ** -10) / 4
     assert goal.evaluate(balance)[0] == pytest.approx(expected, rel=1e-12)
-
-
-def test_modulus_depends_on_the_symmetric_part_of_the_strain():
-    network = KINDS["3D"]
-    A = np.random.default_rng(1).standard_normal((3, 3))
-    sigma = np.ones(network.n_edges)
-    balance = at(network, sigma, dense_bond_vectors(network, sigma))
-    one = transition_modulus(network, A).evaluate(balance)[0]
-    assert transition_modulus(network, 0.5 * (A + A.T)).evaluate(balance)[0] == pytest.approx(one, rel=1e-13)
-    np.testing.assert_array_equal(dilation(3), np.eye(3) / 3)
 
 
 @pytest.mark.parametrize("name", ["V_L", "V_tau"])
