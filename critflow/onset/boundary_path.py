@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from critflow.critical.manifold import CriticalManifold
 from critflow.linalg.saddle import Saddle
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
@@ -17,20 +18,20 @@ from critflow.networks.network import Array, Network
 
 @dataclass(frozen=True, eq=False)
 class BoundaryPath:
-    """A network, a deformation and the sign of its strain γ = direction · s.
+    """A network, a deformation and the sign of its strain γ = direction · s."""
 
-    analysed  the systems of stresses and displacements of the network, if they are known; else made at their first use
-    """
-
-    network: Network
+    manifold: CriticalManifold
     deformation: Deformation
     direction: int = 1
-    analysed: Saddle | None = None
 
-    @cached_property
+    @property
+    def network(self) -> Network:
+        return self.manifold.network
+
+    @property
     def saddle(self) -> Saddle:
         """Systems of stresses and displacements of the whole network."""
-        return self.analysed or Saddle(self.network)
+        return self.manifold.saddle
 
     @cached_property
     def free_strains(self) -> Array:

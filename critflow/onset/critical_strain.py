@@ -4,8 +4,8 @@ For boundaries b → F b and rest lengths ℓ let t(F) = min_x max_α |F b_α + 
 are floppy where t < 1 and rigid where t > 1.  The onset is the largest strain with t(F(γ)) ≤ 1:
 
 1. Coordinates with all |L| < ℓ show that the network is floppy at γ = 0 (`search.floppy_start`).
-2. Cone programs on linearised boundaries find γ_c to 1e-10 and a guess of the taut edges (`search.search_onset`); to
-   1e-6 where all edges are likely to be taut, which Newton's method confirms.
+2. The iteration of `length_iteration` finds γ_c roughly where all edges are taut, which Newton's method confirms; else
+   cone programs on linearised boundaries find it to 1e-10 and a guess of the taut edges (`search.search_onset`).
 3. Newton's method on the taut edges gives the critical configuration to rounding: forces f_α = σ_α L_α in balance,
    |L_α| = ℓ_α where σ_α > 0 (`taut_set.polish_taut`).
 4. Where tensions are too weak to be told from slack, the central path separates them, and step 3 starts from its end;
@@ -25,16 +25,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
 from critflow.critical.backbone import Backbone, backbone
-from critflow.critical.manifold import CriticalConfiguration, critical_configuration
-from critflow.linalg.vectors import norms
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.bounds import StrainBounds, onset_bounds
 from critflow.onset.central_path import follow_central_path
+from critflow.onset.length_iteration import NEAR, iterate_lengths, mean_strain
 from critflow.onset.search import ONSET_CONE, SIDES_MEET, Interior, Search, floppy_start, search_onset
-from critflow.onset.taut_edges import FITTED, ROUGH_CONE, OnsetState, newton_taut, unknown_configuration
+from critflow.onset.taut_edges import FITTED, OnsetState, newton_taut, unknown_configuration
 from critflow.onset.taut_set import polish_taut, resolved, settled, stressed, without_slack_stress
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
@@ -43,10 +43,6 @@ ONSET_GAP = 1e-9  # largest gap of the bounds on a strain with status `ok`, rela
 # det F of a cell with free sides at which an onset without bounds is that of a flat cell: the program with ROUGH_CONE
 # leaves a tilt of about its root.
 NARROW = 0.02
-# Spread of |L|/ℓ in the floppy configuration below which all edges are expected to become taut together: programs that
-# show a network to be floppy leave 1e-4.
-TOGETHER = 1e-2
-
 AT_ZERO = {
     Status.rigid: "the network is rigid at strain zero already: lengthen its rest lengths",
     Status.undecided: "rounding hides whether the network is floppy or rigid at strain zero: change its rest lengths",
@@ -122,7 +118,7 @@ class CriticalStrain(Record):
 
 @checked
 def critical_strain(
-    network: Network,
+    network: Network | CriticalManifold,
     rest_lengths: ArrayLike,
     deformation: Deformable = "dilation",
     *,
@@ -154,10 +150,12 @@ def critical_strain(
     >>> round(onset.strain, 6)  # (1.1)² − 1 of the area
     0.21
     """
+    manifold = CriticalManifold.of(network)
+    network = manifold.network
     lengths = edge_values(rest_lengths, network.n_edges, "rest_lengths")
     if direction not in (1, -1):
         raise InputError(f"the direction of the strain is 1 or -1, not {direction!r}")
-    path = BoundaryPath(network, deformation_of(deformation, network.dimension), direction)
+    path = BoundaryPath(manifold, deformation_of(deformation, network.dimension), direction)
     interior = floppy_start(path, lengths)
     if isinstance(interior, Status):
         nothing = Search(0.0, np.zeros(path.n_free), ONSET_CONE, path.linear)
@@ -170,7 +168,7 @@ def critical_strain(
 
 def _onset(path: BoundaryPath, lengths: Array, interior: Interior) -> Solution[CriticalStrain]:
     """The onset of a network that is floppy at strain zero, with bounds on its strain and its status."""
-    found = _from_rough_program(path, lengths, interior)
+    found = _from_iteration(path, lengths)
     search = found[0] if found else search_onset(path, lengths)
     if search.state is None:
         return _without_onset(path, search)
@@ -191,20 +189,29 @@ def _onset(path: BoundaryPath, lengths: Array, interior: Interior) -> Solution[C
     return _measured(path, lengths, state, bounds, replace(search, status=status, note=note))
 
 
-def _from_rough_program(path: BoundaryPath, lengths: Array, interior: Interior) -> tuple[Search, OnsetState] | None:
-    """The onset from a program of low accuracy, where all edges are taut; None where Newton's method rejects it.
+def _from_iteration(path: BoundaryPath, lengths: Array) -> tuple[Search, OnsetState] | None:
+    """The onset where every edge is taut, from the iteration for lengths; None where Newton's method rejects it.
 
-    Edges that are equally long in units of ℓ in the floppy configuration are likely to become taut together.
+    At each step the strain is that at which the mean of log(|L|/ℓ) vanishes.
     """
-    q, x = interior
-    ratio = norms(path.boundary_vectors(path.gradient(0.0, q)) + path.network.free_incidence @ x) / lengths
-    if path.has_free_sides or np.ptp(ratio) > TOGETHER:
+    if path.n_free:
         return None
-    search = search_onset(path, lengths, ROUGH_CONE)
-    if search.state is None or not search.state.taut.all():
-        return None
-    state = newton_taut(path, lengths, search.state)
-    return (search, state) if state and state.error < FITTED and stressed(state).all() else None
+    strain, q = 0.0, np.zeros(0)
+
+    def deformed(L: Array) -> Array:
+        nonlocal strain
+        strain = mean_strain(path, lengths, L, strain)
+        return L @ path.gradient(strain, q).T if np.isfinite(strain) else np.full_like(L, np.nan)
+
+    for balance, deviation in iterate_lengths(path.manifold, lengths, deformed):
+        if deviation < NEAR:
+            x = balance.coordinates @ path.gradient(strain, q).T
+            start = OnsetState(strain, q, x, balance.sigma, np.ones(len(lengths), bool))
+            state = newton_taut(path, lengths, start)
+            if state is None or not (state.error < FITTED and state.strain > 0 and stressed(state).all()):
+                return None
+            return Search(strain, q, ONSET_CONE, accurate=True, ended=True, state=start), state
+    return None
 
 
 def _resolved(path: BoundaryPath, lengths: Array, start: OnsetState) -> tuple[OnsetState, OnsetState]:

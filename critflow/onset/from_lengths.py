@@ -19,7 +19,7 @@ from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.onset.boundary_path import BoundaryPath
-from critflow.onset.length_iteration import iterate_lengths
+from critflow.onset.length_iteration import NEAR, iterate_lengths
 from critflow.onset.taut_edges import OnsetState, newton_taut, unknown_configuration
 from critflow.onset.taut_set import EXACT_CONE, polish_taut, resolved, stressed
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
@@ -27,7 +27,6 @@ from critflow.precision.geometry import ExtendedGeometry
 from critflow.result import Solution, Stats, Status
 from critflow.solvers.cone import fit_lengths
 
-NEAR = 0.1  # largest deviation of log(|L|/ℓ) from which Newton's method converges, also where one edge is short
 EVEN = (
     0.16  # spread of log ℓ above which networks of 1,000 vertices have slack edges, in the mean (study `percolation`)
 )
@@ -88,7 +87,7 @@ def _by_cone(manifold: CriticalManifold, lengths: Array) -> FromLengths:
     if lengths.min() <= COLLAPSED * lengths.mean():
         note = f"the target length of edge {lengths.argmin()} is below the rounding of coordinates: lengthen it"
         return replace(nothing, note=note)
-    path = BoundaryPath(network, Deformation.linear(np.eye(network.dimension)), analysed=manifold.saddle)
+    path = BoundaryPath(manifold, Deformation.linear(np.eye(network.dimension)))
     for end, ratio, n in _attempts(manifold, path, lengths):
         steps += n
         # A slack edge that is longer than its rest length shows a wrong set of taut edges.

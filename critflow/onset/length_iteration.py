@@ -12,34 +12,48 @@ The iteration converges linearly, three steps a digit, if lengths in these ratio
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
+import scipy
 
 from critflow.critical.manifold import Balance, CriticalManifold
+from critflow.linalg.vectors import norms
 from critflow.networks.network import Array
+from critflow.onset.boundary_path import BoundaryPath
+from critflow.result import InputError
 
 # A stress changes the length of its own edge by −N_v/N_b of its relative change on average: 2/3 with three edges a
 # vertex.  The inverse is the best step without acceleration.
 STEP = 1.5
 REMEMBERED = 8  # differences in the acceleration; 15 and 30 save no step down to deviations of 1e-9
+LARGEST = 50.0  # |log σ| at which it ends: stresses of networks without slack edges span a few decades
 PATIENCE = 6  # steps within which the largest deviation halves; networks with slack edges need more
+NEAR = 0.1  # largest deviation of log(|L|/ℓ) from which Newton's method converges, also where one edge is short
+FLAT = 1e-9  # distance of the strain to that of a flat cell at which it ends too
+FIRST_STRAIN, LAST_STRAIN = 0.01, 1e3  # strains at which the search for that of the mean begins and ends
 
 
-def iterate_lengths(manifold: CriticalManifold, lengths: Array) -> Iterator[tuple[Balance, float]]:
+def iterate_lengths(
+    manifold: CriticalManifold, lengths: Array, deformed: Callable[[Array], Array] | None = None
+) -> Iterator[tuple[Balance, float]]:
     """Balances, Σσ² = N_b, with the largest |log(|L|/ℓ) − mean| of each, from σ = 1; ends where it no longer halves.
 
-    It also ends where an edge has no length, as one that hangs.
+    It also ends where an edge has no length, as one that hangs, or stresses become huge or vanish.
 
-    lengths  ℓ up to a factor, (N_b,)
+    lengths   ℓ up to a factor, (N_b,)
+    deformed  bond vectors L (N_b, d) → F L: a network on a deformed boundary is in balance under the same stresses
     """
     theta, deviations = np.zeros(manifold.network.n_edges), [np.inf] * PATIENCE
     thetas: list[Array] = []
     steps: list[Array] = []
     while True:
-        sigma = np.exp(theta - theta.mean())
+        theta = theta - theta.mean()
+        if not np.abs(theta).max() < LARGEST:
+            return
+        sigma = np.exp(theta)
         balance = manifold.balance(sigma * np.sqrt(len(sigma) / np.sum(sigma**2)))
-        ratios = np.linalg.norm(balance.bond_vectors, axis=1) / lengths
+        ratios = norms(deformed(balance.bond_vectors) if deformed else balance.bond_vectors) / lengths
         if not (np.isfinite(ratios).all() and ratios.all()):
             return
         stretch = np.log(ratios)
@@ -55,3 +69,27 @@ def iterate_lengths(manifold: CriticalManifold, lengths: Array) -> Iterator[tupl
             changes = np.diff(steps, axis=0)
             weights = np.linalg.lstsq(changes @ changes.T, changes @ f, rcond=1e-14)[0]
             theta -= weights @ (np.diff(thetas, axis=0) + changes)
+
+
+def mean_strain(path: BoundaryPath, lengths: Array, L: Array, near: float) -> float:
+    """The strain s > 0 at which the mean of log(|F(s) L|/ℓ) vanishes, from s = 0 or a strain near it; NaN without one.
+
+    L  bond vectors at s = 0, (N_b, d)
+    """
+    q, target = np.zeros(0), float(np.mean(np.log(lengths)))
+
+    def excess(s: float) -> float:
+        return float(np.mean(np.log(norms(L @ path.gradient(s, q).T)))) - target
+
+    try:
+        if not excess(0.0) < 0:
+            return np.nan
+        high, step = near, 0.1 * near or FIRST_STRAIN
+        while high < LAST_STRAIN and step > FLAT:
+            high += min(step, 0.9 * path.flat_strain(high, q))
+            if excess(high) >= 0:
+                return float(scipy.optimize.brentq(excess, 0.0, high, rtol=1e-9))
+            step = min(2 * step, path.flat_strain(high, q))
+    except InputError:  # a flat cell
+        pass
+    return np.nan

@@ -24,10 +24,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from critflow.linalg.vectors import norms
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.bounds import Forces, admissible
+from critflow.onset.length_iteration import iterate_lengths
 from critflow.onset.taut_edges import ROUGH_CONE, OnsetState
 from critflow.onset.taut_set import polish_taut, settled
 from critflow.result import InputError, Status
@@ -91,6 +93,10 @@ def floppy_start(path: BoundaryPath, lengths: Array) -> Interior | Status:
         x = (network.positions if network.pins else network.positions - network.positions[0])[network.free]
         if admissible(path, lengths, 0.0, q, x):
             return q, x
+    for balance, _ in iterate_lengths(path.manifold, lengths):
+        longest = float((norms(balance.bond_vectors) / lengths).max())
+        if longest < 1 and admissible(path, lengths, 0.0, q, balance.coordinates):
+            return q, balance.coordinates
     for tolerance in (FLOPPY_CONE, ONSET_CONE):
         fit = fit_lengths(g, b, lengths, tolerance)
         if admissible(path, lengths, 0.0, q, fit.coordinates):
@@ -109,7 +115,7 @@ def floppy_start(path: BoundaryPath, lengths: Array) -> Interior | Status:
 def _at_least_ratio(path: BoundaryPath, lengths: Array, state: OnsetState, ratio: float) -> Interior | Status:
     """As `floppy_start`, from min max |L|/ℓ to rounding: the onset of the lengths t ℓ on F = 1 + s."""
     unit = Deformation.linear(np.eye(path.network.dimension)).freeing(*path.deformation.free)
-    scaling = BoundaryPath(path.network, unit, analysed=path.saddle)
+    scaling = BoundaryPath(path.manifold, unit)
     end = settled(scaling, ratio * lengths, polish_taut(scaling, ratio * lengths, state))
     there = replace(end, strain=0.0, coordinates=end.coordinates / (1 + end.strain))
     if admissible(path, lengths, 0.0, there.free, there.coordinates):

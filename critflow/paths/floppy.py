@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from critflow.critical.manifold import CriticalManifold
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
@@ -51,7 +52,7 @@ def _unstressed(course: Course, point: Point, springs: SpringState, strain: floa
     """Cables below their onset: a configuration with all |L| < ℓ, without energy, stress or stiffness."""
     here = course.reference.deformed(course.deformation.gradient(strain))
     still = Deformation.linear(np.zeros((here.dimension,) * 2)).freeing(*course.deformation.free)
-    found = floppy_start(BoundaryPath(here, still), springs.rest_lengths)
+    found = floppy_start(BoundaryPath(CriticalManifold(here), still), springs.rest_lengths)
     if isinstance(found, Status):
         return refused(point, strain, Status.undecided, _AT_ONSET)
     q, x = found

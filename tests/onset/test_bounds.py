@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from critflow import Network
+from critflow import CriticalManifold, Network
 from critflow.networks.deformation import deformation_of
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.bounds import Forces, admissible
@@ -11,7 +11,7 @@ from critflow.onset.taut_edges import OnsetState
 
 # Two cables in a row between pins at distance 1, of the lengths 0.5 and 0.7: taut at a strain of 0.2.
 CHAIN, LENGTHS = Network([[0, 1], [1, 2]], pins={0: [0, 0], 2: [1, 0]}), np.array([0.5, 0.7])
-PATH = BoundaryPath(CHAIN, deformation_of("uniaxial", 2))
+PATH = BoundaryPath(CriticalManifold(CHAIN), deformation_of("uniaxial", 2))
 
 
 def excess(tensions, strain, middle=0.45):

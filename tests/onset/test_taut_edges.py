@@ -19,7 +19,7 @@ CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(60, 1))
 
 def scaling(network):
     """The path of a common factor of all lengths."""
-    return BoundaryPath(network, Deformation.linear(np.eye(network.dimension)))
+    return BoundaryPath(CriticalManifold(network), Deformation.linear(np.eye(network.dimension)))
 
 
 def all_taut(network, coordinates, sigma):

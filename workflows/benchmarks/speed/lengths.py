@@ -59,7 +59,7 @@ def _problem(n_vertices: int, seed: int) -> tuple[CriticalManifold, np.ndarray, 
 def _methods(n_vertices: int, seed: int) -> list[Method]:
     manifold, lengths, best = _problem(n_vertices, seed)
     network, error = manifold.network, error_of_stress(best)
-    path = BoundaryPath(network, Deformation.linear(np.eye(network.dimension)), analysed=manifold.saddle)
+    path = BoundaryPath(manifold, Deformation.linear(np.eye(network.dimension)))
 
     def auto(level: float) -> Answer:
         solution = critical_from_lengths(manifold, lengths, throw=False)
