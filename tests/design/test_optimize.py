@@ -142,3 +142,11 @@ def test_a_rough_tolerance_selects_a_descent_to_equal_lengths():
     rough = optimize(network, "length_variance", tolerance=1e-4)
     assert rough.stats.method == "auto" and 1e-12 < rough.objective < 1e-2
     assert optimize(network, "length_variance").stats.method == "conic"
+
+
+def test_softening_can_be_optimised():
+    manifold = CriticalManifold(voronoi_network(n_vertices=20, seed=2))
+    least = optimize(manifold, "C_B", "lbfgs", throw=False, max_steps=150, tolerance=1e-6)
+    stiffest = optimize(manifold, "B_0")
+    # No network was found to soften more than the stiffest one, C_B = −B_0/2.
+    assert -0.5 * stiffest.objective - 1e-6 < least.objective < -0.45 * stiffest.objective
