@@ -196,9 +196,7 @@ def _from_rough_program(path: BoundaryPath, lengths: Array, interior: Interior) 
 
     Edges that are equally long in units of ℓ in the floppy configuration are likely to become taut together.
     """
-    q, x = interior
-    ratio = norms(path.boundary_vectors(path.gradient(0.0, q)) + path.network.free_incidence @ x) / lengths
-    if path.has_free_sides or np.ptp(ratio) > TOGETHER:
+    if path.has_free_sides or np.ptp(norms(path.bond_vectors(0.0, *interior)) / lengths) > TOGETHER:
         return None
     search = search_onset(path, lengths, ROUGH_CONE)
     if search.state is None or not search.state.taut.all():
