@@ -150,3 +150,11 @@ def test_softening_can_be_optimised():
     stiffest = optimize(manifold, "B_0")
     # No network was found to soften more than the stiffest one, C_B = −B_0/2.
     assert -0.5 * stiffest.objective - 1e-6 < least.objective < -0.45 * stiffest.objective
+
+
+def test_the_gap_to_the_bound():
+    best = optimize(NETWORK, "bulk_modulus")
+    assert best.bound == pytest.approx(upper_bound(NETWORK, "B_0"), rel=1e-14)
+    assert best.gap == 1 - best.objective / best.bound
+    assert abs(best.objective - best.bound) <= best.objective_error + 1e-14
+    assert np.isnan(optimize(NETWORK, "tension_variance").gap)
