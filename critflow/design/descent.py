@@ -177,7 +177,7 @@ class DescentMonitor:
         self.crossings: list[int] = []
         self.nearest_singular = np.nan
         self.negative_pivots: int | None = None
-        self.ended = False
+        self.ended, self._trapped = False, 0
 
     def __call__(self, point: Point) -> Status | None:
         status, balance = self._status(point), point.state.balance
@@ -208,7 +208,8 @@ class DescentMonitor:
 
     def diverges(self, end: Minimum) -> bool:
         """Whether the descent ended because lengths grow without end, which positive stresses exclude."""
-        return False
+        ended = end.status in (Status.singular, Status.stalled) and self._trapped > 0
+        return ended and bool(np.isfinite(self.last_sound).all())
 
 
 class SignedDescentMonitor(DescentMonitor):
@@ -221,7 +222,6 @@ class SignedDescentMonitor(DescentMonitor):
         super().__init__(objective, observe)
         self.last_sound = np.full_like(self.last_sound, np.nan)
         self.nearest_singular = np.inf
-        self._trapped = 0
 
     def _status(self, point: Point) -> Status | None:
         factor = point.state.balance.factor
@@ -234,10 +234,6 @@ class SignedDescentMonitor(DescentMonitor):
         if not self._trapped:
             self.last_sound = point.x
         return Status.singular if factor.singular or self._trapped > TRAPPED else None
-
-    def diverges(self, end: Minimum) -> bool:
-        ended = end.status in (Status.singular, Status.stalled) and self._trapped > 0
-        return ended and bool(np.isfinite(self.last_sound).all())
 
 
 def _infimum(optimum: Optimum, end: Minimum, objective: StressObjective, monitor: DescentMonitor) -> Optimum:

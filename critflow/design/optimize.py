@@ -83,12 +83,7 @@ def optimize(
     >>> abs(found.objective - cf.upper_bound(network, 'B_0')) < 1e-12
     True
     """
-    if method not in METHODS:
-        raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
-    if not tolerance > 0:
-        raise InputError(f"the tolerance must be positive, not {tolerance}")
-    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 0):
-        raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
+    _check_options(method, tolerance, max_steps)
     problem = _problem(CriticalManifold.of(network), objective, signs, threshold)
     if method == "newton" and not problem.goal.has_differential:
         raise InputError(f"Newton's method needs {problem.goal.name}.differential: define it, or choose 'lbfgs'")
@@ -102,6 +97,15 @@ def optimize(
         equal = _equal_lengths(problem, tolerance) if free else None
         optimum = equal or _best_descent(problem, given, method, tolerance, max_steps, observe)
     return optimum.or_raise("no optimum") if throw else optimum
+
+
+def _check_options(method: str, tolerance: float, max_steps: int | None) -> None:
+    if method not in METHODS:
+        raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
+    if not tolerance > 0:
+        raise InputError(f"the tolerance must be positive, not {tolerance}")
+    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 0):
+        raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
 
 
 def objective_of(network: Network, objective: str | Quantity, threshold: float | None = 0.1) -> Quantity:

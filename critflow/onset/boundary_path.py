@@ -90,6 +90,10 @@ class BoundaryPath:
         """F b, (N_b, d)."""
         return self.network.boundary_vectors @ F.T
 
+    def bond_vectors(self, s: float, q: Array, x: Array) -> Array:
+        """L = F(s, q) b + g x, (N_b, d), for coordinates x (n_free, d)."""
+        return self.boundary_vectors(self.gradient(s, q)) + self.network.free_incidence @ x
+
     def flat_strain(self, s: float, q: Array) -> float:
         """Distance on the line F + r F' at which det F vanishes first; infinite if it does nowhere."""
         F, along = self.gradient(s, q), self.rates(s, q)[-1]

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import dijkstra
 
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import norms
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.taut_edges import OnsetState, newton_taut
@@ -61,8 +62,7 @@ def onset_bounds(
 
 def admissible(path: BoundaryPath, lengths: Array, s: float, q: Array, x: Array) -> bool:
     """Whether all |L| < ℓ, with the rounding of L."""
-    L = path.boundary_vectors(path.gradient(s, q)) + path.network.free_incidence @ x
-    return bool((np.linalg.norm(L, axis=1) * (1 + 4 * EPS) + _rounding(path, s, q, x) < lengths).all())
+    return bool((norms(path.bond_vectors(s, q, x)) * (1 + 4 * EPS) + _rounding(path, s, q, x) < lengths).all())
 
 
 def _rounding(path: BoundaryPath, s: float, q: Array, x: Array) -> Array:
@@ -81,7 +81,7 @@ def _retreat(path: BoundaryPath, lengths: Array, state: OnsetState) -> float | N
         return None
     # Each edge by its own rounding and error, or the shortest would decide on all.
     rounding = _rounding(path, state.strain, state.free, state.coordinates) / lengths
-    excess = np.maximum(np.linalg.norm(state.bond_vectors(path), axis=1) / lengths - 1, 0.0)
+    excess = np.maximum(state.ratios(path, lengths) - 1, 0.0)
     own = np.where(state.taut, excess, 0.0)
     for margin in (4 * np.maximum(rounding, own), 4 * np.maximum(rounding, state.error), *RETREATS):
         shorter = newton_taut(path, (1 - margin) * lengths, state)
@@ -98,9 +98,8 @@ def _retreat(path: BoundaryPath, lengths: Array, state: OnsetState) -> float | N
 
 def _mixed(path: BoundaryPath, lengths: Array, state: OnsetState, interior: tuple[Array, Array]) -> float | None:
     """A convex combination with the interior point at strain zero, where bond vectors are linear in the unknowns."""
-    size = np.linalg.norm(state.bond_vectors(path), axis=1) / lengths
-    q_0, x_0 = interior
-    inner = np.linalg.norm(path.boundary_vectors(path.gradient(0.0, q_0)) + path.network.free_incidence @ x_0, axis=1)
+    size, (q_0, x_0) = state.ratios(path, lengths), interior
+    inner = norms(path.bond_vectors(0.0, q_0, x_0))
     rounding = _rounding(path, state.strain, state.free, state.coordinates) / lengths
     # Each edge is convex in the weight.
     weight = 2 * float(((np.maximum(size - 1, 0.0) + rounding) / (1 - inner / lengths)).max())

@@ -29,6 +29,7 @@ from critflow.critical.backbone import connected_parts
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.linalg.saddle import Saddle, SaddleFactor
 from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION
+from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, IntArray, Network
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.result import InputError, NetworkError
@@ -69,8 +70,11 @@ class OnsetState:
 
     def bond_vectors(self, path: BoundaryPath) -> Array:
         """L = F b + g x, (N_b, d)."""
-        F = path.gradient(self.strain, self.free)
-        return path.boundary_vectors(F) + path.network.free_incidence @ self.coordinates
+        return path.bond_vectors(self.strain, self.free, self.coordinates)
+
+    def ratios(self, path: BoundaryPath, lengths: Array) -> Array:
+        """|L|/ℓ, (N_b,)."""
+        return norms(self.bond_vectors(path)) / lengths
 
 
 def newton_taut(path: BoundaryPath, lengths: Array, start: OnsetState, damping: float = 0.0) -> OnsetState | None:

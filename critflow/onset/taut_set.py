@@ -85,7 +85,7 @@ def stressed(state: OnsetState) -> Mask:
 
 def _longer(path: BoundaryPath, lengths: Array, state: OnsetState) -> Mask:
     """Slack edges that are longer than ℓ."""
-    return ~state.taut & (np.linalg.norm(state.bond_vectors(path), axis=1) > (1 + VIOLATED) * lengths)
+    return ~state.taut & (state.ratios(path, lengths) > 1 + VIOLATED)
 
 
 def resolved(path: BoundaryPath, lengths: Array, state: OnsetState) -> bool:
@@ -105,10 +105,10 @@ def settled(path: BoundaryPath, lengths: Array, state: OnsetState) -> OnsetState
 
     They are those of a program that was less accurate than the taut part.
     """
-    L = state.bond_vectors(path)
-    longest = float((np.linalg.norm(L, axis=1) / lengths)[~state.taut].max(initial=0.0))
+    longest = float(state.ratios(path, lengths)[~state.taut].max(initial=0.0))
     if longest <= 1 or not np.isfinite(state.error):
         return state
+    L = state.bond_vectors(path)
     return replace(state, coordinates=placed(path.network, state.taut, lengths, L, state.coordinates, EXACT_CONE[0]))
 
 

@@ -160,11 +160,9 @@ def strain_path(
         raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
     if path.free and method != "newton":
         raise InputError("free components of the cell need Newton's method: method='newton'")
-    pattern = options.pattern
-    if pattern is None or first.part:
-        pattern = first.springs.pattern()
+    pattern = (None if first.part else options.pattern) or first.springs.pattern()
     course = Course(first.springs.network, path, method, options.tolerance, measure, pattern)
-    result = _solution(gamma, _follow(course, first, gamma), path, method, first.note)
+    result = _solution(course, gamma, _follow(course, first, gamma), first.note)
     return result.or_raise("the strain path stopped") if throw else result
 
 
@@ -194,13 +192,11 @@ def _follow(course: Course, first: Beginning, gamma: Array) -> list[Progress]:
     return reached
 
 
-def _solution(
-    gamma: Array, reached: list[Progress], deformation: Deformation, method: str, note: str
-) -> Solution[StrainPath]:
+def _solution(course: Course, gamma: Array, reached: list[Progress], note: str) -> Solution[StrainPath]:
     """The path up to the last strain that was reached, with the status of the last step."""
-    path, last = _assembled(gamma, reached, deformation), reached[-1]
+    path, last = _assembled(gamma, reached, course.deformation), reached[-1]
     stats = Stats(
-        method,
+        course.method,
         int(path.steps.sum()),
         residual=float(np.max(path.max_force[: len(path.states)], initial=0.0)),
         error_bound=float(np.nanmax(path.coordinate_error[: len(path.states)], initial=0.0)),

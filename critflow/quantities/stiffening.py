@@ -136,13 +136,12 @@ class StrainResponses:
         self.slips_by_L = [rate + L @ A - (2 * c * s / k)[:, None] * L for rate, A, c in slopes]
 
     def sums(self, number: int, growth: float) -> Sums:
-        """E_iij − growth·E_ii of the strains (i, i, j) of a triple, as a sum over edges at fixed responses u and λ."""
+        """E_iij − growth·E_ii of the strains (i, i, j) of a triple, and its derivatives at fixed responses u and λ."""
         triple, k, flexibility = self.triples[number], self.network.stiffness, self.flexibility
         s, L, c = self.unit_stress, self.bond_vectors, self.amplitudes
         m = [response.multipliers for response in self.energy.responses]
         i, _, j = triple.strains
         square, product, cube = growth * c[i] ** 2, c[i] ** 2 * c[j], s**2 * flexibility / k
-        edges = -square * s**2 * flexibility - 3 * product * s * cube
         by_s = -2 * square * s * flexibility - 9 * product * cube
         by_L = (-2 * square * s**2 / k - 6 * product * s**3 / k**2)[:, None] * L
         by_k = (square * s**2 + 6 * product * s**3 / k) * flexibility / k
@@ -153,7 +152,6 @@ class StrainResponses:
             a, b, size, curved = term.b, term.c, term.count * c[term.a], L @ (0.5 * (term.curvature + term.curvature.T))
             stretch, slipping = dot(self.rates[a], self.rates[b]) + dot(L, curved), c[a] * m[b] + c[b] * m[a]
             part = s * stretch + m[a] * self.slips[b] + m[b] * self.slips[a]
-            edges += size * part
             by_s += size * (stretch - slipping * flexibility)
             turned = self.rates[a] @ self.strains[b] + self.rates[b] @ self.strains[a] + 2 * curved
             slips = m[a][:, None] * self.slips_by_L[b] + m[b][:, None] * self.slips_by_L[a]
@@ -162,7 +160,7 @@ class StrainResponses:
             by_c[term.a] += term.count * float(np.sum(part))
             for one, other in ((a, b), (b, a)):
                 by_c[one] -= size * float(np.sum(m[other] * s * flexibility))
-        return float(np.sum(edges)), by_s, by_L, by_k, by_c
+        return self.energy.third[number] - growth * self.energy.second(i, i), by_s, by_L, by_k, by_c
 
     def derivatives(self, sums: Sums) -> tuple[float, Partials]:
         """C and its partial derivatives by σ and L, with those by the amplitudes, which are functions of σ̂ and L."""

@@ -153,3 +153,19 @@ def test_a_rough_tolerance_without_equal_lengths_is_a_descent():
     network = voronoi_network(30, seed=4)  # whose least length variance leaves edges slack
     rough = optimize(network, "length_variance", tolerance=1e-5, throw=False)
     assert rough.stats.method == "auto" and rough.objective == pytest.approx(1.59097e-5, rel=1e-3)
+
+
+def test_softening_can_be_optimised():
+    manifold = CriticalManifold(voronoi_network(n_vertices=20, seed=2))
+    least = optimize(manifold, "C_B", "lbfgs", throw=False, max_steps=150, tolerance=1e-6)
+    stiffest = optimize(manifold, "B_0")
+    # No network was found to soften more than the stiffest one, C_B = −B_0/2.
+    assert -0.5 * stiffest.objective - 1e-6 < least.objective < -0.45 * stiffest.objective
+
+
+def test_the_gap_to_the_bound():
+    best = optimize(NETWORK, "bulk_modulus")
+    assert best.bound == pytest.approx(upper_bound(NETWORK, "B_0"), rel=1e-14)
+    assert best.gap == 1 - best.objective / best.bound
+    assert abs(best.objective - best.bound) <= best.objective_error + 1e-14
+    assert np.isnan(optimize(NETWORK, "tension_variance").gap)

@@ -84,27 +84,6 @@ def test_derivatives_in_signed_stress_by_taylor_remainders():
     np.testing.assert_allclose(objective.hessian_product(objective.at(x), x), -point.gradient, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("signed", [False, True])
-@pytest.mark.parametrize("goal_name", ["tension_variance", "bulk_modulus"])
-def test_a_point_owns_the_state_of_its_derivatives(signed, goal_name):
-    # Other points, with other factors of P, are evaluated between the gradient and the Hessian-vector product.
-    network = voronoi_network(40, seed=1)
-    kind = SignedStressObjective if signed else StressObjective
-    objective = kind(CriticalManifold(network), objective_of(network, goal_name))
-    rng = np.random.default_rng(3)
-    x, direction = objective.unknowns(random_stress(60, 1)), rng.standard_normal(60)
-    point = objective.at(x)
-    expected, diagonal = objective.hessian_product(point, direction), objective.stiff_diagonal(point)
-    others = [objective.at(objective.unknowns(random_stress(60, seed))) for seed in (2, 3, 4)]
-    np.testing.assert_array_equal(objective.hessian_product(point, direction), expected)
-    np.testing.assert_array_equal(objective.stiff_diagonal(point), diagonal)
-    # All points are valid at the same time, in any order.
-    products = [objective.hessian_product(other, direction) for other in reversed(others)]
-    again = [objective.hessian_product(objective.at(other.x), direction) for other in reversed(others)]
-    np.testing.assert_array_equal(products, again)
-    assert np.abs(products[0] - expected).max() > 1e-3 * np.abs(expected).max()
-
-
 class FirstOrder(Quantity):
     """The tension variance, without its differential."""
 

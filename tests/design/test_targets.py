@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from derivatives import assert_derivative
 
 from critflow import (
     CriticalManifold,
@@ -144,14 +145,10 @@ def test_a_preference_selects():
     assert even.preference < 0.1 * np.var(near.value.lengths) / np.mean(near.value.lengths) ** 2
 
 
-def test_softening_beyond_the_stiffest_network_is_refused():
-    found = design(MANIFOLD, {"B_0": 0.27, "C_B": -0.135}, throw=False)
-    assert found.status is Status.infeasible and "largest B_0" in found.note
-
-
 @pytest.mark.parametrize(
     ("targets", "word"),
     [
+        ({"B_0": 0.27, "C_B": -0.135}, "largest B_0"),
         ({"B_0": 0.25, "G_0": (0.0, 0.01), "C_B": 0.1, "C_G": -0.05}, "C_G is at least"),
         ({"B_0": upper_bound(MANIFOLD, "B_0"), "C_B": 0.0}, "every configuration"),
         ({"B_0": -0.1}, "never negative"),
@@ -171,10 +168,8 @@ def test_a_search_that_ends_too_early_is_not_ok():
 
 @pytest.mark.parametrize("name", LIMITED["stress"])
 def test_gradients_of_limits_of_edges_agree_with_differences(name):
-    rng, edges, h = np.random.default_rng(4), np.array([3, 17, 40]), 1e-4
-    sigma, change = np.exp(0.3 * rng.normal(size=90)), rng.normal(size=90)
-    limits = EdgeLimits.of(name, (0.1, None), 90)
-    there = [limits.values(MANIFOLD.balance(sigma + n * h * change))[edges] for n in (-2, -1, 1, 2)]
-    expected = (there[0] - 8 * there[1] + 8 * there[2] - there[3]) / (12 * h)
-    found = limits.rows(MANIFOLD.balance(sigma), edges) @ change
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11)
+    rng, edges = np.random.default_rng(4), np.array([3, 17, 40])
+    sigma, change, limits = np.exp(0.3 * rng.normal(size=90)), rng.normal(size=90), EdgeLimits.of(name, (0.1, None), 90)
+    rows = limits.rows(MANIFOLD.balance(sigma), edges)
+    values = lambda s: limits.values(MANIFOLD.balance(s))[edges]  # noqa: E731
+    assert_derivative(values, lambda direction: rows @ direction, sigma, [change], 1e-4, 1e-9, 1e-11)

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import NETWORKS, dense_bond_vectors, dense_free, voronoi_3d
+from problems import NETWORKS, dense_free, voronoi_3d
 
 from critflow import (
     CriticalManifold,
     SolveError,
     Status,
     critical_from_lengths,
-    three_bar_linkage,
     voronoi_network,
 )
 from critflow.solvers.cone import fit_lengths
@@ -24,23 +23,6 @@ NETWORK = voronoi_network(100, seed=1)
 
 def lengths(spread: float, seed: int = 0, n_edges: int = 150) -> np.ndarray:
     return 1 + spread * np.random.default_rng(seed).standard_normal(n_edges)
-
-
-@pytest.mark.parametrize("spread, seed", [(0.0, 0), (0.05, 1), (0.1, 2)])
-def test_lengths_are_proportional_and_forces_balance(spread, seed):
-    target = lengths(spread, seed)
-    solution = critical_from_lengths(NETWORK, target)
-    assert solution.status is Status.ok
-    assert len(solution.slack_edges) == 0
-    assert solution.value.residual < 1e-12
-    assert (solution.value.sigma > 0).all()
-    ratio = solution.value.lengths / target
-    np.testing.assert_allclose(ratio, ratio.mean(), rtol=1e-12)
-    assert ratio.mean() == pytest.approx(solution.ratio, rel=1e-8)
-    # The stresses alone determine it, to rounding times the condition of P, below 1e3.
-    np.testing.assert_allclose(
-        solution.value.bond_vectors, dense_bond_vectors(NETWORK, solution.value.sigma), rtol=0, atol=1e-12
-    )
 
 
 @settings(max_examples=settings.default.max_examples // 2)
@@ -56,14 +38,7 @@ def test_uniqueness_on_any_network(seed, n_cells):
     assert solution.ratio == pytest.approx(0.2, rel=1e-9)
     np.testing.assert_allclose(solution.value.sigma, configuration.sigma, rtol=1e-8)
     np.testing.assert_allclose(solution.value.lengths, configuration.lengths, rtol=1e-11)
-
-
-def test_linkage_lengths():
-    solution = critical_from_lengths(three_bar_linkage(), [1.0, 2.0, 3.0])
-    assert solution.status is Status.ok
-    np.testing.assert_allclose(solution.value.bond_vectors[:, 0], [0.5, 1.0, 1.5], rtol=1e-12)
-    # Equal tensions in a row.
-    np.testing.assert_allclose(solution.value.tensions, solution.value.tensions.mean(), rtol=1e-12)
+    assert np.ptp(solution.value.lengths / configuration.lengths) < 1e-11 and not len(solution.slack_edges)
 
 
 SLACK = {

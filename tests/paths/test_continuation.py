@@ -7,36 +7,14 @@ from problems import (
     partly_compressed,
     relaxed_directly,
     stiff_lattice,
-    with_random_stiffness,
 )
 
 from critflow import CriticalManifold, SolveError, Status, WormLike, critical_from_lengths, strain_path
 from critflow import voronoi_network as voronoi
 from critflow.networks.deformation import deformation_of
 from critflow.paths import continuation
-from critflow.paths.continuation import Course, _departure, begin
 from critflow.paths.predictor import Predictor
-from critflow.paths.start import start_of
-from critflow.paths.strain_path import PathSolver
 from critflow.springs.free_cell import stretched
-
-
-def test_failed_path_names_the_strain():
-    critical = critical_of(voronoi(40, seed=1))
-    # No solve reaches a force of 1e-30.
-    solution = strain_path(critical, [0.001, 0.002], solver=PathSolver(tolerance=1e-30), throw=False)
-    assert solution.status is not Status.ok
-    assert solution.value.status[1] == Status.missing
-    assert np.isnan(solution.value.energy).all()
-    with pytest.raises(SolveError, match=r"0\.001"):
-        strain_path(critical, [0.001, 0.002], solver=PathSolver(tolerance=1e-30))
-
-
-def test_steps_start_near_their_solution():
-    # Extrapolation of third order along an even path leaves a step or two to Newton's method.
-    critical = critical_of(voronoi(40, seed=1))
-    path = strain_path(critical, np.linspace(0.001, 0.02, 20)).value
-    assert path.steps[3:].max() <= 3
 
 
 def test_path_ends_with_the_range_of_its_law():
@@ -47,7 +25,8 @@ def test_path_ends_with_the_range_of_its_law():
     solution = strain_path(critical, strains, law=law, throw=False)
     assert solution.status is Status.stalled
     path = solution.value
-    assert len(path.states) == 20
+    assert len(path.states) == 20 and path.status[21] == Status.missing
+    assert path.steps[3:19].max() <= 4
     assert path.strains[19] < 1.02**2 - 1 < path.strains[20]
     assert (np.diff(path.bulk_modulus[:20]) > 0).all()
     assert np.isnan(path.bulk_modulus[20:]).all()
@@ -129,21 +108,6 @@ def test_the_velocity_at_a_transition_is_found_where_it_is_needed(measure):
     strains = [6.4e-8, 1.2e-7, 7.2e-6, 9e-5, 3e-4]
     solution = strain_path(critical, strains, measure=measure, deformation="pure_shear")
     assert solution.ok and not solution.value.inserted.any()
-
-
-def test_the_velocity_at_a_transition_is_the_limit_of_that_past_it():
-    # Stiffnesses other than one: the stress η σ of the limit is a tension of springs k.
-    critical = critical_of(with_random_stiffness(voronoi(20, seed=3), 2))
-    deformation, springs = deformation_of("simple_shear", 2), start_of(critical, None, False).springs
-    work = np.vdot(critical.sigma[:, None] * critical.bond_vectors, critical.bond_vectors @ deformation.velocity(0.0).T)
-    course = Course(critical.network, deformation, "newton", 1e-14, "energy", springs.pattern())
-    start = begin(course, springs, critical.sigma).point
-    tense = np.copysign(1e-6, work)
-    velocity = _departure(course, start, tense).predictor.points[-1][2]
-    past = strain_path(critical, [tense, 2 * tense], deformation).value.states
-    y = [course.cell(strain, np.zeros(0)).point(state) for strain, state in zip((tense, 2 * tense), past, strict=True)]
-    expected = (2 * (y[0] - start.cell.point(springs)) - 0.5 * (y[1] - start.cell.point(springs))) / tense
-    np.testing.assert_allclose(velocity, expected, rtol=0, atol=1e-4 * np.abs(expected).max())
 
 
 def test_no_strain_exceeds_its_budget(monkeypatch):
