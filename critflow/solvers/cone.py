@@ -162,16 +162,18 @@ def _solve(
     n_further = max([len(rates), *(part.shape[1] for part in (extents, limits) if part is not None)])
     n_limits = 0 if limits is None else limits.shape[0]
     # Clarabel requires b − A z in the cones, for z = (x, y).
-    moved = np.zeros((m, d + 1, len(rates)))
-    moved[:, 1:] = rates.transpose(1, 2, 0)
-    none = sp.csc_array((m * (d + 1), n_further - len(rates)))
-    by_y = sp.hstack([sp.csc_array(moved.reshape(m * (d + 1), -1)), none])
-    if extents is not None:
-        by_y = by_y + sp.kron(extents, np.eye(d + 1, 1), "csc")
-    by_x = sp.kron(incidence, np.eye(d + 1)[:, 1:], "csc")
-    rows = [[by_x, by_y]] if limits is None else [[by_x, by_y], [None, limits]]
-    A = -sp.csc_matrix(sp.block_array(rows, format="csc"))
-    A.sum_duplicates()
+    g, (k, moved, axis) = incidence.tocoo(), np.nonzero(rates)
+    axes = np.arange(d)
+    rows = [((d + 1) * g.row[:, None] + 1 + axes).ravel(), (d + 1) * moved + 1 + axis]
+    cols = [(d * g.col[:, None] + axes).ravel(), d * n + k]
+    values = [np.repeat(-g.data, d), -rates[k, moved, axis]]
+    for part, start, step in ((extents, 0, d + 1), (limits, (d + 1) * m, 1)):
+        if part is not None:
+            by_y = part.tocoo()
+            rows, cols = [*rows, start + step * by_y.row], [*cols, d * n + by_y.col]
+            values.append(-by_y.data)
+    shape = ((d + 1) * m + n_limits, d * n + n_further)
+    A = sp.csc_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=shape)
     cones: list[object] = [clarabel.SecondOrderConeT(d + 1)] * m
     if n_limits:
         cones.append(clarabel.NonnegativeConeT(n_limits))
