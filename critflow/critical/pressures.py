@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from critflow.linalg.factor import Entries, Factor, FixedPattern
-from critflow.linalg.matrices import free_ends
+from critflow.linalg.matrices import end_pairs, free_ends
 from critflow.linalg.tolerances import EPS
 from critflow.networks.checks import edge_values
 from critflow.networks.faces import Faces
@@ -225,18 +225,14 @@ class PressureBalance:
 
 def _pattern(network: Network, backend: str) -> FixedPattern:
     """[[P, −Q], [Q, P]] over the free coordinates, (2 n_free)², from (σ, q) (2 N_b,)."""
-    n, edge = len(network.free), np.arange(network.n_edges)
+    entries = [Entries(2 * i + a, 2 * j + a, edge, sign) for i, j, edge, sign in end_pairs(network) for a in (0, 1)]
     tail, head = free_ends(network).T
-    entries = []
-    for i, j, sign in ((tail, tail, 1.0), (head, head, 1.0), (tail, head, -1.0), (head, tail, -1.0)):
-        inside = (i >= 0) & (j >= 0)
-        entries += [Entries(2 * i[inside] + a, 2 * j[inside] + a, edge[inside], sign) for a in (0, 1)]
-    inside = (tail >= 0) & (head >= 0)
-    t, h, source = tail[inside], head[inside], network.n_edges + edge[inside]
+    edge = np.flatnonzero((tail >= 0) & (head >= 0))
+    t, h, source = tail[edge], head[edge], network.n_edges + edge
     # The contributions of the edges around a vertex to its own block cancel, since q sums to zero there.
     for i, j, sign in ((2 * t, 2 * h + 1, -0.5), (2 * h, 2 * t + 1, 0.5)):
         entries += [Entries(i, j, source, sign), Entries(j, i, source, sign)]
-    return FixedPattern(2 * n, 2 * network.n_edges, entries, backend)
+    return FixedPattern(2 * len(network.free), 2 * network.n_edges, entries, backend)
 
 
 def _exact_jumps(jumps: sp.csr_array, p: Array) -> Extended:
