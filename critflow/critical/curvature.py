@@ -182,6 +182,14 @@ class PrincipalCurvatures(Record):
         """κ, (n,), in units of 1/h."""
         return 1 / self.radii
 
+    @property
+    def log_gaussian(self) -> float:
+        """log|Πκ|: of all N_b − 1 curvatures this is the Gaussian one, K, whose sign is that of Πκ.
+
+        Error bound (proof up to the rounding of the products): Σ residuals/(1 − residuals).
+        """
+        return -float(np.log(np.abs(self.radii)).sum())
+
 
 @checked
 def principal_curvatures(

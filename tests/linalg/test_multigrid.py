@@ -5,7 +5,6 @@ import pytest
 from problems import random_stress
 
 from critflow import CriticalManifold, InputError, Status
-from critflow.critical.gaussian import gaussian_curvature
 from critflow.generators.tessellations import voronoi_tessellation
 from critflow.linalg import backends, multigrid
 from critflow.linalg.backends import CROSSOVERS, choose_backend
@@ -45,7 +44,6 @@ def test_what_multigrid_cannot_serve_is_refused():
         lambda: manifold.solve(SIGNED),
         lambda: manifold.balance(STRESS).factor.pivots,
         lambda: manifold.hessian.factorize(np.ones(6 * FOAM.n_edges)),
-        lambda: gaussian_curvature(manifold, STRESS),
     ):
         with pytest.raises(InputError, match=r"pyamg.*positive stresses.*'(qdldl|superlu|metis|pardiso)'"):
             call()
