@@ -43,7 +43,7 @@ IntArray = NDArray[np.int32]
 # Per vertex in two dimensions the Laplacian has 2.5 entries, the others 9 and 12.5.
 CROSSOVERS = {"pardiso": 20_000, "metis": 120_000, "superlu": 150_000}
 # Entries of a Laplacian in space, 3 a vertex of a foam, from which multigrid is faster than each of them for one matrix
-# and three solves: 0.27 against 0.13, 0.43 and 1.2 s at 20,000 vertices, 0.7 against 0.6 and 3.1 s at 50,000.
+# and three solves: 0.27 against 0.12, 0.41 and 1.2 s at 20,000 vertices, 0.8 against 0.7 and 2.2 s at 50,000.
 MULTIGRID = "pyamg"
 MULTIGRID_CROSSOVERS = {"pardiso": 200_000, "metis": 60_000, "superlu": 60_000}
 
