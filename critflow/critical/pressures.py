@@ -28,7 +28,7 @@ from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, add, extended, multiply, two_sum
 from critflow.precision.geometry import ExtendedGeometry
 from critflow.precision.refinement import HOPELESS, LOST, MOST_STEPS, SAFETY, UNSEEN, magnification
-from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.result import InputError, Record, Solution, Stats, Status, Value
 
 # Force of the pressures on an edge from its left to its right, from (L_x, L_y): q(L_y, −L_x), half at each end.
 _TURNED = np.array([0.5, -0.5])
@@ -75,10 +75,10 @@ class PressurisedConfiguration(Record):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PressureSolution(Solution[PressurisedConfiguration]):
-    """The configuration of a stress and pressures.
+class ForceBalance(Solution[Value]):
+    """The configuration of a stress, or of a stress and pressures.
 
-    negative_pivots  number of negative eigenvalues of P(σ) + iQ(q)
+    negative_pivots  number of negative eigenvalues of P(σ), or of P(σ) + iQ(q)
     """
 
     negative_pivots: int
@@ -118,7 +118,9 @@ class PressureManifold:
         self._geometry = ExtendedGeometry(network)
         self._spread = abs(network.divergence)
 
-    def solve(self, sigma: ArrayLike, pressures: ArrayLike, throw: bool = False) -> PressureSolution:
+    def solve(
+        self, sigma: ArrayLike, pressures: ArrayLike, throw: bool = False
+    ) -> ForceBalance[PressurisedConfiguration]:
         """The configuration under σ (N_b,) of any sign and p (N_f,), refined, with an estimate of its error.
 
         Coordinates are NaN where P + iQ is singular or so nearly singular that no digit is certain.
@@ -140,7 +142,7 @@ class PressureManifold:
             placed, L, error = np.full_like(placed, np.nan), np.full_like(L, np.nan), np.nan
         value = PressurisedConfiguration(network, stress, p, placed, L, error)
         stats = Stats("force density", steps, residual=value.residual, condition=condition, error_bound=error)
-        solution = PressureSolution(
+        solution = ForceBalance(
             value=value,
             status=Status.ok if certain else Status.ill_conditioned,
             stats=stats,

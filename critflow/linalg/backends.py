@@ -199,17 +199,7 @@ def choose_backend(backend: str, n_entries: int, in_space: bool = False) -> str:
         return larger if n_entries > CROSSOVERS[larger] else "qdldl"
     if backend in installed:
         return backend
-    if backend in (*CROSSOVERS, MULTIGRID):
-        extra = "multigrid" if backend == MULTIGRID else "fast"
-        raise InputError(
-            f"the backend {backend!r} is not installed: pip install 'critflow[{extra}]', or backend='auto'"
-        )
     raise InputError(
-        f"there is no backend {backend!r}: choose 'auto' or one of {', '.join(installed)}, and pip install "
+        f"no backend {backend!r} is installed: choose 'auto' or one of {', '.join(installed)}, and pip install "
         "'critflow[fast,multigrid]' for all of them"
     )
-
-
-def make_backend(name: str, model: sp.csc_matrix) -> Backend:
-    """The backend of an installed name, with its analysis of the pattern of the model."""
-    return eliminating_backends()[name](model)

@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.linalg import multigrid
-from critflow.linalg.backends import MULTIGRID, Backend, choose_backend, make_backend, multiply
+from critflow.linalg.backends import MULTIGRID, Backend, choose_backend, eliminating_backends, multiply
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.result import InputError
@@ -109,7 +109,7 @@ class FixedPattern:
                 return factor
             self._refuse("mixed signs or other matrices")
         if not self._solvers:
-            self._add(make_backend(self._elimination, self._model()))
+            self._add(eliminating_backends()[self._elimination](self._model()))
         self._eliminate(factor, 0)
         return factor
 
@@ -165,7 +165,7 @@ class FixedPattern:
         unused = (place for place, owner in enumerate(self._owners) if place and owner() is None)
         place = next(unused, len(self._solvers))
         if not self._solvers:
-            self._add(make_backend(self._elimination, self._model()))
+            self._add(eliminating_backends()[self._elimination](self._model()))
         elif place == len(self._solvers):
             self._add(self._solvers[0].another(self._model()))
         self._eliminate(factor, place)
