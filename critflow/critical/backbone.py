@@ -13,12 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import connected_components
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
+from critflow.networks.blocks import components
 from critflow.networks.network import IntArray, Network
 from critflow.result import InputError, Record
 
@@ -113,9 +112,8 @@ def taut_edges(network: Network, taut: ArrayLike) -> Mask:
 def connected_parts(network: Network, kept: Mask) -> list[Mask]:
     """Edges (N_b,) of each connected part of the kept edges, all pins counted as joined."""
     pins = np.fromiter(network.pins, int, len(network.pins))
-    tail, head = (np.concatenate(ends) for ends in zip(network.edges[kept].T, (pins[:-1], pins[1:]), strict=True))
-    graph = sp.coo_array((np.ones(len(tail)), (tail, head)), shape=(network.n_vertices,) * 2)
-    part = connected_components(graph, directed=False)[1][network.edges[:, 0]]
+    joined = np.concatenate([network.edges[kept], np.stack([pins[:-1], pins[1:]], axis=1)])
+    part = components(joined, network.n_vertices)[network.edges[:, 0]]
     return [kept & (part == number) for number in np.unique(part[kept])]
 
 

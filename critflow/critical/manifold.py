@@ -18,7 +18,6 @@ from typing import Any, overload
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import checked
@@ -26,6 +25,7 @@ from critflow.critical.pressures import ForceBalance, PressureManifold, Pressuri
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
+from critflow.networks.blocks import components
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.networks.support import check_opened
@@ -326,10 +326,8 @@ class CriticalManifold:
     def _connected(self, sigma: Array) -> bool:
         """Whether stressed edges connect every vertex to a fixed one."""
         fixed = np.setdiff1d(np.arange(self.network.n_vertices), self.network.free)
-        joined = [*self.network.edges[sigma != 0].T, fixed[:-1], fixed[1:]]
-        ends = np.concatenate(joined[::2]), np.concatenate(joined[1::2])
-        graph = sp.coo_array((np.ones(len(ends[0])), ends), shape=(self.network.n_vertices,) * 2)
-        return bool(connected_components(graph, directed=False)[0] == 1)
+        joined = np.concatenate([self.network.edges[sigma != 0], np.stack([fixed[:-1], fixed[1:]], axis=1)])
+        return not components(joined, self.network.n_vertices).any()
 
     def balance(self, sigma: Array) -> Balance:
         """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation."""

@@ -57,12 +57,7 @@ class Saddle:
                     edge = np.flatnonzero(end >= 0)
                     yield Entries(d * end[edge] + axis, n_coordinates + edge, n_edges * (1 + axis) + edge, sign)
 
-        self._pattern = FixedPattern(n_coordinates + n_edges, n_edges * (1 + d), entries(), backend)
-
-    @property
-    def backend(self) -> str:
-        """Name of the sparse solver."""
-        return self._pattern.backend
+        self.pattern = FixedPattern(n_coordinates + n_edges, n_edges * (1 + d), entries(), backend)
 
     def factorize(
         self,
@@ -77,12 +72,12 @@ class Saddle:
         """
         shift = self._shifts(sigma, regularisation)
         length = np.linalg.norm(bond_vectors, axis=1)
-        compliances = np.zeros(self._pattern.size)
+        compliances = np.zeros(self.pattern.size)
         if compliance is not None:
             compliances[self._shape[0] * self._shape[1] :] = compliance / _divisors(length) ** 2
-        scale = np.full(self._pattern.size, float(np.mean(length)))
+        scale = np.full(self.pattern.size, float(np.mean(length)))
         scale[: self._shape[0] * self._shape[1]] = float(np.mean(np.abs(sigma) * length))
-        factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift - compliances)
+        factor = self.pattern.factorize(self._values(sigma, bond_vectors), shift - compliances)
         return SaddleFactor(factor, shift, sigma / np.linalg.norm(sigma), scale, _divisors(length))
 
     def stable(self, sigma: Array, bond_vectors: Array, margin: float = STABLE_MARGIN) -> bool:
@@ -95,11 +90,11 @@ class Saddle:
         n_coordinates = self._shape[0] * self._shape[1]
         shift = self._shifts(sigma)
         shift[:n_coordinates] = -margin * float(np.mean(np.abs(sigma)))
-        factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift)
-        return factor.sound and factor.n_negative == self._pattern.size - n_coordinates
+        factor = self.pattern.factorize(self._values(sigma, bond_vectors), shift)
+        return factor.sound and factor.n_negative == self.pattern.size - n_coordinates
 
     def _shifts(self, sigma: Array, regularisation: float = REGULARISATION) -> Array:
-        shift = np.zeros(self._pattern.size)
+        shift = np.zeros(self.pattern.size)
         shift[self._shape[0] * self._shape[1] :] = -regularisation / (self._shape[1] * float(np.mean(np.abs(sigma))))
         return shift
 
@@ -181,23 +176,14 @@ class CondensedSaddle:
 
     def __init__(self, network: Network, backend: str = "auto"):
         self._network = network
-        self._pattern = block_laplacian(network, backend)
-
-    @property
-    def backend(self) -> str:
-        """Name of the sparse solver."""
-        return self._pattern.backend
-
-    def stable(self, sigma: Array, bond_vectors: Array, margin: float = STABLE_MARGIN) -> bool:
-        """Whether every stress is positive, by `margin` times the mean: this class serves no other case."""
-        return positive(sigma, margin)
+        self.pattern = block_laplacian(network, backend)
 
     def factorize(self, sigma: Array, bond_vectors: Array) -> CondensedFactor:
         """The factor at stresses σ > 0 (N_b,) and bond vectors L (N_b, d)."""
         square = np.einsum("ad,ad->a", bond_vectors, bond_vectors)
         # Relative to |L|²: directions count, or rounding would hide the equations of short edges.
         weight = CONDENSED_WEIGHT * float(np.mean(np.abs(sigma))) / square
-        factor = self._pattern.factorize(edge_blocks(weight, bond_vectors, sigma))
+        factor = self.pattern.factorize(edge_blocks(weight, bond_vectors, sigma))
         return CondensedFactor(self._network, factor, sigma, bond_vectors, np.sqrt(square), weight)
 
 
