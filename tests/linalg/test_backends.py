@@ -178,9 +178,3 @@ def test_what_is_missing_is_said(extras):
     for name in {"metis", "pardiso", "umfpack"} - extras:
         with pytest.raises(InputError, match=rf"'{name}' is installed.*'auto' or one of qdldl.*critflow\[fast,"):
             CriticalManifold(voronoi_network(20, seed=1), name)
-
-
-def test_small_networks_use_qdldl():
-    network = voronoi_network(1000, seed=1)
-    assert laplacian(network).backend == block_laplacian(network).backend == "qdldl"
-    assert block_laplacian(network).factorize(np.ones(3 * network.n_edges)).backend == "qdldl"
