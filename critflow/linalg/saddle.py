@@ -158,10 +158,14 @@ class SaddleFactor:
         residual, sum_residual = right, sums
         for _ in range(max_refinements):
             change = self.factor.solve(residual)
-            step = np.linalg.solve(schur, border @ change - sum_residual)
-            trial, trial_y = solution + change - step @ through, y + step
-            residual = right - self.factor.multiply(trial) + self.shift * trial - trial_y @ border
-            sum_residual = sums - border @ trial - corner @ trial_y
+            trial, trial_y = solution + change, y
+            if k:
+                step = np.linalg.solve(schur, border @ change - sum_residual)
+                trial, trial_y = trial - step @ through, y + step
+            residual = right - self.factor.multiply(trial) + self.shift * trial
+            if k:
+                residual -= trial_y @ border
+                sum_residual = sums - border @ trial - corner @ trial_y
             error = float(np.max(np.abs(residual) / self.scale))
             if not error < CONTRACTION * best:
                 break
