@@ -26,6 +26,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from critflow.linalg import multigrid
 from critflow.linalg.pardiso import MKL, Pardiso
+from critflow.linalg.products import product
 from critflow.result import InputError
 
 try:
@@ -162,7 +163,7 @@ def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
 def multiply(upper: sp.csc_matrix, lower: sp.csr_matrix, x: Array) -> Array:
     """A x of the symmetric matrix with this upper triangle and its transpose, x (n,) or (n, d)."""
     diagonal = upper.data[upper.indptr[1:] - 1]
-    return upper @ x + lower @ x - (diagonal * x.T).T
+    return product(upper, x) + product(lower, x) - (diagonal * x.T).T
 
 
 # Solvers by name, without the optional ones.  A further solver is a further entry.
