@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
 from functools import reduce, wraps
 from types import UnionType
 from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin
@@ -146,10 +145,6 @@ class _Kinds:
             return f": use numpy.random.default_rng({value})"
         if reason := getattr(value, "alone", ""):
             return f": {reason}"
-        inner = [("value", value.value)] if isinstance(value, Solution) else []
-        inner += [(f.name, getattr(value, f.name, None)) for f in fields(value)] if is_dataclass(value) else []
-        if words := [name for name, part in inner if isinstance(part, tuple(self.classes))]:
-            return f": use its .{words[0]}"
         return ": use its .value" if isinstance(value, Solution) else ""
 
 

@@ -93,7 +93,7 @@ def _shown_fields(record: Any, left_out: tuple[str, ...] = ()) -> list[str]:
 
 def _brief(value: Any) -> str:
     """A value in a few characters."""
-    if isinstance(value, Record | Solution):
+    if isinstance(value, Record):
         return f"{type(value).__name__}(...)"
     if isinstance(value, float | np.floating):
         return f"{value:.6g}"
@@ -132,7 +132,7 @@ class Stats(Record):
 
 
 @dataclass(frozen=True)
-class Solution(Generic[Value]):
+class Solution(Record, Generic[Value]):
     """The outcome of a solve: `status` says whether `value` is trustworthy, `note` explains it in one sentence.
 
     A solution is true where its status is `ok`: `if solution:`.
@@ -148,10 +148,6 @@ class Solution(Generic[Value]):
     status: Status
     stats: Stats
     note: str = ""
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
         note = [f"note={_brief(self.note)}"] * bool(self.note)

@@ -143,11 +143,8 @@ CALLS = {
     ),
     "stress_hessian": lambda p, r: call.stress_hessian(critical_of(p), r.choice(["bulk_modulus", "length_variance"])),
     "flat_directions": lambda p, r: call.flat_directions(critical_of(p)),
-    "gaussian_curvature": lambda p, r: call.gaussian_curvature(CriticalManifold(p.network), p.sigma),
     "principal_curvatures": lambda p, r: call.principal_curvatures(CriticalManifold(p.network), p.sigma),
-    "principal_curvatures few": lambda p, r: call.principal_curvatures(
-        CriticalManifold(p.network), p.sigma, 1, r.choice(["flat", "sharp"])
-    ),
+    "principal_curvatures few": lambda p, r: call.principal_curvatures(CriticalManifold(p.network), p.sigma, 1),
     "surface_geometry": lambda p, r: call.surface_geometry(
         CriticalManifold(p.network), StereographicChart.about(p.sigma), numbers(r, len(p.sigma) - 1)
     ),

@@ -3,24 +3,21 @@
 Where edges are slack, σ = 0, they carry nothing: rigidity, moduli and coefficients are those of the taut part, and the
 slack part is floppy.  The taut part may fall into components, each with a self-stress.
 
-A free vertex of two taut edges lies on a straight line between them, so a chain of such edges is one cable: a spring of
-stiffness 1/Σ k⁻¹.  Chains need no special treatment, since their vertices follow from balance: motions along the chain
-share out its elongation, and tension resists the transverse ones.
+A chain of taut edges through free vertices of two edges is one straight cable, a spring of stiffness 1/Σ k⁻¹.  It needs
+no special treatment, since its vertices follow from balance: motions along the chain share out its elongation, and
+tension resists the transverse ones.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import connected_components
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
-from critflow.networks.chains import chains
+from critflow.networks.blocks import components
 from critflow.networks.network import IntArray, Network
 from critflow.result import InputError, Record
 
@@ -28,37 +25,16 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class TautComponent(Record):
-    """A connected part of the stressed edges, with its configuration.
-
-    configuration  of the network of these edges
-    edges          (n,) indices of its edges in the whole network
-    vertices       indices of its vertices in the whole network
-    cables         (n,) cable of each edge, 0 … n_cables − 1
-    """
-
-    configuration: CriticalConfiguration
-    edges: IntArray
-    vertices: IntArray
-    cables: IntArray
-
-    @property
-    def n_cables(self) -> int:
-        """Number of cables: chains of edges through free vertices of two edges."""
-        return int(self.cables.max()) + 1
-
-
-@dataclass(frozen=True, eq=False)
 class Backbone(Record):
     """The stressed part of a critical configuration.
 
     taut        (N_b,) whether σ ≠ 0
-    components  its connected parts, all pins counted as joined
+    components  configurations of its connected parts, all pins counted as joined
     """
 
     critical: CriticalConfiguration
     taut: Mask
-    components: tuple[TautComponent, ...]
+    components: tuple[CriticalConfiguration, ...]
 
     @property
     def n_slack(self) -> int:
@@ -71,29 +47,19 @@ class Backbone(Record):
         return float(self.taut.mean())
 
     @property
-    def n_cables(self) -> int:
-        """Number of cables of all components."""
-        return sum(component.n_cables for component in self.components)
-
-    @cached_property
     def floppy_vertices(self) -> IntArray:
         """Vertices that no stressed edge meets: nothing determines their coordinates."""
         everywhere = np.arange(self.critical.network.n_vertices)
         return np.setdiff1d(everywhere, self.critical.network.edges[self.taut])
 
     @property
-    def component(self) -> TautComponent:
-        """The component where there is one, else an `InputError`."""
+    def configuration(self) -> CriticalConfiguration:
+        """The configuration of the only component; `InputError` for several."""
         if len(self.components) > 1:
             raise InputError(
                 f"the taut part falls into {len(self.components)} components, each with a self-stress: use `components`"
             )
         return self.components[0]
-
-    @property
-    def configuration(self) -> CriticalConfiguration:
-        """The configuration of the only component; `InputError` for several."""
-        return self.component.configuration
 
     @property
     def network(self) -> Network:
@@ -107,9 +73,9 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
 
     Each component has σ scaled to Σσ² = n, and the bond vectors and coordinates of the whole; where the whole has error
     bounds, those in balance under the scaled stress with bounds of their own.  Without pins its first vertex is at the
-    origin.
+    origin.  Where no edge is slack the configuration itself is the only component.
 
-    Raises `InputError` for stresses that are not finite or zero everywhere, and as `taut_networks`.
+    Raises `InputError` for a configuration with NaN or without stress, and as `taut_networks`.
 
     >>> import critflow as cf
     >>> from critflow.critical.backbone import backbone
@@ -120,24 +86,17 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
     >>> int(found.taut.sum()), len(found.components)
     (30, 1)
     """
-    network, sigma = critical.network, critical.sigma
-    if not np.isfinite(sigma).all() or not sigma.any():
-        raise InputError("a backbone needs a stress that is finite and not zero everywhere: solve for one first")
-    taut = sigma != 0
+    sigma, taut = critical.sigma, critical.sigma != 0
+    if not (np.isfinite(sigma).all() and np.isfinite(critical.bond_vectors).all() and taut.any()):
+        raise InputError(
+            "a backbone needs bond vectors and a stress that are finite, and not zero everywhere: look at the status "
+            "of the solution that the configuration comes from"
+        )
     if taut.all():
-        everything = np.arange(network.n_edges)
-        whole = TautComponent(critical, everything, np.arange(network.n_vertices), cables(network))
-        return Backbone(critical, taut, (whole,))
-    return Backbone(critical, taut, tuple(_component(critical, *part) for part in taut_networks(network, taut)))
-
-
-def taut_configurations(critical: CriticalConfiguration) -> tuple[CriticalConfiguration, ...]:
-    """The configurations of the components of the backbone; the configuration itself where no edge is slack."""
-    if not np.isfinite(critical.bond_vectors).all():
-        raise InputError("the configuration is unknown, it has NaN: look at the status of the solution it comes from")
-    if critical.sigma.all():
-        return (critical,)
-    return tuple(component.configuration for component in backbone(critical).components)
+        return Backbone(critical, taut, (critical,))
+    return Backbone(
+        critical, taut, tuple(_component(critical, *part) for part in taut_networks(critical.network, taut))
+    )
 
 
 def taut_edges(network: Network, taut: ArrayLike) -> Mask:
@@ -153,17 +112,9 @@ def taut_edges(network: Network, taut: ArrayLike) -> Mask:
 def connected_parts(network: Network, kept: Mask) -> list[Mask]:
     """Edges (N_b,) of each connected part of the kept edges, all pins counted as joined."""
     pins = np.fromiter(network.pins, int, len(network.pins))
-    tail, head = (np.concatenate(ends) for ends in zip(network.edges[kept].T, (pins[:-1], pins[1:]), strict=True))
-    graph = sp.coo_array((np.ones(len(tail)), (tail, head)), shape=(network.n_vertices,) * 2)
-    part = connected_components(graph, directed=False)[1][network.edges[:, 0]]
+    joined = np.concatenate([network.edges[kept], np.stack([pins[:-1], pins[1:]], axis=1)])
+    part = components(joined, network.n_vertices)[network.edges[:, 0]]
     return [kept & (part == number) for number in np.unique(part[kept])]
-
-
-def cables(network: Network) -> IntArray:
-    """Cable (N_b,) of each edge: edges are one cable if a free vertex joins these two and no other."""
-    middle = np.bincount(network.edges.ravel(), minlength=network.n_vertices) == 2
-    middle[list(network.pins)] = False
-    return chains(network.edges, middle)[0]
 
 
 def taut_networks(network: Network, taut: Mask) -> list[tuple[Network, IntArray, IntArray]]:
@@ -191,12 +142,14 @@ def taut_networks(network: Network, taut: Mask) -> list[tuple[Network, IntArray,
     return parts
 
 
-def _component(critical: CriticalConfiguration, part: Network, edges: IntArray, vertices: IntArray) -> TautComponent:
+def _component(
+    critical: CriticalConfiguration, part: Network, edges: IntArray, vertices: IntArray
+) -> CriticalConfiguration:
     x, sigma = critical.coordinates[vertices], critical.sigma[edges]
     configuration = critical_configuration(part, sigma, x if part.pins else x - x[0])
     configuration = replace(configuration, bond_vectors=critical.bond_vectors[edges])
-    if np.isfinite(critical.bond_errors[edges]).all():
-        # Scaling rounds the stress once more, which moves the configuration.
-        balance = CriticalManifold(part).solve(sigma)
-        configuration = balance.value if balance.ok else configuration
-    return TautComponent(configuration, edges, vertices, cables(part))
+    if not np.isfinite(critical.bond_errors[edges]).all():
+        return configuration
+    # Scaling rounds the stress once more, which moves the configuration.
+    balance = CriticalManifold(part).solve(sigma)
+    return balance.value if balance.ok else configuration

@@ -7,8 +7,8 @@ opposite one.
 
 In a chart about the point V is an orthonormal basis of σ^⊥, and −VᵀBV x = κ|σ| VᵀB²V x makes the principal
 directions eigenvectors of B and the radii of curvature 1/κ the eigenvalues of −|σ|B on σ^⊥.  B has rank N_b − 1 where
-there is one self-stress and P is definite; then all radii are positive and the manifold is convex.  B and its inverse
-on σ^⊥ are sparse solves, so that neither N_b × N_b matrices nor generalised eigenproblems are needed.
+there is one self-stress and P is definite; then all radii are positive and the manifold is convex.  B is a sparse
+solve, so that a few radii need neither N_b × N_b matrices nor generalised eigenproblems.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from critflow.networks.checks import edge_values
 from critflow.networks.network import Array
 from critflow.result import InputError, Record, Solution, Stats, Status
 
-ARTEFACT = 0.5  # relative residual under B of a radius that B does not have: that of a null direction is 1
 CURVATURE_ERROR = 1e-8  # largest relative residual of principal curvatures that are returned
 DENSE_BYTES = 10**9  # largest dense matrix of an operator, in bytes: 10,000 rows and columns take 0.8 GB
 
@@ -169,8 +168,8 @@ class PrincipalCurvatures(Record):
 
     radii       1/κ, eigenvalues of −|σ|B on σ^⊥, in units of h
     directions  (n, N_b) unit vectors: principal directions among the h, and the stresses that move along them
-    residuals   |−|σ|B w − w/κ| κ of each, or of the inverse.  Error bound (proof up to the rounding of the products):
-                an eigenvalue of a symmetric operator lies within this relative distance
+    residuals   |−|σ|B w − w/κ| κ of each.  Error bound (proof up to the rounding of the products): an eigenvalue of a
+                symmetric operator lies within this relative distance
     """
 
     radii: Array
@@ -182,26 +181,29 @@ class PrincipalCurvatures(Record):
         """κ, (n,), in units of 1/h."""
         return 1 / self.radii
 
+    @property
+    def log_gaussian(self) -> float:
+        """log|Πκ|: of all N_b − 1 curvatures this is the Gaussian one, K, whose sign is that of Πκ.
+
+        Error bound (proof up to the rounding of the products): Σ residuals/(1 − residuals).
+        """
+        return -float(np.log(np.abs(self.radii)).sum())
+
 
 @checked
 def principal_curvatures(
     manifold: CriticalManifold,
     sigma: ArrayLike,
     k: int | None = None,
-    end: str = "flat",
     *,
     tolerance: float = CURVATURE_ERROR,
     throw: bool = True,
 ) -> Solution[PrincipalCurvatures]:
-    """Principal curvatures at a stress (N_b,): all N_b − 1 by dense matrices, or the k at one end by sparse solves.
-
-    end  "flat" for the largest radii |1/κ|, by B; "sharp" for the smallest, by its inverse on σ^⊥
+    """Principal curvatures at a stress (N_b,): all N_b − 1 by dense matrices, or the k flattest by sparse solves.
 
     `Status.singular` where P(σ) is singular, `Status.edge_collapse` where an edge has no length and B less than N_b − 1
     directions, `Status.stalled` where a residual exceeds `tolerance`; values are then NaN.
     """
-    if end not in ("flat", "sharp"):
-        raise InputError(f"end must be 'flat' or 'sharp', not {end!r}")
     n = manifold.network.n_edges
     if k is not None and not 0 < k < n - 1:
         raise InputError(f"k = {k} must lie between 1 and {n - 2}: leave it out for all {n - 1} curvatures")
@@ -213,7 +215,7 @@ def principal_curvatures(
         status = Status.edge_collapse
     elif found.ok:
         try:
-            candidate = _all(manifold, found.value) if k is None else _few(manifold, found.value, k, end)
+            candidate = _all(manifold, found.value) if k is None else _few(manifold, found.value, k)
         except ArpackNoConvergence:
             status = Status.stalled
         else:
@@ -226,8 +228,8 @@ def principal_curvatures(
 
 _NOTES = {
     Status.edge_collapse: "an edge without length leaves the manifold no tangent plane here: move the stress away",
-    Status.stalled: "some curvatures are infinite, as with several self-stresses, or below rounding: request a few "
-    "at the flat end",
+    Status.stalled: "some curvatures are infinite, as with several self-stresses, or below rounding: request "
+    "the k flattest",
 }
 
 
@@ -242,42 +244,14 @@ def _all(manifold: CriticalManifold, configuration: CriticalConfiguration) -> Pr
     return PrincipalCurvatures(radii[order], w, _residuals(-B, w, radii[order]))
 
 
-def _few(manifold: CriticalManifold, configuration: CriticalConfiguration, k: int, end: str) -> PrincipalCurvatures:
-    """The k flattest or sharpest, by Lanczos iteration with −|σ|B or its inverse."""
-    n = manifold.network.n_edges
-    operator = -unit_response(manifold, configuration) if end == "flat" else inverse_response(manifold, configuration)
-    start = quasi_random(n) - 0.5
-    values, vectors = eigsh(operator, k=k, which="LM", v0=start)
-    radii = values if end == "flat" else 1 / values
+def _few(manifold: CriticalManifold, configuration: CriticalConfiguration, k: int) -> PrincipalCurvatures:
+    """The k flattest, by Lanczos iteration with −|σ|B."""
+    operator = -unit_response(manifold, configuration)
+    radii, vectors = eigsh(operator, k=k, which="LM", v0=quasi_random(manifold.network.n_edges) - 0.5)
     order = np.argsort(-np.abs(radii))
-    w = vectors.T[order]
-    residuals = _residuals(operator, w, values[order])
-    if end == "sharp":
-        # The regularisation of the inverse gives directions of infinite curvature a radius that B does not have.
-        forward = _residuals(-unit_response(manifold, configuration), w, radii[order])
-        residuals[forward > ARTEFACT] = np.inf
-    return PrincipalCurvatures(radii[order], w, residuals)
+    return PrincipalCurvatures(radii[order], vectors.T[order], _residuals(operator, vectors.T[order], radii[order]))
 
 
 def _residuals(operator: LinearOperator, vectors: Array, values: Array) -> Array:
     left = [np.linalg.norm(operator @ w - value * w) for w, value in zip(vectors, values, strict=True)]
     return np.divide(left, np.abs(values), out=np.full(len(values), np.inf), where=values != 0)
-
-
-def inverse_response(manifold: CriticalManifold, configuration: CriticalConfiguration) -> LinearOperator:
-    """The inverse of −|σ|B on σ^⊥, zero along σ, (N_b, N_b): the shape operator of the manifold.
-
-    −B w = h means P u = Rᵀw and R u = h with u = −ẋ: one saddle system, whose multipliers are −w.
-    """
-    network, size = manifold.network, float(np.linalg.norm(configuration.sigma))
-    normal = configuration.sigma / size
-    saddle = manifold.saddle.factorize(configuration.sigma, configuration.bond_vectors)
-    forces = np.zeros((len(network.free), network.dimension))
-
-    def apply(h: Array) -> Array:
-        flat = np.ravel(h)
-        w = -saddle.solve(forces, flat - (normal @ flat) * normal)[1] / size
-        return w - (normal @ w) * normal
-
-    n = network.n_edges
-    return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)

@@ -18,20 +18,20 @@ from typing import Any, overload
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import checked
-from critflow.critical.pressures import PressureManifold, PressurisedConfiguration
+from critflow.critical.pressures import ForceBalance, PressureManifold, PressurisedConfiguration
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
+from critflow.networks.blocks import components
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.networks.support import check_opened
 from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
-from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status
+from critflow.result import InputError, NetworkError, Record, Stats, Status
 
 # An edge shorter than this part of the mean length has collapsed: its direction, and what follows from it, has half of
 # its digits or fewer.
@@ -184,16 +184,6 @@ class Balance:
         return self.network.free_incidence @ self.factor.solve(self.network.divergence @ edge_vectors)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ForceBalance(Solution[CriticalConfiguration]):
-    """The configuration of a stress.
-
-    negative_pivots  number of negative eigenvalues of P(σ)
-    """
-
-    negative_pivots: int
-
-
 class CriticalManifold:
     """The map σ → configuration of one network, its pull-back and its tangents.
 
@@ -277,7 +267,7 @@ class CriticalManifold:
 
     def solve(
         self, stress: ArrayLike, throw: bool = False, balance: Balance | None = None, squares: float | None = None
-    ) -> ForceBalance:
+    ) -> ForceBalance[CriticalConfiguration]:
         """As `configuration`, with status, number of negative pivots, Skeel's condition and bounds on all errors.
 
         balance  of this stress, where it is known: spares a factorisation if the stress is scaled
@@ -336,10 +326,8 @@ class CriticalManifold:
     def _connected(self, sigma: Array) -> bool:
         """Whether stressed edges connect every vertex to a fixed one."""
         fixed = np.setdiff1d(np.arange(self.network.n_vertices), self.network.free)
-        joined = [*self.network.edges[sigma != 0].T, fixed[:-1], fixed[1:]]
-        ends = np.concatenate(joined[::2]), np.concatenate(joined[1::2])
-        graph = sp.coo_array((np.ones(len(ends[0])), ends), shape=(self.network.n_vertices,) * 2)
-        return bool(connected_components(graph, directed=False)[0] == 1)
+        joined = np.concatenate([self.network.edges[sigma != 0], np.stack([fixed[:-1], fixed[1:]], axis=1)])
+        return not components(joined, self.network.n_vertices).any()
 
     def balance(self, sigma: Array) -> Balance:
         """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation."""

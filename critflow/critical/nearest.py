@@ -22,7 +22,7 @@ from critflow.arguments import checked
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.critical.pressure_inference import NearestPressures, infer_pressures
 from critflow.linalg.factor import Entries, FixedPattern
-from critflow.linalg.matrices import free_ends, spread_columns
+from critflow.linalg.matrices import end_pairs, free_ends, spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
@@ -330,18 +330,14 @@ def _inverse_without_scale(gram: Array) -> tuple[Array, Array]:
 def _step_pattern(network: Network) -> FixedPattern:
     """The pattern of [[·, 0, P], [0, ·, Rᵀ], [P, R, ·]] for (u, θ̇, λ), from σ (N_b,) and σL by axes (d·N_b,)."""
     n, d, m = len(network.free), network.dimension, network.n_edges
-    tail, head = free_ends(network).T
-    edge = np.arange(m)
+    stresses, multipliers = n * d, n * d + m
     entries = []
     for axis in range(d):
-        for i, j, sign in ((tail, tail, 1.0), (head, head, 1.0), (tail, head, -1.0), (head, tail, -1.0)):
-            inside = (i >= 0) & (j >= 0)
-            entries.append(Entries(d * i[inside] + axis, n * d + m + d * j[inside] + axis, edge[inside], sign))
-        for i, sign in ((tail, -1.0), (head, 1.0)):
-            inside = i >= 0
-            entries.append(
-                Entries(n * d + edge[inside], n * d + m + d * i[inside] + axis, m * (1 + axis) + edge[inside], sign)
-            )
+        for i, j, edge, sign in end_pairs(network):
+            entries.append(Entries(d * i + axis, multipliers + d * j + axis, edge, sign))
+        for end, sign in zip(free_ends(network).T, (-1.0, 1.0), strict=True):
+            edge = np.flatnonzero(end >= 0)
+            entries.append(Entries(stresses + edge, multipliers + d * end[edge] + axis, m * (1 + axis) + edge, sign))
     return FixedPattern(2 * n * d + m, m * (1 + d), entries)
 
 

@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from critflow.linalg.factor import Entries, Factor, FixedPattern
-from critflow.linalg.matrices import free_ends
+from critflow.linalg.matrices import end_pairs, free_ends
 from critflow.linalg.tolerances import EPS
 from critflow.networks.checks import edge_values
 from critflow.networks.faces import Faces
@@ -28,7 +28,7 @@ from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, add, extended, multiply, two_sum
 from critflow.precision.geometry import ExtendedGeometry
 from critflow.precision.refinement import HOPELESS, LOST, MOST_STEPS, SAFETY, UNSEEN, magnification
-from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.result import InputError, Record, Solution, Stats, Status, Value
 
 # Force of the pressures on an edge from its left to its right, from (L_x, L_y): q(L_y, −L_x), half at each end.
 _TURNED = np.array([0.5, -0.5])
@@ -75,10 +75,10 @@ class PressurisedConfiguration(Record):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PressureSolution(Solution[PressurisedConfiguration]):
-    """The configuration of a stress and pressures.
+class ForceBalance(Solution[Value]):
+    """The configuration of a stress, or of a stress and pressures.
 
-    negative_pivots  number of negative eigenvalues of P(σ) + iQ(q)
+    negative_pivots  number of negative eigenvalues of P(σ), or of P(σ) + iQ(q)
     """
 
     negative_pivots: int
@@ -118,7 +118,9 @@ class PressureManifold:
         self._geometry = ExtendedGeometry(network)
         self._spread = abs(network.divergence)
 
-    def solve(self, sigma: ArrayLike, pressures: ArrayLike, throw: bool = False) -> PressureSolution:
+    def solve(
+        self, sigma: ArrayLike, pressures: ArrayLike, throw: bool = False
+    ) -> ForceBalance[PressurisedConfiguration]:
         """The configuration under σ (N_b,) of any sign and p (N_f,), refined, with an estimate of its error.
 
         Coordinates are NaN where P + iQ is singular or so nearly singular that no digit is certain.
@@ -140,7 +142,7 @@ class PressureManifold:
             placed, L, error = np.full_like(placed, np.nan), np.full_like(L, np.nan), np.nan
         value = PressurisedConfiguration(network, stress, p, placed, L, error)
         stats = Stats("force density", steps, residual=value.residual, condition=condition, error_bound=error)
-        solution = PressureSolution(
+        solution = ForceBalance(
             value=value,
             status=Status.ok if certain else Status.ill_conditioned,
             stats=stats,
@@ -225,18 +227,14 @@ class PressureBalance:
 
 def _pattern(network: Network, backend: str) -> FixedPattern:
     """[[P, −Q], [Q, P]] over the free coordinates, (2 n_free)², from (σ, q) (2 N_b,)."""
-    n, edge = len(network.free), np.arange(network.n_edges)
+    entries = [Entries(2 * i + a, 2 * j + a, edge, sign) for i, j, edge, sign in end_pairs(network) for a in (0, 1)]
     tail, head = free_ends(network).T
-    entries = []
-    for i, j, sign in ((tail, tail, 1.0), (head, head, 1.0), (tail, head, -1.0), (head, tail, -1.0)):
-        inside = (i >= 0) & (j >= 0)
-        entries += [Entries(2 * i[inside] + a, 2 * j[inside] + a, edge[inside], sign) for a in (0, 1)]
-    inside = (tail >= 0) & (head >= 0)
-    t, h, source = tail[inside], head[inside], network.n_edges + edge[inside]
+    edge = np.flatnonzero((tail >= 0) & (head >= 0))
+    t, h, source = tail[edge], head[edge], network.n_edges + edge
     # The contributions of the edges around a vertex to its own block cancel, since q sums to zero there.
     for i, j, sign in ((2 * t, 2 * h + 1, -0.5), (2 * h, 2 * t + 1, 0.5)):
         entries += [Entries(i, j, source, sign), Entries(j, i, source, sign)]
-    return FixedPattern(2 * n, 2 * network.n_edges, entries, backend)
+    return FixedPattern(2 * len(network.free), 2 * network.n_edges, entries, backend)
 
 
 def _exact_jumps(jumps: sp.csr_array, p: Array) -> Extended:

@@ -23,50 +23,45 @@ class _OfLengths(Quantity):
         return 0.0, np.inf
 
 
+class _RelativeVariance(_OfLengths):
+    """⟨(v − ⟨v⟩)²⟩/⟨v⟩² of v = w|L|, where the weights w are one, or the stresses."""
+
+    of_tensions: ClassVar[bool]
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        L = balance.bond_vectors
+        length = np.linalg.norm(L, axis=1)
+        weight = balance.sigma if self.of_tensions else np.ones_like(length)
+        value, derivative = _relative_variance(weight * length)
+        return value, (self.of_tensions * derivative * length, (derivative * weight / _divisors(length))[:, None] * L)
+
+    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+        L = balance.bond_vectors
+        length = _divisors(np.linalg.norm(L, axis=1))
+        weight, dweight = (balance.sigma, dsigma) if self.of_tensions else (np.ones_like(length), 0.0)
+        unit = L / length[:, None]
+        dlength = np.einsum("ad,ad->a", unit, dL)
+        derivative, change = _relative_variance_differential(weight * length, dweight * length + weight * dlength)
+        stretching = (change * weight + derivative * dweight)[:, None] * unit
+        turning = (derivative * weight / length)[:, None] * (dL - dlength[:, None] * unit)
+        return self.of_tensions * (change * length + derivative * dlength), stretching + turning
+
+
 @dataclass(frozen=True)
-class LengthVariance(_OfLengths):
+class LengthVariance(_RelativeVariance):
     """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
 
     name: ClassVar[str] = "V_L"
     exact: ClassVar[str] = "conic"
-
-    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        L = balance.bond_vectors
-        length = np.linalg.norm(L, axis=1)
-        value, derivative = _relative_variance(length)
-        return value, (np.zeros_like(balance.sigma), (derivative / _divisors(length))[:, None] * L)
-
-    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
-        L = balance.bond_vectors
-        length = _divisors(np.linalg.norm(L, axis=1))
-        unit = L / length[:, None]
-        dlength = np.einsum("ad,ad->a", unit, dL)
-        derivative, change = _relative_variance_differential(length, dlength)
-        turning = (derivative / length)[:, None] * (dL - dlength[:, None] * unit)
-        return np.zeros_like(dsigma), change[:, None] * unit + turning
+    of_tensions: ClassVar[bool] = False
 
 
 @dataclass(frozen=True)
-class TensionVariance(_OfLengths):
+class TensionVariance(_RelativeVariance):
     """V_τ = ⟨(τ − ⟨τ⟩)²⟩/⟨τ⟩² of the tensions τ = σ|L| (`TensionVariance`)."""
 
     name: ClassVar[str] = "V_tau"
-
-    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        sigma, L = balance.sigma, balance.bond_vectors
-        length = np.linalg.norm(L, axis=1)
-        value, derivative = _relative_variance(sigma * length)
-        return value, (derivative * length, (derivative * sigma / _divisors(length))[:, None] * L)
-
-    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
-        sigma, L = balance.sigma, balance.bond_vectors
-        length = _divisors(np.linalg.norm(L, axis=1))
-        unit = L / length[:, None]
-        dlength = np.einsum("ad,ad->a", unit, dL)
-        derivative, change = _relative_variance_differential(sigma * length, dsigma * length + sigma * dlength)
-        stretching = (change * sigma + derivative * dsigma)[:, None] * unit
-        turning = (derivative * sigma / length)[:, None] * (dL - dlength[:, None] * unit)
-        return change * length + derivative * dlength, stretching + turning
+    of_tensions: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from critflow.linalg import multigrid
 from critflow.linalg.pardiso import MKL, Pardiso
+from critflow.linalg.products import product
 from critflow.result import InputError
 
 try:
@@ -43,7 +44,7 @@ IntArray = NDArray[np.int32]
 # Per vertex in two dimensions the Laplacian has 2.5 entries, the others 9 and 12.5.
 CROSSOVERS = {"pardiso": 20_000, "metis": 120_000, "superlu": 150_000}
 # Entries of a Laplacian in space, 3 a vertex of a foam, from which multigrid is faster than each of them for one matrix
-# and three solves: 0.27 against 0.13, 0.43 and 1.2 s at 20,000 vertices, 0.7 against 0.6 and 3.1 s at 50,000.
+# and three solves: 0.27 against 0.12, 0.41 and 1.2 s at 20,000 vertices, 0.8 against 0.7 and 2.2 s at 50,000.
 MULTIGRID = "pyamg"
 MULTIGRID_CROSSOVERS = {"pardiso": 200_000, "metis": 60_000, "superlu": 60_000}
 
@@ -162,7 +163,7 @@ def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
 def multiply(upper: sp.csc_matrix, lower: sp.csr_matrix, x: Array) -> Array:
     """A x of the symmetric matrix with this upper triangle and its transpose, x (n,) or (n, d)."""
     diagonal = upper.data[upper.indptr[1:] - 1]
-    return upper @ x + lower @ x - (diagonal * x.T).T
+    return product(upper, x) + product(lower, x) - (diagonal * x.T).T
 
 
 # Solvers by name, without the optional ones.  A further solver is a further entry.
@@ -199,17 +200,7 @@ def choose_backend(backend: str, n_entries: int, in_space: bool = False) -> str:
         return larger if n_entries > CROSSOVERS[larger] else "qdldl"
     if backend in installed:
         return backend
-    if backend in (*CROSSOVERS, MULTIGRID):
-        extra = "multigrid" if backend == MULTIGRID else "fast"
-        raise InputError(
-            f"the backend {backend!r} is not installed: pip install 'critflow[{extra}]', or backend='auto'"
-        )
     raise InputError(
-        f"there is no backend {backend!r}: choose 'auto' or one of {', '.join(installed)}, and pip install "
+        f"no backend {backend!r} is installed: choose 'auto' or one of {', '.join(installed)}, and pip install "
         "'critflow[fast,multigrid]' for all of them"
     )
-
-
-def make_backend(name: str, model: sp.csc_matrix) -> Backend:
-    """The backend of an installed name, with its analysis of the pattern of the model."""
-    return eliminating_backends()[name](model)

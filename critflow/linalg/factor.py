@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.linalg import multigrid
-from critflow.linalg.backends import MULTIGRID, Backend, choose_backend, make_backend, multiply
+from critflow.linalg.backends import MULTIGRID, Backend, choose_backend, eliminating_backends, multiply
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.result import InputError
@@ -66,31 +66,23 @@ class FixedPattern:
     ):
         parts = [_upper(*np.broadcast_arrays(*part)) for part in entries]
         rows, cols, sources, coefficients = (np.concatenate(part) for part in zip(*parts, strict=True))
-        del parts
-        n_entries, diagonal = len(rows), np.arange(size, dtype=np.int32)
         # Every diagonal entry is part of the pattern, so that shifts and zero blocks fit.
-        rows, cols = np.concatenate([rows, diagonal]), np.concatenate([cols, diagonal])
-        order = _sorted_positions(rows, size)
-        order = order[_sorted_positions(cols[order], size)]
-        rows, cols = rows[order], cols[order]
-        first = np.ones(len(rows), bool)
-        first[1:] = (rows[1:] != rows[:-1]) | (cols[1:] != cols[:-1])
-        slot = np.cumsum(first, dtype=np.int32) - 1
-        rows, cols = rows[first], cols[first]
-        given = order < n_entries
-        order, slot = order[given], slot[given]
+        diagonal = np.arange(size, dtype=np.int32)
+        keys = np.concatenate([cols, diagonal]).astype(np.int64) * size + np.concatenate([rows, diagonal])
+        places, slot = np.unique(keys, return_inverse=True)
+        slot = slot[: len(rows)].astype(np.int32)
+        gather = sp.coo_array((coefficients, (slot, sources)), shape=(len(places), n_sources))
+        self._gather = sp.csr_array(gather)
         self.size, self.n_sources = size, n_sources
-        self._gather = sp.csr_array(
-            (coefficients[order], sources[order], _starts(slot, len(rows))), shape=(len(rows), n_sources)
-        )
-        self._gather.sum_duplicates()
         # One matrix and its transpose take the data of each factor in turn; making them takes longer than a product.
-        self._matrix = sp.csc_matrix((np.zeros(len(rows)), rows, _starts(cols, size)), shape=(size, size))
+        cols, rows = np.divmod(places, size)
+        starts = np.searchsorted(cols, np.arange(size + 1)).astype(np.int32)
+        self._matrix = sp.csc_matrix((np.zeros(len(rows)), rows.astype(np.int32), starts), shape=(size, size))
         self._transposed = self._matrix.T
         # The diagonal ends each column of an upper triangle.
         self._diagonal = self._matrix.indptr[1:] - 1
-        self.backend = choose_backend(backend, len(rows), in_space)
-        self._elimination = choose_backend("auto", len(rows)) if self.backend == MULTIGRID else self.backend
+        self.backend = choose_backend(backend, len(places), in_space)
+        self._elimination = choose_backend("auto", len(places)) if self.backend == MULTIGRID else self.backend
         self._only_multigrid = backend == MULTIGRID
         # Solvers and the factors whose numbers they contain; the first one belongs to the newest factor.
         self._solvers: list[Backend] = []
@@ -109,7 +101,7 @@ class FixedPattern:
                 return factor
             self._refuse("mixed signs or other matrices")
         if not self._solvers:
-            self._add(make_backend(self._elimination, self._model()))
+            self._add(eliminating_backends()[self._elimination](self._model()))
         self._eliminate(factor, 0)
         return factor
 
@@ -165,7 +157,7 @@ class FixedPattern:
         unused = (place for place, owner in enumerate(self._owners) if place and owner() is None)
         place = next(unused, len(self._solvers))
         if not self._solvers:
-            self._add(make_backend(self._elimination, self._model()))
+            self._add(eliminating_backends()[self._elimination](self._model()))
         elif place == len(self._solvers):
             self._add(self._solvers[0].another(self._model()))
         self._eliminate(factor, place)
@@ -303,15 +295,3 @@ def _upper(rows: Any, cols: Any, sources: Any, coefficients: Any) -> tuple[IntAr
     upper = (rows <= cols) & (rows >= 0)
     short = (part[upper].astype(np.int32) for part in (rows, cols, sources))
     return *short, coefficients[upper].astype(float)
-
-
-def _sorted_positions(keys: IntArray, n_keys: int) -> IntArray:
-    """Positions that sort integers below n_keys and keep the order of equals: a counting sort, by a transposition."""
-    count = len(keys)
-    marks = np.ones(count, np.int8)
-    return sp.csr_array((marks, keys, np.arange(count + 1, dtype=np.int32)), shape=(count, n_keys)).tocsc().indices
-
-
-def _starts(keys: IntArray, n_keys: int) -> IntArray:
-    """First position of each key in a sorted list, (n_keys + 1,)."""
-    return np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=n_keys))]).astype(np.int32)

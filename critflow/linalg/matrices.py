@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.linalg.factor import Entries, FixedPattern
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array, IntArray, Network
 
 # Shift of the Hessian of unit springs, relative to ⟨|L|²⟩, that removes the zero modes of any geometry.
 BALANCE_SHIFT = 1e-13
@@ -21,16 +21,19 @@ BALANCE_SHIFT = 1e-13
 
 def laplacian(network: Network, backend: str = "auto") -> FixedPattern:
     """P = gᵀ diag(σ) g over the free vertices, (n_free, n_free), from σ (N_b,) (`PrestressMatrix`)."""
-    tail, head = free_ends(network).T
-    edge = np.arange(network.n_edges)
-    # An edge from a vertex to its own image moves with it and adds nothing; the entries cancel.
-    low, high = np.minimum(tail, head), np.maximum(tail, head)
-    entries = [
-        Entries(tail, tail, edge, 1.0),
-        Entries(head, head, edge, 1.0),
-        Entries(low, high, edge, np.where(tail == head, -2.0, -1.0)),
-    ]
+    entries = [Entries(*pair) for pair in end_pairs(network)]
     return FixedPattern(len(network.free), network.n_edges, entries, backend, network.dimension > 2)
+
+
+def end_pairs(network: Network) -> Iterator[tuple[IntArray, IntArray, IntArray, float]]:
+    """All pairs (i, j) of free ends of an edge, with the edges α and the product g_αi g_αj.
+
+    The four of an edge from a vertex to its own image, which moves with it, cancel.
+    """
+    tail, head = free_ends(network).T
+    for i, j, sign in ((tail, tail, 1.0), (head, head, 1.0), (tail, head, -1.0), (head, tail, -1.0)):
+        edge = np.flatnonzero((i >= 0) & (j >= 0))
+        yield i[edge], j[edge], edge, sign
 
 
 def block_laplacian(network: Network, backend: str = "auto") -> FixedPattern:
@@ -50,17 +53,13 @@ def n_block_values(network: Network) -> int:
 def block_entries(network: Network) -> Iterator[Entries]:
     """The entries of `block_laplacian`, for patterns with further ones."""
     d = network.dimension
-    tail, head = free_ends(network).T
-    edge = np.arange(network.n_edges)
     # Number of each pair (row, col) in the upper triangle of a symmetric block.
     number = np.zeros((d, d), int)
     number[np.triu_indices(d)] = np.arange(d * (d + 1) // 2)
     number = np.maximum(number, number.T)
-    for row, col in np.ndindex(d, d):
-        source = edge + network.n_edges * number[row, col]
-        for i, j, sign in ((tail, tail, 1.0), (head, head, 1.0), (tail, head, -1.0), (head, tail, -1.0)):
-            inside = (i >= 0) & (j >= 0)
-            yield Entries(d * i[inside] + row, d * j[inside] + col, source[inside], sign)
+    for i, j, edge, sign in end_pairs(network):
+        for row, col in np.ndindex(d, d):
+            yield Entries(d * i + row, d * j + col, edge + network.n_edges * number[row, col], sign)
 
 
 def edge_blocks(axial: Array, vectors: Array, isotropic: Array) -> Array:

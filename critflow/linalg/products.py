@@ -7,17 +7,20 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 # The kernels of SciPy's own product, unchanged since its first release.
-from scipy.sparse._sparsetools import csr_matvec, csr_matvecs
+from scipy.sparse._sparsetools import csc_matvec, csc_matvecs, csr_matvec, csr_matvecs
 
 Array = NDArray[np.float64]
 
+_KERNELS = {"csr": (csr_matvec, csr_matvecs), "csc": (csc_matvec, csc_matvecs)}
 
-def product(matrix: sp.csr_array, x: Array) -> Array:
+
+def product(matrix: sp.csr_array | sp.csc_matrix, x: Array) -> Array:
     """A x for x (n,) or (n, d) of floats: the bits of `matrix @ x`."""
     rows, cols = matrix.shape
+    one, several = _KERNELS[matrix.format]
     y = np.zeros((rows, *x.shape[1:]))
     if x.ndim == 1:
-        csr_matvec(rows, cols, matrix.indptr, matrix.indices, matrix.data, np.ascontiguousarray(x), y)
+        one(rows, cols, matrix.indptr, matrix.indices, matrix.data, np.ascontiguousarray(x), y)
     else:
-        csr_matvecs(rows, cols, x.shape[1], matrix.indptr, matrix.indices, matrix.data, x.ravel(), y.ravel())
+        several(rows, cols, x.shape[1], matrix.indptr, matrix.indices, matrix.data, x.ravel(), y.ravel())
     return y

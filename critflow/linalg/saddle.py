@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow.linalg.factor import Entries, Factor, FixedPattern
-from critflow.linalg.matrices import block_laplacian, edge_blocks, free_ends
+from critflow.linalg.matrices import block_laplacian, edge_blocks, end_pairs, free_ends
 from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION, STABLE_MARGIN
 from critflow.networks.network import Array, Network
 
@@ -30,7 +30,7 @@ from critflow.networks.network import Array, Network
 # vertices and at 1,000,000.
 CONDENSED_WEIGHT = 1e8
 REFINED = 1e-15  # relative residual at which a refinement is complete
-CONTRACTION = 0.9  #
+CONTRACTION = 0.9  # reduction of the residual by a refinement that counts
 
 
 def positive(sigma: Array, margin: float = STABLE_MARGIN) -> bool:
@@ -48,28 +48,16 @@ class Saddle:
         d, n_edges = network.dimension, network.n_edges
         n_coordinates = d * len(network.free)
         self._shape = (len(network.free), d)
-        tail, head = free_ends(network).T
-        edge = np.arange(n_edges)
 
         def entries() -> Iterator[Entries]:
             for axis in range(d):
-                i, j = d * tail + axis, d * head + axis
-                i[tail < 0], j[head < 0] = -1, -1
-                both = (i >= 0) & (j >= 0)
-                yield Entries(i, i, edge, 1.0)
-                yield Entries(j, j, edge, 1.0)
-                off_diagonal = np.where(i == j, -2.0, -1.0)[both]
-                yield Entries(np.minimum(i, j)[both], np.maximum(i, j)[both], edge[both], off_diagonal)
-                component = n_edges * (1 + axis) + edge
-                yield Entries(i, n_coordinates + edge, component, -1.0)
-                yield Entries(j, n_coordinates + edge, component, 1.0)
+                for i, j, edge, sign in end_pairs(network):
+                    yield Entries(d * i + axis, d * j + axis, edge, sign)
+                for end, sign in zip(free_ends(network).T, (-1.0, 1.0), strict=True):
+                    edge = np.flatnonzero(end >= 0)
+                    yield Entries(d * end[edge] + axis, n_coordinates + edge, n_edges * (1 + axis) + edge, sign)
 
-        self._pattern = FixedPattern(n_coordinates + n_edges, n_edges * (1 + d), entries(), backend)
-
-    @property
-    def backend(self) -> str:
-        """Name of the sparse solver."""
-        return self._pattern.backend
+        self.pattern = FixedPattern(n_coordinates + n_edges, n_edges * (1 + d), entries(), backend)
 
     def factorize(
         self,
@@ -84,12 +72,12 @@ class Saddle:
         """
         shift = self._shifts(sigma, regularisation)
         length = np.linalg.norm(bond_vectors, axis=1)
-        compliances = np.zeros(self._pattern.size)
+        compliances = np.zeros(self.pattern.size)
         if compliance is not None:
             compliances[self._shape[0] * self._shape[1] :] = compliance / _divisors(length) ** 2
-        scale = np.full(self._pattern.size, float(np.mean(length)))
+        scale = np.full(self.pattern.size, float(np.mean(length)))
         scale[: self._shape[0] * self._shape[1]] = float(np.mean(np.abs(sigma) * length))
-        factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift - compliances)
+        factor = self.pattern.factorize(self._values(sigma, bond_vectors), shift - compliances)
         return SaddleFactor(factor, shift, sigma / np.linalg.norm(sigma), scale, _divisors(length))
 
     def stable(self, sigma: Array, bond_vectors: Array, margin: float = STABLE_MARGIN) -> bool:
@@ -102,11 +90,11 @@ class Saddle:
         n_coordinates = self._shape[0] * self._shape[1]
         shift = self._shifts(sigma)
         shift[:n_coordinates] = -margin * float(np.mean(np.abs(sigma)))
-        factor = self._pattern.factorize(self._values(sigma, bond_vectors), shift)
-        return factor.sound and factor.n_negative == self._pattern.size - n_coordinates
+        factor = self.pattern.factorize(self._values(sigma, bond_vectors), shift)
+        return factor.sound and factor.n_negative == self.pattern.size - n_coordinates
 
     def _shifts(self, sigma: Array, regularisation: float = REGULARISATION) -> Array:
-        shift = np.zeros(self._pattern.size)
+        shift = np.zeros(self.pattern.size)
         shift[self._shape[0] * self._shape[1] :] = -regularisation / (self._shape[1] * float(np.mean(np.abs(sigma))))
         return shift
 
@@ -132,27 +120,15 @@ class SaddleFactor:
     scale: Array
     divisor: Array
 
-    def solve(
-        self, forces: Array, elongations: Array, tolerance: float = REFINED, max_refinements: int = MOST_REFINEMENTS
-    ) -> tuple[Array, Array, float]:
+    def solve(self, forces: Array, elongations: Array, tolerance: float = REFINED) -> tuple[Array, Array, float]:
         """u, λ of P u + Rᵀ λ = forces (n_free, d), R u = elongations (N_b,), and the relative residual.
 
         The component of the elongations along σ, which no displacement gives, is ignored.
         """
         consistent = elongations - (self.null @ elongations) * self.null
-        right = np.concatenate([forces.ravel(), consistent / self.divisor])
-        solution = np.zeros_like(right)
-        residual, best = right, np.inf
-        for _ in range(max_refinements):
-            trial = solution + self.factor.solve(residual)
-            residual = right - self.factor.multiply(trial) + self.shift * trial
-            error = float(np.max(np.abs(residual) / self.scale))
-            if not error < CONTRACTION * best:
-                break
-            solution, best = trial, error
-            if error < tolerance:
-                break
-        return solution[: forces.size].reshape(forces.shape), solution[forces.size :] / self.divisor, best
+        borders = np.zeros((0, len(elongations)))
+        u, multipliers, _, error = self.solve_bordered(forces, consistent, borders, tolerance=tolerance)
+        return u, multipliers, error
 
     def solve_bordered(
         self,
@@ -161,38 +137,42 @@ class SaddleFactor:
         borders: Array,
         corner: Array | None = None,
         sums: Array | None = None,
+        tolerance: float = REFINED,
         max_refinements: int = MOST_REFINEMENTS,
-    ) -> tuple[Array, Array, Array]:
+    ) -> tuple[Array, Array, Array, float]:
         """u, λ, y of P u + Rᵀ λ = forces (n_free, d), R u + Bᵀ y = elongations (N_b,), B λ + C y = sums (k,).
 
         These are steps of Newton's method with k further unknowns y, such as a factor of the lengths or a strain, whose
         changes of |L|²/2 are the borders B (k, N_b).  Before convergence R has no left null vector, only a nearly null
         one; the borders then keep the system well-conditioned.  The corner C (k, k) and the sums are zero if not given.
-        One refinement alone leaves the regularisation in place.
+        One refinement alone leaves the regularisation in place.  The last value is the relative residual.
         """
         k, n_coordinates = len(borders), forces.size
         border = np.zeros((k, n_coordinates + len(elongations)))
         border[:, n_coordinates:] = borders / self.divisor
         right = np.concatenate([forces.ravel(), elongations / self.divisor])
-        corner = np.zeros((k, k)) if corner is None else corner
-        through = np.array([self.factor.solve(row) for row in border])
+        corner, sums = np.zeros((k, k)) if corner is None else corner, np.zeros(k) if sums is None else sums
+        through = np.array([self.factor.solve(row) for row in border]).reshape(border.shape)
         schur = border @ through.T - corner
         solution, y, best = np.zeros_like(right), np.zeros(k), np.inf
-        sums = np.zeros(k) if sums is None else sums
         residual, sum_residual = right, sums
         for _ in range(max_refinements):
             change = self.factor.solve(residual)
-            step = np.linalg.solve(schur, border @ change - sum_residual)
-            trial, trial_y = solution + change - step @ through, y + step
-            residual = right - self.factor.multiply(trial) + self.shift * trial - trial_y @ border
-            sum_residual = sums - border @ trial - corner @ trial_y
+            trial, trial_y = solution + change, y
+            if k:
+                step = np.linalg.solve(schur, border @ change - sum_residual)
+                trial, trial_y = trial - step @ through, y + step
+            residual = right - self.factor.multiply(trial) + self.shift * trial
+            if k:
+                residual -= trial_y @ border
+                sum_residual = sums - border @ trial - corner @ trial_y
             error = float(np.max(np.abs(residual) / self.scale))
             if not error < CONTRACTION * best:
                 break
             solution, y, best = trial, trial_y, error
-            if error < REFINED:
+            if error < tolerance:
                 break
-        return solution[:n_coordinates].reshape(forces.shape), solution[n_coordinates:] / self.divisor, y
+        return solution[:n_coordinates].reshape(forces.shape), solution[n_coordinates:] / self.divisor, y, best
 
 
 class CondensedSaddle:
@@ -200,23 +180,14 @@ class CondensedSaddle:
 
     def __init__(self, network: Network, backend: str = "auto"):
         self._network = network
-        self._pattern = block_laplacian(network, backend)
-
-    @property
-    def backend(self) -> str:
-        """Name of the sparse solver."""
-        return self._pattern.backend
-
-    def stable(self, sigma: Array, bond_vectors: Array, margin: float = STABLE_MARGIN) -> bool:
-        """Whether every stress is positive, by `margin` times the mean: this class serves no other case."""
-        return positive(sigma, margin)
+        self.pattern = block_laplacian(network, backend)
 
     def factorize(self, sigma: Array, bond_vectors: Array) -> CondensedFactor:
         """The factor at stresses σ > 0 (N_b,) and bond vectors L (N_b, d)."""
         square = np.einsum("ad,ad->a", bond_vectors, bond_vectors)
         # Relative to |L|²: directions count, or rounding would hide the equations of short edges.
         weight = CONDENSED_WEIGHT * float(np.mean(np.abs(sigma))) / square
-        factor = self._pattern.factorize(edge_blocks(weight, bond_vectors, sigma))
+        factor = self.pattern.factorize(edge_blocks(weight, bond_vectors, sigma))
         return CondensedFactor(self._network, factor, sigma, bond_vectors, np.sqrt(square), weight)
 
 
@@ -231,9 +202,7 @@ class CondensedFactor:
     lengths: Array
     weight: Array
 
-    def solve(
-        self, forces: Array, elongations: Array, tolerance: float = REFINED, max_refinements: int = MOST_REFINEMENTS
-    ) -> tuple[Array, Array, float]:
+    def solve(self, forces: Array, elongations: Array, tolerance: float = REFINED) -> tuple[Array, Array, float]:
         """As `SaddleFactor.solve`."""
         L, w = self.bond_vectors, self.weight
         g, divergence = self.network.free_incidence, self.network.divergence
@@ -244,7 +213,7 @@ class CondensedFactor:
         elongations = elongations - (null @ elongations) * null
         u, multipliers, best = np.zeros_like(forces), np.zeros_like(elongations), np.inf
         force, elongation = forces, elongations
-        for _ in range(max_refinements):
+        for _ in range(MOST_REFINEMENTS):
             right = force + divergence @ ((w * elongation)[:, None] * L)
             step = self.factor.solve(right.ravel()).reshape(forces.shape)
             new_u = u + step

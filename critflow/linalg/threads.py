@@ -1,4 +1,4 @@
-"""One thread for dense algebra of small matrices, whose threads wait for each other beside other busy processes."""
+"""One thread for dense algebra of small matrices, whose threads wait for each other where other processes are busy."""
 
 from __future__ import annotations
 

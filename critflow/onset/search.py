@@ -33,7 +33,7 @@ from critflow.onset.length_iteration import iterate_lengths
 from critflow.onset.taut_edges import ROUGH_CONE, OnsetState
 from critflow.onset.taut_set import polish_taut, settled
 from critflow.result import InputError, Status
-from critflow.solvers.cone import Reach, farthest, fit_lengths, nearest
+from critflow.solvers.cone import ConeSolution, farthest, fit_lengths, nearest
 
 # Tolerance of the program that shows the start to be floppy, by coordinates with all |L| < ℓ: up to N_v = 10,000 these
 # are accurate to 1e-3, and a second program is rarely needed.
@@ -158,7 +158,7 @@ def step(path: BoundaryPath, lengths: Array, search: Search) -> Search:
     return replace(search, strain=strain, free=free, accurate=accurate, beyond_flat=beyond_flat)
 
 
-def _program(path: BoundaryPath, lengths: Array, search: Search) -> Reach:
+def _program(path: BoundaryPath, lengths: Array, search: Search) -> ConeSolution:
     network, s, q = path.network, search.strain, search.free
     offsets = path.boundary_vectors(path.gradient(s, q))
     rates = np.einsum("mij,aj->mai", path.rates(s, q), network.boundary_vectors)
@@ -178,7 +178,7 @@ def _oriented(path: BoundaryPath, s: float, trial: float) -> float:
     return s
 
 
-def _ended(path: BoundaryPath, lengths: Array, search: Search, reach: Reach) -> Search:
+def _ended(path: BoundaryPath, lengths: Array, search: Search, reach: ConeSolution) -> Search:
     """The end of a search at the answer of its last program."""
     strain = search.strain + float(reach.parameters[-1])
     q, x = search.free + reach.parameters[:-1], reach.coordinates
@@ -187,8 +187,8 @@ def _ended(path: BoundaryPath, lengths: Array, search: Search, reach: Reach) -> 
         if not np.linalg.det(path.gradient(strain, q)) > FLAT:
             return search.without_onset(Status.floppy, SIDES_MEET)
     # Taut edges are as long as their rest lengths.
-    sigma = np.where(reach.taut, reach.tensions / lengths, 0.0)
-    return replace(search, ended=True, state=OnsetState(strain, q, x, sigma, reach.taut))
+    sigma = np.where(reach.stressed, reach.multipliers / lengths, 0.0)
+    return replace(search, ended=True, state=OnsetState(strain, q, x, sigma, reach.stressed))
 
 
 def _least_changed(
@@ -200,7 +200,7 @@ def _least_changed(
     rates = np.einsum("mij,aj->mai", path.rates(s, q)[:-1], path.network.boundary_vectors)
     least = nearest(path.network.free_incidence, b, rates, lengths * (1 + ROUGH_CONE), ROUGH_CONE)
     search = replace(search, steps=search.steps + least.steps, programs=search.programs + 1)
-    if least.outcome != "solved":
+    if not least.solved:
         return search, *answer
     q, x = q + least.parameters, least.coordinates
     return search, INSIDE * q + (1 - INSIDE) * answer[0], INSIDE * x + (1 - INSIDE) * answer[1]

@@ -189,7 +189,9 @@ class TautPart:
             corner[:-1] = np.einsum("mik,nil,kl->mn", at.velocities[:-1], at.velocities, stress)
             corner[:-1, -1] += np.einsum("mij,ij->m", path.mixed_velocities(state.strain, state.free), stress)
         sums = np.append(-at.changes[:-1] @ sigma, 0.0)
-        return factor.solve_bordered(-at.force, elongation, at.changes, corner, sums, max_refinements)
+        return factor.solve_bordered(-at.force, elongation, at.changes, corner, sums, max_refinements=max_refinements)[
+            :3
+        ]
 
     def moved(self, path: BoundaryPath, state: OnsetState, change: Change, fraction: float = 1.0) -> OnsetState:
         """The state after a fraction of a change."""

@@ -85,13 +85,8 @@ class ExtendedGeometry:
 
 def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Array:
     """−gᵀ(σ ∘ L), (n_free, d), with the rounding of σ and of the result alone."""
-    L = bond_vectors
-    weight = sigma[:, None]
-    pull = two_product(weight, L.high)
-    # All entries of the divergence are 1 or −1.
-    leading = _leading(pull.high)
-    small = (pull.high - leading) + (pull.low + weight * L.low)
-    return -(product(network.divergence, leading) + product(network.divergence, small))
+    pull = two_product(sigma[:, None], bond_vectors.high)
+    return -exact_sums(network.divergence, Extended(pull.high, pull.low + sigma[:, None] * bond_vectors.low))
 
 
 def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.0) -> Array:
@@ -101,12 +96,12 @@ def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.
     smaller by 2⁻²⁵, and so is its rounding.
     """
     leading = _leading(vectors.high)
-    small = matrix @ ((vectors.high - leading) + vectors.low)
+    small = product(matrix, (vectors.high - leading) + vectors.low)
     coarse = _leading(matrix.data)
     if not np.array_equal(coarse, matrix.data):
         small = small + sp.csr_array((matrix.data - coarse, matrix.indices, matrix.indptr), matrix.shape) @ leading
         matrix = sp.csr_array((coarse, matrix.indices, matrix.indptr), matrix.shape)
-    return np.asarray((matrix @ leading - less) + small)
+    return np.asarray((product(matrix, leading) - less) + small)
 
 
 def _leading(values: Array) -> Array:

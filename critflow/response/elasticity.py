@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.critical.backbone import taut_configurations, taut_edges, taut_networks
+from critflow.critical.backbone import backbone, taut_edges, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.networks.network import Network, validated_coordinates
 from critflow.response.at_rest import ResponseAtRest, response_at_rest
@@ -72,7 +72,7 @@ def elasticity(
     if not 0 < V < np.inf:
         raise InputError(f"the volume must be positive and finite, not {V}")
     if isinstance(springs, CriticalConfiguration):
-        parts = taut_configurations(springs)
+        parts = backbone(springs).components
         return _total([_at_transition(part, V, 1 if part is springs else 2) for part in parts])
     if isinstance(springs, CriticalTissue):
         residual = springs.configuration.residual

@@ -16,7 +16,7 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 
 from critflow.arguments import checked
-from critflow.critical.backbone import taut_configurations
+from critflow.critical.backbone import backbone
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.transition import dilation, pure_shear
 from critflow.linalg.saddle import CondensedSaddle, Saddle
@@ -112,7 +112,7 @@ def stiffening(
     if relaxing:
         solution = _failed(Status.floppy, relaxing)
     else:
-        parts = taut_configurations(critical)
+        parts = backbone(critical).components
         found = [
             _stiffening((manifold if part is critical else None) or CriticalManifold(part.network), part, law, path)
             for part in parts

@@ -283,7 +283,7 @@ def certify(critical: CriticalConfiguration) -> Certificate:
     """
     bone = backbone(critical)
     tensions = critical.tensions[bone.taut]
-    found = [_certified(component.configuration, critical.residual) for component in bone.components]
+    found = [_certified(component, critical.residual) for component in bone.components]
     counts = [count for count, _ in found]
     return Certificate(
         critical.residual,

@@ -10,8 +10,8 @@ program too: maximise y_k subject to |L_α(x, y)| ≤ ℓ_α.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal
 
 import clarabel
 import numpy as np
@@ -19,9 +19,10 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Outcome = Literal["solved", "unbounded", "infeasible", "stalled"]
+_OUTCOMES: dict[str, Outcome] = {"Solved": "solved", "DualInfeasible": "unbounded", "PrimalInfeasible": "infeasible"}
 # Length below which tension per length would overflow.
 _NO_LENGTH = 1e-150
-Outcome = Literal["solved", "unbounded", "infeasible", "stalled"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,53 +30,28 @@ class ConeSolution:
     """Solution of a cone program.
 
     coordinates  x of the free vertices, (n, d)
+    parameters   y of the boundary, (k,)
     sigma        stresses σ ≥ 0, (N_b,)
-    ratio        t
     multipliers  tensions of the edges (N_b,) or of the cells (N_c,), of a common scale with σ|L|
     stressed     edges (N_b,) or cells (N_c,) under tension
-    solved       whether the program converged
-    steps        interior-point iterations
-    parameters   y of the boundary, (k,)
-    """
-
-    coordinates: Array
-    sigma: Array
-    ratio: float
-    multipliers: Array
-    stressed: NDArray[np.bool_]
-    solved: bool
-    steps: int
-    parameters: Array = field(default_factory=lambda: np.zeros(0))
-
-
-class Reach(NamedTuple):
-    """The farthest boundary that cables permit.
-
-    coordinates  x of the free vertices, (n, d)
-    parameters   y, (k,)
-    tensions     multipliers of the edges, (N_b,)
-    taut         edges (N_b,) under tension
+    ratio        t; 1 where the lengths are limits
     outcome      "solved", "unbounded" (any y), "infeasible" (no y), or "stalled" (by rounding)
     steps        interior-point iterations
     """
 
     coordinates: Array
     parameters: Array
-    tensions: Array
-    taut: NDArray[np.bool_]
-    outcome: Outcome
-    steps: int
-
-
-class _Program(NamedTuple):
-    """Coordinates, further unknowns y, multipliers of the edges and of the limits, outcome and iterations."""
-
-    x: Array
-    y: Array
-    tension: Array
+    sigma: Array
     multipliers: Array
+    stressed: NDArray[np.bool_]
+    ratio: float
     outcome: Outcome
     steps: int
+
+    @property
+    def solved(self) -> bool:
+        """Whether the program converged."""
+        return self.outcome == "solved"
 
 
 def fit_lengths(
@@ -88,49 +64,47 @@ def fit_lengths(
     rates      b'_k of boundary parameters y_k that are unknown too, (k, N_b, d)
     """
     # One cone (t ℓ_α, L_α) an edge, for the unknowns (x, y, t).
-    n_rates, unit = 0 if rates is None else len(rates), _unit(lengths)
-    extents = sp.hstack([sp.csc_array((len(lengths), n_rates)), sp.csc_array(lengths[:, None] / unit)])
-    moved = None if rates is None else rates / unit
-    found = _solve(incidence, offsets / unit, _Boundary(moved), extents, None, tolerance)
-    found = found._replace(x=unit * found.x)
-    ratio, tension = float(found.y[-1]), found.tension
-    length = np.linalg.norm(_bond_vectors(incidence, offsets, found, rates), axis=1)
+    rates, unit = np.zeros((0, *offsets.shape)) if rates is None else rates, _unit(lengths)
+    extents = sp.hstack([sp.csc_array((len(lengths), len(rates))), sp.csc_array(lengths[:, None] / unit)])
+    x, y, tension, _, outcome, steps = _solve(incidence, offsets / unit, rates / unit, 0.0, extents, None, tolerance)
+    ratio, x, y = float(y[-1]), unit * x, y[:-1]
+    length = _lengths(incidence, offsets, rates, x, y)
     stressed = _has_tension(tension, length / (ratio * lengths))
-    sigma = _stress(tension, length)
-    solved = found.outcome == "solved"
-    return ConeSolution(found.x, sigma, ratio, tension, stressed, solved, found.steps, found.y[:-1])
+    return ConeSolution(x, y, _stress(tension, length), tension, stressed, ratio, outcome, steps)
 
 
-def farthest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Array, tolerance: float) -> Reach:
+def farthest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Array, tolerance: float) -> ConeSolution:
     """Maximise the last of the parameters y that cables of lengths ℓ (N_b,) permit, |g x + b + Σ_k b'_k y_k| ≤ ℓ.
 
     incidence  g of the free vertices, (N_b, n)
     offsets    b, (N_b, d)
     rates      b'_k, (k, N_b, d)
     """
+    # The program minimises the last unknown.
     signs, unit = np.ones(len(rates)), _unit(lengths)
     signs[-1] = -1.0
-    # The program minimises the last unknown.
-    boundary = _Boundary(signs[:, None, None] * rates / unit, lengths / unit)
-    found = _solve(incidence, offsets / unit, boundary, None, None, tolerance)
-    found = found._replace(x=unit * found.x, y=signs * found.y)
-    return _reach(incidence, offsets, rates, lengths, found)
+    turned = signs[:, None, None] * rates / unit
+    x, y, tension, _, outcome, steps = _solve(incidence, offsets / unit, turned, lengths / unit, None, None, tolerance)
+    x, y = unit * x, signs * y
+    length = _lengths(incidence, offsets, rates, x, y)
+    return ConeSolution(
+        x, y, _stress(tension, length), tension, _has_tension(tension, length / lengths), 1.0, outcome, steps
+    )
 
 
-def nearest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Array, tolerance: float) -> Reach:
+def nearest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Array, tolerance: float) -> ConeSolution:
     """The smallest parameters y, by the largest |y_k|, for which |g x + b + Σ_k b'_k y_k| ≤ ℓ: as `farthest`."""
     # One cone (ℓ_α, L_α) an edge and rows s ± y_k ≥ 0, for the unknowns (x, y, s).
     k, unit = len(rates), _unit(lengths)
     limits = sp.hstack([sp.vstack([sp.eye_array(k), -sp.eye_array(k)]), np.ones((2 * k, 1))])
-    with_size = np.concatenate([rates, np.zeros((1, *offsets.shape))])
-    found = _solve(incidence, offsets / unit, _Boundary(with_size / unit, lengths / unit), None, limits, tolerance)
-    return _reach(incidence, offsets, rates, lengths, found._replace(x=unit * found.x, y=found.y[:k]))
-
-
-def _reach(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Array, found: _Program) -> Reach:
-    length = np.linalg.norm(_bond_vectors(incidence, offsets, found, rates), axis=1)
-    taut = _has_tension(found.tension, length / lengths)
-    return Reach(found.x, found.y, found.tension, taut, found.outcome, found.steps)
+    x, y, tension, _, outcome, steps = _solve(
+        incidence, offsets / unit, rates / unit, lengths / unit, None, limits, tolerance
+    )
+    x, y = unit * x, y[:k]
+    length = _lengths(incidence, offsets, rates, x, y)
+    return ConeSolution(
+        x, y, _stress(tension, length), tension, _has_tension(tension, length / lengths), 1.0, outcome, steps
+    )
 
 
 def fit_perimeters(
@@ -142,26 +116,18 @@ def fit_perimeters(
     offsets    b, (N_b, d)
     """
     # One cone (s_α, L_α) an edge and one row t p_c − Σ A s ≥ 0 a cell, for the unknowns (x, s, t).
-    m = len(offsets)
+    m, fixed = len(offsets), np.zeros((0, *offsets.shape))
     extents = sp.hstack([sp.eye_array(m), sp.csc_array((m, 1))])
     limits = sp.hstack([-sides, perimeters[:, None]])
-    found = _solve(incidence, offsets, _Boundary(), extents, limits, tolerance)
-    ratio, length = float(found.y[-1]), np.linalg.norm(_bond_vectors(incidence, offsets, found), axis=1)
-    stressed = _has_tension(found.multipliers, sides @ length / (ratio * perimeters))
-    sigma = _stress(found.tension, length)
-    return ConeSolution(found.x, sigma, ratio, found.multipliers, stressed, found.outcome == "solved", found.steps)
+    x, y, tension, of_cells, outcome, steps = _solve(incidence, offsets, fixed, 0.0, extents, limits, tolerance)
+    ratio, length = float(y[-1]), _lengths(incidence, offsets, fixed, x, y[:0])
+    stressed = _has_tension(of_cells, sides @ length / (ratio * perimeters))
+    return ConeSolution(x, y[:0], _stress(tension, length), of_cells, stressed, ratio, outcome, steps)
 
 
-class _Boundary(NamedTuple):
-    """How the boundary enters: rates b'_k (k, N_b, d) of the first unknowns y, and constant limits ℓ (N_b,)."""
-
-    rates: Array | None = None
-    lengths: Array | None = None
-
-
-def _bond_vectors(incidence: sp.csr_array, offsets: Array, found: _Program, rates: Array | None = None) -> Array:
-    L = np.asarray(incidence @ found.x) + offsets
-    return L if rates is None else L + np.einsum("kad,k->ad", rates, found.y[: len(rates)])
+def _lengths(incidence: sp.csr_array, offsets: Array, rates: Array, x: Array, y: Array) -> Array:
+    """|g x + b + Σ_k b'_k y_k|, (N_b,)."""
+    return np.linalg.norm(incidence @ x + offsets + np.einsum("kad,k->ad", rates, y), axis=1)
 
 
 def _unit(lengths: Array) -> float:
@@ -182,24 +148,37 @@ def _has_tension(multipliers: Array, filled: Array) -> NDArray[np.bool_]:
 def _solve(
     incidence: sp.csr_array,
     offsets: Array,
-    boundary: _Boundary,
+    rates: Array,
+    lengths: Array | float,
     extents: sp.sparray | None,
     limits: sp.sparray | None,
     tolerance: float,
-) -> _Program:
-    """Minimise the last of the unknowns y subject to |L_α(x, y)| ≤ ℓ_α + (extents y)_α and limits y ≥ 0."""
+) -> tuple[Array, Array, Array, Array, Outcome, int]:
+    """Minimise the last of the unknowns y subject to |L_α(x, y)| ≤ ℓ_α + (extents y)_α and limits y ≥ 0.
+
+    x (n, d), y, the multipliers of the edges (N_b,) and of the limits, the outcome, and the number of iterations.
+    """
     (m, n), d = incidence.shape, offsets.shape[1]
-    rates = np.zeros((0, m, d)) if boundary.rates is None else boundary.rates
+    n_further = max([len(rates), *(part.shape[1] for part in (extents, limits) if part is not None)])
     n_limits = 0 if limits is None else limits.shape[0]
-    n_further = max(part.shape[1] for part in (extents, limits, np.empty((0, len(rates)))) if part is not None)
-    A = _constraints(incidence, rates, extents, limits, n_further)
+    # Clarabel requires b − A z in the cones, for z = (x, y).
+    g, (k, moved, axis) = incidence.tocoo(), np.nonzero(rates)
+    axes = np.arange(d)
+    rows = [((d + 1) * g.row[:, None] + 1 + axes).ravel(), (d + 1) * moved + 1 + axis]
+    cols = [(d * g.col[:, None] + axes).ravel(), d * n + k]
+    values = [np.repeat(-g.data, d), -rates[k, moved, axis]]
+    for part, start, step in ((extents, 0, d + 1), (limits, (d + 1) * m, 1)):
+        if part is not None:
+            by_y = part.tocoo()
+            rows, cols = [*rows, start + step * by_y.row], [*cols, d * n + by_y.col]
+            values.append(-by_y.data)
+    shape = ((d + 1) * m + n_limits, d * n + n_further)
+    A = sp.csc_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=shape)
     cones: list[object] = [clarabel.SecondOrderConeT(d + 1)] * m
     if n_limits:
         cones.append(clarabel.NonnegativeConeT(n_limits))
     b = np.zeros((m, d + 1))
-    b[:, 1:] = offsets
-    if boundary.lengths is not None:
-        b[:, 0] = boundary.lengths
+    b[:, 0], b[:, 1:] = lengths, offsets
     cost = np.zeros(d * n + n_further)
     cost[-1] = 1.0
     right = np.concatenate([b.ravel(), np.zeros(n_limits)])
@@ -207,44 +186,8 @@ def _solve(
     answer = clarabel.DefaultSolver(no_squares, cost, A, right, cones, _settings(d, tolerance)).solve()
     z, multipliers = np.array(answer.x), np.array(answer.z)
     tension = multipliers[: (d + 1) * m].reshape(m, d + 1)[:, 0]
-    outcome = _OUTCOMES.get(str(answer.status), "stalled")
-    rest = multipliers[(d + 1) * m :]
-    return _Program(z[: d * n].reshape(n, d), z[d * n :], tension, rest, outcome, answer.iterations)
-
-
-_OUTCOMES: dict[str, Outcome] = {
-    "Solved": "solved",
-    "AlmostSolved": "solved",
-    "DualInfeasible": "unbounded",
-    "AlmostDualInfeasible": "unbounded",
-    "PrimalInfeasible": "infeasible",
-    "AlmostPrimalInfeasible": "infeasible",
-}
-
-
-def _constraints(
-    incidence: sp.csr_array, rates: Array, extents: sp.sparray | None, limits: sp.sparray | None, n_further: int
-) -> sp.csc_matrix:
-    """The matrix A of Clarabel, which requires b − A z in the cones, for z = (x, y)."""
-    (m, n), d = incidence.shape, rates.shape[2]
-    g, block = incidence.tocoo(), rates.shape[2] + 1
-    rows, cols, values = [], [], []
-    for axis in range(d):
-        rows.append(block * g.row + 1 + axis)
-        cols.append(d * g.col + axis)
-        values.append(-g.data)
-        k, moved = np.nonzero(rates[:, :, axis])
-        rows.append(block * moved + 1 + axis)
-        cols.append(d * n + k)
-        values.append(-rates[k, moved, axis])
-    for part, start, step in ((extents, 0, block), (limits, block * m, 1)):
-        if part is not None:
-            y = part.tocoo()
-            rows.append(start + step * y.row)
-            cols.append(d * n + y.col)
-            values.append(-y.data)
-    shape = (block * m + (0 if limits is None else limits.shape[0]), d * n + n_further)
-    return sp.csc_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=shape)
+    outcome = _OUTCOMES.get(str(answer.status).removeprefix("Almost"), "stalled")
+    return z[: d * n].reshape(n, d), z[d * n :], tension, multipliers[(d + 1) * m :], outcome, answer.iterations
 
 
 def _settings(dimension: int, tolerance: float) -> clarabel.DefaultSettings:

@@ -121,6 +121,12 @@ class _Working:
         mu[self.equal] -= found[len(right) :]
         return np.asarray(mu)
 
+    def optimality(self) -> tuple[Array, float]:
+        """The multipliers of the constraints that hold, and the largest component of ∇f + Jᵀμ."""
+        J, g = self.rows, self._point.gradient
+        mu = self.multipliers(J @ J.T, np.where(self.equal, 0.0, np.minimum(self.excess, 0.0)) - J @ g)
+        return mu, float(np.abs(g + mu @ J).max(initial=0.0))
+
 
 class _Metric:
     """H, the inverse of a limited-memory BFGS matrix: products with vectors (N,) or rows (n, N)."""
@@ -216,8 +222,11 @@ def minimise_constrained(
 
 def violation(problem: Problem, point: Point) -> float:
     """The largest distance of a constraint from its limits."""
-    c = point.constraints
-    return float(np.abs(c - np.clip(c, problem.low, problem.high)).max(initial=0.0))
+    return float(np.abs(_beyond(problem, point)).max(initial=0.0))
+
+
+def _beyond(problem: Problem, point: Point) -> Array:
+    return point.constraints - np.clip(point.constraints, problem.low, problem.high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,15 +257,13 @@ class _Search:
         H = metric.at(point.z).times(np.vstack([J, g]))
         HJ, Hg = H[:-1], H[-1]
         mu = working.multipliers(J @ HJ.T, working.excess - J @ Hg)
-        plain = working.multipliers(J @ J.T, np.where(working.equal, 0.0, np.minimum(working.excess, 0.0)) - J @ g)
-        return _Step(-(Hg + mu @ HJ), mu, working, float(np.abs(g + plain @ J).max()))
+        return _Step(-(Hg + mu @ HJ), mu, working, working.optimality()[1])
 
     def along(self, point: Point, step: _Step, metric: _Metric) -> Point | None:
         """A point with a smaller value of f + penalty·Σ|violation|, or None."""
         self.penalty = 1.2 * float(np.abs(step.multipliers).max(initial=0.0))
-        violated = self._violation(point)
-        here = point.value + self.penalty * violated
-        rate = float(point.gradient @ step.d) - self.penalty * violated
+        here = self._merit(point)
+        rate = float(point.gradient @ step.d) - self.penalty * float(np.abs(_beyond(self.problem, point)).sum())
         part = min(1.0, self.longest / max(float(np.abs(step.d).max()), 1e-300))
         while part > _SHORTEST:
             self.steps += 1
@@ -270,12 +277,8 @@ class _Search:
             part *= 0.3
         return None
 
-    def _violation(self, point: Point) -> float:
-        c = point.constraints
-        return float(np.abs(c - np.clip(c, self.problem.low, self.problem.high)).sum())
-
     def _merit(self, point: Point) -> float:
-        return point.value + self.penalty * self._violation(point)
+        return point.value + self.penalty * float(np.abs(_beyond(self.problem, point)).sum())
 
     def restored(self, point: Point, metric: _Metric, most: int) -> Point:
         """The point after at most `most` damped Gauss-Newton steps that reduce the violation."""
@@ -308,15 +311,12 @@ class _Search:
         return point
 
     def _size(self, point: Point) -> float:
-        c = point.constraints
-        size = float(np.linalg.norm(c - np.clip(c, self.problem.low, self.problem.high)))
+        size = float(np.linalg.norm(_beyond(self.problem, point)))
         return size if np.isfinite(size) and np.isfinite(point.value) else np.inf
 
     def end(self, point: Point, status: Status) -> Minimum:
         working = _Working(self.problem, point)
-        J, g = working.rows, point.gradient
-        mu = working.multipliers(J @ J.T, np.where(working.equal, 0.0, np.minimum(working.excess, 0.0)) - J @ g)
+        mu, residual = working.optimality()
         multipliers = np.zeros(len(point.constraints))
         multipliers[working.indices] = working.sign * mu
-        residual = float(np.abs(g + mu @ J).max(initial=0.0))
         return Minimum(point, multipliers, violation(self.problem, point), residual, self.steps, status)

@@ -94,23 +94,17 @@ def minimise(
     point = function.at(x0)
     state: State | None = method.init(point)
     for step in range(max_steps):
-        status = stop_status(point, tolerance, monitor)
-        if status is not None:
+        if point.residual < tolerance:
+            return Minimum(point, Status.ok, step)
+        if not np.isfinite(point.value):
+            return Minimum(point, Status.singular, step)
+        if monitor is not None and (status := monitor(point)) is not None:
             return Minimum(point, status, step)
         assert state is not None
         point, state = method.step(function, point, state)
         if state is None:
             return Minimum(point, Status.stalled, step)
     return Minimum(point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps)
-
-
-def stop_status(point: Point, tolerance: float, monitor: Monitor | None) -> Status | None:
-    """The status that ends a minimisation at a point, or None."""
-    if point.residual < tolerance:
-        return Status.ok
-    if not np.isfinite(point.value):
-        return Status.singular
-    return monitor(point) if monitor is not None else None
 
 
 class FireState(NamedTuple):

@@ -5,7 +5,7 @@ import pytest
 from problems import slack_lattice, taut_rows
 
 from critflow import CriticalConfiguration, InputError, Network, voronoi_network
-from critflow.critical.backbone import backbone, cables
+from critflow.critical.backbone import backbone
 from critflow.critical.manifold import critical_configuration
 
 # A cable of two edges between the pins 0 and 1, and two slack edges from its middle to a third pin.
@@ -29,7 +29,6 @@ def test_without_slack_edges_the_backbone_is_the_configuration():
     assert bone.configuration is critical
     assert bone.n_slack == 0
     assert bone.stressed_fraction == 1
-    assert bone.n_cables == network.n_edges
     assert len(bone.floppy_vertices) == 0
 
 
@@ -46,11 +45,9 @@ def test_the_backbone_keeps_bond_vectors_balance_and_bounds(slack):
     assert len(bone.floppy_vertices) + bone.network.n_vertices == slack.network.n_vertices
 
 
-def test_a_chain_between_pins_is_one_cable_and_pins_outside_are_left_out():
+def test_slack_edges_and_the_pins_that_they_alone_meet_are_left_out():
     bone = backbone(hung())
-    assert bone.n_cables == 1
-    assert bone.component.edges.tolist() == [0, 1]
-    assert bone.component.vertices.tolist() == [0, 1, 3]
+    assert bone.taut.tolist() == [True, True, False, False]
     assert sorted(bone.network.pins) == [0, 1]
     assert np.array_equal(bone.configuration.coordinates, HUNG_COORDINATES[[0, 1, 3]])
     assert bone.floppy_vertices.tolist() == [2, 4]
@@ -59,25 +56,13 @@ def test_a_chain_between_pins_is_one_cable_and_pins_outside_are_left_out():
 def test_disconnected_taut_parts_are_components():
     critical = taut_rows()
     bone = backbone(critical)
-    assert [component.n_cables for component in bone.components] == [1, 1, 1]
-    assert bone.n_cables == 3
+    assert [component.network.n_edges for component in bone.components] == [3, 3, 3]
     for component in bone.components:
         # A component without pins is grounded at its first vertex.
-        assert not component.configuration.coordinates[0].any()
-        assert component.configuration.residual < 1e-14
+        assert not component.coordinates[0].any()
+        assert component.residual < 1e-14
     with pytest.raises(InputError, match="3 components"):
         bone.configuration  # noqa: B018
-
-
-def test_cables_end_at_junctions_and_pins():
-    # Two chains between the junctions 0 and 3, and an edge that closes over the boundary.
-    edges = [[0, 1], [1, 3], [0, 2], [2, 3], [3, 0]]
-    network = Network(edges, [[0, 0]] * 4 + [[1, 0]], np.eye(2))
-    cable = cables(network)
-    assert cable[0] == cable[1]
-    assert cable[2] == cable[3]
-    assert len(set(cable)) == 3
-    assert len(set(cables(Network(edges[:4], pins={1: [0, 1], 2: [0, 0]})))) == 4 - 2
 
 
 @pytest.mark.parametrize(

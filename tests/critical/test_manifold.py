@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from derivatives import assert_derivative
 from problems import (
     NETWORKS,
     PERIODIC,
@@ -27,7 +26,6 @@ from critflow import (
     Status,
     elasticity,
     isogonal_modes,
-    lattice,
     optimize,
     properties,
     quantity,
@@ -88,7 +86,7 @@ def test_residual_detects_imbalance():
 
 
 def test_three_bar_linkage_closed_form():
-    for sigma in ([1.0, 1.0, 1.0], [0.3, 2.0, 5.0], [1.0, 2.0, -1.0]):
+    for sigma in ([1.0, 1.0, 1.0], [0.3, 2.0, 5.0], [1.0, 2.0, -1.0], [-1.0, 1.0, 1.0]):
         sigma = np.array(sigma)
         L = CriticalManifold(three_bar_linkage()).configuration(sigma).bond_vectors
         np.testing.assert_allclose(L[:, 0], 3 / sigma / np.sum(1 / sigma), rtol=1e-14)
@@ -108,11 +106,6 @@ def test_pinned_star_is_the_weighted_mean():
     x = CriticalManifold(network).configuration(sigma).coordinates
     np.testing.assert_allclose(x[0], sigma @ pins / sigma.sum(), rtol=1e-14)
     np.testing.assert_array_equal(x[1:], pins)
-
-
-def test_honeycomb_at_equal_stress_is_regular():
-    configuration = CriticalManifold(lattice("honeycomb", 4, 3)).configuration(np.ones(36))
-    np.testing.assert_allclose(configuration.lengths, 1.0, rtol=1e-13)
 
 
 @pytest.mark.parametrize("factor", [1e-8, 3.7, 1e8, -1.0])
@@ -167,15 +160,6 @@ def test_affine_cells_give_affine_configurations(name, gamma):
     np.testing.assert_allclose(found, dense_bond_vectors(deformed, sigma), rtol=0, atol=10 * ATOL)
 
 
-def test_edges_longer_than_half_the_cell():
-    network = voronoi_network(12, seed=6)
-    sigma = np.ones(18)
-    sigma[4] = 0.01
-    L = CriticalManifold(network).configuration(sigma).bond_vectors
-    assert np.abs(L).max() > 0.5 * network.cell[0, 0]
-    np.testing.assert_allclose(L, dense_bond_vectors(network, sigma), rtol=0, atol=ATOL)
-
-
 # Mixed signs
 
 
@@ -217,39 +201,12 @@ def test_singular_stress_gives_no_configuration(sigma):
     assert caught.value.solution.status is Status.singular
 
 
-def test_vanishing_pivot_of_a_regular_matrix():
-    # σ = (−1, 1, 1) on the linkage of span 3: lengths ∝ 1/σ, closed by their signs, L = 3 (−1, 1, 1).
-    value = CriticalManifold(three_bar_linkage()).configuration([-1.0, 1.0, 1.0])
-    np.testing.assert_allclose(value.bond_vectors, [[-3.0, 0], [3.0, 0], [3.0, 0]], rtol=0, atol=1e-12)
-    assert value.residual < 1e-12
-
-
 def test_response_with_a_vanishing_pivot():
     manifold = CriticalManifold(three_bar_linkage())
     for sigma in ([-1.0, 1.0, 1.0], [1.0, -1.0, 3.0]):
         configuration = manifold.configuration(sigma)
         response = manifold.response(configuration) @ np.eye(3)
         np.testing.assert_allclose(response, dense_response(manifold.network, configuration.sigma), rtol=0, atol=1e-10)
-
-
-def test_residual_without_tension_is_undefined():
-    # Stressed edges have no length, and the edge with length has no stress.
-    value = CriticalManifold(three_bar_linkage()).configuration([1.0, -1.0, 0.0])
-    np.testing.assert_allclose(value.lengths, [0, 0, 3.0], rtol=0, atol=1e-12)
-    assert np.isnan(value.residual) or value.residual < 1
-
-
-def test_singular_stress_of_a_large_network():
-    # The stress is scaled to the eigenvalue where P first loses definiteness, found densely.
-    network = voronoi_network(40, seed=1)
-    g, _ = dense_free(network)
-    g = g[:, 1:]
-    weak = np.zeros(60)
-    weak[10] = 1.0
-    P, Q = g.T @ g, g.T @ (weak[:, None] * g)
-    strongest = np.linalg.eigvals(np.linalg.solve(P, Q)).real.max()
-    sigma = np.ones(60) - weak / strongest
-    assert CriticalManifold(network).solve(sigma).status is Status.singular
 
 
 @pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "oblique", "pinned grid"])
@@ -282,37 +239,9 @@ def test_response_is_the_derivative_of_half_squared_lengths(name):
     np.testing.assert_allclose(sigma @ B, 0, atol=1e-12)
     # Concavity of min_x Σσh: B is negative semidefinite for σ > 0.
     assert np.linalg.eigvalsh(B).max() < 1e-12
-    # Central differences of fourth order: truncation (step⁴) and rounding (1e-14/step) are both below 1e-9.
-    step = 1e-3
-    weights = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
-    for edge in (0, network.n_edges // 2, network.n_edges - 1):
-        difference = np.zeros(network.n_edges)
-        for shift, weight in weights.items():
-            moved = sigma.copy()
-            moved[edge] += shift * step
-            difference += weight / step * 0.5 * np.sum(dense_bond_vectors(network, moved) ** 2, axis=1)
-        np.testing.assert_allclose(B[:, edge], difference, rtol=0, atol=1e-8 * np.abs(difference).max())
-
-
-def test_response_of_signed_stress():
-    network = voronoi_network(40, seed=3)
-    manifold = CriticalManifold(network)
-    configuration = manifold.configuration(signed_stress(60, 8))
-    B = manifold.response(configuration) @ np.eye(60)
-    scale = np.abs(B).max()
-    np.testing.assert_allclose(B, dense_response(network, configuration.sigma), rtol=0, atol=1e-10 * scale)
-    np.testing.assert_allclose(configuration.sigma @ B, 0, atol=1e-10 * scale)
-
-
-def test_response_stays_valid_after_other_configurations():
-    network = voronoi_network(40, seed=3)
-    manifold = CriticalManifold(network)
-    configuration = manifold.configuration(random_stress(60, 8))
-    operator = manifold.response(configuration)
-    before = operator @ np.arange(60.0)
-    manifold.configuration(random_stress(60, 9))
-    np.testing.assert_array_equal(operator @ np.arange(60.0), before)
-    np.testing.assert_array_equal(operator.rmatvec(np.arange(60.0)), before)
+    edges = np.eye(network.n_edges)[[0, network.n_edges // 2, -1]]
+    half_squares = lambda s: 0.5 * np.sum(dense_bond_vectors(network, s) ** 2, axis=1)  # noqa: E731
+    assert_derivative(half_squares, lambda u: B @ u, sigma, edges, 1e-3, 1e-8)
 
 
 @pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "pinned grid"])
@@ -336,23 +265,7 @@ def test_pull_back_equals_the_dense_formula(name):
     assert np.sum(dO_dL * dL) == pytest.approx((gradient - dO_dsigma) @ dsigma, rel=1e-11)
 
 
-# Any stress on any network
-
-
-@given(
-    n_cells=st.integers(4, 20),
-    seed=st.integers(0, 50),
-    spread=st.floats(0.0, 6.0),
-)
-def test_positive_stresses_are_balanced_and_below_the_bulk_bound(n_cells, seed, spread):
-    network = voronoi_network(2 * n_cells, seed=seed)
-    sigma = np.exp(spread * np.random.default_rng(seed).uniform(-1, 1, network.n_edges))
-    manifold = CriticalManifold(network)
-    solution = manifold.solve(sigma)
-    assert solution.status is Status.ok
-    assert solution.value.residual < 1e-12
-    # B_0 ≤ (1/4V) Σ k|L*|² for every stress, up to rounding.
-    assert elasticity(solution.value).value.bulk <= upper_bound(manifold, "B_0") * (1 + 1e-12)
+# Edges that collapse
 
 
 def test_collapsing_parts_raise():

@@ -246,7 +246,6 @@ def test_stiffening_with_a_nearly_collapsed_edge(monkeypatch, decades, system):
         # The library does not choose it for stresses far below the mean, but the system is valid.
         monkeypatch.setattr(MANIFOLD, "CONDENSED_EDGES", 1)
         monkeypatch.setattr(MANIFOLD, "positive", lambda sigma: True)
-        monkeypatch.setattr(CondensedSaddle, "stable", lambda *arguments: True)
     manifold = CriticalManifold(network)
     critical = manifold.configuration(stress)
     assert critical.lengths.min() < 10.0 ** (1 - decades)

@@ -160,8 +160,7 @@ def _shear_of_tension(found):
     """
     if found.status not in (Status.ok, Status.slack_edges):
         return Measured(np.nan, np.empty(0), np.empty(0), found.status)
-    parts = backbone(found.value).components
-    critical = max((part.configuration for part in parts), key=lambda part: part.network.n_edges)
+    critical = max(backbone(found.value).components, key=lambda part: part.network.n_edges)
     path = strain_path(critical, np.geomspace(*_NEAR, POINTS), throw=False)
     tension = np.einsum("nii->n", path.value.stress) / 2
     excess = path.value.shear_modulus - elasticity(critical).value.shear

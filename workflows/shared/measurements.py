@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from critflow import InputError, Status, stiffening, strain_path, voronoi_network
-from critflow.critical.backbone import taut_configurations
+from critflow.critical.backbone import backbone
 from critflow.critical.manifold import require_one_self_stress
 from critflow.networks.deformation import deformation_of
 from critflow.onset.taut_set import NO_STRESS
@@ -110,7 +110,7 @@ def known_moduli(critical):
 def moduli_of_parts(critical):
     """The moduli at the transition of each rigid part, which add up."""
     try:
-        parts = taut_configurations(critical)
+        parts = backbone(critical).components
     except InputError:
         parts = (critical,)
     for part in parts:
