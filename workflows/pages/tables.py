@@ -33,7 +33,7 @@ MEASURES = FEW | {
     "tension_variance": "V_τ",
     "stressed_fraction": "stressed edges",
 }
-# Programs beside which critflow was measured, as the names of methods begin.
+# Other programs in the study of speed; the names of their methods begin with these.
 PROGRAMS = ("LAMMPS", "ASE", "matscipy", "jax_fdm")
 VERBS = {"holds": "hold", "differs": "differ", "undecided": "undecided"}
 # The default method of each task and the reason for it, from the measurements.
