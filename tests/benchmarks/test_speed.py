@@ -9,7 +9,6 @@ import time
 
 import numpy as np
 import pytest
-import scipy
 import xarray as xr
 
 from critflow import CriticalManifold, critical_from_lengths, optimize, stiffening, upper_bound, voronoi_network
@@ -69,11 +68,9 @@ def test_who_raises_has_failed_and_who_is_slow_stops():
         median, low, high = timing.quartiles
         assert low <= median <= high
         assert timings["gone", level].status is Status.missing
-        assert "pip install 'critflow[peers]'" in timings["gone", level].note
     # One round is judged and not timed.
     assert sorted(runs) == [0.0] * 5 + [1.0] * 5 + [2.0] * 5
     assert [timings["broken", level].status for level in range(3)] == [Status.ok, Status.failed, Status.ok]
-    assert timings["broken", 1].note == "ZeroDivisionError: by a peer"
     assert np.isnan(timings["broken", 1].quartiles).all()
     assert [len(timings["slow", level].seconds) for level in range(3)] == [1, 0, 0]
     assert timings["slow", 0].quartiles[0] >= 0.02
@@ -229,8 +226,6 @@ def test_who_takes_part_and_who_is_missing(small):
     assert (parts.presence.sel(contestant="auto", task=["configuration", "bulk_modulus"]) == 1).all()
     assert parts.presence.sel(contestant="dense Cholesky", task="configuration") == 2
     assert parts.presence.sel(contestant="dense Cholesky", task="bulk_modulus") == 0
-    numbers = parts.package_version.sel(contestant="dense Cholesky", task="configuration").values
-    assert list(numbers) == [int(number) for number in scipy.__version__.split(".")[:3]]
     for name, word, package in (("pyamg CG", "gradient", "pyamg"), ("jax_fdm", "length_variance_pinned", "jax-fdm")):
         version = installed(package)
         part = parts.sel(contestant=name, task=word)
@@ -256,8 +251,6 @@ def test_it_has_its_charts_claims_and_fronts(small, assert_picture):
     tasks = json.loads((folder / "summary.json").read_text())["tasks"]
     assert set(tasks) == words
     for of_task in tasks.values():
-        front = of_task["sizes"]["40"]["front"]
-        assert [point[1] for point in front] == sorted(point[1] for point in front)
         assert of_task["sizes"]["40"]["auto_over_front"] >= 1
 
 
@@ -313,10 +306,7 @@ def test_small_runs_say_nothing_of_a_million_vertices(small):
     claims = {claim["key"] for claim in json.loads((small[1] / "claims.json").read_text())}
     assert {"Scale-memory", "Scale-certificate", "Scale-status"} <= claims
     assert not {"Scale-generation", "Scale-configuration"} & claims
-    stages = json.loads((small[1] / "summary.json").read_text())["stages"]
-    for shares in stages["share_of_time"].values():
-        assert sum(shares.values()) == pytest.approx(1.0, rel=1e-12)
-    assert stages["solver"]["coefficients"] == ["qdldl"]
+    assert sum(sizes.share(sizes.stages_of(small[0]), 0).values()) == pytest.approx(1.0, rel=1e-12)
 
 
 # Settings

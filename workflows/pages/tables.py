@@ -50,7 +50,6 @@ REASONS = {
     "strain_step": "Newton's method: the softness grows as 1/γ, and no other method reaches these errors",
     "moduli": "linear response with the factor of the last Newton step",
     "transition_moduli": "sums over edges, without a factorisation",
-    "member": "only the requested variables are computed",
     "coefficients": "exact, from the transition alone; fits have a bias and need a strain path",
 }
 

@@ -1,14 +1,13 @@
 """Speed against accuracy of every method of critflow and of other packages, and time and memory against size.
 
 Each point of a task has the error against a much more accurate reference, the median of the times with quartiles, the
-status, the iterations and the version of the package.  Other packages are optional, `pip install 'critflow[peers]'`; a
-missing one is recorded.  The task `stages` takes one network of up to a million vertices through all that is known in
-closed form.  Times are on one core and depend on the machine: compare ratios within one case.
+status and the iterations.  Other packages are optional, `pip install 'critflow[peers]'`; a missing one is recorded.
+The task `stages` takes one network of up to a million vertices through all that is known in closed form.  Times are on
+one core and depend on the machine: compare ratios within one case.
 """
 
 from __future__ import annotations
 
-import re
 import warnings
 from dataclasses import replace
 from enum import IntEnum
@@ -68,7 +67,7 @@ def case(parameters, *, task, n_vertices):
     arrays |= {"outcome": np.full(shape, int(Status.missing))}
     arrays |= {name: np.zeros(shape, int) for name in ("iterations", "repeats_done")}
     arrays |= {name: np.zeros(shape[0], int) for name in ("presence", "backend")}
-    arrays |= {"package_version": np.full((shape[0], 3), -1), "memory": np.full(shape[0], np.nan)}
+    arrays |= {"memory": np.full(shape[0], np.nan)}
     timings, numbers = _timings(parameters, task, n_vertices)
     for timing in timings:
         if timing.method.name in names:
@@ -115,15 +114,12 @@ def _point(timing: Timing) -> dict[str, float]:
 
 
 def _origin(timing: Timing) -> dict[str, object]:
-    """Package, version and solver of a method, and its memory."""
+    """Package and solver of a method, and its memory."""
     method: Method = timing.method
-    version = installed(method.package)
-    numbers = [int(number) for number in re.findall(r"\d+", version)[:3]]
     own = Presence.critflow if method.package == "critflow" else Presence.peer
     return {
-        "presence": own if version else Presence.not_installed,
+        "presence": own if installed(method.package) else Presence.not_installed,
         "backend": Backend.__members__.get(method.backend or "none", Backend.other),
-        "package_version": numbers + [-1] * (3 - len(numbers)),
         "memory": timing.memory,
     }
 
@@ -177,10 +173,6 @@ study = Study(
         Variable("repeats_done", POINT, "i4", long_name="number of timed runs", volatile=True),
         Variable("presence", METHOD, "i1", long_name="package of the method", flags=Presence),
         Variable("backend", METHOD, "i1", long_name="linear solver", flags=Backend),
-        Variable(
-            "package_version", (*METHOD, "part"), "i4", fill=-2,
-            long_name="version of the package, its first three numbers",
-        ),
         Variable("memory", METHOD, "f8", long_name="peak resident memory in a stage", units="MB", volatile=True),
         *(Variable(name, EACH, "f8", long_name=text) for name, text in NUMBERS.items()),
         Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status),
