@@ -18,8 +18,8 @@ def claims(ds):
     return [claim for make in (_configurations, _rigid, _singular, _lengths, _forms) for claim in make(ds)]
 
 
-def _worst(values, digits=2):
-    return f"{np.nanmax(values):.{digits}g}"
+def _worst(values):
+    return f"{np.nanmax(values):.2g}"
 
 
 def _configurations(ds):
