@@ -58,6 +58,7 @@ ROWS = (
     (PANELS[9:13], "Random", ""),
 )
 NO_TENSION = 1e-9
+NOTE_WIDTH = 28  # characters of a line
 
 
 def gallery(ds):
@@ -128,11 +129,11 @@ def _numbers(one, ds):
     }  # fmt: skip
 
 
-def _wrapped(text, width=28):
+def _wrapped(text):
     lines, line = [], ""
     for word in text.split():
         # Mathematics is shorter in print than in letters.
-        if len((line + word).replace("$", "").replace("\\tau", "t")) > width:
+        if len((line + word).replace("$", "").replace("\\tau", "t")) > NOTE_WIDTH:
             lines.append(line)
             line = ""
         line += word + " "

@@ -88,13 +88,13 @@ def measured(ds, name):
     return finite(ds.value.sel(quantity=name).values)
 
 
-def shown(values, digits=8):
+def shown(values):
     """Mean ± standard deviation, or the number itself where the seeds agree."""
     if len(values) == 0:
         return "no value"
     spread = float(np.std(values))
     if spread < 1e-9 * max(abs(float(np.mean(values))), 1e-300):
-        return f"{np.mean(values):.{digits + 2}g}"
+        return f"{np.mean(values):.10g}"
     places = min(max(0, 1 - int(np.floor(np.log10(spread)))), MOST_PLACES)
     return f"{np.mean(values):.{places}f} ± {spread:.{places}f}"
 
