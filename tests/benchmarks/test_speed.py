@@ -309,27 +309,6 @@ def test_small_runs_say_nothing_of_a_million_vertices(small):
     assert sum(sizes.share(sizes.stages_of(small[0]), 0).values()) == pytest.approx(1.0, rel=1e-12)
 
 
-# Settings
-
-
-@pytest.mark.parametrize(
-    "setting, sentence",
-    [
-        ("contestants=auto,lammps", "no method 'lammps'"),
-        ("repeats=0", "repeats=0 must be positive"),
-        ("patience=0", "must be positive"),
-        ("budget=-1", "must"),
-        ("n_vertices=7", "n_vertices"),
-        ("n_vertices=20", "at least 40"),
-        ("least_time=0", "must be positive"),
-    ],
-)
-def test_bad_settings_are_refused_before_anything_runs(setting, sentence, tmp_path, capsys):
-    assert main(["run", "speed", "--out", str(tmp_path / "out"), "--set", setting]) == 2
-    assert sentence in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_it_runs_with_one_worker_at_most(tmp_path, capsys):
     assert main(["run", "speed", "--workers", "2", "--out", str(tmp_path / "out")]) == 2
     assert "give at most 1" in capsys.readouterr().err
