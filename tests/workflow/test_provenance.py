@@ -40,7 +40,6 @@ def test_a_dataset_states_its_settings_versions_and_stored_cases(tmp_path, run, 
     for case in select(tiny.study, settings).cases():
         if shard := read_shard(tmp_path / "out" / "shards", tiny.study, case):
             stored[case.id] = shard.checksum
-    assert attributes["shards_sha256_each"] == " ".join(f"{name}:{stored[name]}" for name in sorted(stored))
     each = [sha256(f"{name} {checksum}\n".encode()).digest() for name, checksum in stored.items()]
     assert attributes["shards_sha256"] == f"{sum(map(int.from_bytes, each)) % 2**256:064x}"
 
