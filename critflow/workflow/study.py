@@ -47,7 +47,7 @@ def nearest(word: str, known: Sequence[str], noun: str) -> str:
     return f"did you mean {close[0]!r}?" if close else f"the {noun} are {', '.join(known)}"
 
 
-def counted(text: str) -> str:
+def agreed(text: str) -> str:
     """A text of numbers and plural nouns with the singular after each number one, as in "1 network each"."""
     return _ONE_OF_MANY.sub(lambda match: f"1 {match[1]}" + "y" * (match[2] == "ies"), text)
 

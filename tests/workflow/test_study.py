@@ -8,7 +8,7 @@ import pytest
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, Variable
 from critflow.workflow.plan import select
-from critflow.workflow.study import counted
+from critflow.workflow.study import agreed
 
 STATUS = Variable("status", ("seed",), "i1", long_name="outcome", flags=Status)
 
@@ -124,4 +124,4 @@ def test_arrays_that_do_not_fit_the_table_are_refused(tiny, change, word):
     ],
 )
 def test_one_is_followed_by_a_singular(text, expected):
-    assert counted(text) == expected
+    assert agreed(text) == expected
