@@ -30,7 +30,6 @@ _COMMENT = (
     "Attributes named in volatile_attributes, and variables with such a comment, differ from run to run; shards_sha256 "
     "adds up, modulo 2**256, the SHA-256 of a line for each case: its name and its shard's checksum."
 )
-_MOST_CHECKSUMS = 100  # checksums of single shards in the attributes
 _PIECE = 2**26  # bytes of a dataset in memory at once
 
 
@@ -228,20 +227,18 @@ class _Table:
 
 
 def _origin_attributes(selection: Selection, origins: Sequence[tuple[str, str, str, str]]) -> dict[str, str]:
-    """Global attributes about the shards: id, checksum, code and environment of each.
+    """Global attributes about the shards: their checksum, code and environments.
 
     The code that computed the cases may be older than the code that wrote the dataset.
     """
     whole = sum(int.from_bytes(sha256(f"{case} {checksum}\n".encode()).digest()) for case, checksum, *_ in origins)
-    each = " ".join(sorted(f"{case}:{checksum}" for case, checksum, *_ in origins))
     attributes = {
         "cases_code": _counted(code for _, _, code, _ in origins),
         "cases_environment": _counted(environment for *_, environment in origins),
         "shards_sha256": f"{whole % 2**256:064x}",
-        "shards_sha256_each": each if len(origins) <= _MOST_CHECKSUMS else "",
     }
-    volatile = ["shards_sha256", "shards_sha256_each"] if any(v.volatile for v in selection.study.variables) else []
-    return attributes | {"volatile_attributes": " ".join(["history", *volatile])}
+    volatile = " shards_sha256" * any(v.volatile for v in selection.study.variables)
+    return attributes | {"volatile_attributes": f"history{volatile}"}
 
 
 def _counted(texts: Iterable[str]) -> str:

@@ -31,6 +31,7 @@ from critflow.workflow.plan import LONGEST, Case, Selection, spelled
 from critflow.workflow.provenance import code_version, environment, timestamp
 from critflow.workflow.report import Report, ReportError, write_report
 from critflow.workflow.store import delete_failure
+from critflow.workflow.study import agreed
 from critflow.workflow.tasks import Interrupted, Job
 from critflow.workflow.workers import Task, Workers, compute, interruption
 
@@ -186,11 +187,11 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
             progress.say(f"critflow: {line}")
         if tasks:
-            progress.say(f"{study.name}: {len(tasks)} {study.axes[0].noun}, {cases}")
+            progress.say(agreed(f"{study.name}: {len(tasks)} {study.axes[0].noun}, {cases}"))
         try:
             for outcomes in compute(job, tasks, workers, stopped) if tasks else ():
                 stored += len(outcomes)
-                for case_id, _, status, seconds, checksum, error in outcomes:
+                for case_id, status, seconds, checksum, error in outcomes:
                     log.write(f"{case_id} {Status(status).name} {seconds:.3f} s {checksum} {error}\n")
                 log.flush()
                 progress.count(stored)
@@ -205,7 +206,7 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
     study, states = plan.selection.study, folder.states(plan.selection)
     path = folder.dataset(study.name)
     failed = [(case, reason) for case, state, reason in states if state == FAILED]
-    progress.say(f"{study.name}: writing the dataset of {len(states)} cases")
+    progress.say(agreed(f"{study.name}: writing the dataset of {len(states)} cases"))
     attributes = write_dataset(Assembly(plan.selection, folder.shards, [case.id for case, _ in failed]), path, origin)
     requested = {case.id: reason for case, reason in failed if _selects(plan.requested, case)}
     messages = _messages_of_changed_code(attributes.get("cases_code", ""), code_version(study))

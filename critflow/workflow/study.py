@@ -37,6 +37,7 @@ if TYPE_CHECKING:  # a case function needs neither library
 LONGEST = 1_000_000  # values of one setting, and cases of one run: a larger number is a typing error
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_ONE_OF_MANY = re.compile(r"(?<![\w.,])1 (\w+?)(ies|(?<=ss)es|(?<![su])s)\b")  # a plural after the number one
 _DTYPES = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4")
 
 
@@ -44,6 +45,11 @@ def nearest(word: str, known: Sequence[str], noun: str) -> str:
     """End of a message about an unknown word: the closest known word, otherwise all of them."""
     close = get_close_matches(word, known, n=1, cutoff=0.5)
     return f"did you mean {close[0]!r}?" if close else f"the {noun} are {', '.join(known)}"
+
+
+def agreed(text: str) -> str:
+    """A text of numbers and plural nouns with the singular after each number one, as in "1 network each"."""
+    return _ONE_OF_MANY.sub(lambda match: f"1 {match[1]}" + "y" * (match[2] == "ies"), text)
 
 
 def require(condition: bool, message: str) -> None:
@@ -280,10 +286,7 @@ class Study:
     def _check_case(self) -> None:
         """Raise unless the case function takes the parameters and a value of every axis."""
         require(callable(self.case), f"case of study {self.name!r} must be a function, not {self.case!r}")
-        try:
-            signature = inspect.signature(self.case)
-        except ValueError:  # some builtins have no signature
-            return
+        signature = inspect.signature(self.case)
         wanted = {"wanted"} & signature.parameters.keys()
         try:
             signature.bind({}, **dict.fromkeys((*self.axis_names, *wanted)))

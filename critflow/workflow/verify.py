@@ -19,7 +19,7 @@ from critflow.workflow.study import Study
 # Attributes that state the data of a file, and their origin; others state the present code.
 _COMPARED = ("study", "study_version", "schema_version", "axes", "parameters")
 _SMALL = 2**29  # bytes of a dataset that is read at once
-_ORIGINS = ("cases_code", "cases_environment", "shards_sha256", "shards_sha256_each")
+_ORIGINS = ("cases_code", "cases_environment", "shards_sha256")
 
 
 @dataclass(frozen=True)

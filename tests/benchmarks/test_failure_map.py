@@ -208,22 +208,6 @@ def test_a_fabricated_violation_is_counted(small):
     assert "1 SILENT WRONG ANSWERS" in report.map_figure(clean).texts[0].get_text()
 
 
-@pytest.mark.parametrize(
-    "setting, sentence",
-    [
-        ("quantities=colour", "no quantity"),
-        ("assemblies=none", "no assembly"),
-        ("difficulties=smalest", "did you mean 'smallest'"),
-        ("n_steps=1", "at least 2"),
-        ("n_vertices=7", "n_vertices"),
-    ],
-)
-def test_bad_settings_are_refused_before_anything_runs(setting, sentence, tmp_path, capsys):
-    assert main(["run", "failure_map", "--out", str(tmp_path / "out"), "--set", setting]) == 2
-    assert sentence in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_slack_edges_are_tied_to_a_critical_network():
     problem = problems.DIFFICULTIES["slack_backbone"].problem(2, 0, 12)
     taut, critical = problem.taut.critical, problem.critical

@@ -9,10 +9,9 @@ import time
 
 import numpy as np
 import pytest
-import scipy
 import xarray as xr
 
-from critflow import CriticalManifold, critical_from_lengths, optimize, stiffening, upper_bound, voronoi_network
+from critflow import CriticalManifold, critical_from_lengths, voronoi_network
 from critflow.command.main import main
 from critflow.result import Status
 from critflow.workflow.load import load_study
@@ -69,11 +68,9 @@ def test_who_raises_has_failed_and_who_is_slow_stops():
         median, low, high = timing.quartiles
         assert low <= median <= high
         assert timings["gone", level].status is Status.missing
-        assert "pip install 'critflow[peers]'" in timings["gone", level].note
     # One round is judged and not timed.
     assert sorted(runs) == [0.0] * 5 + [1.0] * 5 + [2.0] * 5
     assert [timings["broken", level].status for level in range(3)] == [Status.ok, Status.failed, Status.ok]
-    assert timings["broken", 1].note == "ZeroDivisionError: by a peer"
     assert np.isnan(timings["broken", 1].quartiles).all()
     assert [len(timings["slow", level].seconds) for level in range(3)] == [1, 0, 0]
     assert timings["slow", 0].quartiles[0] >= 0.02
@@ -229,8 +226,6 @@ def test_who_takes_part_and_who_is_missing(small):
     assert (parts.presence.sel(contestant="auto", task=["configuration", "bulk_modulus"]) == 1).all()
     assert parts.presence.sel(contestant="dense Cholesky", task="configuration") == 2
     assert parts.presence.sel(contestant="dense Cholesky", task="bulk_modulus") == 0
-    numbers = parts.package_version.sel(contestant="dense Cholesky", task="configuration").values
-    assert list(numbers) == [int(number) for number in scipy.__version__.split(".")[:3]]
     for name, word, package in (("pyamg CG", "gradient", "pyamg"), ("jax_fdm", "length_variance_pinned", "jax-fdm")):
         version = installed(package)
         part = parts.sel(contestant=name, task=word)
@@ -256,8 +251,6 @@ def test_it_has_its_charts_claims_and_fronts(small, assert_picture):
     tasks = json.loads((folder / "summary.json").read_text())["tasks"]
     assert set(tasks) == words
     for of_task in tasks.values():
-        front = of_task["sizes"]["40"]["front"]
-        assert [point[1] for point in front] == sorted(point[1] for point in front)
         assert of_task["sizes"]["40"]["auto_over_front"] >= 1
 
 
@@ -274,20 +267,9 @@ def test_every_stage_is_timed_and_ends_well(small):
     assert (stages.repeats_done.sel(contestant="gradient") > 1).all()
     checked = ["configuration", "gradient", "checked", "optimum", "moduli", "coefficients"]
     assert (stages.error.sel(contestant=checked) < 1e-11).all()
+    assert (stages.error.sel(contestant="optimum") < 1e-13).all() and (stages.change_by_refinement < 1e-12).all()
     assert (stages.backend.sel(contestant=["points", "tessellation"]) == 0).all()
     assert (stages.backend.sel(contestant=["configuration", "coefficients"]) > 0).all()
-
-
-def test_the_stages_are_those_of_the_standard_network(small):
-    one = small[0].sel(task="stages", n_vertices=40)
-    network = voronoi_network(40, seed=0)
-    exact = stiffening(optimize(network, "bulk_modulus").value).value
-    assert float(one.bulk_modulus) == pytest.approx(upper_bound(network, "B_0"), rel=1e-12)
-    assert float(one.shear_modulus) == pytest.approx(exact.shear_0, rel=1e-10)
-    assert float(one.C_B) == pytest.approx(exact.C_B, rel=1e-11)
-    assert float(one.C_G) == pytest.approx(exact.C_G, rel=1e-11)
-    assert float(one.error.sel(contestant="optimum", level=0)) < 1e-13
-    assert float(one.change_by_refinement) < 1e-12
 
 
 @pytest.mark.parametrize(
@@ -313,31 +295,7 @@ def test_small_runs_say_nothing_of_a_million_vertices(small):
     claims = {claim["key"] for claim in json.loads((small[1] / "claims.json").read_text())}
     assert {"Scale-memory", "Scale-certificate", "Scale-status"} <= claims
     assert not {"Scale-generation", "Scale-configuration"} & claims
-    stages = json.loads((small[1] / "summary.json").read_text())["stages"]
-    for shares in stages["share_of_time"].values():
-        assert sum(shares.values()) == pytest.approx(1.0, rel=1e-12)
-    assert stages["solver"]["coefficients"] == ["qdldl"]
-
-
-# Settings
-
-
-@pytest.mark.parametrize(
-    "setting, sentence",
-    [
-        ("contestants=auto,lammps", "no method 'lammps'"),
-        ("repeats=0", "repeats=0 must be positive"),
-        ("patience=0", "must be positive"),
-        ("budget=-1", "must"),
-        ("n_vertices=7", "n_vertices"),
-        ("n_vertices=20", "at least 40"),
-        ("least_time=0", "must be positive"),
-    ],
-)
-def test_bad_settings_are_refused_before_anything_runs(setting, sentence, tmp_path, capsys):
-    assert main(["run", "speed", "--out", str(tmp_path / "out"), "--set", setting]) == 2
-    assert sentence in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+    assert sum(sizes.share(sizes.stages_of(small[0]), 0).values()) == pytest.approx(1.0, rel=1e-12)
 
 
 def test_it_runs_with_one_worker_at_most(tmp_path, capsys):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from critflow import Status
-from critflow.command.main import main
 from workflows.percolation.report import curve, half_point, threshold_power
 
 STUDY = "percolation"
@@ -40,8 +39,3 @@ def test_the_half_point_and_its_power_are_recovered():
     assert threshold_power(sizes, half) == pytest.approx(-0.25, rel=1e-12)
     assert np.isnan(half_point(spreads, np.ones(46)))
     assert np.isnan(threshold_power(sizes, np.array([0.2, np.nan])))
-
-
-def test_sizes_without_a_network_are_refused(tmp_path, capsys):
-    assert main(["run", STUDY, "--out", str(tmp_path / "out"), "--set", "n_vertices=7"]) == 2
-    assert "n_vertices" in capsys.readouterr().err

@@ -20,11 +20,26 @@ SETTINGS = {
         **{"hard_core=1.2": "", "strains=0": "", "threshold=0.0": "positive", "protocol=quick": "conic"},
         **{"deformation=uniaxial_free": "simple_shear"},
     },
+    "failure_map": {
+        **{"quantities=colour": "no quantity", "assemblies=none": "no assembly", "n_steps=1": "at least 2"},
+        **{"difficulties=smalest": "did you mean 'smallest'", "n_vertices=7": "n_vertices"},
+    },
     "gallery": {
         **{"thresholds=0.1,0.03": "three positive numbers", "fraction=1.0": "between 0 and 1"},
         **{"shortest=0.0": "must be positive", "n_vertices=7": "vertices"},
     },
     "onset": {"deformations=twist": "twist", "excess=0": "excess"},
+    "percolation": {"n_vertices=7": "n_vertices"},
+    "shear": {
+        **{"method=steepest": "fire", "algorithms=steepest": "fire", "n_vertices=7": "n_vertices"},
+        **{"fractions=0.5,1.5": "between", "n_steps=0": "least", "n_starts=0": "least"},
+        **{"populations=shear": "population", "thresholds=0,0.1": "positive"},
+    },
+    "speed": {
+        **{"contestants=auto,lammps": "no method 'lammps'", "repeats=0": "repeats=0 must be positive"},
+        **{"patience=0": "must be positive", "budget=-1": "must", "least_time=0": "must be positive"},
+        **{"n_vertices=7": "n_vertices", "n_vertices=20": "at least 40"},
+    },
     "three_bar": {"span=-1": "span", "reach=1": "reach", "s=0:1:0.5": "s needs"},
     "three_dimensions": {
         **{"n_vertices=40": "", "hard_core=1.2": "", "strains=0": "", "threshold=0.0": "threshold"},
@@ -50,6 +65,11 @@ def test_settings_that_could_only_fail_are_refused(study, setting, word, tmp_pat
         ("boundary", "sigma", "sigma, force balance"),
         ("boundary", "sheared_cell", "sheared_cell at 0"),
         ("boundary", "sheared_bond_vectors", "sheared_bond_vectors at 0"),
+        ("shear", "shear_modulus", "shear_modulus"),
+        ("shear", "longest_edge", "longest_edge"),
+        ("shear", "least_tension", "least_tension"),
+        ("shear", "compressed_edges", "compressed_edges"),
+        ("shear", "compressed_length", "compressed_length"),
         ("three_bar", "length", "tension"),
         ("three_bar", "normal", "normal"),
         ("three_bar", "metric", "metric"),

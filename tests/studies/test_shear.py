@@ -6,39 +6,22 @@ from itertools import combinations
 import numpy as np
 import pytest
 from matplotlib.path import Path
-from problems import modulus_by_formula
 
 from critflow import Network, upper_bound, voronoi_network
-from critflow.command.main import main
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.result import Status
-from critflow.workflow.load import load_study
 from workflows.shared.power_laws import exponent
 from workflows.shear.figures import allowed_region, expected_best
 
 STUDY = "shear"
 
 
-def test_every_recorded_step_follows_from_its_stress(dataset):
+def test_ascents_climb_towards_their_bound(dataset):
     for seed in dataset.seed.values:
         one = dataset.sel(seed=seed)
         network = Network(one.edges.values, one.offsets.values, one.cell.values)
-        assert float(one.ascent_bound) == pytest.approx(
-            upper_bound(network, transition_modulus(network, pure_shear(2))), rel=1e-12
-        )
-        for step in dataset.step.values:
-            now = one.sel(step=step)
-            sigma, x = now.sigma.values.astype(float), now.coordinates.values.astype(float)
-            L = network.bond_vectors(x)
-            length = np.linalg.norm(L, axis=1)
-            # Stresses and coordinates are stored in single precision.
-            by_formula = modulus_by_formula(network, sigma, L, pure_shear(2))
-            assert float(now.shear_modulus) == pytest.approx(by_formula, rel=2e-4)
-            assert float(now.longest_edge) == pytest.approx(length.max() / np.sqrt(60), rel=1e-5)
-            tension = sigma * length
-            assert float(now.least_tension) == pytest.approx(tension.min() / np.abs(tension).max(), rel=1e-4)
-            assert int(now.compressed_edges) == np.count_nonzero(sigma < 0)
-            assert float(now.compressed_length) == pytest.approx(length[sigma < 0].sum(), rel=1e-4, abs=1e-12)
+        expected = upper_bound(network, transition_modulus(network, pure_shear(2)))
+        assert float(one.ascent_bound) == pytest.approx(expected, rel=1e-12)
     assert (dataset.shear_modulus.diff("step") > 0).all()
     assert (dataset.shear_modulus <= dataset.ascent_bound).all()
     assert set(np.unique(dataset.ascent_status)) == {Status.step_limit}
@@ -50,18 +33,6 @@ def test_its_figures_and_animation_are_drawn(folder, assert_picture):
     assert (folder / "figures" / "ascent.gif").read_bytes().startswith(b"GIF89a")
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
     assert claims["ShearModulusSteepestDescent-bound"]["verdict"] == "holds"
-    assert json.loads((folder / "summary.json").read_text())["ascent_status"] == {"step_limit": 3}
-
-
-@pytest.mark.parametrize("variable", ["shear_modulus", "longest_edge", "compressed_edges"])
-def test_verify_names_what_does_not_follow(dataset, folder, variable, capsys):
-    assert main(["verify", str(folder)]) == 0
-    assert "physics was recomputed" in capsys.readouterr().out
-    changed = dataset.copy(deep=True)
-    changed[variable].values[...] += 1
-    problems = load_study(STUDY).study.verify(changed)
-    assert len(problems) == 3
-    assert all(variable in problem for problem in problems), problems
 
 
 def test_parts_of_the_bound_are_met_in_order(dataset):
@@ -93,25 +64,6 @@ def test_the_shear_modulus_is_kept_only_where_it_is_the_objective(dataset):
             voronoi_network(int(n_vertices), 1), transition_modulus(voronoi_network(int(n_vertices), 1), pure_shear(2))
         )
         assert float(dataset.bound.sel(seed=1, n_vertices=n_vertices)) == pytest.approx(expected, rel=1e-13)
-
-
-@pytest.mark.parametrize(
-    "setting, word",
-    [
-        ("method=steepest", "fire"),
-        ("algorithms=steepest", "fire"),
-        ("n_vertices=7", "n_vertices"),
-        ("fractions=0.5,1.5", "between"),
-        ("n_steps=0", "least"),
-        ("populations=shear", "population"),
-        ("thresholds=0,0.1", "positive"),
-        ("n_starts=0", "least"),
-    ],
-)
-def test_bad_settings_are_refused_before_anything_runs(setting, word, tmp_path, capsys):
-    assert main(["run", STUDY, "--out", str(tmp_path / "out"), "--set", setting]) == 2
-    assert word in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
 
 
 def test_an_exponent_is_recovered_with_its_interval():

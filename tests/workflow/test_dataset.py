@@ -2,7 +2,6 @@
 
 import json
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -124,17 +123,6 @@ def test_a_case_function_learns_which_variables_are_requested(tmp_path, run, sou
         settings = (f"how={seen}", "seeds=0", "populations=random", f"variables={text}")
         assert run(tmp_path / "out", *settings, study=path) == 0
         assert seen.read_text().split(",") == names
-
-
-def test_a_case_without_a_requested_variable_or_with_an_unknown_one_has_failed(tiny):
-    values = {"seed": 0, "population": "random"}
-    study = replace(tiny.study, case=lambda parameters, *, seed, population: {"status": Status.ok})
-    with pytest.raises(ValueError, match="sigma"):
-        study.storing(["sigma"]).computed(study.parameters, values)
-    assert study.storing(["status"]).computed(study.parameters, values) == {"status": Status.ok}
-    unknown = replace(study, case=lambda parameters, *, seed, population: {"status": Status.ok, "residua": 1.0})
-    with pytest.raises(ValueError, match="'residual'"):
-        unknown.computed(study.parameters, values)
 
 
 # What ACDD recommends and a spring network does not have: a place on Earth, a time, an instrument, a publisher; names

@@ -1,6 +1,7 @@
 """Figures, claims and the summary of a dataset, and the physics that `verify` recomputes."""
 
 import io
+import json
 
 import numpy as np
 from PIL import Image, ImageSequence
@@ -58,6 +59,12 @@ def test_parts_that_need_missing_variables_are_left_out_and_their_old_files_dele
     assert main(["verify", str(out)]) == 0
     assert run(out, "variables=residual", study=path) == 0
     assert [name for name in FILES if (out / name).exists()] == ["claims.md", "claims.json", "summary.json"]
+
+
+def test_a_claim_without_a_sample_was_measured_on_the_values_of_the_first_axis(tmp_path, run):
+    for seeds, sample in (("0:2", "2 networks"), ("0", "1 network")):
+        assert run(tmp_path / sample, f"seeds={seeds}") == 0
+        assert {claim["sample"] for claim in json.loads((tmp_path / sample / "claims.json").read_text())} == {sample}
 
 
 def test_deleted_figures_are_no_damage_and_are_drawn_again(tmp_path, run):

@@ -7,6 +7,7 @@ energies of the designs at small strains give B_0 and C_B by differences, E = V 
 from __future__ import annotations
 
 import argparse
+from contextlib import closing
 
 import numpy as np
 
@@ -22,12 +23,9 @@ STRAINS = np.array([0.001, 0.002, 0.003, 0.004, 0.006, 0.008])
 
 def relaxed_energy(state):
     """Energy of a periodic spring state relaxed by LAMMPS."""
-    program = Lammps(state)
-    try:
+    with closing(Lammps(state)) as program:
         program.relax("cg", "line quadratic dmax 0.05", 1e-12, 20000)
         return program.energy
-    finally:
-        program.close()
 
 
 def check_design(n_vertices, seed, source):

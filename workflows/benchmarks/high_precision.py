@@ -11,14 +11,8 @@ from __future__ import annotations
 
 from functools import wraps
 
+import mpmath
 import numpy as np
-
-from critflow.result import StudyError
-
-try:
-    import mpmath
-except ImportError as error:
-    raise StudyError("the high-precision reference needs mpmath: pip install mpmath") from error
 
 # Digits of the first attempt, correct digits required of an answer, and digits of the last attempt.
 DIGITS, WANTED, MOST = 60, 30, 2000

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import closing
 
 import numpy as np
 
@@ -25,14 +26,11 @@ WIDTH, EXCESS, FORCE, MOST_STEPS = 1e-6, 1.05, 1e-12, 400_000
 
 def relaxed(state):
     """Energy, coordinates and steps of the FIRE of LAMMPS; its time step may grow to half of the limit of stability."""
-    engine = Lammps(state)
-    try:
+    with closing(Lammps(state)) as engine:
         x, steps, _ = engine.relax("fire", "line quadratic", FORCE, MOST_STEPS, time_step=0.05)
         # LAMMPS wraps coordinates into the cell.
         moved, cell = x - state.coordinates, state.network.cell
         return engine.energy, state.coordinates + moved - np.round(moved @ np.linalg.inv(cell)) @ cell, steps
-    finally:
-        engine.close()
 
 
 def scan(network, lengths, coordinates):

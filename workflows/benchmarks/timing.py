@@ -105,7 +105,6 @@ class Timing:
     seconds: tuple[float, ...] = ()
     wall: tuple[float, ...] = ()
     memory: float = np.nan
-    note: str = ""
 
     @property
     def quartiles(self) -> tuple[float, float, float]:
@@ -180,22 +179,19 @@ def benchmark(
 
 def _first_round(method: Method, patience: float) -> Iterator[Timing]:
     """The first round of one method, from rough to fine levels."""
-    missing = not installed(method.package)
-    busy = 0.0
+    missing, busy = not installed(method.package), 0.0
     for n, level in enumerate(method.levels):
         timing = Timing(method, n)
-        if missing:
-            yield replace(timing, note=f"{method.package} is not installed: `pip install 'critflow[peers]'`")
-        elif busy > patience:
-            yield replace(timing, note=f"the previous level took {busy:.2g} s")
-        else:
-            try:
-                answer, wall, busy = stopwatch(method.run, level)
-                timing = _judged(timing, answer)
-            except Exception as error:  # other packages may raise any exception
-                yield replace(timing, status=Status.failed, note=f"{type(error).__name__}: {error}")
-                continue
-            yield timing.repeated(wall, busy) if busy > patience else timing
+        if missing or busy > patience:
+            yield timing
+            continue
+        try:
+            answer, wall, busy = stopwatch(method.run, level)
+            timing = _judged(timing, answer)
+        except Exception:  # other packages may raise any exception
+            yield replace(timing, status=Status.failed)
+            continue
+        yield timing.repeated(wall, busy) if busy > patience else timing
 
 
 def _judged(timing: Timing, answer: Answer) -> Timing:

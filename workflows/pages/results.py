@@ -82,7 +82,7 @@ def _overview(claims: dict[str, list[dict]], runs: dict[str, dict], reference: P
     lines = [_row("study", "command", "seconds", *KINDS.values(), "made by"), "|---" * (4 + len(KINDS)) + "|"]
     for study, its_claims in claims.items():
         run = runs.get(study, {})
-        seconds = f"{run['seconds']:.0f}" if "seconds" in run else ""
+        seconds = f"{run['seconds']:.0f}" if run.get("seconds") else ""
         made_by = f"{run.get('source', '')} {run.get('commit', '')[:7]}".strip()
         counts = [_count([claim for claim in its_claims if claim.get("kind") == kind]) for kind in KINDS]
         cells = [f"[{count}](reference/{study}/claims.md)" if count else "" for count in counts]
@@ -177,6 +177,8 @@ def keep(made: Path, kept: Path) -> None:
                 reduce(picture)
         elif (made / name).exists():
             shutil.copy(made / name, kept / name)
+        else:
+            (kept / name).unlink(missing_ok=True)
 
 
 def reduce(picture: Path) -> None:

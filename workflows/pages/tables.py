@@ -33,7 +33,7 @@ MEASURES = FEW | {
     "tension_variance": "V_τ",
     "stressed_fraction": "stressed edges",
 }
-# Programs beside which critflow was measured, as the names of methods begin.
+# Other programs in the study of speed; the names of their methods begin with these.
 PROGRAMS = ("LAMMPS", "ASE", "matscipy", "jax_fdm")
 VERBS = {"holds": "hold", "differs": "differ", "undecided": "undecided"}
 # The default method of each task and the reason for it, from the measurements.
@@ -50,7 +50,6 @@ REASONS = {
     "strain_step": "Newton's method: the softness grows as 1/γ, and no other method reaches these errors",
     "moduli": "linear response with the factor of the last Newton step",
     "transition_moduli": "sums over edges, without a factorisation",
-    "member": "only the requested variables are computed",
     "coefficients": "exact, from the transition alone; fits have a bias and need a strain path",
 }
 

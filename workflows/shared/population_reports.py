@@ -41,9 +41,9 @@ def described(values, unit=""):
     return f"{middle:.3g}{unit} ({low:.3g} to {high:.3g}{unit})"
 
 
-def listed(ds, name, populations=PAPER_POPULATIONS):
+def listed(ds, name):
     """The distribution of a variable in each population where it is defined."""
-    return "; ".join(f"{NAMES[p]} {described(v)}" for p in populations if len(v := of(ds, name, p)))
+    return "; ".join(f"{NAMES[p]} {described(v)}" for p in PAPER_POPULATIONS if len(v := of(ds, name, p)))
 
 
 def counts(ds, name, populations=PAPER_POPULATIONS):

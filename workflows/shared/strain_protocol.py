@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from critflow import CriticalManifold, Network, Status, critical_from_lengths, equilibrium, spring_state
+from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state
 from critflow.critical.manifold import critical_configuration
 from critflow.linalg.matrices import balanced_part
 from critflow.networks.network import Array
@@ -25,24 +25,14 @@ STRAIN_STEPS = 2000  # steps after which the protocol stops: a strain of 20 in t
 class FromStrain(FromLengths):
     """The critical configuration of rest lengths ℓ by the strain protocol.
 
-    strain         γ of the recorded state, whose rest lengths are ℓ/(1 + γ)
-    energy         energy of the recorded state
-    rest_lengths   ℓ/(1 + γ), (N_b,)
-    skipped_steps  strain steps below the transition that were not relaxed
+    strain        γ of the recorded state, whose rest lengths are ℓ/(1 + γ)
+    energy        energy of the recorded state
+    rest_lengths  ℓ/(1 + γ), (N_b,)
     """
 
     strain: float
     energy: float
     rest_lengths: Array
-    skipped_steps: int
-
-
-def _energy_unit(network: Network, lengths: Array) -> float:
-    """Mean stiffness times the square of a length that is 1 for one unit of volume a vertex."""
-    size = float(lengths.mean())
-    if network.cell is not None:
-        size = (network.volume / network.n_vertices) ** (1 / network.dimension)
-    return float(network.stiffness.mean()) * size**2
 
 
 def critical_by_strain(
@@ -52,17 +42,18 @@ def critical_by_strain(
     strain_step: float = 0.01,
     energy_threshold: float = 1e-4,
 ) -> FromStrain:
-    """The rigid state of springs with rest lengths ℓ/(1 + γ), and the stress that balances at its coordinates.
+    """The rigid state of periodic springs with rest lengths ℓ/(1 + γ), and the stress that balances at its coordinates.
 
     γ grows in steps of `strain_step` from 0 until the energy reaches `energy_threshold`, in units of mean k times
-    (V/N_v)^(2/d), or the squared mean ℓ without a cell.  Springs are relaxed by the method `relaxation` of
-    `equilibrium`.  Where the cone program shows that every edge will be stressed, the end does not depend on the path,
-    and the steps of the floppy network are skipped (not by "fire").
+    (V/N_v)^(2/d).  Springs are relaxed by the method `relaxation` of `equilibrium`.  Where the cone program shows that
+    every edge will be stressed, the end does not depend on the path, and the steps of the floppy network are skipped
+    (not by "fire").
     """
     network, pattern = manifold.network, manifold.hessian
     newton = relaxation == "newton"
     step, x = _skipped(manifold, lengths, strain_step) if newton else (0, None)
-    skipped, threshold = step, energy_threshold * _energy_unit(network, lengths)
+    unit = network.stiffness.mean() * (network.volume / network.n_vertices) ** (2 / network.dimension)
+    skipped, threshold = step, energy_threshold * unit
     if x is None:
         x = network.positions
     if x is None:
@@ -94,7 +85,6 @@ def critical_by_strain(
         strain=strain_step * step,
         energy=state.energy,
         rest_lengths=state.rest_lengths,
-        skipped_steps=skipped,
         note=solution.note,
     )
 

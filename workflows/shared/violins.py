@@ -11,9 +11,7 @@ from critflow.figures.plot import COLOURS
 from critflow.networks.network import Array
 
 
-def violins(
-    axes: Axes, groups: Sequence[Array], labels: Sequence[str], *, colours: Sequence[str] = COLOURS, log: bool = False
-) -> None:
+def violins(axes: Axes, groups: Sequence[Array], labels: Sequence[str], *, log: bool = False) -> None:
     """Distributions side by side, each a violin with its median; few values are drawn as points.
 
     A group without spread is drawn as a line; values that are not finite are omitted and counted under the label.
@@ -26,7 +24,7 @@ def violins(
         if len(finite) == 0:
             axes.text(place, 0.5, "none", transform=axes.get_xaxis_transform(), ha="center", fontsize=7, color="0.4")
             continue
-        colour = colours[place % len(colours)]
+        colour = COLOURS[place % len(COLOURS)]
         values = np.log10(np.maximum(finite, 1e-300)) if log else finite
         median = float(np.median(values))
         if np.ptp(values) > 1e-9 * max(abs(median), 1e-300) and len(values) > 3:

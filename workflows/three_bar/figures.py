@@ -130,10 +130,10 @@ def to_chart(ds, sigma):
     return 2 * (unit @ basis) / (1 + unit @ pole)[..., None]
 
 
-def singular_circle(ds, n=361):
-    """Unit stresses (n, 3) where the prestress matrix is singular: at 1/√3 of the pole."""
+def singular_circle(ds):
+    """Unit stresses (361, 3) where the prestress matrix is singular: at 1/√3 of the pole."""
     pole, basis = frame(ds)
-    turn = np.linspace(0, 2 * np.pi, n)[:, None]
+    turn = np.linspace(0, 2 * np.pi, 361)[:, None]
     return pole / np.sqrt(3) + np.sqrt(2 / 3) * (np.cos(turn) * basis[:, 0] + np.sin(turn) * basis[:, 1])
 
 

@@ -2,7 +2,7 @@
 
 All edges are stressed, so there is one answer.  The strain protocol of the paper stops at the first step past the
 transition that has the energy of a threshold, and its error is its distance past it: its levels are strain steps, with
-thresholds of half a step's energy.  Bisection halves the interval of strains from floppy to rigid down to its level.
+thresholds of half a step's energy.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state, voronoi_network
+from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_network
 from critflow.networks.deformation import Deformation
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.taut_edges import OnsetState, newton_taut
@@ -31,7 +31,6 @@ SPREADS = (0.1, 0.05, 0.02)
 # FIRE needs 10⁴ steps and more a strain step.
 FIRE_SIZE = 200
 STRAIN_STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
-WIDTHS = (1e-2, 1e-4, 1e-6, 1e-8)
 CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
 
@@ -87,30 +86,10 @@ def _methods(n_vertices: int, seed: int) -> list[Method]:
         Method("cone + Newton", polished, error, CONE),
         Method("cone", cone, error, CONE),
         Method("strain Newton", partial(strain, relaxation="newton"), error, STRAIN_STEPS),
-        Method("bisection", partial(_bisected, manifold, lengths), error, WIDTHS),
     ]
     if n_vertices <= FIRE_SIZE:
         methods.append(Method("strain FIRE", partial(strain, relaxation="fire"), error, STRAIN_STEPS[:2]))
     return methods
-
-
-def _bisected(manifold: CriticalManifold, lengths: np.ndarray, width: float) -> Answer:
-    """The stress of the last rigid state, when the strain of the transition is known to `width`."""
-    network, pattern = manifold.network, manifold.hessian
-    x = manifold.configuration(network.stiffness).coordinates
-    low, high, steps = -1.0, 1.0, 0
-    sigma = network.stiffness
-    while high - low > width:
-        strain = 0.5 * (low + high)
-        state = spring_state(network, lengths * (1 - strain), x)
-        solution = equilibrium(state, pattern=pattern, throw=False)
-        steps += solution.stats.steps
-        # Springs that are stretched by the width of the interval have this energy.
-        if solution.ok and solution.value.energy > 1e-4 * float(np.sum((width * lengths) ** 2)):
-            high, x, sigma = strain, solution.value.coordinates, solution.value.sigma
-        else:
-            low = strain
-    return Answer(sigma, Status.ok if (sigma > 0).all() else Status.slack_edges, steps)
 
 
 TASKS = (
@@ -119,7 +98,7 @@ TASKS = (
         "rest lengths → critical configuration",
         "largest error of a stress over the mean stress",
         SIZES,
-        ("auto", "cone + Newton", "cone", "strain Newton", "bisection", "strain FIRE"),
+        ("auto", "cone + Newton", "cone", "strain Newton", "strain FIRE"),
         "auto",
         _methods,
     ),

@@ -7,7 +7,7 @@ import numpy as np
 from critflow.workflow import Claim
 
 from ...shared.reports import duration, parameters, status_counts
-from .curves import SAME, behind, cases, detour, gain, pareto_front
+from .curves import SAME, behind, cases, detour, gain
 from .sizes import size_claims, size_summary
 from .tasks import TASKS
 
@@ -87,18 +87,14 @@ def _missing(ds):
 
 
 def summary(ds):
-    """For each task and size the front, the default's points and its distance from the front; stages."""
+    """For each task and size the default's points and its distance from the front; stages."""
     tables = {}
     for word, size, all_curves, default in cases(ds):
-        seconds, errors = (np.concatenate([getattr(c, part) for c in all_curves]) for part in ("seconds", "errors"))
-        names = np.concatenate([[c.name] * len(c.seconds) for c in all_curves])
-        front = pareto_front(seconds, errors)
-        table = {"front": [[str(names[n]), _short(seconds[n]), _short(errors[n])] for n in front]}
+        table = tables.setdefault(word, {})[str(size)] = {}
         if default:
             table["auto"] = [[_short(t), _short(e)] for t, e in zip(default.seconds, default.errors, strict=True)]
             table["auto_over_front"] = _short(detour(default, all_curves, TASKS[word].useful))
             table["gain"] = {c.name: _short(gain(default, c)) for c in all_curves if c is not default}
-        tables.setdefault(word, {})[str(size)] = table
     return {
         "parameters": parameters(ds),
         "outcomes": status_counts(ds.outcome.values),

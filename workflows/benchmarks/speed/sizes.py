@@ -46,9 +46,9 @@ def seconds(stages, name):
     return stages.wall_seconds.sel(contestant=list(SHOWN[name][0])).sum("contestant").values
 
 
-def fitted(stages, name, first=FIRST_FITTED):
-    """Exponent of the time of a stage over the sizes from `first` on, NaN for fewer than two."""
-    large = stages.isel(n_vertices=stages.n_vertices.values >= first)
+def fitted(stages, name):
+    """Exponent of the time of a stage over the large sizes, NaN for fewer than two."""
+    large = stages.isel(n_vertices=stages.n_vertices.values >= FIRST_FITTED)
     if large.sizes["n_vertices"] < 2:
         return np.nan
     return exponent(large.n_vertices.values, seconds(large, name)[:, None])[0]
@@ -171,29 +171,15 @@ def size_claims(ds):
 
 
 def size_summary(ds):
-    """Seconds, MB and solvers of each stage and size, exponents, and moduli."""
+    """Seconds of each stage and size, and exponents."""
     stages = stages_of(ds)
     if stages is None:
         return {}
-    numbers = ("bulk_modulus", "shear_modulus", "C_B", "C_G", "change_by_refinement")
-    columns = {"seconds": "wall_seconds", "processor_seconds": "seconds", "memory_MB": "memory", "error": "error"}
+    powers = {name: fitted(stages, name) for name in SHOWN}
     return {
         "n_vertices": stages.n_vertices.values,
-        **{
-            word: {name: stages[column].sel(contestant=name).values for name in STAGES}
-            for word, column in columns.items()
-        },
-        "solver": {name: _solvers(stages, name) for name in STAGES if stages.backend.sel(contestant=name).any()},
-        "share_of_time": {str(size): share(stages, n) for n, size in enumerate(stages.n_vertices.values)},
-        **{
-            f"exponents_from_{first}": {
-                name: power for name in SHOWN if np.isfinite(power := fitted(stages, name, first))
-            }
-            for first in (1000, FIRST_FITTED)
-        },
-        **{name: stages[name].values for name in numbers},
-        "error_bound": stages.claimed_bound.sel(contestant="checked").values,
-        "gap": stages.error.sel(contestant="optimum").values,
+        "seconds": {name: stages.wall_seconds.sel(contestant=name).values for name in STAGES},
+        f"exponents_from_{FIRST_FITTED}": {name: power for name, power in powers.items() if np.isfinite(power)},
     }
 
 
