@@ -28,7 +28,7 @@ from critflow.design.targets import design
 from critflow.examination.certificate import certificate_text
 from critflow.examination.examine import examine, read_held
 from critflow.examination.report import report_lines
-from critflow.exchange.convert import network_from, write_network, writer_to
+from critflow.exchange.convert import network_from, write_network
 from critflow.exchange.data import require_regular
 from critflow.exchange.formats import writable_format
 from critflow.exchange.repair import ImportedNetwork
@@ -157,10 +157,9 @@ def waiting(what: str) -> Iterator[Callable[[str], None]]:
         status.stop()
 
 
-# A keyword of `network_from` in a sentence, such as pins='hull' or nearest=True.
-_KEYWORD = re.compile(r"\b(cell|pins|volume|pixel|labels|nearest|strict|contract|join_crossings)=('?)([\w.]*)\2")
-
-
+# A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True.
+_NAMES = "cell|pins|volume|pixel|labels|nearest|strict|contract|join_crossings|copies|size|radius|by_stiffness"
+_KEYWORD = re.compile(rf"\b({_NAMES})=('?)([\w.]*)\2")
 # What sentences of the library call functions, in the words of the command.
 _IN_SHELL = {
     "examine(FILE)": "critflow examine FILE",
@@ -187,8 +186,12 @@ def convert(
         list[Path], typer.Argument(metavar="FILE OUT", help="A network, or two tables; then the file to write.")
     ],
     hints: Hints,
-    size: Annotated[float, typer.Option(metavar="MM", help="Largest extent of a drawing or solid.")] = 100.0,
-    radius: Annotated[float, typer.Option(metavar="MM", help="Radius of the struts of a solid.")] = 1.0,
+    size: Annotated[
+        float | None, typer.Option(metavar="MM", help="Largest extent of a drawing or solid; 100 by default.")
+    ] = None,
+    radius: Annotated[
+        float | None, typer.Option(metavar="MM", help="Radius of the struts of a solid; 1 by default.")
+    ] = None,
     by_stiffness: Annotated[
         bool, typer.Option("--by-stiffness", help="Cross sections of drawn or solid struts by their stiffness.")
     ] = False,
@@ -200,19 +203,12 @@ def convert(
     if len(files) < 2:
         raise InputError("convert needs a file to read and one to write: critflow convert FILE OUT")
     *files, out = files
-    writable_format(out)
+    given = {"size": size, "radius": radius, "by_stiffness": by_stiffness or None}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    writable_format(out, options=options)
     imported = read(files, hints)
     print(in_shell(str(imported)))
-    options: dict[str, Any] = {"copies": _copies(copies)}
-    if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
-        options["size"] = size
-    if by_stiffness and out.suffix.lower() not in (".svg", ".stl", ".3mf"):
-        raise InputError(f"--by-stiffness is for .svg, .stl and .3mf, not {out.suffix}: leave it out")
-    if by_stiffness:
-        options["by_stiffness"] = True
-    if out.suffix.lower() in (".stl", ".3mf"):
-        options["radius"] = radius
-    write_network(imported, out, **options)
+    write_network(imported, out, copies=_copies(copies), **options)
     print(f"  written to {out}")
     return 0
 
@@ -272,7 +268,7 @@ def make(
         require_picture(picture)
     imported = read(files, hints)
     print(in_shell(str(imported)))
-    writer_to(out, imported)
+    writable_format(out, imported.network.dimension)
     solution: Solution[CriticalConfiguration]
     with waiting(f"making {out.name}"):
         if target:

@@ -22,7 +22,8 @@ from critflow.arguments import shown
 from critflow.networks.checks import (
     Array,
     IntArray,
-    check_edges,
+    check_ends,
+    check_loops,
     check_positions,
     check_values,
     checked_count,
@@ -88,7 +89,8 @@ class Network:
         if cell is None and offsets.any():
             raise NetworkError("edges with image offsets need a cell: give its vectors as rows")
         check_values(stiffness, len(edges), cell, pins, n_vertices)
-        check_edges(edges, offsets, n_vertices)
+        check_ends(edges, n_vertices)
+        check_loops(edges, offsets)
         self._check_support(edges, offsets, cell, pins, n_vertices)
         if positions is not None:
             check_positions(positions, edges, offsets, cell, (n_vertices, dimension))

@@ -221,7 +221,7 @@ def test_vertices_have_the_names_of_the_source(tmp_path):
     assert "1 (B–D)" in text and "source: tables a_edges.csv" in text
     inner = (VORONOI.offsets == 0).all(axis=1)
     read = network_from(edges=VORONOI.edges[inner], positions=VORONOI.positions, pins="hull")
-    assert examine(read, deformations=()).names == tuple(map(str, read.vertices_kept))
+    assert examine(read, deformations=()).names == tuple(map(str, read.data.vertex_numbers))
 
 
 def test_whole_coordinates_of_a_grid_count_as_exact():
