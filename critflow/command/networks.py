@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from threading import Timer
 from typing import Annotated, Any, get_type_hints
@@ -208,7 +208,7 @@ def convert(
     writable_format(out, options=options)
     imported = read(files, hints)
     print(in_shell(str(imported)))
-    write_network(imported, out, copies=_copies(copies), **options)
+    write_network(imported, out, copies=_numbers("copies", "'2' or '2 3'", copies.replace("x", " ")), **options)
     print(f"  written to {out}")
     return 0
 
@@ -299,7 +299,7 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list
             raise InputError(f"--target must be NAME=VALUE or NAME=LOW:HIGH, such as B_0=0.25, not {word!r}")
         if name in targets:
             raise InputError(f"--target {name} is given twice: give one value, or limits LOW:HIGH")
-        targets[name] = _target(value)
+        targets[name] = _value(value)
     solution = design(network, targets, throw=False)
     lines = [f"{solution.status.name}: {solution.reason}"] + [
         f"{name} {one.value:.12g} ± {one.error:.1e}, requested {targets[name]}, cost {one.multiplier + 0.0:.3g}, "
@@ -309,7 +309,7 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list
     return solution, ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items()), lines
 
 
-def _target(text: str) -> Any:
+def _value(text: str) -> Any:
     """A number, a pair of limits, either of which may be empty, or a word."""
     first, colon, last = text.partition(":")
     try:
@@ -318,52 +318,33 @@ def _target(text: str) -> Any:
         return text
 
 
-def _cell(text: str) -> Any:
-    """Side lengths (d,), or vectors (d, d) row by row; None without any."""
+def _numbers(option: str, example: str, text: str) -> Any:
+    """One number, or several, whole ones as integers."""
     try:
-        numbers = [float(word) for word in _words(text)]
+        numbers = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
-        raise InputError(f"--cell must be numbers, such as '10 10' or '10 0 2 8', not {text!r}") from None
-    if len(numbers) in (4, 9):
-        return np.reshape(numbers, (math.isqrt(len(numbers)), -1)).tolist()
-    return numbers[0] if len(numbers) == 1 else numbers or None
+        raise InputError(f"--{option} must be numbers, such as {example}, not {text!r}") from None
+    values = [int(number) if number.is_integer() else number for number in numbers]
+    return values[0] if len(values) == 1 else values
 
 
-def _copies(text: str) -> list[int]:
-    """One number, or one for each cell vector."""
-    words = _words(text.replace("x", " "))
-    if not words or not all(word.isdigit() for word in words):
-        raise InputError(f"--copies must be whole numbers, such as '2' or '2 3', not {text!r}")
-    return [int(word) for word in words]
+def _cell(text: str) -> Any:
+    """Side lengths (d,), or vectors (d, d) row by row."""
+    numbers = _numbers("cell", "'10 10' or '10 0 2 8'", text)
+    return np.reshape(numbers, (math.isqrt(np.size(numbers)), -1)).tolist() if np.size(numbers) in (4, 9) else numbers
 
 
 def _pins(text: str) -> Any:
-    """A rule, or vertices, as numbers where all are numbers; None without any."""
+    """A rule, or vertices, as numbers where all are numbers."""
     names = [name.strip() for name in text.split(",")]
     if all(name.lstrip("-").isdigit() for name in names):
         return [int(name) for name in names]
-    return names if len(names) > 1 else text or None
+    return names if len(names) > 1 else text
 
 
-def _volume(text: str) -> Any:
-    """A number, or the rule that is named; None without any."""
-    try:
-        return float(text)
-    except ValueError:
-        return text or None
-
-
-def _pixel(text: str) -> list[float] | float:
-    """One size, or one for each axis."""
-    try:
-        sizes = [float(word) for word in _words(text)]
-    except ValueError:
-        raise InputError(f"--pixel must be numbers, such as '0.5' or '2 0.5 0.5', not {text!r}") from None
-    return sizes[0] if len(sizes) == 1 else sizes
-
-
-_PARSERS: dict[str, Callable[[str], Any]] = {"cell": _cell, "pins": _pins, "volume": _volume, "pixel": _pixel}
-
-
-def _words(text: str) -> list[str]:
-    return text.replace(",", " ").split()
+_PARSERS: dict[str, Callable[[str], Any]] = {
+    "cell": _cell,
+    "pins": _pins,
+    "volume": _value,
+    "pixel": partial(_numbers, "pixel", "'0.5' or '2 0.5 0.5'"),
+}

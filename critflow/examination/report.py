@@ -219,13 +219,8 @@ class Examination(Record):
         """Sentences on what to do next, in Python."""
         return advice_of(self)
 
-    @property
-    def text(self) -> str:
-        """The report as Markdown."""
-        return "\n".join(report_lines(self))
-
     def __str__(self) -> str:
-        return self.text
+        return "\n".join(report_lines(self))
 
 
 def report_lines(examination: Examination, file: str = "") -> list[str]:

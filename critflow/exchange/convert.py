@@ -127,7 +127,7 @@ def _referring(found: ImportedNetwork, volume: float | str | None) -> ImportedNe
         volume, note = hull, f"moduli refer to the convex hull, V = {hull:.8g}, unless another volume is given"
     if isinstance(volume, str):
         raise InputError(f"the volume must be a number or 'hull', not {volume!r}")
-    return replace(found, value=network.with_volume(volume), notes=(*found.notes, *([note] if note else [])))
+    return replace(found, value=network.with_volume(volume), data=found.data.noting(*([note] if note else [])))
 
 
 def _state(

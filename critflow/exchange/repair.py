@@ -31,12 +31,15 @@ _FLAT = 1e-9
 class ImportedNetwork(Solution[Network]):
     """A network from another program; `print` shows how it was read and repaired.
 
-    notes  one sentence on each property of the source and each repair
     data   the record that the network was made of, after the repairs
     """
 
-    notes: tuple[str, ...] = ()
     data: NetworkData = field(repr=False)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One sentence on each property of the source and each repair."""
+        return self.data.notes
 
     @property
     def network(self) -> Network:
@@ -111,8 +114,9 @@ def imported(
         data = step(data)
         if strict and data.repaired:
             raise NetworkError(
-                f"strict=True refuses this repair: {data.findings[-1]}; correct the source, or leave strict out"
+                f"strict=True refuses this repair: {data.notes[-1]}; correct the source, or leave strict out"
             )
+    data = replace(data, notes=(*read.notes, *_digits(read), *data.notes[len(read.notes) :]))
     network = Network(
         data.edges,
         data.offsets,  # type: ignore[arg-type]
@@ -126,9 +130,7 @@ def imported(
     return ImportedNetwork(
         value=network,
         status=Status.ok,
-        stats=Stats(f"read {data.source}", len(data.findings)),
-        note="; ".join(data.findings),
-        notes=(*data.notes, *_digits(read), *data.findings),
+        stats=Stats(f"read {data.source}", len(data.notes)),
         data=data,
     )
 
@@ -216,7 +218,7 @@ def _with_crossings(data: NetworkData, join: bool) -> NetworkData:
     if join:
         return split(data, found).repairing(f"{count}, joined by a vertex there")
     i, j = np.asarray(data.edge_numbers)[found.pairs[0]]
-    return data.finding(f"{count} without a vertex, edges {i} and {j} first; join_crossings=True puts one there")
+    return data.noting(f"{count} without a vertex, edges {i} and {j} first; join_crossings=True puts one there")
 
 
 def _without_bare(data: NetworkData) -> NetworkData:
@@ -262,7 +264,7 @@ def _with_chains(data: NetworkData, join: bool) -> NetworkData:
     if not (count := int(middle.sum())):
         return data
     if not join:
-        return data.finding(
+        return data.noting(
             f"{counted(count, 'vertex', 'has')} two edges, which are in line under tension; contract=True joins them"
         )
     sentence = f"{counted(count, 'vertex')} of two edges, removed; the springs were joined in series"
@@ -310,7 +312,7 @@ def _with_short_edges(data: NetworkData) -> NetworkData:
     if not len(short):
         return data
     i, j = (data.name(int(vertex)) for vertex in data.edges[short[0]])
-    return data.finding(
+    return data.noting(
         f"{counted(len(short), 'edge', 'has')} no length, between vertices {i} and {j} first: its direction is "
         "unknown, so move them apart or join them"
     )

@@ -93,24 +93,28 @@ def checked_pins(pins: object) -> dict[int, Array]:
     return {int(i): floats(p, f"the position of pin {i}") for i, p in pins.items()}
 
 
+def checked_cell(cell: ArrayLike, dimension: int | None = None) -> Array:
+    """A copy of cell vectors as rows (d, d), else a `NetworkError`."""
+    array = floats(cell, "cell")
+    if array.ndim != 2 or array.shape != (dimension or len(array),) * 2:
+        raise NetworkError(
+            f"cell must be a square matrix with the {dimension or 'd'} cell vectors as rows, not {array.shape}"
+        )
+    if not (np.isfinite(array).all() and abs(np.linalg.det(array)) > 0):
+        raise NetworkError("the cell vectors must be finite and span a volume: two of them are parallel or one is zero")
+    return array
+
+
 def dimension_of(cell: Array | None, pins: Mapping[int, Array]) -> int:
     if cell is None and not pins:
         raise NetworkError("a network needs a periodic cell or pins: without either it collapses to a point")
     sizes = {p.shape for p in pins.values()} | ({cell.shape[:1]} if cell is not None else set())
     if len(sizes) != 1 or any(len(size) != 1 for size in sizes):
         raise NetworkError("the cell vectors and the pinned positions must all have the same dimension")
-    dimension = int(sizes.pop()[0])
-    if cell is not None and cell.shape != (dimension, dimension):
-        raise NetworkError(f"cell must be a square matrix with the cell vectors as rows, not {cell.shape}")
-    return dimension
+    return int(sizes.pop()[0])
 
 
-def check_values(
-    stiffness: Array, n_edges: int, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
-) -> None:
-    edge_values(stiffness, n_edges, "stiffness")
-    if cell is not None and not (np.isfinite(cell).all() and abs(np.linalg.det(cell)) > 0):
-        raise NetworkError("the cell vectors must be finite and span a volume: two of them are parallel or one is zero")
+def check_pins(pins: Mapping[int, Array], n_vertices: int) -> None:
     for vertex, position in pins.items():
         if not 0 <= vertex < n_vertices:
             raise NetworkError(f"pin {vertex} is not a vertex: vertices run from 0 to {n_vertices - 1}")

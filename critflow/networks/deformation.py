@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import scipy.linalg
@@ -88,12 +88,6 @@ class Deformation:
     def acceleration(self, strain: float) -> Array:
         """F'' F⁻¹ relative to the current cell, (d, d)."""
         return np.asarray(self.second_rate(strain) @ np.linalg.inv(self.gradient(strain)))
-
-    @property
-    def linear_strain(self) -> Array:
-        """Symmetric part of F'(0), (d, d): the strain of linear response."""
-        rate = self.rate(0.0)
-        return 0.5 * (rate + rate.T)
 
     @property
     def free_strains(self) -> Array:
@@ -184,8 +178,7 @@ class Deformation:
         """F = 1 + γ A for any A (d, d)."""
         A = _square(strain)
         unit = np.eye(len(A))
-        name, d = "linear", len(A)
-        return cls(name, d, lambda strain: unit + strain * A, lambda _: A, lambda _: 0 * A, linear_in_strain=True)
+        return cls("linear", len(A), lambda g: unit + g * A, lambda _: A, lambda _: 0 * A, linear_in_strain=True)
 
     @classmethod
     def exponential(cls, strain: ArrayLike) -> Deformation:
@@ -199,21 +192,13 @@ class Deformation:
         return cls("exponential", len(A), derivative(unit), derivative(A), derivative(A @ A))
 
     @classmethod
-    def path(
-        cls,
-        gradient: Function,
-        dimension: int,
-        rate: Function | None = None,
-        second_rate: Function | None = None,
-        name: str = "path",
-    ) -> Deformation:
-        """Any path γ → F(γ) with F(0) = 1; derivatives that are not given are difference quotients of fourth order."""
+    def path(cls, gradient: Function, dimension: int) -> Deformation:
+        """Any path γ → F(γ) with F(0) = 1; its derivatives are difference quotients of fourth order."""
         start = np.asarray(gradient(0.0), dtype=float)
         if start.shape != (dimension,) * 2 or not np.allclose(start, np.eye(dimension), rtol=0, atol=1e-14):
             raise InputError(f"a deformation must begin with F(0) = 1, a {dimension} × {dimension} matrix")
-        rate = rate or (lambda strain: _difference(gradient, strain))
-        second_rate = second_rate or (lambda strain: _second_difference(gradient, strain))
-        return cls(name, dimension, gradient, rate, second_rate)
+        derivatives = (partial(_difference, gradient), partial(_second_difference, gradient))
+        return cls("path", dimension, gradient, *derivatives)
 
 
 _NAMED: dict[str, Callable[[int], Deformation]] = {

@@ -24,8 +24,9 @@ from critflow.networks.checks import (
     IntArray,
     check_ends,
     check_loops,
+    check_pins,
     check_positions,
-    check_values,
+    checked_cell,
     checked_count,
     checked_pins,
     dimension_of,
@@ -76,7 +77,7 @@ class Network:
             raise NetworkError(f"edges must have shape (N_b, 2) with N_b >= 1, not {edges.shape}: give tail and head")
         n_vertices = checked_count(self.n_vertices) or max(int(edges.max()) + 1, 0)
         pins = checked_pins(self.pins)
-        cell = None if self.cell is None else floats(self.cell, "cell")
+        cell = None if self.cell is None else checked_cell(self.cell)
         dimension = dimension_of(cell, pins)
         offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else integers(self.offsets, "offsets")
         stiffness = floats(self.stiffness, "stiffness")
@@ -88,7 +89,8 @@ class Network:
             raise NetworkError(f"offsets must have shape {(len(edges), dimension)}, not {offsets.shape}: one per edge")
         if cell is None and offsets.any():
             raise NetworkError("edges with image offsets need a cell: give its vectors as rows")
-        check_values(stiffness, len(edges), cell, pins, n_vertices)
+        edge_values(stiffness, len(edges), "stiffness")
+        check_pins(pins, n_vertices)
         check_ends(edges, n_vertices)
         check_loops(edges, offsets)
         self._check_support(edges, offsets, cell, pins, n_vertices)

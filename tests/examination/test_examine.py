@@ -75,7 +75,7 @@ def test_a_lattice_is_rigid_to_first_order(tmp_path):
     assert "Young's modulus 1.1547005, Poisson's ratio 0.333333" in str(found)
     write_page(found, tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()
-    assert "| xx | 1.29904 | 0.433013 | 0 |" in found.text and page.count("<td>") == 12
+    assert "| xx | 1.29904 | 0.433013 | 0 |" in str(found) and page.count("<td>") == 12
     assert found.critical_strains == {}
 
 
@@ -157,8 +157,8 @@ def test_a_network_that_was_relaxed_to_a_tolerance_is_critical_within_it(tmp_pat
     assert found.nearly_critical is nearly and found.order == "floppy"
     if nearly:
         exact = critflow.elasticity(found.nearest.value).value
-        assert f"critical within {found.distance:.1g} of an edge**: one self-stress" in found.text
-        assert "strictly, as given, floppy" in found.text and f"B_0 = {exact.bulk:.8g}" in found.text
+        assert f"critical within {found.distance:.1g} of an edge**: one self-stress" in str(found)
+        assert "strictly, as given, floppy" in str(found) and f"B_0 = {exact.bulk:.8g}" in str(found)
         assert found.elasticity is None and "nearest.value" in found.advice[0]
     else:
         assert found.title == "floppy" and found.elasticity.value.bulk == 0
@@ -173,7 +173,7 @@ def test_a_rigid_network_with_a_loose_chain_is_not_called_floppy():
     offsets = np.concatenate([base.offsets, [[0, 0], [0, 0], base.offsets[0]]])
     found = examine(Network(edges, offsets, base.cell, positions=x))
     assert found.loose == (1, 2) and found.title == "rigid, with 1 loose part"
-    assert "2 vertices can move without resistance" in found.text and found.elasticity.value.bulk > 0.8
+    assert "2 vertices can move without resistance" in str(found) and found.elasticity.value.bulk > 0.8
 
 
 def test_rotations_about_fixed_vertices_are_no_floppy_modes():
@@ -181,7 +181,7 @@ def test_rotations_about_fixed_vertices_are_no_floppy_modes():
     edges = [[0, 1], [1, 2], [2, 0], [2, 3], [3, 1]]
     found = examine(Network(edges, pins={0: x[0]}, positions=x))
     assert (found.n_floppy_modes, found.title) == (0, "rigid, but free to rotate")
-    assert "0 floppy modes, 1 rotation about the fixed vertices" in found.text
+    assert "0 floppy modes, 1 rotation about the fixed vertices" in str(found)
     # In space one fixed vertex leaves three rotations, two one, and three not in line none.
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     pairs = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
@@ -197,7 +197,7 @@ def test_self_stresses_of_large_rigid_networks_are_counted_only():
     found = examine(network, deformations=())
     exact = critflow.rigidity(network, network.positions).value
     assert found.n_self_stresses == exact.n_self_stresses == 202 and found.order == "first"
-    assert not len(found.rigidity.value.self_stresses) and "at least 1.0e-05" in found.text
+    assert not len(found.rigidity.value.self_stresses) and "at least 1.0e-05" in str(found)
 
 
 def test_a_terminal_shows_what_takes_long(monkeypatch, capsys):
@@ -217,7 +217,7 @@ def test_a_terminal_shows_what_takes_long(monkeypatch, capsys):
 def test_vertices_have_the_names_of_the_source(tmp_path):
     (tmp_path / "a_vertices.csv").write_text("id,x,y\nA,0,0\nB,4,0\nC,0,3\nD,1,1\nE,9,9\n")
     (tmp_path / "a_edges.csv").write_text("tail,head\nA,D\nB,D\nC,D\nE,E\n")
-    text = examine(network_from(tmp_path / "a.csv", pins=["A", "B", "C"])).text
+    text = str(examine(network_from(tmp_path / "a.csv", pins=["A", "B", "C"])))
     assert "1 (B–D)" in text and "source: tables a_edges.csv" in text
     inner = (VORONOI.offsets == 0).all(axis=1)
     read = network_from(edges=VORONOI.edges[inner], positions=VORONOI.positions, pins="hull")
@@ -297,37 +297,6 @@ def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, w
     assert main(words) == 2
     error = capsys.readouterr().err
     assert word in error and error.count("\n") == 1
-
-
-def offset(value):
-    """A graph of one vertex whose edge has an offset."""
-    edges = [
-        {"source": 0, "target": 0, "offset": offset, "key": key} for key, offset in enumerate([[value, 0], [0, 1]])
-    ]
-    graph = {"directed": False, "multigraph": True, "graph": {"cell": [[1, 0], [0, 1]]}}
-    return json.dumps({**graph, "nodes": [{"id": 0, "pos": [0.5, 0.5]}], "edges": edges})
-
-
-DAMAGED = {
-    "deep.json": ("[" * 100_000 + "]" * 100_000, "nested"),
-    "deep.gml": ("graph [ " * 3000 + "]" * 3000, "nested"),
-    "deep.graphml": ("<graphml>" * 20_000 + "</graphml>" * 20_000, "graphml"),
-    "entity.xdmf": ('<!DOCTYPE x [<!ENTITY a "b">]><Xdmf>&c;</Xdmf>', "entity"),
-    "nan.json": (offset(float("nan")), "whole"),
-    "large.json": (offset(1e19), "whole"),
-}
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "word"), [(name, *damage) for name, damage in DAMAGED.items()], ids=DAMAGED
-)
-def test_a_damaged_file_is_one_sentence(tmp_path, capsys, name, content, word):
-    (tmp_path / name).write_text(content)
-    assert main(["examine", str(tmp_path / name)]) == 2
-    error = capsys.readouterr().err
-    assert name in error and word in error and error.count("\n") == 1
-    with pytest.raises(InputError, match=word):
-        examine(str(tmp_path / name))
 
 
 @pytest.mark.parametrize(("pipe", "name"), [("a.json", "a.json"), ("a_edges.csv", "a.csv"), ("a.nc", "a.nc")])

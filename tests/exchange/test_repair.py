@@ -70,7 +70,7 @@ def test_a_repair_restores_the_network_and_is_reported(source, word):
 
 def test_a_sound_source_is_unchanged_and_not_repaired():
     read = network_from(**ARRAYS, strict=True)
-    assert isinstance(read, ImportedNetwork) and not read.repaired and read.note == ""
+    assert isinstance(read, ImportedNetwork) and not read.repaired
     np.testing.assert_array_equal(read.network.edges, E)
     np.testing.assert_array_equal(read.network.offsets, O)
     assert "32 vertices, 48 edges, 2D, periodic, z = 3" in str(read)
