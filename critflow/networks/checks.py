@@ -36,6 +36,12 @@ def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = Tru
     return array
 
 
+def stiffnesses(values: ArrayLike, n_edges: int) -> Array:
+    """Stiffnesses (N_b,) from one number or one for each edge, else a `NetworkError`."""
+    array = floats(values, "stiffness")
+    return edge_values(np.full(n_edges, float(array)) if array.ndim == 0 else array, n_edges, "stiffness")
+
+
 def finite_rows(array: Array, name: str, shape: tuple[int, ...]) -> Array:
     """The array if it has this shape and is finite, else a `NetworkError` that names the first bad row."""
     if array.shape != shape:

@@ -141,7 +141,7 @@ class Deformation:
         i, j = _plane(dimension, plane)
         A = np.zeros((dimension, dimension))
         A[i, j] = 1.0
-        return replace(cls.linear(A), name=_in_plane("simple_shear", plane))
+        return replace(cls.linear(A), name="simple_shear" + f"_{plane}" * (plane != "xy"))
 
     @classmethod
     def pure_shear(cls, dimension: int, plane: str = "xy") -> Deformation:
@@ -158,7 +158,7 @@ class Deformation:
 
             return function
 
-        return cls(_in_plane("pure_shear", plane), dimension, derivative(0), derivative(1), derivative(2))
+        return cls("pure_shear" + f"_{plane}" * (plane != "xy"), dimension, derivative(0), derivative(1), derivative(2))
 
     @classmethod
     def uniaxial(cls, dimension: int, axis: str = "x", sides: str = "fixed") -> Deformation:
@@ -287,10 +287,6 @@ def _plane(dimension: int, plane: str) -> tuple[int, int]:
     if not (isinstance(plane, str) and len(plane) == 2 and plane[0] != plane[1]):
         raise InputError(f"the plane of a shear is a pair of two axes, such as 'xy', not {plane!r}")
     return _axis(dimension, plane[0]), _axis(dimension, plane[1])
-
-
-def _in_plane(name: str, plane: str) -> str:
-    return name if plane == "xy" else f"{name}_{plane}"
 
 
 Deformable = Deformation | str | ArrayLike | Function

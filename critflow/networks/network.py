@@ -30,10 +30,10 @@ from critflow.networks.checks import (
     checked_count,
     checked_pins,
     dimension_of,
-    edge_values,
     finite_rows,
     floats,
     integers,
+    stiffnesses,
 )
 from critflow.networks.faces import Faces, PlanarFaces
 from critflow.networks.support import check_support
@@ -80,16 +80,13 @@ class Network:
         cell = None if self.cell is None else checked_cell(self.cell)
         dimension = dimension_of(cell, pins)
         offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else integers(self.offsets, "offsets")
-        stiffness = floats(self.stiffness, "stiffness")
-        if stiffness.ndim == 0:
-            stiffness = np.full(len(edges), float(stiffness))
+        stiffness = stiffnesses(self.stiffness, len(edges))
         positions = None if self.positions is None else floats(self.positions, "positions")
 
         if offsets.shape != (len(edges), dimension):
             raise NetworkError(f"offsets must have shape {(len(edges), dimension)}, not {offsets.shape}: one per edge")
         if cell is None and offsets.any():
             raise NetworkError("edges with image offsets need a cell: give its vectors as rows")
-        edge_values(stiffness, len(edges), "stiffness")
         check_pins(pins, n_vertices)
         check_ends(edges, n_vertices)
         check_loops(edges, offsets)
@@ -221,9 +218,7 @@ class Network:
 
     def with_stiffness(self, stiffness: ArrayLike) -> Network:
         """The same network with other stiffnesses k, (N_b,) or one number."""
-        values = floats(stiffness, "stiffness")
-        values = np.full(self.n_edges, float(values)) if values.ndim == 0 else values
-        edge_values(values, self.n_edges, "stiffness")
+        values = stiffnesses(stiffness, self.n_edges)
         values.flags.writeable = False
         return self._copied(stiffness=values)
 
