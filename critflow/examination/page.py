@@ -24,8 +24,6 @@ _STYLE = (
     "h1{font-size:1.5em}ul{padding-left:1.2em}"
     "table{border-collapse:collapse}td,th{border:1px solid #bbb;padding:.2em .6em}img{max-width:100%}"
 )
-# The picture follows the answer.
-_AFTER_PICTURE = "## As read"
 
 
 @checked
@@ -42,25 +40,23 @@ def write_page(examination: Examination, path: str | PathLike[str], file: str = 
     """
     target = Path(path)
     require_page(target)
-    lines = report_lines(examination, file)
-    first = lines.index(_AFTER_PICTURE)
+    lines, image = report_lines(examination, file), io.BytesIO()
+    saved(pictures(examination), image)
     if target.suffix == ".md":
         picture = target.with_suffix(".png")
-        saved(pictures(examination), picture)
-        text = "\n".join([*lines[:first], f"![The network]({picture.name})", "", *lines[first:], ""])
+        picture.write_bytes(image.getvalue())
+        source = picture.name
     else:
-        image = io.BytesIO()
-        saved(pictures(examination), image)
-        data = base64.b64encode(image.getvalue()).decode()
-        picture_tag = f'<img alt="The network" src="data:image/png;base64,{data}">'
+        source = f"data:image/png;base64,{base64.b64encode(image.getvalue()).decode()}"
+    # The picture follows the answer.
+    first = lines.index("## As read")
+    text = "\n".join([*lines[:first], f"![The network]({source})", "", *lines[first:], ""])
+    if target.suffix != ".md":
         title = html.escape(lines[0].removeprefix("# "))
+        head = f'<meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
         # Names of vertices are text, and no tags.
-        parser = MarkdownIt("commonmark", {"html": False}).enable("table")
-        above, below = (parser.render("\n".join(part)) for part in (lines[:first], lines[first:]))
-        text = (
-            f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
-            f"<body>{above}{picture_tag}{below}</body></html>\n"
-        )
+        body = MarkdownIt("commonmark", {"html": False}).enable("table").render(text)
+        text = f'<!doctype html><html lang="en">{head}<body>{body}</body></html>\n'
     target.write_text(text, encoding="utf-8")
 
 
