@@ -12,11 +12,11 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial, wraps
 from pathlib import Path
 from threading import Timer
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -40,74 +40,65 @@ FilesArgument = Annotated[
 ]
 
 
+# Options of the command line on how a file is read, keywords of `network_from`: kind, value in the help, meaning.
+_HINTS: dict[str, tuple[type, str | None, str]] = {
+    "cell": (str, "NUMBERS", "Cell of a file without one: side lengths, or vectors row by row."),
+    "pins": (
+        *(str, "RULE|LIST"),
+        "Fixed vertices: hull, outer_face, two_edges, degree, box, border, or names with commas.",
+    ),
+    "volume": (str, "V", "Volume to which moduli refer without a cell: a number, or hull."),
+    "pixel": (str, "SIZE", "Size of a pixel of a picture; three numbers for a stack, pages first."),
+    "labels": (bool, None, "The values of a picture number the cells of a tissue; else it is fibres."),
+    "nearest": (bool, None, "Accept nearest images of long edges."),
+    "strict": (bool, None, "Refuse a file that needs a repair."),
+    "contract": (bool, None, "Join the edges of vertices of two edges in series."),
+    "join_crossings": (bool, None, "Put a vertex where two edges cross in the plane."),
+}
+_Case = Annotated[
+    list[str], typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated.")
+]
+
+
 @dataclass(frozen=True)
 class Hints:
-    """Options of the command line on how a file is read."""
+    """The options that are given on how a file is read, by name, and the words for the case of a dataset."""
 
-    cell: Annotated[
-        str, typer.Option(metavar="NUMBERS", help="Cell of a file without one: side lengths, or vectors row by row.")
-    ] = ""
-    pins: Annotated[
-        str,
-        typer.Option(
-            metavar="RULE|LIST",
-            help="Fixed vertices: hull, outer_face, two_edges, degree, box, border, or names with commas.",
-        ),
-    ] = ""
-    volume: Annotated[
-        str, typer.Option(metavar="V", help="Volume to which moduli refer without a cell: a number, or hull.")
-    ] = ""
-    pixel: Annotated[
-        str, typer.Option(metavar="SIZE", help="Size of a pixel of a picture; three numbers for a stack, pages first.")
-    ] = ""
-    labels: Annotated[
-        bool, typer.Option("--labels", help="The values of a picture number the cells of a tissue; else it is fibres.")
-    ] = False
-    nearest: Annotated[bool, typer.Option("--nearest", help="Accept nearest images of long edges.")] = False
-    strict: Annotated[bool, typer.Option("--strict", help="Refuse a file that needs a repair.")] = False
-    contract: Annotated[bool, typer.Option("--contract", help="Join the edges of vertices of two edges in series.")] = (
-        False
-    )
-    join_crossings: Annotated[
-        bool, typer.Option("--join-crossings", help="Put a vertex where two edges cross in the plane.")
-    ] = False
-    case: Annotated[
-        list[str],
-        typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated."),
-    ] = field(default_factory=list)
+    values: dict[str, Any]
+    case: list[str]
 
     @property
     def keywords(self) -> dict[str, Any]:
         """The options as keywords of `network_from`."""
-        values = {option.name: getattr(self, option.name) for option in fields(self) if option.name != "case"}
-        return {name: _PARSERS.get(name, bool)(value) for name, value in values.items() if value}
+        return {name: _PARSERS.get(name, bool)(value) for name, value in self.values.items()}
 
     @property
     def words(self) -> list[str]:
-        """The options that are given, as words of the command."""
+        """The options as words of the command."""
         words = [word for value in self.case for word in ("--set", value)]
-        for option in fields(self):
-            value = getattr(self, option.name)
-            if option.name != "case" and value:
-                words += [f"--{option.name.replace('_', '-')}", *([] if value is True else [value])]
+        for name, value in self.values.items():
+            words += [_spelled(name), *([] if value is True else [value])]
         return words
+
+
+def _spelled(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 def reading(command: Callable[..., int]) -> Callable[..., int]:
     """The command with the options of `Hints` in place of its parameter `hints`; its refusals spell them as options."""
-    signature, defaults = inspect.signature(command, eval_str=True), Hints()
-    own = [parameter for name, parameter in signature.parameters.items() if name != "hints"]
-    options = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=getattr(defaults, name), annotation=kind)
-        for name, kind in get_type_hints(Hints, include_extras=True).items()
-    ]
-    parameters = [*(one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own), *options]
+    signature, keyword = inspect.signature(command, eval_str=True), inspect.Parameter.KEYWORD_ONLY
+    parameters = [p.replace(kind=keyword) for name, p in signature.parameters.items() if name != "hints"]
+    for name, (kind, value, meaning) in _HINTS.items():
+        option = Annotated[kind, typer.Option(_spelled(name), metavar=value, help=meaning)]  # type: ignore[valid-type]
+        parameters.append(inspect.Parameter(name, keyword, default=kind(), annotation=option))
+    parameters.append(inspect.Parameter("case", keyword, default=[], annotation=_Case))
 
     @wraps(command)
     def call(**values: Any) -> int:
-        hints = Hints(**{option.name: values.pop(option.name) for option in options})
+        given = {name: value for name in _HINTS if (value := values.pop(name))}
         try:
-            return command(hints=hints, **values)
+            return command(hints=Hints(given, values.pop("case")), **values)
         except InputError as error:
             raise InputError(in_shell(str(error))) from None
 
@@ -158,8 +149,7 @@ def waiting(what: str) -> Iterator[Callable[[str], None]]:
 
 
 # A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True.
-_NAMES = "cell|pins|volume|pixel|labels|nearest|strict|contract|join_crossings|copies|size|radius|by_stiffness"
-_KEYWORD = re.compile(rf"\b({_NAMES})=('?)([\w.]*)\2")
+_KEYWORD = re.compile(rf"\b({'|'.join((*_HINTS, 'copies', 'size', 'radius', 'by_stiffness'))})=('?)([\w.]*)\2")
 # What sentences of the library call functions, in the words of the command.
 _IN_SHELL = {
     "examine(FILE)": "critflow examine FILE",
@@ -173,7 +163,7 @@ def in_shell(sentences: str) -> str:
 
     def option(keyword: re.Match[str]) -> str:
         name, _, value = keyword.groups()
-        return f"--{name.replace('_', '-')} {'' if value == 'True' else value}".strip()
+        return f"{_spelled(name)} {'' if value == 'True' else value}".strip()
 
     for function, words in _IN_SHELL.items():
         sentences = sentences.replace(function, words)
@@ -228,7 +218,7 @@ def examine_file(
         require_page(out)
     names = " and ".join(file.name for file in files)
     with waiting(f"examining {names}") as progress:
-        imported = read_held(lambda **pins: read(files, replace(hints, **pins)), progress)
+        imported = read_held(lambda **pins: read(files, replace(hints, values=hints.values | pins)), progress)
         examination = examine(imported, progress=progress)
     words = shlex.join([*map(str, files), *hints.words])
     print(in_shell("\n".join(report_lines(examination, words))))
