@@ -12,11 +12,11 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
-from functools import wraps
+from dataclasses import dataclass, replace
+from functools import partial, wraps
 from pathlib import Path
 from threading import Timer
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -28,7 +28,7 @@ from critflow.design.targets import design
 from critflow.examination.certificate import certificate_text
 from critflow.examination.examine import examine, read_held
 from critflow.examination.report import report_lines
-from critflow.exchange.convert import network_from, write_network, writer_to
+from critflow.exchange.convert import network_from, write_network
 from critflow.exchange.data import require_regular
 from critflow.exchange.formats import writable_format
 from critflow.exchange.repair import ImportedNetwork
@@ -40,74 +40,65 @@ FilesArgument = Annotated[
 ]
 
 
+# Options of the command line on how a file is read, keywords of `network_from`: kind, value in the help, meaning.
+_HINTS: dict[str, tuple[type, str | None, str]] = {
+    "cell": (str, "NUMBERS", "Cell of a file without one: side lengths, or vectors row by row."),
+    "pins": (
+        *(str, "RULE|LIST"),
+        "Fixed vertices: hull, outer_face, two_edges, degree, box, border, or names with commas.",
+    ),
+    "volume": (str, "V", "Volume to which moduli refer without a cell: a number, or hull."),
+    "pixel": (str, "SIZE", "Size of a pixel of a picture; three numbers for a stack, pages first."),
+    "labels": (bool, None, "The values of a picture number the cells of a tissue; else it is fibres."),
+    "nearest": (bool, None, "Accept nearest images of long edges."),
+    "strict": (bool, None, "Refuse a file that needs a repair."),
+    "contract": (bool, None, "Join the edges of vertices of two edges in series."),
+    "join_crossings": (bool, None, "Put a vertex where two edges cross in the plane."),
+}
+_Case = Annotated[
+    list[str], typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated.")
+]
+
+
 @dataclass(frozen=True)
 class Hints:
-    """Options of the command line on how a file is read."""
+    """The options that are given on how a file is read, by name, and the words for the case of a dataset."""
 
-    cell: Annotated[
-        str, typer.Option(metavar="NUMBERS", help="Cell of a file without one: side lengths, or vectors row by row.")
-    ] = ""
-    pins: Annotated[
-        str,
-        typer.Option(
-            metavar="RULE|LIST",
-            help="Fixed vertices: hull, outer_face, two_edges, degree, box, border, or names with commas.",
-        ),
-    ] = ""
-    volume: Annotated[
-        str, typer.Option(metavar="V", help="Volume to which moduli refer without a cell: a number, or hull.")
-    ] = ""
-    pixel: Annotated[
-        str, typer.Option(metavar="SIZE", help="Size of a pixel of a picture; three numbers for a stack, pages first.")
-    ] = ""
-    labels: Annotated[
-        bool, typer.Option("--labels", help="The values of a picture number the cells of a tissue; else it is fibres.")
-    ] = False
-    nearest: Annotated[bool, typer.Option("--nearest", help="Accept nearest images of long edges.")] = False
-    strict: Annotated[bool, typer.Option("--strict", help="Refuse a file that needs a repair.")] = False
-    contract: Annotated[bool, typer.Option("--contract", help="Join the edges of vertices of two edges in series.")] = (
-        False
-    )
-    join_crossings: Annotated[
-        bool, typer.Option("--join-crossings", help="Put a vertex where two edges cross in the plane.")
-    ] = False
-    case: Annotated[
-        list[str],
-        typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated."),
-    ] = field(default_factory=list)
+    values: dict[str, Any]
+    case: list[str]
 
     @property
     def keywords(self) -> dict[str, Any]:
         """The options as keywords of `network_from`."""
-        values = {option.name: getattr(self, option.name) for option in fields(self) if option.name != "case"}
-        return {name: _PARSERS.get(name, bool)(value) for name, value in values.items() if value}
+        return {name: _PARSERS.get(name, bool)(value) for name, value in self.values.items()}
 
     @property
     def words(self) -> list[str]:
-        """The options that are given, as words of the command."""
+        """The options as words of the command."""
         words = [word for value in self.case for word in ("--set", value)]
-        for option in fields(self):
-            value = getattr(self, option.name)
-            if option.name != "case" and value:
-                words += [f"--{option.name.replace('_', '-')}", *([] if value is True else [value])]
+        for name, value in self.values.items():
+            words += [_spelled(name), *([] if value is True else [value])]
         return words
+
+
+def _spelled(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 def reading(command: Callable[..., int]) -> Callable[..., int]:
     """The command with the options of `Hints` in place of its parameter `hints`; its refusals spell them as options."""
-    signature, defaults = inspect.signature(command, eval_str=True), Hints()
-    own = [parameter for name, parameter in signature.parameters.items() if name != "hints"]
-    options = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=getattr(defaults, name), annotation=kind)
-        for name, kind in get_type_hints(Hints, include_extras=True).items()
-    ]
-    parameters = [*(one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own), *options]
+    signature, keyword = inspect.signature(command, eval_str=True), inspect.Parameter.KEYWORD_ONLY
+    parameters = [p.replace(kind=keyword) for name, p in signature.parameters.items() if name != "hints"]
+    for name, (kind, value, meaning) in _HINTS.items():
+        option = Annotated[kind, typer.Option(_spelled(name), metavar=value, help=meaning)]  # type: ignore[valid-type]
+        parameters.append(inspect.Parameter(name, keyword, default=kind(), annotation=option))
+    parameters.append(inspect.Parameter("case", keyword, default=[], annotation=_Case))
 
     @wraps(command)
     def call(**values: Any) -> int:
-        hints = Hints(**{option.name: values.pop(option.name) for option in options})
+        given = {name: value for name in _HINTS if (value := values.pop(name))}
         try:
-            return command(hints=hints, **values)
+            return command(hints=Hints(given, values.pop("case")), **values)
         except InputError as error:
             raise InputError(in_shell(str(error))) from None
 
@@ -157,10 +148,8 @@ def waiting(what: str) -> Iterator[Callable[[str], None]]:
         status.stop()
 
 
-# A keyword of `network_from` in a sentence, such as pins='hull' or nearest=True.
-_KEYWORD = re.compile(r"\b(cell|pins|volume|pixel|labels|nearest|strict|contract|join_crossings)=('?)([\w.]*)\2")
-
-
+# A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True.
+_KEYWORD = re.compile(rf"\b({'|'.join((*_HINTS, 'copies', 'size', 'radius', 'by_stiffness'))})=('?)([\w.]*)\2")
 # What sentences of the library call functions, in the words of the command.
 _IN_SHELL = {
     "examine(FILE)": "critflow examine FILE",
@@ -174,7 +163,7 @@ def in_shell(sentences: str) -> str:
 
     def option(keyword: re.Match[str]) -> str:
         name, _, value = keyword.groups()
-        return f"--{name.replace('_', '-')} {'' if value == 'True' else value}".strip()
+        return f"{_spelled(name)} {'' if value == 'True' else value}".strip()
 
     for function, words in _IN_SHELL.items():
         sentences = sentences.replace(function, words)
@@ -187,8 +176,12 @@ def convert(
         list[Path], typer.Argument(metavar="FILE OUT", help="A network, or two tables; then the file to write.")
     ],
     hints: Hints,
-    size: Annotated[float, typer.Option(metavar="MM", help="Largest extent of a drawing or solid.")] = 100.0,
-    radius: Annotated[float, typer.Option(metavar="MM", help="Radius of the struts of a solid.")] = 1.0,
+    size: Annotated[
+        float | None, typer.Option(metavar="MM", help="Largest extent of a drawing or solid; 100 by default.")
+    ] = None,
+    radius: Annotated[
+        float | None, typer.Option(metavar="MM", help="Radius of the struts of a solid; 1 by default.")
+    ] = None,
     by_stiffness: Annotated[
         bool, typer.Option("--by-stiffness", help="Cross sections of drawn or solid struts by their stiffness.")
     ] = False,
@@ -200,19 +193,12 @@ def convert(
     if len(files) < 2:
         raise InputError("convert needs a file to read and one to write: critflow convert FILE OUT")
     *files, out = files
-    writable_format(out)
+    given = {"size": size, "radius": radius, "by_stiffness": by_stiffness or None}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    writable_format(out, options=options)
     imported = read(files, hints)
     print(in_shell(str(imported)))
-    options: dict[str, Any] = {"copies": _copies(copies)}
-    if out.suffix.lower() in (".svg", ".dxf", ".stl", ".3mf"):
-        options["size"] = size
-    if by_stiffness and out.suffix.lower() not in (".svg", ".stl", ".3mf"):
-        raise InputError(f"--by-stiffness is for .svg, .stl and .3mf, not {out.suffix}: leave it out")
-    if by_stiffness:
-        options["by_stiffness"] = True
-    if out.suffix.lower() in (".stl", ".3mf"):
-        options["radius"] = radius
-    write_network(imported, out, **options)
+    write_network(imported, out, copies=_numbers("copies", "'2' or '2 3'", copies.replace("x", " ")), **options)
     print(f"  written to {out}")
     return 0
 
@@ -232,7 +218,7 @@ def examine_file(
         require_page(out)
     names = " and ".join(file.name for file in files)
     with waiting(f"examining {names}") as progress:
-        imported = read_held(lambda **pins: read(files, replace(hints, **pins)), progress)
+        imported = read_held(lambda **pins: read(files, replace(hints, values=hints.values | pins)), progress)
         examination = examine(imported, progress=progress)
     words = shlex.join([*map(str, files), *hints.words])
     print(in_shell("\n".join(report_lines(examination, words))))
@@ -272,7 +258,7 @@ def make(
         require_picture(picture)
     imported = read(files, hints)
     print(in_shell(str(imported)))
-    writer_to(out, imported)
+    writable_format(out, imported.network.dimension)
     solution: Solution[CriticalConfiguration]
     with waiting(f"making {out.name}"):
         if target:
@@ -303,7 +289,7 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list
             raise InputError(f"--target must be NAME=VALUE or NAME=LOW:HIGH, such as B_0=0.25, not {word!r}")
         if name in targets:
             raise InputError(f"--target {name} is given twice: give one value, or limits LOW:HIGH")
-        targets[name] = _target(value)
+        targets[name] = _value(value)
     solution = design(network, targets, throw=False)
     lines = [f"{solution.status.name}: {solution.reason}"] + [
         f"{name} {one.value:.12g} ± {one.error:.1e}, requested {targets[name]}, cost {one.multiplier + 0.0:.3g}, "
@@ -313,7 +299,7 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list
     return solution, ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items()), lines
 
 
-def _target(text: str) -> Any:
+def _value(text: str) -> Any:
     """A number, a pair of limits, either of which may be empty, or a word."""
     first, colon, last = text.partition(":")
     try:
@@ -322,52 +308,33 @@ def _target(text: str) -> Any:
         return text
 
 
-def _cell(text: str) -> Any:
-    """Side lengths (d,), or vectors (d, d) row by row; None without any."""
+def _numbers(option: str, example: str, text: str) -> Any:
+    """One number, or several, whole ones as integers."""
     try:
-        numbers = [float(word) for word in _words(text)]
+        numbers = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
-        raise InputError(f"--cell must be numbers, such as '10 10' or '10 0 2 8', not {text!r}") from None
-    if len(numbers) in (4, 9):
-        return np.reshape(numbers, (math.isqrt(len(numbers)), -1)).tolist()
-    return numbers[0] if len(numbers) == 1 else numbers or None
+        raise InputError(f"--{option} must be numbers, such as {example}, not {text!r}") from None
+    values = [int(number) if number.is_integer() else number for number in numbers]
+    return values[0] if len(values) == 1 else values
 
 
-def _copies(text: str) -> list[int]:
-    """One number, or one for each cell vector."""
-    words = _words(text.replace("x", " "))
-    if not words or not all(word.isdigit() for word in words):
-        raise InputError(f"--copies must be whole numbers, such as '2' or '2 3', not {text!r}")
-    return [int(word) for word in words]
+def _cell(text: str) -> Any:
+    """Side lengths (d,), or vectors (d, d) row by row."""
+    numbers = _numbers("cell", "'10 10' or '10 0 2 8'", text)
+    return np.reshape(numbers, (math.isqrt(np.size(numbers)), -1)).tolist() if np.size(numbers) in (4, 9) else numbers
 
 
 def _pins(text: str) -> Any:
-    """A rule, or vertices, as numbers where all are numbers; None without any."""
+    """A rule, or vertices, as numbers where all are numbers."""
     names = [name.strip() for name in text.split(",")]
     if all(name.lstrip("-").isdigit() for name in names):
         return [int(name) for name in names]
-    return names if len(names) > 1 else text or None
+    return names if len(names) > 1 else text
 
 
-def _volume(text: str) -> Any:
-    """A number, or the rule that is named; None without any."""
-    try:
-        return float(text)
-    except ValueError:
-        return text or None
-
-
-def _pixel(text: str) -> list[float] | float:
-    """One size, or one for each axis."""
-    try:
-        sizes = [float(word) for word in _words(text)]
-    except ValueError:
-        raise InputError(f"--pixel must be numbers, such as '0.5' or '2 0.5 0.5', not {text!r}") from None
-    return sizes[0] if len(sizes) == 1 else sizes
-
-
-_PARSERS: dict[str, Callable[[str], Any]] = {"cell": _cell, "pins": _pins, "volume": _volume, "pixel": _pixel}
-
-
-def _words(text: str) -> list[str]:
-    return text.replace(",", " ").split()
+_PARSERS: dict[str, Callable[[str], Any]] = {
+    "cell": _cell,
+    "pins": _pins,
+    "volume": _value,
+    "pixel": partial(_numbers, "pixel", "'0.5' or '2 0.5 0.5'"),
+}

@@ -5,14 +5,12 @@ from __future__ import annotations
 import base64
 import html
 import io
-import re
-from collections.abc import Iterable
 from dataclasses import replace
-from itertools import groupby
 from os import PathLike
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+from markdown_it import MarkdownIt
 from matplotlib.figure import Figure
 
 from critflow.arguments import checked
@@ -26,8 +24,6 @@ _STYLE = (
     "h1{font-size:1.5em}ul{padding-left:1.2em}"
     "table{border-collapse:collapse}td,th{border:1px solid #bbb;padding:.2em .6em}img{max-width:100%}"
 )
-# The picture follows the answer.
-_AFTER_PICTURE = "## As read"
 
 
 @checked
@@ -44,22 +40,23 @@ def write_page(examination: Examination, path: str | PathLike[str], file: str = 
     """
     target = Path(path)
     require_page(target)
-    lines = report_lines(examination, file)
-    first = lines.index(_AFTER_PICTURE)
+    lines, image = report_lines(examination, file), io.BytesIO()
+    saved(pictures(examination), image)
     if target.suffix == ".md":
         picture = target.with_suffix(".png")
-        saved(pictures(examination), picture)
-        text = "\n".join([*lines[:first], f"![The network]({picture.name})", "", *lines[first:], ""])
+        picture.write_bytes(image.getvalue())
+        source = picture.name
     else:
-        image = io.BytesIO()
-        saved(pictures(examination), image)
-        data = base64.b64encode(image.getvalue()).decode()
-        picture_tag = f'<img alt="The network" src="data:image/png;base64,{data}">'
+        source = f"data:image/png;base64,{base64.b64encode(image.getvalue()).decode()}"
+    # The picture follows the answer.
+    first = lines.index("## As read")
+    text = "\n".join([*lines[:first], f"![The network]({source})", "", *lines[first:], ""])
+    if target.suffix != ".md":
         title = html.escape(lines[0].removeprefix("# "))
-        text = (
-            f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
-            f"<body>{_html(lines[:first])}{picture_tag}{_html(lines[first:])}</body></html>\n"
-        )
+        head = f'<meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
+        # Names of vertices are text, and no tags.
+        body = MarkdownIt("commonmark", {"html": False}).enable("table").render(text)
+        text = f'<!doctype html><html lang="en">{head}<body>{body}</body></html>\n'
     target.write_text(text, encoding="utf-8")
 
 
@@ -88,27 +85,3 @@ def pictures(examination: Examination) -> Figure:
         moved = replace(near.value, coordinates=near.value.coordinates + near.translation)
         draw(moved, axes[1], title="nearest critical configuration (dark: large tension)")
     return figure
-
-
-def _html(lines: Iterable[str]) -> str:
-    """The lines of Markdown that the report uses, as HTML."""
-    return "".join(_element(kind, list(group)) for kind, group in groupby(lines, _kind))
-
-
-def _kind(line: str) -> str:
-    """The mark at the beginning of a line."""
-    return next((mark for mark in ("## ", "# ", "- ", "|") if line.startswith(mark)), "")
-
-
-def _element(kind: str, lines: list[str]) -> str:
-    """Lines of one kind as one element of HTML."""
-    texts = [re.sub(r"\*\*(.*?)\*\*", r"<strong>\1</strong>", html.escape(line.removeprefix(kind))) for line in lines]
-    if kind == "- ":
-        return f"<ul>{''.join(f'<li>{text}</li>' for text in texts)}</ul>"
-    if kind == "|":
-        head, _, *rows = [[cell.strip() for cell in text.strip("|").split("|")] for text in texts]
-        cells = ["".join(f"<th>{cell}</th>" for cell in head)]
-        cells += ["".join(f"<td>{cell}</td>" for cell in row) for row in rows]
-        return f"<table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
-    tag = {"# ": "h1", "## ": "h2"}.get(kind)
-    return "".join(f"<{tag}>{text}</{tag}>" for text in texts) if tag else ""

@@ -163,8 +163,9 @@ class Examination(Record):
     def loose(self) -> tuple[int, int]:
         """Numbers of connected parts that move freely, and of their vertices, in a network that is rigid elsewhere."""
         stiff = self.elasticity is not None and self.elasticity.ok and self.elasticity.value.tensor.any()
-        modes = self._floppy_modes
-        if self.order != "floppy" or not stiff or modes is None:
+        # The modes of a large network take most of the time of an examination.
+        modes = self._floppy_modes if self.order == "floppy" and stiff else None
+        if modes is None:
             return 0, 0
         # Modes of a periodic network have a mean of zero: the rigid part moves as one, and is the larger one.
         rest = 0.0 if self.network.pins else np.median(modes, axis=1, keepdims=True)
@@ -218,13 +219,8 @@ class Examination(Record):
         """Sentences on what to do next, in Python."""
         return advice_of(self)
 
-    @property
-    def text(self) -> str:
-        """The report as Markdown."""
-        return "\n".join(report_lines(self))
-
     def __str__(self) -> str:
-        return self.text
+        return "\n".join(report_lines(self))
 
 
 def report_lines(examination: Examination, file: str = "") -> list[str]:

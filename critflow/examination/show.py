@@ -11,12 +11,11 @@ import xarray as xr
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.examination.certificate import certificate_text
+from critflow.exchange.datasets import from_dataset
 from critflow.figures.plot import network_figure
 from critflow.networks.network import Network
 from critflow.result import InputError, Status
 from critflow.workflow.study import nearest, require
-
-_NEEDED = ("edges", "offsets", "cell", "sigma", "coordinates")
 
 
 def choose_case(dataset: xr.Dataset, words: Sequence[str]) -> xr.Dataset:
@@ -50,16 +49,14 @@ def show_configuration(case: xr.Dataset, path: Path) -> str:
     outcome = Status(int(case["status"]))
     if outcome in (Status.failed, Status.missing):
         raise InputError(f"{case_title(case)} has no configuration: {outcome.message}")
-    missing = [name for name in _NEEDED if name not in case]
-    if missing:
-        raise InputError(f"this dataset contains no configurations: it lacks {', '.join(missing)}")
-    edges, offsets, cell, sigma, coordinates = (case[name].values for name in _NEEDED)
-    if not (np.isfinite(sigma).all() and np.isfinite(coordinates).all()):
-        raise InputError("this case has no configuration, see its status: choose another")
-    network = Network(edges, offsets, cell)
-    critical = CriticalConfiguration(network, sigma, coordinates, network.bond_vectors(coordinates))
+    data = from_dataset(case)
+    sigma, x = data.force_densities, data.positions
+    if sigma is None or not np.isfinite(sigma).all():
+        raise InputError("this case has no stresses: choose another, or see its status")
+    network = Network(data.edges, data.offsets, data.cell)  # type: ignore[arg-type]
+    critical = CriticalConfiguration(network, sigma, x, network.bond_vectors(x))
     title = ", ".join(f"{axis} {case[axis].item()}" for axis in case.attrs["axes"].split())
-    figure = network_figure(edges, offsets, cell, coordinates, sigma, critical.lengths, title)
+    figure = network_figure(network.edges, network.offsets, np.asarray(data.cell), x, sigma, critical.lengths, title)
     figure.savefig(path, dpi=200)
     plt.close(figure)
     return f"{certificate_text(critical, title, outcome)}\ndrawn in {path}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from os import PathLike
@@ -106,18 +106,10 @@ def write_network(
     >>> print(cf.network_from(path).network)
     Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
     """
-    target = Path(path)
-    write = writer_to(target, network, coordinates)
-    write(tiled(_state(network, coordinates, rest_lengths, force_densities), copies), target, **options)
-
-
-def writer_to(path: Path, network: Any, coordinates: ArrayLike | None = None) -> Callable[..., None]:
-    """The writer of a file, checked against the network: commands call it before they compute."""
-    known = writable_format(path)
+    target, data = Path(path), _state(network, coordinates, rest_lengths, force_densities)
+    known = writable_format(target, data.dimension, options)
     assert known.write is not None
-    if known.accepts is not None:
-        known.accepts(_state(network, coordinates, None, None))
-    return known.write
+    known.write(tiled(data, copies), target, **options)
 
 
 def _referring(found: ImportedNetwork, volume: float | str | None) -> ImportedNetwork:
@@ -135,7 +127,7 @@ def _referring(found: ImportedNetwork, volume: float | str | None) -> ImportedNe
         volume, note = hull, f"moduli refer to the convex hull, V = {hull:.8g}, unless another volume is given"
     if isinstance(volume, str):
         raise InputError(f"the volume must be a number or 'hull', not {volume!r}")
-    return replace(found, value=network.with_volume(volume), notes=(*found.notes, *([note] if note else [])))
+    return replace(found, value=network.with_volume(volume), data=found.data.noting(*([note] if note else [])))
 
 
 def _state(

@@ -48,8 +48,7 @@ class NetworkData(Record):
     known_digits     digits of the coordinates where a format fixes them; None: to be found
     nearest_images   whether the format defines edges by nearest images
     source           format, for messages
-    notes            sentences on how the source was read
-    findings         sentences on its repairs and on what else is unusual
+    notes            sentences on how the source was read, its repairs, and what else is unusual
     repaired         whether anything was corrected, which a strict reading refuses
     edge_numbers     (N_b,) edge of the source of each edge
     vertex_numbers   (N_v,) vertex of the source of each vertex; -1 for one at a crossing of edges
@@ -74,7 +73,6 @@ class NetworkData(Record):
     nearest_images: bool = False
     source: str = "arrays"
     notes: tuple[str, ...] = ()
-    findings: tuple[str, ...] = ()
     repaired: bool = False
     edge_numbers: IntArray | None = None
     vertex_numbers: IntArray | None = None
@@ -132,16 +130,12 @@ class NetworkData(Record):
         )
 
     def noting(self, *sentences: str) -> NetworkData:
-        """The same data with further sentences on how it was read."""
+        """The same data with further sentences on how it was read, or on something unusual that is left as it is."""
         return replace(self, notes=(*self.notes, *sentences))
-
-    def finding(self, sentence: str) -> NetworkData:
-        """The same data with a sentence on something unusual that is left as it is."""
-        return replace(self, findings=(*self.findings, sentence))
 
     def repairing(self, sentence: str) -> NetworkData:
         """The same data with a sentence on a correction."""
-        return replace(self, findings=(*self.findings, sentence), repaired=True)
+        return replace(self, notes=(*self.notes, sentence), repaired=True)
 
 
 def data_of(

@@ -9,7 +9,6 @@ import numpy as np
 
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
 from critflow.exchange.packages import optional
-from critflow.result import InputError
 
 
 def write_svg(
@@ -51,12 +50,6 @@ def write_dxf(data: NetworkData, path: Path, size: float = 100.0) -> None:
     drawing.saveas(path)
 
 
-def require_plane(data: NetworkData) -> None:
-    """Raise `InputError` for a network that is not two-dimensional."""
-    if data.dimension != 2:
-        raise InputError("drawings to cut are two-dimensional: write STL for a network in three dimensions")
-
-
 def relative_sections(data: NetworkData) -> Array:
     """Cross sections of elastic struts of the stiffnesses k = E A/|L|, over their mean, (N_b,)."""
     k = np.ones(data.n_edges) if data.stiffness is None else data.stiffness
@@ -66,7 +59,6 @@ def relative_sections(data: NetworkData) -> Array:
 
 def planar_segments(data: NetworkData) -> tuple[Array, IntArray, Array, Array]:
     """End points (n, 2, 2) of all edges, cut at the border of the cell, their edges, and the corners of the drawing."""
-    require_plane(data)
     segments, edges = clipped_segments(data)
     corners = segments.reshape(-1, 2) if data.cell is None else np.array(list(product((0, 1), repeat=2))) @ data.cell
     return segments, edges, corners.min(axis=0), corners.max(axis=0)

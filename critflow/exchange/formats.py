@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from critflow.arguments import shown
 from critflow.exchange.data import NetworkData, require_regular
 from critflow.exchange.datasets import from_dataset
-from critflow.exchange.drawings import require_plane, write_dxf, write_svg
+from critflow.exchange.drawings import write_dxf, write_svg
 from critflow.exchange.graphs import from_graph, read_graph, write_graph
 from critflow.exchange.meshes import from_mesh, read_mesh, write_mesh
 from critflow.exchange.packages import optional
@@ -28,7 +28,8 @@ class Format:
     read       record of a file
     write      from a record to a path, with options
     packages   optional modules that the writer needs
-    accepts    refuses, with `InputError`, a network that the format cannot hold
+    planar     whether it holds two-dimensional networks only
+    options    keywords of the writer
     kind       package and class of an object of another library, such as "networkx.Graph"
     convert    record of such an object
     keywords   of `network_from` that `read` and `convert` take
@@ -39,12 +40,14 @@ class Format:
     read: Callable[..., NetworkData] | None = None
     write: Callable[..., None] | None = None
     packages: tuple[str, ...] = ()
-    accepts: Callable[[NetworkData], None] | None = None
+    planar: bool = False
+    options: tuple[str, ...] = ()
     kind: str = ""
     convert: Callable[..., NetworkData] | None = None
     keywords: tuple[str, ...] = ()
 
 
+_SOLID = ("size", "radius", "by_stiffness")
 # All formats; whoever adds one enters it here (docs/extending/programs.md).
 FORMATS = [
     Format("tables", (".csv", ".txt", ".tsv"), read_tables, write_tables),
@@ -63,10 +66,10 @@ FORMATS = [
     # Those without lines, or without data of lines.
     Format("mesh", (".msh", ".ply", ".obj", ".xdmf"), read_mesh),
     Format("critflow dataset", kind="xarray.Dataset", convert=from_dataset),
-    Format("SVG drawing", (".svg",), write=write_svg, accepts=require_plane),
-    Format("DXF drawing", (".dxf",), write=write_dxf, packages=("ezdxf",), accepts=require_plane),
-    Format("STL solid", (".stl",), write=write_solid, packages=("trimesh",)),
-    Format("3MF solid", (".3mf",), write=write_solid, packages=("trimesh", "lxml.etree", "networkx")),
+    Format("SVG drawing", (".svg",), write=write_svg, planar=True, options=("size", "width", "by_stiffness")),
+    Format("DXF drawing", (".dxf",), write=write_dxf, packages=("ezdxf",), planar=True, options=("size",)),
+    Format("STL solid", (".stl",), write=write_solid, packages=("trimesh",), options=_SOLID),
+    Format("3MF solid", (".3mf",), write=write_solid, packages=("trimesh", "lxml.etree", "networkx"), options=_SOLID),
 ]
 
 
@@ -96,16 +99,20 @@ def readable_format(path: Path) -> Format:
     return known
 
 
-def writable_format(path: Path) -> Format:
+def writable_format(path: Path, dimension: int = 2, options: Iterable[str] = ()) -> Format:
     """The format in which a file can be written, before anything is computed for it.
 
-    Raises `InputError` for an ending that cannot be written and for a folder that does not exist, and
-    `EnvironmentFailure` where the package of the writer is missing.
+    Raises `InputError` for an ending that cannot be written, a folder that does not exist, and a dimension or an option
+    that the format does not have; `EnvironmentFailure` where the package of the writer is missing.
     """
     known = format_of(path, writing=True)
     if known.write is None:
         raise InputError(f"files with the ending {path.suffix} are read only: choose another one")
     require_folder(path)
+    if known.planar and dimension != 2:
+        raise InputError("drawings to cut are two-dimensional: write STL for a network in three dimensions")
+    if unknown := sorted(set(options) - set(known.options)):
+        raise InputError(f"{unknown[0]}= is no option of the format {known.name}: leave it out")
     for package in known.packages:
         optional(package)
     return known

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -106,17 +105,15 @@ def _from_json(content: Any) -> Any:
     objects = all(isinstance(row, dict) for row in (*nodes, *edges))
     if not objects or not all({"source", "target"} <= {*edge} for edge in edges):
         raise ValueError('nodes are objects such as {"id": 0, "pos": [0, 0]}, edges such as {"source": 0, "target": 1}')
-    names = Counter(str(row.get("id", n)) for n, row in enumerate(nodes))
-    if names.total() > len(names):
-        raise ValueError(f"two nodes have the same id {names.most_common(1)[0][0]}: give each its own")
     for number, edge in enumerate(edges):
-        missing = [end for end in (edge["source"], edge["target"]) if str(end) not in names]
-        if missing:
-            raise ValueError(f"an edge ends at the node {missing[0]!r}, which the file lacks: add it to the nodes")
         edge.setdefault("index", number)
         edge.pop("key", None)
     # As a directed graph it keeps the direction of edges without a tail.
-    return networkx.node_link_graph({**content, "edges": edges, "directed": True, "multigraph": True}, edges="edges")
+    content = {**content, "edges": edges, "directed": True, "multigraph": True}
+    graph = networkx.node_link_graph(content, edges="edges")
+    if len({*map(str, graph)}) != len(nodes):
+        raise ValueError("the ids of its nodes must differ, and its edges must end at nodes that it has: correct them")
+    return graph
 
 
 def write_graph(data: NetworkData, path: Path) -> None:

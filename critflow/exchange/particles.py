@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
-from critflow.exchange.offsets import with_offsets, wrapped
+from critflow.exchange.offsets import with_offsets
 from critflow.exchange.packages import optional
 from critflow.networks.checks import floats, integers
 from critflow.networks.digits import Digits, single_precision
@@ -136,7 +136,6 @@ def write_lammps(data: NetworkData, path: Path) -> None:
 
 def _in_box(data: NetworkData) -> tuple[Array, Array, Array]:
     """A cell (3, 3) with its first vector along x and its second in the plane, wrapped positions, the cell's origin."""
-    data = wrapped(data)
     x, d = data.positions, data.dimension
     if data.cell is None:
         size = 2 * float(np.ptp(x, axis=0).max())
@@ -145,6 +144,7 @@ def _in_box(data: NetworkData) -> tuple[Array, Array, Array]:
         cell, low = data.cell, np.zeros(d)
         nearest = with_offsets(replace(data, offsets=None), nearest=True)
         other = np.flatnonzero((np.asarray(nearest.offsets) != data.offsets).any(axis=1))
+        x = x - np.floor(x @ np.linalg.inv(cell)) @ cell
         if len(other):
             raise InputError(
                 f"{len(other)} edges do not join nearest images, edge {other[0]} first, which this format cannot "

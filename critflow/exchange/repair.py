@@ -12,11 +12,12 @@ from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from critflow.exchange.boundaries import require_boundary
-from critflow.exchange.chains import contracted
 from critflow.exchange.crossings import crossings_of, split
-from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, counted
+from critflow.exchange.data import Array, NetworkData, bond_vectors_of, counted
+from critflow.networks.chains import chains
 from critflow.networks.faces import Faces, planar_faces
 from critflow.networks.network import Network
 from critflow.networks.pruning import carrying_part
@@ -30,12 +31,15 @@ _FLAT = 1e-9
 class ImportedNetwork(Solution[Network]):
     """A network from another program; `print` shows how it was read and repaired.
 
-    notes  one sentence on each property of the source and each repair
     data   the record that the network was made of, after the repairs
     """
 
-    notes: tuple[str, ...] = ()
     data: NetworkData = field(repr=False)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One sentence on each property of the source and each repair."""
+        return self.data.notes
 
     @property
     def network(self) -> Network:
@@ -70,16 +74,6 @@ class ImportedNetwork(Solution[Network]):
         return sp.csr_array((np.ones(len(edge)), (polygon, edge)), shape=(int(polygon.max()) + 1, self.value.n_edges))
 
     @property
-    def edges_kept(self) -> IntArray:
-        """Edge of the source of each edge, (N_b,)."""
-        return np.asarray(self.data.edge_numbers)
-
-    @property
-    def vertices_kept(self) -> IntArray:
-        """Vertex of the source of each vertex, (N_v,); -1 for one at a crossing of edges."""
-        return np.asarray(self.data.vertex_numbers)
-
-    @property
     def repaired(self) -> bool:
         """Whether anything was changed."""
         return self.data.repaired
@@ -89,11 +83,10 @@ class ImportedNetwork(Solution[Network]):
         """Names or numbers of the vertices in the source; "crossing" for those at a crossing of edges."""
         if self.data.ids:
             return self.data.ids
-        return tuple("crossing" if vertex < 0 else str(vertex) for vertex in self.vertices_kept)
+        return tuple("crossing" if vertex < 0 else str(vertex) for vertex in np.asarray(self.data.vertex_numbers))
 
     def __str__(self) -> str:
-        lines = [f"{self.data.source}: {described(self.value)}", *self.notes]
-        return "\n  ".join(lines)
+        return "\n  ".join([f"{self.data.source}: {described(self.value)}", *self.notes])
 
 
 def described(network: Network) -> str:
@@ -121,8 +114,9 @@ def imported(
         data = step(data)
         if strict and data.repaired:
             raise NetworkError(
-                f"strict=True refuses this repair: {data.findings[-1]}; correct the source, or leave strict out"
+                f"strict=True refuses this repair: {data.notes[-1]}; correct the source, or leave strict out"
             )
+    data = replace(data, notes=(*read.notes, *_digits(read), *data.notes[len(read.notes) :]))
     network = Network(
         data.edges,
         data.offsets,  # type: ignore[arg-type]
@@ -136,9 +130,7 @@ def imported(
     return ImportedNetwork(
         value=network,
         status=Status.ok,
-        stats=Stats(f"read {data.source}", len(data.findings)),
-        note="; ".join(data.findings),
-        notes=(*data.notes, *_digits(read), *data.findings),
+        stats=Stats(f"read {data.source}", len(data.notes)),
         data=data,
     )
 
@@ -153,11 +145,11 @@ def _faces(data: NetworkData) -> Faces | None:
         return None
     if data.sides is None:
         return faces
-    # A polygon is whole where it lies beside every edge of a walk; holes between polygons are no faces.
+    # A polygon is whole where it borders every edge of a walk; holes between polygons are no faces.
     named = np.repeat(data.sides[faces.edges[faces.starts[:-1]]], faces.sizes, axis=0)
     sides = data.sides[faces.edges]
-    beside = ((named[:, :, None] == sides[:, None]) & (named[:, :, None] >= 0)).any(axis=2)
-    whole = np.logical_and.reduceat(beside, faces.starts[:-1]).any(axis=1)
+    borders = ((named[:, :, None] == sides[:, None]) & (named[:, :, None] >= 0)).any(axis=2)
+    whole = np.logical_and.reduceat(borders, faces.starts[:-1]).any(axis=1)
     kept, starts = np.repeat(whole, faces.sizes), np.concatenate([[0], np.cumsum(faces.sizes[whole])])
     return Faces(faces.edges[kept], faces.signs[kept], starts)
 
@@ -226,7 +218,7 @@ def _with_crossings(data: NetworkData, join: bool) -> NetworkData:
     if join:
         return split(data, found).repairing(f"{count}, joined by a vertex there")
     i, j = np.asarray(data.edge_numbers)[found.pairs[0]]
-    return data.finding(f"{count} without a vertex, edges {i} and {j} first; join_crossings=True puts one there")
+    return data.noting(f"{count} without a vertex, edges {i} and {j} first; join_crossings=True puts one there")
 
 
 def _without_bare(data: NetworkData) -> NetworkData:
@@ -272,11 +264,46 @@ def _with_chains(data: NetworkData, join: bool) -> NetworkData:
     if not (count := int(middle.sum())):
         return data
     if not join:
-        return data.finding(
+        return data.noting(
             f"{counted(count, 'vertex', 'has')} two edges, which are in line under tension; contract=True joins them"
         )
     sentence = f"{counted(count, 'vertex')} of two edges, removed; the springs were joined in series"
-    return _of_edges(_without_loops(contracted(data, middle).repairing(sentence)))
+    return _of_edges(_without_loops(_contracted(data, middle).repairing(sentence)))
+
+
+def _contracted(data: NetworkData, middle: NDArray[np.bool_]) -> NetworkData:
+    """The record without the vertices inside chains: springs joined in series, lengths added, closed chains left out.
+
+    Each chain has the number and the direction of its first edge.
+    """
+    chain, direction = chains(data.edges, middle)
+    first = np.unique(chain, return_index=True)[1]
+    walked = np.where(direction[:, None] > 0, data.edges, data.edges[:, ::-1])
+    ends = np.full((len(first), 2), -1)
+    for side in (0, 1):
+        outer = ~middle[walked[:, side]]
+        ends[chain[outer], side] = walked[outer, side]
+    is_open = (ends >= 0).all(axis=1)
+    if not is_open.any():
+        raise InputError("the network is a single closed chain: nothing is left to contract")
+
+    def total(values: Array) -> Array:
+        """Sums over each open chain."""
+        return np.bincount(chain, values)[is_open].astype(float)
+
+    offsets = None
+    if data.offsets is not None:
+        offsets = np.stack([total(direction * axis) for axis in data.offsets.T], axis=1).astype(np.int64)
+    joined = replace(
+        data.with_edges(first[is_open]),
+        edges=ends[is_open],
+        offsets=offsets,
+        bond_vectors=None,
+        stiffness=1 / total(np.ones(data.n_edges) if data.stiffness is None else 1 / data.stiffness),
+        rest_lengths=None if data.rest_lengths is None else total(data.rest_lengths),
+        force_densities=None,
+    )
+    return joined.with_vertices(~middle)
 
 
 def _with_short_edges(data: NetworkData) -> NetworkData:
@@ -285,7 +312,7 @@ def _with_short_edges(data: NetworkData) -> NetworkData:
     if not len(short):
         return data
     i, j = (data.name(int(vertex)) for vertex in data.edges[short[0]])
-    return data.finding(
+    return data.noting(
         f"{counted(len(short), 'edge', 'has')} no length, between vertices {i} and {j} first: its direction is "
         "unknown, so move them apart or join them"
     )

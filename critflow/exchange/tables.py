@@ -144,7 +144,7 @@ def _table(name: str, text: list[str]) -> Any:
     first_line = next((line for line in lines if line.strip() and not line.startswith("#")), None)
     if first_line is None:
         raise InputError(f"{name} is an empty table: give one row per vertex or edge")
-    # The detection of pandas fails for aligned columns; a comma beside another mark is that of decimals.
+    # The detection of pandas fails for aligned columns; a comma next to another mark is that of decimals.
     blanks = re.search(r"[0-9] +[-+.0-9]", first_line)
     mark = next((mark for mark in (";", "\t", *("," * (not blanks))) if mark in first_line), r"\s+")
     try:

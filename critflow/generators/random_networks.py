@@ -17,8 +17,8 @@ from critflow.generators.tessellations import (
     delaunay_tessellation,
     voronoi_tessellation,
 )
+from critflow.networks.checks import checked_cell
 from critflow.networks.network import Network
-from critflow.networks.periodic_cell import checked_cell
 from critflow.networks.support import check_size
 from critflow.result import InputError
 

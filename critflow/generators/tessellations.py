@@ -10,8 +10,9 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.generators.lattices import periodic_network
+from critflow.networks.checks import checked_cell
 from critflow.networks.network import Array, IntArray, Network
-from critflow.networks.periodic_cell import checked_cell, near_images, short_cell
+from critflow.networks.periodic_cell import near_images, short_cell
 from critflow.result import InputError
 
 

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import shown
-from critflow.networks.offset_checks import doubtful_offsets
 from critflow.result import NetworkError
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+# Part of the edges across the boundary that may be longer than the cell: wrong signs make it about a half.
+_CONTRADICTING = 0.1
+# An edge longer than every diagonal of the cell is doubtful if its nearest image is less than this part of it.
+_NEARER = 0.5
 
 
 def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True, place: str = "edge") -> Array:
@@ -30,11 +36,17 @@ def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = Tru
     return array
 
 
-def finite_rows(array: Array, name: str, shape: tuple[int, int]) -> Array:
+def stiffnesses(values: ArrayLike, n_edges: int) -> Array:
+    """Stiffnesses (N_b,) from one number or one for each edge, else a `NetworkError`."""
+    array = floats(values, "stiffness")
+    return edge_values(np.full(n_edges, float(array)) if array.ndim == 0 else array, n_edges, "stiffness")
+
+
+def finite_rows(array: Array, name: str, shape: tuple[int, ...]) -> Array:
     """The array if it has this shape and is finite, else a `NetworkError` that names the first bad row."""
     if array.shape != shape:
-        raise NetworkError(f"{name} must have shape {shape}, not {array.shape}: give one row per vertex")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        raise NetworkError(f"{name} must have shape {shape}, not {array.shape}: give one row for each")
+    bad = np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))
     if len(bad):
         raise NetworkError(f"{name} must be finite, but {name}[{bad[0]}] = {array[bad[0]].tolist()}: correct that row")
     return array
@@ -87,24 +99,28 @@ def checked_pins(pins: object) -> dict[int, Array]:
     return {int(i): floats(p, f"the position of pin {i}") for i, p in pins.items()}
 
 
+def checked_cell(cell: ArrayLike, dimension: int | None = None) -> Array:
+    """A copy of cell vectors as rows (d, d), else a `NetworkError`."""
+    array = floats(cell, "cell")
+    if array.ndim != 2 or array.shape != (dimension or len(array),) * 2:
+        raise NetworkError(
+            f"cell must be a square matrix with the {dimension or 'd'} cell vectors as rows, not {array.shape}"
+        )
+    if not (np.isfinite(array).all() and abs(np.linalg.det(array)) > 0):
+        raise NetworkError("the cell vectors must be finite and span a volume: two of them are parallel or one is zero")
+    return array
+
+
 def dimension_of(cell: Array | None, pins: Mapping[int, Array]) -> int:
     if cell is None and not pins:
         raise NetworkError("a network needs a periodic cell or pins: without either it collapses to a point")
     sizes = {p.shape for p in pins.values()} | ({cell.shape[:1]} if cell is not None else set())
     if len(sizes) != 1 or any(len(size) != 1 for size in sizes):
         raise NetworkError("the cell vectors and the pinned positions must all have the same dimension")
-    dimension = int(sizes.pop()[0])
-    if cell is not None and cell.shape != (dimension, dimension):
-        raise NetworkError(f"cell must be a square matrix with the cell vectors as rows, not {cell.shape}")
-    return dimension
+    return int(sizes.pop()[0])
 
 
-def check_values(
-    stiffness: Array, n_edges: int, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
-) -> None:
-    edge_values(stiffness, n_edges, "stiffness")
-    if cell is not None and not (np.isfinite(cell).all() and abs(np.linalg.det(cell)) > 0):
-        raise NetworkError("the cell vectors must be finite and span a volume: two of them are parallel or one is zero")
+def check_pins(pins: Mapping[int, Array], n_vertices: int) -> None:
     for vertex, position in pins.items():
         if not 0 <= vertex < n_vertices:
             raise NetworkError(f"pin {vertex} is not a vertex: vertices run from 0 to {n_vertices - 1}")
@@ -112,14 +128,17 @@ def check_values(
             raise NetworkError(f"the position of pin {vertex} is not finite: give {len(position)} numbers")
 
 
-def check_edges(edges: IntArray, offsets: IntArray, n_vertices: int) -> None:
+def check_ends(edges: IntArray, n_vertices: int) -> None:
     missing = (edges < 0) | (edges >= n_vertices)
     if missing.any():
         edge = int(np.flatnonzero(missing.any(axis=1))[0])
         raise NetworkError(
             f"edge {edge} joins vertices {edges[edge].tolist()}, but vertices run from 0 to {n_vertices - 1}: "
-            "remove it or add the vertex"
+            "remove it or add the vertex, or check whether counting begins at 0 or 1"
         )
+
+
+def check_loops(edges: IntArray, offsets: IntArray) -> None:
     loops = (edges[:, 0] == edges[:, 1]) & ~offsets.any(axis=1)
     if loops.any():
         edge = int(np.flatnonzero(loops)[0])
@@ -140,3 +159,32 @@ def check_positions(
             f"boundary: edge {doubtful.edges[0]} is longer than the cell, though its ends have images nearby; an "
             "offset is that of the head (negate it?), or leave positions out"
         )
+
+
+class DoubtfulOffsets(NamedTuple):
+    """Edges longer than every diagonal of the cell and more than twice their minimum-image length.
+
+    edges         their indices
+    n_crossing    edges across the boundary of the cell
+    contradicted  whether these edges are more than one and more than a tenth of those, so that a convention is wrong;
+                  a few long edges may be meant
+    """
+
+    edges: NDArray[np.intp]
+    n_crossing: int
+    contradicted: bool
+
+
+def doubtful_offsets(edges: IntArray, offsets: IntArray, cell: Array, positions: Array) -> DoubtfulOffsets:
+    """The edges whose offsets the positions contradict, and whether they are too many to be meant.
+
+    The nearest image is the one that a rounding of the coordinates in units of the cell vectors finds.
+    """
+    # An edge from a vertex to an image of itself has no nearer one.
+    crossing = np.flatnonzero(offsets.any(axis=1) & (edges[:, 0] != edges[:, 1]))
+    tail, head = edges[crossing].T
+    apart = (positions[head] - positions[tail]) @ np.linalg.inv(cell) + offsets[crossing]
+    given, nearest = (np.linalg.norm(v @ cell, axis=1) for v in (apart, apart - np.round(apart)))
+    corners = np.array(list(product((-1.0, 1.0), repeat=len(cell)))) @ cell
+    doubtful = crossing[(given > np.linalg.norm(corners, axis=1).max()) & (nearest < _NEARER * given)]
+    return DoubtfulOffsets(doubtful, len(crossing), len(doubtful) > max(1, _CONTRADICTING * len(crossing)))

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import scipy.linalg
@@ -90,12 +90,6 @@ class Deformation:
         return np.asarray(self.second_rate(strain) @ np.linalg.inv(self.gradient(strain)))
 
     @property
-    def linear_strain(self) -> Array:
-        """Symmetric part of F'(0), (d, d): the strain of linear response."""
-        rate = self.rate(0.0)
-        return 0.5 * (rate + rate.T)
-
-    @property
     def free_strains(self) -> Array:
         """Symmetric strains E_m of the free components, (m, d, d): e_i e_iᵀ, or ½(e_i e_jᵀ + e_j e_iᵀ)."""
         strains = np.zeros((len(self.free), self.dimension, self.dimension))
@@ -147,7 +141,7 @@ class Deformation:
         i, j = _plane(dimension, plane)
         A = np.zeros((dimension, dimension))
         A[i, j] = 1.0
-        return replace(cls.linear(A), name=_in_plane("simple_shear", plane))
+        return replace(cls.linear(A), name="simple_shear" + f"_{plane}" * (plane != "xy"))
 
     @classmethod
     def pure_shear(cls, dimension: int, plane: str = "xy") -> Deformation:
@@ -164,7 +158,7 @@ class Deformation:
 
             return function
 
-        return cls(_in_plane("pure_shear", plane), dimension, derivative(0), derivative(1), derivative(2))
+        return cls("pure_shear" + f"_{plane}" * (plane != "xy"), dimension, derivative(0), derivative(1), derivative(2))
 
     @classmethod
     def uniaxial(cls, dimension: int, axis: str = "x", sides: str = "fixed") -> Deformation:
@@ -184,8 +178,7 @@ class Deformation:
         """F = 1 + γ A for any A (d, d)."""
         A = _square(strain)
         unit = np.eye(len(A))
-        name, d = "linear", len(A)
-        return cls(name, d, lambda strain: unit + strain * A, lambda _: A, lambda _: 0 * A, linear_in_strain=True)
+        return cls("linear", len(A), lambda g: unit + g * A, lambda _: A, lambda _: 0 * A, linear_in_strain=True)
 
     @classmethod
     def exponential(cls, strain: ArrayLike) -> Deformation:
@@ -199,21 +192,13 @@ class Deformation:
         return cls("exponential", len(A), derivative(unit), derivative(A), derivative(A @ A))
 
     @classmethod
-    def path(
-        cls,
-        gradient: Function,
-        dimension: int,
-        rate: Function | None = None,
-        second_rate: Function | None = None,
-        name: str = "path",
-    ) -> Deformation:
-        """Any path γ → F(γ) with F(0) = 1; derivatives that are not given are difference quotients of fourth order."""
+    def path(cls, gradient: Function, dimension: int) -> Deformation:
+        """Any path γ → F(γ) with F(0) = 1; its derivatives are difference quotients of fourth order."""
         start = np.asarray(gradient(0.0), dtype=float)
         if start.shape != (dimension,) * 2 or not np.allclose(start, np.eye(dimension), rtol=0, atol=1e-14):
             raise InputError(f"a deformation must begin with F(0) = 1, a {dimension} × {dimension} matrix")
-        rate = rate or (lambda strain: _difference(gradient, strain))
-        second_rate = second_rate or (lambda strain: _second_difference(gradient, strain))
-        return cls(name, dimension, gradient, rate, second_rate)
+        derivatives = (partial(_difference, gradient), partial(_second_difference, gradient))
+        return cls("path", dimension, gradient, *derivatives)
 
 
 _NAMED: dict[str, Callable[[int], Deformation]] = {
@@ -302,10 +287,6 @@ def _plane(dimension: int, plane: str) -> tuple[int, int]:
     if not (isinstance(plane, str) and len(plane) == 2 and plane[0] != plane[1]):
         raise InputError(f"the plane of a shear is a pair of two axes, such as 'xy', not {plane!r}")
     return _axis(dimension, plane[0]), _axis(dimension, plane[1])
-
-
-def _in_plane(name: str, plane: str) -> str:
-    return name if plane == "xy" else f"{name}_{plane}"
 
 
 Deformable = Deformation | str | ArrayLike | Function

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
 from critflow.networks.blocks import components
+from critflow.networks.checks import check_ends, finite_rows, floats, integers
 from critflow.result import NetworkError, Record
 
 Array = NDArray[np.float64]
@@ -71,17 +72,13 @@ def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> 
     >>> planar_faces(network.edges, network.bond_vectors(network.positions), 8).sizes
     array([6, 6, 6, 6])
     """
-    edges, bond_vectors = np.asarray(edges), np.asarray(bond_vectors, dtype=float)
-    if edges.ndim != 2 or edges.shape[1] != 2 or edges.shape != bond_vectors.shape or len(edges) == 0:
-        raise NetworkError(
-            f"edges and bond vectors must both have shape (N_b, 2), not {edges.shape} and {bond_vectors.shape}"
-        )
-    n_edges = len(edges)
-    if edges.dtype.kind not in "iu" or edges.min() < 0 or edges.max() >= n_vertices:
-        raise NetworkError(f"edges must be numbers of vertices from 0 to {n_vertices - 1}")
-    if not (np.isfinite(bond_vectors).all() and bond_vectors.any(axis=1).all()):
-        edge = int(np.flatnonzero(~(np.isfinite(bond_vectors).all(axis=1) & bond_vectors.any(axis=1)))[0])
-        raise NetworkError(f"edge {edge} has the bond vector {bond_vectors[edge].tolist()}, which has no direction")
+    edges, n_edges = integers(edges, "edges"), len(np.atleast_1d(edges))
+    bond_vectors = finite_rows(floats(bond_vectors, "bond_vectors"), "bond_vectors", (n_edges, 2))
+    if edges.shape != (n_edges, 2) or n_edges == 0:
+        raise NetworkError(f"edges must have shape (N_b, 2), not {edges.shape}: give tail and head of each")
+    check_ends(edges, n_vertices)
+    if (no_length := np.flatnonzero(~bond_vectors.any(axis=1))).size:
+        raise NetworkError(f"edge {no_length[0]} has no length, and so no direction: move its ends apart")
     # Half-edge 2α leaves the tail of edge α, half-edge 2α + 1 leaves its head.
     origin = edges.ravel()
     direction = np.repeat(bond_vectors, 2, axis=0) * np.tile([1.0, -1.0], n_edges)[:, None]

@@ -22,16 +22,18 @@ from critflow.arguments import shown
 from critflow.networks.checks import (
     Array,
     IntArray,
-    check_edges,
+    check_ends,
+    check_loops,
+    check_pins,
     check_positions,
-    check_values,
+    checked_cell,
     checked_count,
     checked_pins,
     dimension_of,
-    edge_values,
     finite_rows,
     floats,
     integers,
+    stiffnesses,
 )
 from critflow.networks.faces import Faces, PlanarFaces
 from critflow.networks.support import check_support
@@ -75,20 +77,19 @@ class Network:
             raise NetworkError(f"edges must have shape (N_b, 2) with N_b >= 1, not {edges.shape}: give tail and head")
         n_vertices = checked_count(self.n_vertices) or max(int(edges.max()) + 1, 0)
         pins = checked_pins(self.pins)
-        cell = None if self.cell is None else floats(self.cell, "cell")
+        cell = None if self.cell is None else checked_cell(self.cell)
         dimension = dimension_of(cell, pins)
         offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else integers(self.offsets, "offsets")
-        stiffness = floats(self.stiffness, "stiffness")
-        if stiffness.ndim == 0:
-            stiffness = np.full(len(edges), float(stiffness))
+        stiffness = stiffnesses(self.stiffness, len(edges))
         positions = None if self.positions is None else floats(self.positions, "positions")
 
         if offsets.shape != (len(edges), dimension):
             raise NetworkError(f"offsets must have shape {(len(edges), dimension)}, not {offsets.shape}: one per edge")
         if cell is None and offsets.any():
             raise NetworkError("edges with image offsets need a cell: give its vectors as rows")
-        check_values(stiffness, len(edges), cell, pins, n_vertices)
-        check_edges(edges, offsets, n_vertices)
+        check_pins(pins, n_vertices)
+        check_ends(edges, n_vertices)
+        check_loops(edges, offsets)
         self._check_support(edges, offsets, cell, pins, n_vertices)
         if positions is not None:
             check_positions(positions, edges, offsets, cell, (n_vertices, dimension))
@@ -217,9 +218,7 @@ class Network:
 
     def with_stiffness(self, stiffness: ArrayLike) -> Network:
         """The same network with other stiffnesses k, (N_b,) or one number."""
-        values = floats(stiffness, "stiffness")
-        values = np.full(self.n_edges, float(values)) if values.ndim == 0 else values
-        edge_values(values, self.n_edges, "stiffness")
+        values = stiffnesses(stiffness, self.n_edges)
         values.flags.writeable = False
         return self._copied(stiffness=values)
 

@@ -5,27 +5,14 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from critflow.networks.checks import Array, IntArray, floats
+from critflow.networks.checks import Array, IntArray
 from critflow.result import InputError
 
 # Cells thinner than this, relative to the lengths of their short vectors, have no volume within rounding.
 FLAT = 1e-10
 # Images of points beyond this number do not fit into memory.
 MOST_IMAGES = 20_000_000
-
-
-def checked_cell(cell: ArrayLike, dimension: int | None = None) -> Array:
-    """A copy of cell vectors as rows (d, d), else an `InputError`."""
-    array = floats(cell, "cell")
-    size = array.shape[0] if array.ndim == 2 else 0
-    if array.shape != (size, size) or size not in ((2, 3) if dimension is None else (dimension,)):
-        wanted = "2 × 2 or 3 × 3" if dimension is None else f"{dimension} × {dimension}"
-        raise InputError(f"cell must be a {wanted} matrix with the cell vectors as rows, not {array.shape}")
-    if not np.isfinite(array).all() or not abs(np.linalg.det(array)) > 0:
-        raise InputError("the cell vectors must be finite and span a volume")
-    return array
 
 
 def short_cell(cell: Array) -> tuple[Array, IntArray]:

@@ -26,8 +26,8 @@ from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises
 
-# Largest least |σ| of a linear program without solution: linear programs are solved to about 1e-9.
-NO_SIGNED_STRESS = 1e-7
+# Largest least |σ| of a linear program without solution, and the accuracy to which linear programs are solved.
+NO_SIGNED_STRESS, ACCURACY = 1e-7, 1e-9
 # Largest network whose linear program of signs the simplex method solves; interior points are seven times faster at
 # 3,000 edges.
 SIMPLEX_EDGES = 1000
@@ -86,7 +86,10 @@ def signed_stress(
     weight = np.full(n, float(length.mean()))
     R = spread_columns(network, L / weight[:, None])
     answer = _largest_least(R, s)
-    if answer.status == 0 and not answer.x[-1] > NO_SIGNED_STRESS:
+    # The maximum of tensions is at most that of σ, which is known to the accuracy, times the spread of the lengths.
+    spread = float(length.max() / length.min())
+    excluded = answer.status == 0 and spread * max(abs(answer.x[-1]), ACCURACY) <= NO_SIGNED_STRESS
+    if answer.status == 0 and not answer.x[-1] > NO_SIGNED_STRESS and not excluded:
         weight, R = length, spread_columns(network, L / length[:, None])
         answer = _largest_least(R, s)
     note = ""

@@ -61,7 +61,8 @@ def test_crossings_are_reported_and_joined_on_request():
     read = network_from(**source, join_crossings=True, volume="hull")
     assert "3 crossings of two edges" in str(read) and read.repaired
     assert (read.network.n_vertices, read.network.n_edges) == (7, 6)
-    assert read.vertices_kept.tolist() == [0, 1, 2, 3, 4, 5, -1] and read.edges_kept.tolist() == [0, 0, 1, 1, 2, 2]
+    assert read.data.vertex_numbers.tolist() == [0, 1, 2, 3, 4, 5, -1]
+    assert read.data.edge_numbers.tolist() == [0, 0, 1, 1, 2, 2]
     np.testing.assert_allclose(read.network.stiffness, 2.0)
     assert read.network.volume == 4 and "V = 4" in str(read)
     np.testing.assert_allclose(CriticalManifold(read).configuration(np.ones(6)).coordinates[6], [1, 1])

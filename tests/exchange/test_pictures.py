@@ -144,23 +144,6 @@ def test_whole_cells_are_faces_and_all_cells_have_sides():
     assert network_from(labels=hollow, pins="hull").network.faces.n_faces == 4
 
 
-def test_a_grid_of_fibres_has_a_vertex_at_each_crossing():
-    places = (20, 50, 80)
-    lines = [(k, 5, k, 95) for k in places] + [(5, k, 95, k) for k in places]
-    read = network_from(picture=drawn(lines, 100), pins="degree")
-    assert (read.network.n_vertices, read.network.n_edges, len(read.network.pins)) == (21, 24, 12)
-    inner = np.delete(read.positions, list(read.network.pins), axis=0)
-    expected = [(x, -y) for x in places for y in places]
-    np.testing.assert_allclose(sorted(map(tuple, inner.round())), sorted(expected), atol=1)
-
-
-def test_neighbouring_pixels_of_a_junction_are_one_vertex_in_any_units():
-    crossed = drawn([(10, 10, 90, 90), (10, 90, 90, 10)], 100)
-    for pixel in (1.0, 10.0):
-        read = network_from(picture=crossed, pins="degree", pixel=pixel)
-        assert (read.network.n_vertices, read.network.n_edges) == (5, 4)
-
-
 def test_a_segmented_tissue_is_the_network_of_its_borders():
     # Centres of regular hexagons with sides of 20 pixels.
     rows, columns = np.meshgrid(np.arange(8), np.arange(6), indexing="ij")
@@ -211,8 +194,23 @@ def test_every_border_of_two_labels_is_an_edge():
     assert from_labels(mask).n_edges == 6 and "1 border" in from_labels(mask).notes[1]
 
 
-def test_thick_fibres_that_cross_have_one_junction():
-    crossed = drawn([(40, 10, 160, 190), (160, 10, 40, 190)], 200)
-    crossed = morphology.dilation(crossed, morphology.disk(3))
-    read = network_from(picture=crossed, pins="degree")
-    assert (read.network.n_vertices, read.network.n_edges) == (5, 4) and "width of the fibres" in str(read)
+GRID = [(k, 5, k, 95) for k in (20, 50, 80)] + [(5, k, 95, k) for k in (20, 50, 80)]
+CROSSED = {  # fibres, size of the picture, further half width, vertices and edges
+    "grid": (GRID, 100, 0, 21, 24),
+    "neighbouring pixels": ([(10, 10, 90, 90), (10, 90, 90, 10)], 100, 0, 5, 4),
+    "thick": ([(40, 10, 160, 190), (160, 10, 40, 190)], 200, 3, 5, 4),
+}
+
+
+@pytest.mark.parametrize("kind", CROSSED)
+def test_fibres_that_cross_have_one_junction_in_any_units(kind):
+    lines, size, thicker, *counts = CROSSED[kind]
+    picture = morphology.dilation(drawn(lines, size), morphology.disk(thicker))
+    for pixel in (1.0, 10.0):
+        read = network_from(picture=picture, pins="degree", pixel=pixel)
+        assert [read.network.n_vertices, read.network.n_edges] == counts
+        assert ("width of the fibres" in str(read)) == (kind == "thick")
+    if kind == "grid":
+        inner = np.delete(read.positions, list(read.network.pins), axis=0) / pixel
+        expected = sorted((x, -y) for x in (20, 50, 80) for y in (20, 50, 80))
+        np.testing.assert_allclose(sorted(map(tuple, inner.round())), expected, atol=1)

@@ -5,7 +5,7 @@ from math import gcd
 import numpy as np
 import pytest
 
-from critflow import CriticalManifold, InputError, elasticity, lattice, optimize, rigidity, upper_bound
+from critflow import elasticity, lattice, optimize, rigidity, upper_bound
 
 SQRT3 = np.sqrt(3.0)
 
@@ -96,42 +96,3 @@ def test_moduli(name, size, edge_length):
     # Bravais lattices of any kind with one edge length are at the largest B_0 of their topology.
     assert upper_bound(network, "B_0") == pytest.approx(bulk * unit, rel=1e-12)
     assert optimize(network, "bulk_modulus").objective == pytest.approx(bulk * unit, rel=1e-12)
-
-
-def test_multiple_edges_between_two_vertices():
-    # In a kagome lattice of one unit cell each pair of vertices has an edge inside the cell and one across its border.
-    network = lattice("kagome", 1, 1)
-    pairs = np.sort(network.edges, axis=1)
-    np.testing.assert_array_equal(np.unique(pairs, axis=0, return_counts=True)[1], [2, 2, 2])
-    configuration = CriticalManifold(network).configuration([1, 1, 1, 2, 2, 2])
-    # In series with stresses 1, 2, 1, 2 lengths are as 2 : 1.
-    np.testing.assert_allclose(configuration.lengths, [4 / 3] * 3 + [2 / 3] * 3, rtol=1e-14)
-
-
-@pytest.mark.parametrize("name", LATTICES)
-def test_bad_sizes_raise(name):
-    for size in (0, -1, 1.5, True, "4", np.nan):
-        with pytest.raises(InputError, match="whole numbers"):
-            lattice(name, size, 3, *[3] * (name in ("diamond", "cubic")))
-    for sizes in ((3,), (3, 3, 3, 3)):
-        with pytest.raises(InputError, match="directions"):
-            lattice(name, *sizes)
-    for length in (0.0, -1.0, np.nan, np.inf):
-        with pytest.raises(InputError, match="positive"):
-            lattice(name, edge_length=length)
-    if LATTICES[name][2] == 1:
-        with pytest.raises(InputError, match="single"):
-            lattice(name, *[1.0] * lattice(name).dimension)
-    with pytest.raises(InputError, match="honeycomb, square"):
-        lattice(f"{name}s", 3, 3)
-
-
-def test_edge_to_its_image_exerts_no_force():
-    network = lattice("square", 1, 3)
-    sigma = np.linspace(0.5, 2, network.n_edges)
-    own = network.edges[:, 0] == network.edges[:, 1]
-    assert own.sum() == 3
-    configuration = CriticalManifold(network).configuration(sigma)
-    np.testing.assert_allclose(configuration.lengths[own], 1.0, rtol=1e-14)
-    # The other edges are in series: lengths ∝ 1/σ.
-    np.testing.assert_allclose(configuration.lengths[~own], 3 / sigma[~own] / np.sum(1 / sigma[~own]), rtol=1e-13)

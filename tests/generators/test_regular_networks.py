@@ -27,19 +27,6 @@ def test_degrees(z, dimension, degrees):
     assert not np.array_equal(regular_network(120, z, seed=4, dimension=dimension).edges, network.edges)
 
 
-def test_edges_are_exchanged_at_equal_degrees():
-    points = np.random.default_rng(0).random((60, 2))
-    graph, degrees = _Graph(points, 9, np.random.default_rng(1)), np.full(60, 3)
-    graph.join_at_random(degrees)
-    graph.join_rest(degrees)
-    before = graph.edges()[0]
-    graph.exchange(np.arange(0, 90, 10), degrees)
-    after = graph.edges()[0]
-    np.testing.assert_array_equal(np.bincount(after.ravel()), degrees)
-    assert before.shape == after.shape
-    assert not np.array_equal(before, after)
-
-
 def test_bridges_are_exchanged(monkeypatch):
     exchanged = []
     exchange = _Graph.exchange

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from critflow import InputError, delaunay_network, voronoi_network
+from critflow import delaunay_network, voronoi_network
 from critflow.generators.random_points import points_in_cell, random_sequential_addition
 from critflow.networks.periodic_cell import near_images, short_cell
 
@@ -103,10 +103,3 @@ def test_points_of_a_square_are_those_of_no_cell():
     points = points_in_cell(40, 0.8, rng(7), 3.0 * np.eye(2))
     np.testing.assert_array_equal(points, random_sequential_addition(40, 0.8 / np.sqrt(40), rng(7)))
     assert points_in_cell(40, 0.0, rng(1), np.eye(3)).shape == (40, 3)
-
-
-def test_coordinates_in_other_units_are_refused():
-    points = np.random.default_rng(1).random((30, 2))
-    assert voronoi_network(points=points + 3).n_vertices == 60
-    with pytest.raises(InputError, match="divide"):
-        voronoi_network(points=20 * points)

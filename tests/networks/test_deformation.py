@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from derivatives import assert_derivative
 
-from critflow import Deformation, InputError
+from critflow import Deformation
 from critflow.networks.deformation import DEFORMATIONS, deformation_of, strain_basis
 
 A = np.array([[0.3, -0.8], [0.1, 0.5]])
@@ -44,12 +44,10 @@ def test_volumes(d):
     assert volume == pytest.approx(expected, rel=1e-14)
 
 
-def test_linear_strains_follow_the_conventions():
-    shear = Deformation.simple_shear(2)
-    np.testing.assert_array_equal(shear.linear_strain, [[0, 0.5], [0.5, 0]])
-    np.testing.assert_array_equal(shear.gradient(0.1) @ [0, 1], [0.1, 1])
-    np.testing.assert_array_equal(Deformation.pure_shear(2).linear_strain, np.diag([1, -1]))
-    np.testing.assert_allclose(Deformation.dilation(3).linear_strain, np.eye(3) / 3)
+def test_rates_follow_the_conventions():
+    np.testing.assert_array_equal(Deformation.simple_shear(2).gradient(0.1) @ [0, 1], [0.1, 1])
+    np.testing.assert_array_equal(Deformation.pure_shear(2).rate(0.0), np.diag([1, -1]))
+    np.testing.assert_allclose(Deformation.dilation(3).rate(0.0), np.eye(3) / 3)
 
 
 def test_free_components():
@@ -58,32 +56,8 @@ def test_free_components():
     assert (path.name, path.free) == ("uniaxial_free_y", ("xx", "zz"))
     free = Deformation.simple_shear(3).freeing("zz", "yx", "xy")
     assert free.free == ("zz", "xy")
-    np.testing.assert_array_equal(free.free_strains[1], Deformation.simple_shear(3).linear_strain)
+    np.testing.assert_array_equal(free.free_strains[1], [[0, 0.5, 0], [0.5, 0, 0], [0, 0, 0]])
     names, strains = strain_basis(3)
     assert names == ("xx", "yy", "zz", "yz", "xz", "xy")
     assert np.linalg.matrix_rank(strains.reshape(6, 9)) == 6
     assert strain_basis(2)[0] == ("xx", "yy", "xy") and strain_basis(1)[0] == ("xx",)
-
-
-@pytest.mark.parametrize(
-    ("make", "word"),
-    [
-        (lambda: deformation_of("twist", 2), "simple_shear"),
-        (lambda: deformation_of(A, 3), "dimensions"),
-        (lambda: deformation_of(np.ones((2, 3)), 2), "square"),
-        (lambda: deformation_of([[0, np.nan], [0, 0]], 2), "finite"),
-        (lambda: deformation_of(None, 2), "array"),
-        (lambda: deformation_of(lambda g: 2 * np.eye(2), 2), "begin"),
-        (lambda: Deformation.simple_shear(2, "xz"), "axis"),
-        (lambda: Deformation.simple_shear(1), "two dimensions"),
-        (lambda: Deformation.pure_shear(2, "xx"), "plane"),
-        (lambda: Deformation.uniaxial(2, sides="loose"), "sides"),
-        (lambda: Deformation.uniaxial(2).freeing("z"), "component"),
-        (lambda: Deformation.dilation(2).gradient(-1.5), "strain"),
-        (lambda: Deformation.uniaxial(2).gradient(-1.0), "flattens"),
-        (lambda: Deformation.pure_shear(2).gradient(-1.0), "strain"),
-    ],
-)
-def test_bad_input_is_one_sentence(make, word):
-    with pytest.raises(InputError, match=word):
-        make()

@@ -219,11 +219,6 @@ def test_a_network_without_a_cell_has_the_volume_that_is_named():
     assert named.has_volume and named.volume == 3.0
     assert named.with_stiffness(2.0).volume == 3.0 and named.part(np.ones(2, bool))[0].volume == 3.0
     assert named.deformed(np.diag([2.0, 0.5001])).volume == pytest.approx(3.0006)
-    for wrong in (0, -1.0, np.inf, "much", [1.0, 2.0]):
-        with pytest.raises(NetworkError, match="volume"):
-            free.with_volume(wrong)
-    with pytest.raises(NetworkError, match="cell"):
-        lattice("honeycomb", 2, 2).with_volume(1.0)
 
 
 def test_edges_are_removed_and_added():
@@ -238,14 +233,3 @@ def test_edges_are_removed_and_added():
     assert again.stiffness[-1] == 8 and again.faces is None
     linkage = three_bar_linkage().with_volume(2.0).with_edge(0, 2)
     assert linkage.volume == 2 and not linkage.offsets.any()
-    for change, word in (
-        (lambda: network.without_edges(30), "no edge 30"),
-        (lambda: network.without_edges([0, -1]), "no edge -1"),
-        (lambda: network.without_edges(0.5), "whole"),
-        (lambda: network.with_edge(0, 20), "no vertex 20"),
-        (lambda: network.with_edge(0, 1, [1]), "2 whole numbers"),
-        (lambda: network.with_edge(0, 1, [0.5, 0]), "whole"),
-        (lambda: network.with_edge(3, 3), "itself"),
-    ):
-        with pytest.raises(NetworkError, match=word):
-            change()
