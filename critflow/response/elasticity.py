@@ -28,13 +28,13 @@ from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
 from critflow.rigidity.uniqueness import only_self_stress
 from critflow.springs.laws import HOOKEAN, SpringLaw
-from critflow.springs.state import ElasticState, edge_directions, spring_state
-from critflow.springs.tissue import CriticalTissue, Tissue
+from critflow.springs.state import SpringState, edge_directions, spring_state
+from critflow.springs.tissue import CriticalTissue
 
 
 @checked
 def elasticity(
-    springs: CriticalConfiguration | ElasticState | CriticalTissue | Network,
+    springs: CriticalConfiguration | SpringState | CriticalTissue | Network,
     coordinates: ArrayLike | None = None,
     rest_lengths: ArrayLike | None = None,
     *,
@@ -89,11 +89,10 @@ def elasticity(
         springs = spring_state(springs, rest_lengths, coordinates, law)
     if _stressed(springs, tolerance):
         return linear_response(springs, V)
-    faces = springs.faces if isinstance(springs, Tissue) else None
-    return response_at_rest(springs.network, springs.coordinates, V, faces)
+    return response_at_rest(springs.network, springs.coordinates, V, springs.faces)
 
 
-def _stressed(state: ElasticState, tolerance: float) -> bool:
+def _stressed(state: SpringState, tolerance: float) -> bool:
     """Whether springs in equilibrium are under stress.  Raises `InputError` when the forces do not balance."""
     scale = state.stiffness_scale * state.length_scale
     if state.max_force > tolerance * scale:

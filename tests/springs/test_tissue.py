@@ -1,27 +1,37 @@
 """Springs on perimeters: K with entries off its diagonal, the transition, and the moduli on both sides of it."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from derivatives import assert_derivative
+from derivatives import assert_derivative, second_derivative
 from problems import NETWORKS, grounded, pinned_grid, random_stress, voronoi_3d, with_random_stiffness
+from scipy.optimize import minimize
 
 from critflow import (
+    AngleSprings,
+    Cable,
     CriticalManifold,
     InputError,
     Network,
     SolveError,
     Status,
     critical_from_perimeters,
+    design,
+    draw,
     elasticity,
     equilibrium,
     lattice,
     spring_state,
+    strain_path,
     tissue,
     voronoi_network,
+    weak_forces,
 )
+from critflow.networks.deformation import deformation_of
+from critflow.springs.hessian import geometric_split, hookean_split
 
 # A regular hexagon of area 1 has the perimeter √(8√3), the least of all tilings by Hales' theorem.
 HEXAGON = np.sqrt(8 * np.sqrt(3))
@@ -75,12 +85,12 @@ def disordered(seed=1, n_vertices=100, varied=False):
 @pytest.mark.parametrize("name", FACES)
 def test_forces_and_hessian_are_derivatives_of_the_energy(name):
     state = deformed_tissue(name)
-    network, A, free = state.network, state.faces.sides.toarray(), state.coordinates[state.network.free]
-    g, b = grounded(network)
+    A, free = state.faces.sides.toarray(), state.coordinates[state.network.free]
+    g, b = grounded(state.network)
 
     def energy(u):
         p = A @ np.linalg.norm(g @ (free + u) + b, axis=1)
-        return 0.5 * np.sum(state.faces.stiffness * (p - state.rest_perimeters) ** 2)
+        return 0.5 * np.sum(state.faces.stiffness * (p - state.rest_lengths) ** 2)
 
     zero, u = np.zeros_like(free), np.random.default_rng(3).standard_normal(free.shape)
     assert state.energy == pytest.approx(energy(zero), rel=1e-13)
@@ -89,11 +99,10 @@ def test_forces_and_hessian_are_derivatives_of_the_energy(name):
     assert_derivative(
         lambda v: -state.moved(v).forces, lambda v: factor.multiply(v.ravel()).reshape(v.shape), zero, [u], rtol=1e-7
     )
-    # The whole matrix, from K: H = R^hᵀ K R^h + P ⊗ 1.
-    Rh = np.einsum("ai,am->aim", g, state.bond_vectors).reshape(network.n_edges, -1)
-    P = np.kron(g.T @ (state.sigma[:, None] * g), np.eye(network.dimension))
-    H = Rh.T @ state.modified_stiffness.toarray() @ Rh + P
-    np.testing.assert_allclose(factor.multiply(np.eye(len(H))), H, rtol=0, atol=1e-12 * np.abs(H).max())
+    # The whole matrix, by its parts: stretching and prestress.
+    H = factor.multiply(np.eye(state.forces.size))
+    for split in (geometric_split, hookean_split):
+        np.testing.assert_allclose(split(state).hessian.toarray(), H, rtol=0, atol=1e-12 * np.abs(H).max())
 
 
 @pytest.mark.parametrize("name", FACES)
@@ -103,13 +112,13 @@ def test_edges_are_coupled_exactly_where_they_share_a_face(name):
     K = state.modified_stiffness.toarray()
     np.testing.assert_array_equal((K != 0) | np.eye(len(K), dtype=bool), (A.T @ A != 0))
     expected = np.einsum("c,ca,cb->ab", kappa, A, A) / np.outer(length, length)
-    expected -= np.diag(A.T @ (kappa * (A @ length - state.rest_perimeters)) / length**3)
+    expected -= np.diag(A.T @ (kappa * (A @ length - state.rest_lengths)) / length**3)
     np.testing.assert_allclose(K, expected, rtol=1e-12, atol=1e-12)
 
     # K is ∂σ/∂h: a change of one length alone changes the stresses of all edges of its faces.
     def sigma(h):
         l = np.sqrt(length**2 + 2 * h)
-        return A.T @ (kappa * (A @ l - state.rest_perimeters)) / l
+        return A.T @ (kappa * (A @ l - state.rest_lengths)) / l
 
     assert_derivative(sigma, lambda h: K @ h, np.zeros_like(length), [np.eye(len(K))[3]], step=1e-4)
 
@@ -173,7 +182,7 @@ def test_transition_of_regular_hexagons(columns, rows, k):
 def test_transition_of_disordered_faces(seed, varied):
     perimeters, solution = disordered(seed, 200, varied)
     value = solution.value
-    critical, p = value.configuration, value.at_rest().perimeters
+    critical, p = value.configuration, value.perimeters
     np.testing.assert_allclose(p / perimeters, solution.ratio, rtol=1e-8)
     np.testing.assert_allclose(p / perimeters, np.mean(p / perimeters), rtol=1e-11)
     assert (value.face_tensions > 0).all()
@@ -192,11 +201,11 @@ def test_transition_is_the_limit_of_straining():
     x = value.configuration.coordinates + 0.05 * np.random.default_rng(1).standard_normal((100, 2))
     apart = []
     for excess in (1e-3, 1e-4, 1e-5):
-        goal = (1 - excess) * value.at_rest().perimeters
+        goal = (1 - excess) * value.perimeters
         state = equilibrium(tissue(value.network, goal, x)).value
-        assert (state.face_tensions > 0).all()
+        assert (state.tension > 0).all()
         apart.append(np.abs(state.bond_vectors - value.configuration.bond_vectors).max())
-        found = state.face_tensions / state.face_tensions.mean()
+        found = state.tension / state.tension.mean()
         np.testing.assert_allclose(found, value.face_tensions, atol=50 * excess)
     np.testing.assert_allclose(np.array(apart[1:]) / apart[:-1], 0.1, rtol=0.2)
 
@@ -217,7 +226,7 @@ def test_configuration_minimises_perimeters():
 def test_transition_modulus_by_three_methods(varied):
     value = disordered(varied=varied)[1].value
     found, start = elasticity(value).value, value.at_rest()
-    network, kappa, T, p = value.network, value.faces.stiffness, value.face_tensions, start.perimeters
+    network, kappa, T, p = value.network, value.faces.stiffness, value.face_tensions, start.spring_lengths
     # By the formula, dilation being p/2.
     assert found.bulk == pytest.approx((T @ p / 2) ** 2 / (T**2 @ (1 / kappa)) / network.volume, rel=1e-12)
     # Cauchy and Schwarz: no tensions give more than Σκp²/4V.
@@ -243,8 +252,8 @@ def test_tissues_before_the_transition_are_floppy():
     # Perimeters above the transition are all met, at zero energy.
     start = disordered()[1].value.at_rest()
     x = start.coordinates + 0.05 * np.random.default_rng(1).standard_normal(start.coordinates.shape)
-    state = equilibrium(tissue(start.network, 1.03 * start.perimeters, x), tolerance=1e-15).value
-    assert np.abs(state.face_tensions).max() < 1e-12
+    state = equilibrium(tissue(start.network, 1.03 * start.spring_lengths, x), tolerance=1e-15).value
+    assert np.abs(state.tension).max() < 1e-12
     found = elasticity(state)
     assert found.status is Status.floppy
     assert not found.value.tensor.any() and found.value.bulk == found.value.shear_stress_corrected == 0.0
@@ -256,7 +265,73 @@ def test_newton_and_fire_reach_the_same_equilibrium(name):
     newton, fire = equilibrium(start), equilibrium(start, "fire", tolerance=1e-12)
     assert newton.status is fire.status is Status.ok
     assert newton.value.energy == pytest.approx(fire.value.energy, rel=1e-9)
-    np.testing.assert_allclose(newton.value.face_tensions, fire.value.face_tensions, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(newton.value.tension, fire.value.tension, rtol=0, atol=1e-8)
+
+
+# Paths
+
+
+def relaxed_energy(start, network, gradient):
+    """The least energy at perimeters p0 (N_f,) after a deformation, from energies and forces alone."""
+    A, kappa, p0 = start.faces.sides.toarray(), start.faces.stiffness, start.rest_lengths
+    deformed = network.deformed(gradient)
+    g, b = grounded(deformed)
+
+    def value(u):
+        L = g @ u.reshape(-1, 2) + b
+        l = np.linalg.norm(L, axis=1)
+        T = kappa * (A @ l - p0)
+        return 0.5 * T @ (T / kappa), (g.T @ (((A.T @ T) / l)[:, None] * L)).ravel()
+
+    x = (start.coordinates @ gradient.T)[network.free]
+    found = minimize(value, x.ravel(), jac=True, method="L-BFGS-B", options={"ftol": 1e-16, "gtol": 1e-12})
+    return found.fun
+
+
+@pytest.mark.parametrize("deformation", ["dilation", "simple_shear"])
+def test_paths_of_tissues_are_those_of_relaxed_energies(deformation):
+    solution = disordered(varied=True)[1]
+    start, network, strain = solution.value.at_rest(), solution.value.network, 0.05
+    solved = strain_path(solution, [0.01, strain], deformation)
+    assert solved.status is Status.ok
+    path, course = solved.value, deformation_of(deformation, 2)
+    energies = [relaxed_energy(start, network, course.gradient(g)) for g in strain + 1e-3 * np.arange(-2, 3)]
+    assert path.energy[-1] == pytest.approx(energies[2], rel=1e-9)
+    first = (energies[0] - 8 * energies[1] + 8 * energies[3] - energies[4]) / 12e-3
+    second = second_derivative(lambda g: energies[round(g / 1e-3) + 2])
+    V, A = network.deformed(course.gradient(strain)).volume, course.velocity(strain)
+    assert np.vdot(path.stress[-1], A) * V == pytest.approx(first, rel=1e-6)
+    assert path.modulus[-1] * V == pytest.approx(second, rel=1e-4)
+
+
+def test_paths_of_hexagons_have_closed_forms():
+    # Dilation by γ keeps them regular, E = ½ N κ p0²(√(1 + γ) − 1)².
+    network = lattice("honeycomb", 3, 4)
+    solution = critical_from_perimeters(network, np.ones(12), stiffness=2.5)
+    gamma, a = np.array([0.01, 0.1]), network.volume / 12
+    path = strain_path(solution, gamma).value
+    p0 = solution.value.perimeters[0]
+    np.testing.assert_allclose(path.energy, 0.5 * 12 * 2.5 * p0**2 * (np.sqrt(1 + gamma) - 1) ** 2, rtol=1e-12)
+    # B = V E'' with E'' = ¼ N κ p0² (1 + γ)^{−3/2}.
+    np.testing.assert_allclose(path.bulk_modulus, 2.5 * p0**2 / (4 * a * np.sqrt(1 + gamma)), rtol=1e-12)
+    stretch = (np.sqrt(1 + gamma) - 1)[:, None]
+    np.testing.assert_allclose([state.tension for state in path.states], 2.5 * p0 * stretch * np.ones(12), rtol=1e-9)
+
+
+def test_starts_of_paths_and_drawings():
+    solution, axes = disordered()[1], draw(disordered()[1])
+    assert len(axes.collections) >= 1
+    axes.figure.clear()
+    loosened = strain_path(solution, [-0.001], throw=False)
+    assert loosened.status is Status.floppy
+    slack = replace(solution.value, face_tensions=np.r_[0.0, solution.value.face_tensions[1:]])
+    for start, options, message in [(slack, {}, "face 0 has no tension"), (solution, {"law": Cable()}, "law")]:
+        with pytest.raises(InputError, match=message):
+            strain_path(start, [0.001], **options)
+    with pytest.raises(InputError, match="springs on edges"):
+        design(solution.value.at_rest(), {"B_0": 1.0}, change="stiffness")
+    with pytest.raises(InputError, match="not springs on edges"):
+        weak_forces(solution, AngleSprings())
 
 
 # Failures
@@ -270,7 +345,7 @@ def test_collapsing_edges_are_named():
     (edge,), value = solution.collapsed_edges, solution.value
     assert value.configuration.lengths[edge] < 1e-6
     # The ratio, the tensions and the moduli are still defined.
-    np.testing.assert_allclose(value.at_rest().perimeters, solution.ratio, rtol=1e-6)
+    np.testing.assert_allclose(value.perimeters, solution.ratio, rtol=1e-6)
     assert (value.face_tensions > 0).all()
     bulk = value.shape_index.mean() ** 2 / 4 / np.mean(value.face_tensions**2)
     assert elasticity(value).value.bulk == pytest.approx(bulk, rel=1e-6)
@@ -290,7 +365,7 @@ def test_slack_faces_are_named():
     solution = critical_from_perimeters(network, perimeters, throw=False)
     assert solution.status is Status.slack_edges
     np.testing.assert_array_equal(solution.slack_faces, [7])
-    ratio = solution.value.at_rest().perimeters / perimeters / solution.ratio
+    ratio = solution.value.perimeters / perimeters / solution.ratio
     assert ratio[7] < 0.99
     np.testing.assert_allclose(np.delete(ratio, 7), 1, rtol=1e-8)
     with pytest.raises(SolveError, match="faces 7"):
