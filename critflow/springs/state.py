@@ -117,14 +117,14 @@ class SpringState(Record):
     @property
     def modified_stiffness(self) -> EdgeMatrix:
         """K = ∂²E/∂h∂h: its diagonal (E'' − σ)/|L|² (N_b,) for springs on edges, else (N_b, N_b)."""
-        return self._couplings(self.edge_stiffness, self.sigma)
+        return self.couplings(self.edge_stiffness, self.sigma)
 
     def convex_parts(self) -> tuple[EdgeMatrix, Array]:
         """K and σ without the geometric softening of compressed edges, σ < 0, and without negative E''."""
         tension = np.maximum(self.sigma, 0.0)
-        return self._couplings(np.maximum(self.edge_stiffness, 0.0), tension), tension
+        return self.couplings(np.maximum(self.edge_stiffness, 0.0), tension), tension
 
-    def _couplings(self, stiffness: Array, sigma: Array) -> EdgeMatrix:
+    def couplings(self, stiffness: Array, sigma: Array) -> EdgeMatrix:
         """K of stresses σ (N_b,), and of E'' (N_b,) for springs on edges."""
         if self.faces is None:
             return (stiffness - sigma) / self.lengths**2

@@ -1,6 +1,6 @@
 """Springs on perimeters: K with entries off its diagonal, the transition, and the moduli on both sides of it."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 from functools import lru_cache
 
 import numpy as np
@@ -16,8 +16,10 @@ from critflow import (
     CriticalManifold,
     InputError,
     Network,
+    PowerLaw,
     SolveError,
     Status,
+    critical_from_lengths,
     critical_from_perimeters,
     design,
     draw,
@@ -25,12 +27,14 @@ from critflow import (
     equilibrium,
     lattice,
     spring_state,
+    stiffening,
     strain_path,
     tissue,
     voronoi_network,
     weak_forces,
 )
 from critflow.networks.deformation import deformation_of
+from critflow.quantities.strained import strained_response
 from critflow.springs.hessian import geometric_split, hookean_split
 
 # A regular hexagon of area 1 has the perimeter √(8√3), the least of all tilings by Hales' theorem.
@@ -318,6 +322,49 @@ def test_paths_of_hexagons_have_closed_forms():
     np.testing.assert_allclose([state.tension for state in path.states], 2.5 * p0 * stretch * np.ones(12), rtol=1e-9)
 
 
+@pytest.mark.parametrize("deformation", ["dilation", "simple_shear", "uniaxial"])
+def test_stiffening_is_the_limit_of_paths(deformation):
+    solution = disordered(varied=True)[1]
+    found, moduli = stiffening(solution, deformation=deformation), elasticity(solution).value
+    assert found.status is Status.ok
+    exact, error = found.value, found.stats.error_bound
+    assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-10)
+    h = (-1e-4 if found.loosening else 1e-4) * np.array([1, 2, 4, 8, 16])
+    path = strain_path(solution, h, deformation).value
+    for values, start, C in (
+        (path.bulk_modulus, exact.bulk_0, "C_B"),
+        (path.shear_modulus, exact.shear_0, "C_G"),
+        (path.shear_modulus_stress_corrected, exact.shear_0, "C_G_stress_corrected"),
+        (path.modulus, exact.modulus_0, "C"),
+    ):
+        limit = np.polyfit(h[1:], (values[1:] - start) / h[1:], 3)[-1]
+        assert getattr(exact, C) == pytest.approx(limit, rel=1e-6, abs=1e-7)
+        assert 0 < getattr(error, C) < 1e-12
+
+
+def test_stiffening_of_faces_of_one_edge_each_is_that_of_springs():
+    network = with_random_stiffness(voronoi_network(40, seed=1), 5)
+    options = {"stiffness": network.stiffness, "sides": sp.eye_array(60)}
+    faces, springs = (
+        critical_from_perimeters(network, np.ones(60), **options),
+        critical_from_lengths(network, np.ones(60)),
+    )
+    for deformation in ("dilation", "simple_shear"):
+        found, expected = (astuple(stiffening(one, deformation=deformation).value) for one in (faces, springs))
+        assert found == pytest.approx(expected, rel=1e-10, abs=1e-11)
+
+
+def test_stiffening_of_hexagons_in_closed_form():
+    # B = B_0/√(1 + γ), and no shear changes a perimeter to first order.
+    solution = critical_from_perimeters(lattice("honeycomb", 4, 4), np.ones(16), stiffness=2.5)
+    found = stiffening(solution)
+    assert found.status is Status.ok
+    B, error = 2.5 * HEXAGON**2 / 4, found.stats.error_bound
+    assert abs(found.value.bulk_0 - B) <= error.bulk_0 and abs(found.value.C_B + B / 2) <= error.C_B
+    assert abs(found.value.C_G) <= error.C_G < 1e-13
+    assert stiffening(solution, deformation="simple_shear", throw=False).status is Status.floppy
+
+
 def test_starts_of_paths_and_drawings():
     solution, axes = disordered()[1], draw(disordered()[1])
     assert len(axes.collections) >= 1
@@ -328,8 +375,18 @@ def test_starts_of_paths_and_drawings():
     for start, options, message in [(slack, {}, "face 0 has no tension"), (solution, {"law": Cable()}, "law")]:
         with pytest.raises(InputError, match=message):
             strain_path(start, [0.001], **options)
+    several = critical_from_perimeters(lattice("triangular", 4, 4), np.ones(32))
+    for start, options, message in [
+        (slack, {}, "without tension"),
+        (several, {}, "the perimeters have"),
+        (solution, {"law": PowerLaw(4)}, "Hookean"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            stiffening(start, **options)
     with pytest.raises(InputError, match="springs on edges"):
         design(solution.value.at_rest(), {"B_0": 1.0}, change="stiffness")
+    with pytest.raises(InputError, match="springs on edges"):
+        strained_response(solution.value.network, solution.value.at_rest().deformed(1.01 * np.eye(2)), 0.01)
     with pytest.raises(InputError, match="not springs on edges"):
         weak_forces(solution, AngleSprings())
 
