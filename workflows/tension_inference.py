@@ -76,7 +76,8 @@ def claims(ds):
     spread = first.deviation.std("seed").values / np.sqrt(max(ds.sizes["seed"] - 1, 1))
     alone, pressed, _ = first.amplification.median("seed").values
     ignored = float(first.error[:, 2].median())
-    pushed, failed = (ds.compressed[:, 1] > 0).sum("seed").values, int((ds.inference_status != 0).sum())
+    pushed = ", ".join(f"{int(count)}" for count in (ds.compressed[:, 1] > 0).sum("seed"))
+    failed = int((ds.inference_status != cf.Status.ok).sum())
     return [
         Claim.tested(
             "inference-errors", "errors of σ at the smallest noise are those stated, with and without pressures", "1",
