@@ -27,9 +27,12 @@ from critflow.response.tensor import Elasticity, total_errors
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
 from critflow.rigidity.uniqueness import only_self_stress
+from critflow.springs.face_springs import FaceSprings
 from critflow.springs.laws import HOOKEAN, SpringLaw
 from critflow.springs.state import SpringState, edge_directions, spring_state
 from critflow.springs.tissue import CriticalTissue
+
+SLACK_FACE = 1e-9  # tension of a face without any, relative to the largest
 
 
 @checked
@@ -75,8 +78,7 @@ def elasticity(
         parts = taut_configurations(springs)
         return _total([_at_transition(part, V, 1 if part is springs else 2) for part in parts])
     if isinstance(springs, CriticalTissue):
-        residual = springs.configuration.residual
-        return _of_one_self_stress(tissue_at_transition(springs, V), residual)
+        return _of_tissue(springs, V)
     if isinstance(springs, Network):
         if coordinates is None:
             raise InputError("the elasticity of a network depends on its configuration: give coordinates")
@@ -107,6 +109,15 @@ def _at_transition(critical: CriticalConfiguration, volume: float, roundings: in
     if _one_self_stress(critical):
         return _of_one_self_stress(elasticity_at_transition(critical, volume, roundings), critical.residual)
     return response_at_rest(critical.network, critical.coordinates, volume)
+
+
+def _of_tissue(tissue: CriticalTissue, volume: float) -> ResponseAtRest:
+    """The response of the perimeters in tension, at rest where these have several self-stresses."""
+    critical, tense = tissue.configuration, tissue.face_tensions > SLACK_FACE * tissue.face_tensions.max()
+    faces = FaceSprings(tissue.faces.sides[tense], tissue.faces.stiffness[tense])
+    if faces.several_self_stresses(critical.network, critical.bond_vectors):
+        return response_at_rest(critical.network, critical.coordinates, volume, faces)
+    return _of_one_self_stress(tissue_at_transition(tissue, volume), critical.residual)
 
 
 def _of_one_self_stress(value: Elasticity, residual: float) -> ResponseAtRest:

@@ -240,10 +240,9 @@ def _of_tissue(tissue: CriticalTissue, law: SpringLaw, path: Deformation) -> Sti
     if not ((tissue.face_tensions > 0).all() and tissue.configuration.residual < BALANCED_TISSUE):
         raise InputError("faces without tension and edges without length leave no response: change the perimeters")
     system, errors = balanced_system(tissue)
-    if system.n_self_stresses > 1:
+    if tissue.faces.several_self_stresses(tissue.network, system.bond_vectors):
         raise InputError(
-            f"this requires one self-stress and the perimeters have {system.n_self_stresses}: follow strain_path() "
-            "and fit its moduli"
+            "this requires one self-stress and the perimeters have several: follow strain_path() and fit its moduli"
         )
     if system.soft:
         return _failed(Status.unstable, "the tensions of the faces do not stabilise all zero modes")

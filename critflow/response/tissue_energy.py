@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from critflow.linalg.matrices import spread_columns
 from critflow.linalg.saddle import CONDENSED_WEIGHT, CONTRACTION, REFINED
 from critflow.linalg.tolerances import EPS, MOST_REFINEMENTS
 from critflow.linalg.vectors import norms
@@ -42,19 +41,13 @@ class PerimeterSystem:
         self.units, perimeters = bond_vectors / self.lengths[:, None], self.sides @ self.lengths
         self.sigma = (self.sides.T @ tensions) / self.lengths
         self._weight = np.full(len(tensions), CONDENSED_WEIGHT * float(np.mean(tensions / perimeters)))
-        self._constraints = self.sides @ spread_columns(self.network, self.units)
         faces = FaceSprings(self.sides, self._weight)
+        self._constraints = faces.rates(self.network, bond_vectors)
         x = tissue.configuration.coordinates
         stiff = SpringState(self.network, perimeters, x, bond_vectors, faces=faces)
         couplings = stiff.couplings(stiff.edge_stiffness, self.sigma)
         self._factor = stiff.pattern().factorize(stiff.blocks(couplings, self.sigma))
         self.soft = self._factor.indefinite
-
-    @property
-    def n_self_stresses(self) -> int:
-        """Number of independent tensions of faces in balance."""
-        gram = (self._constraints @ self._constraints.T).toarray()
-        return int(np.sum(np.linalg.eigvalsh(gram) < 1e-11 * np.abs(gram).max()))
 
     def bent(self, rates: Array) -> Array:
         """(1 − n nᵀ) L̇ of rates (N_b, d)."""

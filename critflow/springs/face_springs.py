@@ -14,10 +14,17 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
+from scipy.sparse.linalg import eigsh
 
+from critflow.linalg.matrices import spread_columns
+from critflow.linalg.vectors import norms, quasi_random
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record
+
+# Squared singular values of ∂p/∂x that are zero, relative to the largest; others are above 5e-3 at 1,000 cells.
+UNLOADED = 1e-11
+SMALL_GRAM = 50  # number of faces up to which all singular values are computed
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +66,21 @@ class FaceSprings(Record):
     def perimeters(self, values: ArrayLike) -> Array:
         """Perimeters at rest (N_f,), else an `InputError`."""
         return edge_values(np.array(values), len(self.stiffness), "perimeters", place="face")
+
+    def rates(self, network: Network, bond_vectors: Array) -> sp.csr_array:
+        """∂p/∂x over the free coordinates, (N_f, d·n_free) sparse, at bond vectors (N_b, d)."""
+        return sp.csr_array(self.sides @ spread_columns(network, bond_vectors / norms(bond_vectors)[:, None]))
+
+    def several_self_stresses(self, network: Network, bond_vectors: Array) -> bool:
+        """Whether more than one independent set of tensions of the faces is in balance."""
+        rates = self.rates(network, bond_vectors)
+        gram, n = sp.csc_array(rates @ rates.T), rates.shape[0]
+        scale = float(gram.diagonal().max())
+        if n <= SMALL_GRAM:
+            least = np.linalg.eigvalsh(gram.toarray())[:2]
+        else:
+            least = eigsh(gram, 2, sigma=-1e-6 * scale, v0=quasi_random(n) - 0.5, return_eigenvectors=False)
+        return bool(np.sum(least < UNLOADED * scale) > 1)
 
     @cached_property
     def overlap(self) -> sp.coo_array:
