@@ -298,6 +298,22 @@ def test_paths_of_tissues_are_those_of_relaxed_energies(deformation):
     assert path.modulus[-1] * V == pytest.approx(second, rel=1e-4)
 
 
+def test_free_sides_of_faces_and_edges_have_no_stress():
+    # Perimeters alone only pull; edges with springs of their own hold the sides apart.
+    network, A, stiffness = faces_of(lattice("triangular", 4, 4))
+    sides = np.vstack([A, np.eye(network.n_edges)])
+    lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    rest = (sides @ lengths) * np.random.default_rng(1).uniform(0.95, 1.05, len(sides))
+    springs = tissue(network, rest, stiffness=np.r_[stiffness, np.ones(network.n_edges)], sides=sides)
+    path = strain_path(equilibrium(springs), 0.01 + 1e-3 * np.arange(-2, 3), "uniaxial_free").value
+    assert np.abs(path.stress[:, 1, 1]).max() < 1e-12 and (path.free_components < -1e-3).all()
+    e, h, V = path.energy, 1e-3, path.states[2].network.volume
+    slope = (e[0] - 8 * e[1] + 8 * e[3] - e[4]) / (12 * h)
+    assert path.stress[2, 0, 0] * V == pytest.approx(1.01 * slope, rel=1e-7)
+    curvature = (16 * (e[3] + e[1]) - (e[4] + e[0]) - 30 * e[2]) / (12 * h**2)
+    assert path.modulus[2] * V == pytest.approx(curvature, rel=1e-5)
+
+
 def test_paths_of_hexagons_have_closed_forms():
     # Dilation by γ keeps them regular, E = ½ N κ p0²(√(1 + γ) − 1)².
     network = lattice("honeycomb", 3, 4)
