@@ -1,4 +1,4 @@
-"""Weak bending at the transition: tensions by its equation and by relaxed energies, and apparent exponents.
+"""Weak bending at the transition: tension by the equation of weak forces and of relaxed energies; apparent exponents.
 
 Networks of the largest B_0 are dilated with angle springs of strength κ, at rest in the network as made.  Tensions and
 strains are in units of the cubic equation at the transition, T = (κ²F/2D)^{1/3} and D T/c, in which its scaling

@@ -48,7 +48,7 @@ def draw(
     width: float = 1.4,
     title: str = "",
 ) -> Axes:
-    """Draw a `Network`, `CriticalConfiguration`, spring state, or a `Solution` that holds one; returns the axes.
+    """Draw a `Network`, `CriticalConfiguration`, tissue, spring state, or a `Solution` with one; returns the axes.
 
     color     values (N_b,) that colour the edges; by default the tensions of a configuration or state
     cmap      a matplotlib colour map
@@ -90,6 +90,7 @@ def _parts(thing: Any) -> tuple[Network, Array, Array | None]:
     """Network, coordinates and tensions, if any."""
     if isinstance(thing, Solution):
         thing = thing.value
+    thing = getattr(thing, "configuration", thing)
     network = thing if isinstance(thing, Network) else getattr(thing, "network", None)
     if not isinstance(network, Network):
         raise InputError(f"a {type(thing).__name__} cannot be drawn: give a network, a configuration or a state")

@@ -7,8 +7,8 @@ components q of the cell.  A path is a curve z(γ) = (y, q).  One step from γ t
    among slack cables are placed where none of these is tight (`slack`).
 2. Correct it by Newton's method, H u = f, or FIRE: forces on vertices and stresses conjugate to q vanish.
 3. Without compressed springs, or for cables of a convex law, the equilibrium is the global minimum and lies on the
-   branch of taut states (`_unique`).  Otherwise the step is refused where the correction took many iterations, met an
-   indefinite Hessian, or ended far from the prediction (`_expected`).
+   branch of taut states (`SpringState.unique`).  Otherwise the step is refused where the correction took many
+   iterations, met an indefinite Hessian, or ended far from the prediction (`_expected`).
 4. Compute moduli and the velocity dz/dγ from the factor of the Hessian, H u = −∂²E/∂x∂γ.
 5. Where the branch is still in doubt take the step back, by that velocity: beyond a fold it does not end at the last
    point (`_returns`).
@@ -221,7 +221,7 @@ class Point:
 
     stride    length of the next step in strain
     isolated  whether a step can return to this point: an equilibrium, but not the transition itself
-    stress    σ (N_b,) of a transition; None elsewhere
+    stress    tension over length of each spring at a transition, σ (N_b,) or T/p (N_f,); None elsewhere
     departs   whether its velocity may be computed from a stress: at a transition, once
     """
 
@@ -342,11 +342,11 @@ def attempt(course: Course, point: Point, strain: float) -> Step:
         # FIRE at its step limit gains nothing from smaller strain steps, nor do cables in a floppy cell: their energy
         # is convex.
         limited = course.method == "fire" and solution.status is Status.step_limit
-        loose = solution.status is Status.floppy and _unique(end.state)
+        loose = solution.status is Status.floppy and end.state.unique
         return replace(end.failed(solution.status, solution.reason), curable=not (limited or loose))
     if _keeps_lengths(end.state, strain):
         return replace(end.failed(Status.floppy, _FLOPPY.format(strain)), curable=False)
-    unique = _unique(end.state)
+    unique = end.state.unique
     if not (unique or _expected(course.method, start, solution)):
         return end.failed(Status.unstable, _JUMPED)
     end = _measured(course, end, factor)
@@ -381,11 +381,11 @@ def _departure(course: Course, point: Point, strain: float) -> Point:
     springs, stress = point.state, point.stress
     assert stress is not None
     point = replace(point, departs=False)
-    L, k = springs.bond_vectors, springs.network.stiffness
-    rates = course.rates(point.cell)
-    work = np.vdot(stress[:, None] * L, L @ rates[0][0].T)
-    stress = stress / k * np.copysign(1.0, work * (strain - point.cell.strain))
-    tightened = springs.lengths * (1 - _DEPARTING_STRESS * stress / np.abs(stress).max())
+    L, rates = springs.bond_vectors, course.rates(point.cell)
+    sigma = springs.edge_tension(stress * springs.spring_lengths) / springs.lengths
+    work = np.vdot(sigma[:, None] * L, L @ rates[0][0].T)
+    stress = stress / springs.stiffness * np.copysign(1.0, work * (strain - point.cell.strain))
+    tightened = springs.spring_lengths * (1 - _DEPARTING_STRESS * stress / np.abs(stress).max())
     # Slack edges of cables resist nothing.
     cables = springs.law.one_sided
     rest = np.where(stress != 0, tightened, springs.rest_lengths) if cables else tightened
@@ -413,16 +413,6 @@ def _returns(course: Course, point: Point, start: SpringState, end: Step) -> boo
     cell = replace(here, stretch=end.cell.stretch).changed(back[n:])
     solution, _, _ = course.relaxed(course.moved(end.state, end.cell, cell, back[:n]), cell)
     return solution.ok and _distance(solution.value, point.state) <= RETURN_DISTANCE
-
-
-def _unique(state: SpringState) -> bool:
-    """Whether the state is certainly the global minimum, and so on the branch formed by all taut states.
-
-    Replace each spring by a cable of the same law with zero energy below ℓ: the energy is then convex, also in the free
-    components of the cell, and nowhere above that of the springs.  A taut equilibrium is its minimum, where both
-    energies are equal.
-    """
-    return state.law.convex and (state.law.one_sided or bool((state.extension >= 0).all()))
 
 
 def _keeps_lengths(state: SpringState, strain: float) -> bool:

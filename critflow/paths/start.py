@@ -14,6 +14,7 @@ from critflow.networks.network import Array
 from critflow.result import InputError, Solution, Status
 from critflow.springs.laws import HOOKEAN, Cable, SpringLaw, checked_law
 from critflow.springs.state import SpringState
+from critflow.springs.tissue import CriticalTissue
 
 # Largest force of a state from which a path starts, in units of stiffness times length: the first relaxation removes
 # rounding, and a larger force would hide a jump.
@@ -23,7 +24,7 @@ CONSISTENT_LENGTHS = (
 )
 OPENING = 1e-3  # displacements of floppy vertices that give collapsed slack edges a direction, in units of ⟨ℓ⟩
 
-Start = CriticalConfiguration | SpringState | Solution[Any]
+Start = CriticalConfiguration | CriticalTissue | SpringState | Solution[Any]
 """What a path starts from."""
 
 
@@ -31,7 +32,7 @@ Start = CriticalConfiguration | SpringState | Solution[Any]
 class Beginning:
     """Springs at γ = 0.
 
-    stress  σ (N_b,) of the transition at which they are; None for a state of springs
+    stress  tension over length of each spring at a transition, σ (N_b,) or T/p (N_f,); None for a state of springs
     part    whether they are a part of the network, whose slack edges were left out
     """
 
@@ -47,7 +48,9 @@ def start_of(start: Start, law: SpringLaw | None, taut_only: bool) -> Beginning:
         if start.status is not Status.slack_edges:
             start.or_raise("no path starts from this solution")
         value: Any = start.value
-        start = getattr(value, "configuration", value)
+        start = value if isinstance(value, CriticalTissue) else getattr(value, "configuration", value)
+    if isinstance(start, CriticalTissue):
+        return _of_tissue(start, law, taut_only)
     if isinstance(start, SpringState):
         return _of_state(start, law, taut_only)
     if not isinstance(start, CriticalConfiguration):
@@ -73,6 +76,16 @@ def _of_state(state: SpringState, law: SpringLaw | None, taut_only: bool) -> Beg
         raise InputError("a state of springs has no slack part to leave out: taut_only belongs to a configuration")
     _require_directions(state.lengths == 0, "move its ends apart")
     return Beginning(state)
+
+
+def _of_tissue(tissue: CriticalTissue, law: SpringLaw | None, taut_only: bool) -> Beginning:
+    """The springs on the perimeters of a critical configuration, at rest there."""
+    if not (tissue.face_tensions > 0).all():
+        slack = int(tissue.face_tensions.argmin())
+        raise InputError(f"face {slack} has no tension, so its perimeter is not determined: narrow their spread")
+    state = tissue.at_rest()
+    _require_directions(state.lengths <= COLLAPSED * state.lengths.mean(), "increase the perimeters of its faces")
+    return replace(_of_state(state, law, taut_only), stress=tissue.face_tensions / state.spring_lengths)
 
 
 def _require_directions(short: NDArray[np.bool_], instead: str) -> None:

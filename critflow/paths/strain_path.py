@@ -123,11 +123,11 @@ def strain_path(
     leaves the branch the path ends with `Status.unstable`.  An equilibrium of a convex law without compressed springs
     is unique and the global minimum, so its branch is not checked.
 
-    start              a critical configuration, a state of springs in equilibrium, such as `spring_state` or a state of
-                       another path, or a solution with one.  A configuration that knows rest lengths, as that of
-                       `critical_strain` or `critical_from_lengths`, is one of cables, taut and slack ones; of others
-                       the lengths are the rest lengths, and where edges are slack, σ = 0, the path is that of the taut
-                       part (`backbone`).  Only a state may begin with γ = 0
+    start              a critical configuration, also of a tissue, a state of springs in equilibrium, such as
+                       `spring_state` or a state of another path, or a solution with one.  A configuration that knows
+                       rest lengths, as that of `critical_strain` or `critical_from_lengths`, is one of cables, taut and
+                       slack ones; of others the lengths are the rest lengths, and where edges are slack, σ = 0, the
+                       path is that of the taut part (`backbone`).  Only a state may begin with γ = 0
     deformation        what `deformation_of` accepts
     law                of springs from a critical configuration: Cable() where rest lengths are known, else Hookean; a
                        state has one
@@ -205,8 +205,9 @@ def _solution(course: Course, gamma: Array, reached: list[Progress], note: str) 
     return Solution(path, last.end.status, stats, note)
 
 
-def _loosened(springs: SpringState, sigma: Array, deformation: Deformation, strain: float) -> bool:
+def _loosened(springs: SpringState, stress: Array, deformation: Deformation, strain: float) -> bool:
     """Whether a strain of this sign loosens a network in tension, which is then floppy: γ Σ σ L·A L < 0."""
+    sigma = springs.edge_tension(stress * springs.spring_lengths) / springs.lengths
     L, A = springs.bond_vectors, np.copysign(1.0, strain) * deformation.velocity(0.0)
     work, size = np.sum(sigma[:, None] * L * (L @ A.T)), np.linalg.norm(A) * np.sum(sigma * springs.lengths**2)
     return bool((sigma >= 0).all() and work < -LOOSENING_WORK * size)

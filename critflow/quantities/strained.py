@@ -155,6 +155,8 @@ def _pulled_back(network: Network, critical: CriticalConfiguration, by_rest: Gra
 
 
 def _require_homogeneous(state: SpringState) -> None:
+    if state.faces is not None:
+        raise InputError("gradients at finite strain are those of springs on edges: give a spring_state")
     e, rest, k = state.extension, state.rest_lengths, state.network.stiffness
     once, twice = state.law.tension(e, rest, k), state.law.tension(2 * e, 2 * rest, k)
     stiffer = state.law.tension(e, rest, 2 * k)

@@ -27,9 +27,9 @@ from critflow.response.stiffness_contrast import hierarchical_response
 from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity
 from critflow.result import Solution, Stats, Status
 from critflow.rigidity.spectrum import CLEAR_GAP, ZERO_MODE, Spectrum, rounding_note
-from critflow.springs.tissue import FaceSprings
+from critflow.springs.face_springs import FaceSprings
 
-# Up to this contrast the normal equations resolve the softest springs beside the stiffest.
+# Up to this contrast the normal equations resolve the softest springs next to the stiffest.
 MODERATE_CONTRAST = 1e6
 # Entries of the rigidity matrix up to which networks of larger contrast are decomposed densely.
 LARGEST_RESPONSE = 6_000_000

@@ -27,14 +27,17 @@ from critflow.response.tensor import Elasticity, total_errors
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
 from critflow.rigidity.uniqueness import only_self_stress
+from critflow.springs.face_springs import FaceSprings
 from critflow.springs.laws import HOOKEAN, SpringLaw
-from critflow.springs.state import ElasticState, edge_directions, spring_state
-from critflow.springs.tissue import CriticalTissue, Tissue
+from critflow.springs.state import SpringState, edge_directions, spring_state
+from critflow.springs.tissue import CriticalTissue
+
+SLACK_FACE = 1e-9  # tension of a face without any, relative to the largest
 
 
 @checked
 def elasticity(
-    springs: CriticalConfiguration | ElasticState | CriticalTissue | Network,
+    springs: CriticalConfiguration | SpringState | CriticalTissue | Network,
     coordinates: ArrayLike | None = None,
     rest_lengths: ArrayLike | None = None,
     *,
@@ -75,8 +78,7 @@ def elasticity(
         parts = backbone(springs).components
         return _total([_at_transition(part, V, 1 if part is springs else 2) for part in parts])
     if isinstance(springs, CriticalTissue):
-        residual = springs.configuration.residual
-        return _of_one_self_stress(tissue_at_transition(springs, V), residual)
+        return _of_tissue(springs, V)
     if isinstance(springs, Network):
         if coordinates is None:
             raise InputError("the elasticity of a network depends on its configuration: give coordinates")
@@ -89,11 +91,10 @@ def elasticity(
         springs = spring_state(springs, rest_lengths, coordinates, law)
     if _stressed(springs, tolerance):
         return linear_response(springs, V)
-    faces = springs.faces if isinstance(springs, Tissue) else None
-    return response_at_rest(springs.network, springs.coordinates, V, faces)
+    return response_at_rest(springs.network, springs.coordinates, V, springs.faces)
 
 
-def _stressed(state: ElasticState, tolerance: float) -> bool:
+def _stressed(state: SpringState, tolerance: float) -> bool:
     """Whether springs in equilibrium are under stress.  Raises `InputError` when the forces do not balance."""
     scale = state.stiffness_scale * state.length_scale
     if state.max_force > tolerance * scale:
@@ -108,6 +109,15 @@ def _at_transition(critical: CriticalConfiguration, volume: float, roundings: in
     if _one_self_stress(critical):
         return _of_one_self_stress(elasticity_at_transition(critical, volume, roundings), critical.residual)
     return response_at_rest(critical.network, critical.coordinates, volume)
+
+
+def _of_tissue(tissue: CriticalTissue, volume: float) -> ResponseAtRest:
+    """The response of the perimeters in tension, at rest where these have several self-stresses."""
+    critical, tense = tissue.configuration, tissue.face_tensions > SLACK_FACE * tissue.face_tensions.max()
+    faces = FaceSprings(tissue.faces.sides[tense], tissue.faces.stiffness[tense])
+    if faces.several_self_stresses(critical.network, critical.bond_vectors):
+        return response_at_rest(critical.network, critical.coordinates, volume, faces)
+    return _of_one_self_stress(tissue_at_transition(tissue, volume), critical.residual)
 
 
 def _of_one_self_stress(value: Elasticity, residual: float) -> ResponseAtRest:

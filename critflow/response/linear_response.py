@@ -26,7 +26,7 @@ from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elast
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.minimum import stability_of
 from critflow.springs.newton import FLOPPY_SHIFT
-from critflow.springs.state import ElasticState
+from critflow.springs.state import SpringState
 
 # Corrections of a relaxation below this part of it have converged; largest number of corrections.
 _CONVERGED, _MOST_CORRECTIONS = 0.05, 4
@@ -48,7 +48,7 @@ class LinearResponse(Solution[Elasticity]):
 
 
 def linear_response(
-    state: ElasticState,
+    state: SpringState,
     volume: float,
     pattern: FixedPattern | None = None,
     exact: bool = False,
@@ -165,7 +165,7 @@ class _Responses:
 
 
 def _change_to_equilibrium(
-    state: ElasticState, factor: Factor, found: _Responses, floppy: bool, volume: float, strains: tuple[int, ...]
+    state: SpringState, factor: Factor, found: _Responses, floppy: bool, volume: float, strains: tuple[int, ...]
 ) -> Errors | None:
     """Twice the change of the elasticity up to the exact equilibrium; None where that is not found."""
     correction = state.exact_displacement(factor, regularised=floppy)
@@ -175,7 +175,7 @@ def _change_to_equilibrium(
     apart = np.abs(correction.bond_vectors - state.bond_vectors)
     if not (apart > EPS * state.lengths[:, None]).any():
         return Errors.known(np.zeros_like(here.tensor), 0.0, 0.0, 0.0)
-    moved = replace(state, bond_vectors=correction.bond_vectors)  # type: ignore[type-var]
+    moved = replace(state, bond_vectors=correction.bond_vectors)
     responses = _responses(moved, factor, volume, strains)
     if not responses.converged:
         return None
@@ -188,7 +188,7 @@ def _change_to_equilibrium(
     )
 
 
-def _responses(state: ElasticState, factor: Factor, volume: float, strains: tuple[int, ...]) -> _Responses:
+def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple[int, ...]) -> _Responses:
     """The responses to some rows of `unit_strains` by a factor of the Hessian, refined until corrections are small.
 
     The first of them is the dilation, the last one the last shear.
@@ -266,7 +266,7 @@ def _contraction(energy: Array, before: Array) -> float:
     return float(min(1.0, _CONTRACTION_MARGIN * np.sqrt(ratio)))
 
 
-def _rounding(state: ElasticState, speed: Array, u: Array, tension: Array) -> tuple[Array, Array]:
+def _rounding(state: SpringState, speed: Array, u: Array, tension: Array) -> tuple[Array, Array]:
     """Rounding errors of V C_ab, (m, m), and the parts (N_b,) of the first one.
 
     Sources: σ; rates |L̇| (m, N_b) as differences of vertex velocities u (m, n_free, d), which may exceed them; products
@@ -307,7 +307,7 @@ def _largest(vectors: Array) -> Array:
     return np.abs(vectors).reshape(len(vectors), -1).max(axis=1, initial=0.0)
 
 
-def _taut(state: ElasticState) -> bool:
+def _taut(state: SpringState) -> bool:
     """Whether no edge is compressed and no stiffness negative: then no eigenvalue of the Hessian is negative."""
     return bool((state.sigma >= 0).all() and (state.edge_stiffness >= 0).all())
 

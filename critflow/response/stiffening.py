@@ -11,7 +11,9 @@ Those of dilation are the C_B and C_G of `moduli`, with M = B/(1 + γ)² and so 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,20 +21,26 @@ from critflow.arguments import checked
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.transition import dilation, pure_shear
-from critflow.linalg.saddle import CondensedSaddle, Saddle
+from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array
 from critflow.precision.residual import exact_displacement
 from critflow.response.tensor import TRUSTED_ERROR
 from critflow.response.third_order import ThirdOrderEnergy, Triple
+from critflow.response.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises
 from critflow.rigidity.uniqueness import require_only_self_stress
 from critflow.springs.laws import HOOKEAN, SpringLaw
+from critflow.springs.tissue import CriticalTissue
 
 # Largest relative residual of the linear system of the stiffening coefficients; a regular system leaves 1e-14.
 CONSISTENT_RESPONSE = 1e-9
 NO_WORK = 100.0  # A strain that does less work on the self-stress than this number times its rounding does none
+# Unbalanced force of a critical tissue over its mean tension, from which exact balance is a small correction.
+BALANCED_TISSUE = 1e-8
+# Errors of a tissue are the largest change in two samples of perturbed bond vectors, times ten.
+_SAMPLES, _SAMPLE_MARGIN = 2, 10.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +75,7 @@ NO_STIFFENING = Stiffening(*[np.nan] * 7)
 
 @checked
 def stiffening(
-    critical: CriticalConfiguration,
+    critical: CriticalConfiguration | CriticalTissue,
     throw: bool = True,
     *,
     law: SpringLaw = HOOKEAN,
@@ -85,6 +93,9 @@ def stiffening(
     deformation  what `deformation_of` accepts; antisymmetric parts of A rotate the network and change no modulus
                  to first order but G, whose axes do not rotate
     manifold     of the network, whose patterns are made here by default; given for many configurations of one network
+
+    Springs on perimeters of faces, of `critical_from_perimeters`, have the same coefficients by `tissue_energy`; their
+    errors are ten times the largest change in two samples of bond vectors perturbed by their errors.
 
     Slack edges, σ = 0, resist nothing; disconnected taut parts add up.  The value is that of the configuration in exact
     balance under the floating-point σ, found from the given coordinates in extended precision.
@@ -105,6 +116,9 @@ def stiffening(
     >>> round(found.C_B / found.bulk_0, 6)  # −1/2 of springs as stiff as their stress
     -0.5
     """
+    if isinstance(critical, CriticalTissue):
+        solution = _of_tissue(critical, law, deformation_of(deformation, critical.network.dimension))
+        return solution.or_raise("no stiffening coefficients") if throw else solution
     if manifold is not None:
         critical = replace(critical, network=critical.springs_of(manifold.network))
     path = deformation_of(deformation, critical.network.dimension)
@@ -138,13 +152,19 @@ def _stiffening(
     if not np.isfinite(balance.remainder):
         return _failed(Status.ill_conditioned, "rounding hides which configuration balances this stress exactly")
 
-    found = _coefficients(network, critical.sigma, balance.bond_vectors, system, law, path)
+    found = _coefficients(
+        partial(ThirdOrderEnergy, network, critical.sigma, balance.bond_vectors, system, law), network.volume, path
+    )
+    return _judged(found, network.volume)
+
+
+def _judged(found: _Coefficients, volume: float) -> StiffeningSolution:
+    """The coefficients with the status that their residual, work and errors allow."""
     energy, value = found.energy, found.value
     residual = max(response.residual for response in energy.responses)
     coefficients = (value.C_B, value.C_G, value.C)[: len(energy.third)]
     condition = max(
-        change / network.volume / max(abs(C), 1e-300)
-        for change, C in zip(energy.sensitivity, coefficients, strict=True)
+        change / volume / max(abs(C), 1e-300) for change, C in zip(energy.sensitivity, coefficients, strict=True)
     )
     stats = Stats("exact", 1, residual=residual, condition=condition, error_bound=found.error)
     if not residual < CONSISTENT_RESPONSE:
@@ -167,21 +187,23 @@ def _stiffening(
 class _Coefficients:
     """Coefficients with their errors, the energy behind them, and the index of γ among its strains."""
 
-    energy: ThirdOrderEnergy
+    energy: ThirdOrderEnergy | TissueEnergy
     gamma: int
     value: Stiffening
     error: Stiffening
 
 
 def _coefficients(
-    network: Network, sigma: Array, L: Array, system: Saddle | CondensedSaddle, law: SpringLaw, path: Deformation
+    energy_of: Callable[[Sequence[Array], Sequence[Triple]], ThirdOrderEnergy | TissueEnergy],
+    volume: float,
+    path: Deformation,
 ) -> _Coefficients:
     """Those of a dilation δ, a shear ε and the path γ of the strained network.
 
     Where the path is the dilation of the paper its response serves δ too: volumes multiply, so that
     E_δδγ = E_γγγ + 2 E_γγ.
     """
-    d, V, A, shear = network.dimension, network.volume, path.rate(0.0), pure_shear(network.dimension)
+    d, V, A, shear = path.dimension, volume, path.rate(0.0), pure_shear(path.dimension)
     dilates, growth = _dilates(path), float(np.trace(A))
     gamma = 0 if dilates else 2
     along, sheared = Triple.cubed(gamma, path.second_rate(0.0)), Triple.squared(1, gamma, 0 * A, shear @ A)
@@ -190,7 +212,7 @@ def _coefficients(
     else:
         dilated = Triple.squared(0, gamma, (1 / d) * (1 / d - 1) * np.eye(d), A / d)
         strains, triples, weights = [dilation(d), shear, A], [dilated, sheared, along], [growth, growth, growth]
-    energy = ThirdOrderEnergy(network, sigma, L, system, law, strains, triples)
+    energy = energy_of(strains, triples)
     thirds, third_errors = ([*values, values[0]][:3] for values in (energy.third, energy.third_error))
     bulk_0, shear_0, modulus_0 = zeroth = [energy.second(a, a) / V for a in (0, 1, gamma)]
     bulk_0_error, shear_0_error, modulus_0_error = errors = [energy.second_error(a, a) / V for a in (0, 1, gamma)]
@@ -207,6 +229,34 @@ def _coefficients(
             bulk_0_error, shear_0_error, C_B_error, C_G_error, C_G_error + pressure_error, modulus_0_error, C_error
         ),
     )
+
+
+def _of_tissue(tissue: CriticalTissue, law: SpringLaw, path: Deformation) -> StiffeningSolution:
+    """The coefficients of springs on perimeters."""
+    if law != HOOKEAN:
+        raise InputError("springs on perimeters are Hookean: leave out law=")
+    if path.free:
+        return _failed(Status.floppy, "free components of the cell relax the tensions of a tissue: fix the cell")
+    if not ((tissue.face_tensions > 0).all() and tissue.configuration.residual < BALANCED_TISSUE):
+        raise InputError("faces without tension and edges without length leave no response: change the perimeters")
+    system, errors = balanced_system(tissue)
+    if tissue.faces.several_self_stresses(tissue.network, system.bond_vectors):
+        raise InputError(
+            "this requires one self-stress and the perimeters have several: follow strain_path() and fit its moduli"
+        )
+    if system.soft:
+        return _failed(Status.unstable, "the tensions of the faces do not stabilise all zero modes")
+    V, rng = tissue.network.volume, np.random.default_rng(0)
+    found = _coefficients(partial(TissueEnergy, system), V, path)
+    samples = []
+    for _ in range(_SAMPLES):
+        noise = (errors * rng.standard_normal(errors.shape))[:, None]
+        other = PerimeterSystem(tissue, system.tensions, system.bond_vectors * (1 + noise))
+        there = _coefficients(partial(TissueEnergy, other), V, path).value
+        samples.append(np.abs(np.subtract(astuple(there), astuple(found.value))))
+    changes = _SAMPLE_MARGIN * (np.max(samples, axis=0) + EPS * np.abs(astuple(found.value)))
+    error = Stiffening(*map(float, changes))
+    return _judged(replace(found, error=error), V)
 
 
 def _dilates(path: Deformation) -> bool:

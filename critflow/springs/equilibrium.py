@@ -17,7 +17,7 @@ from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.minimize import Fire, Function, Point, minimise
 from critflow.springs.minimum import compressed_edges, minimum_factor, stability_of
 from critflow.springs.newton import FLOPPY_SHIFT, newton
-from critflow.springs.state import ElasticState, State
+from critflow.springs.state import SpringState, State
 
 # Newton's method never stops at a larger force: corrections by one factor then converge to the exact equilibrium, and
 # convergence is quadratic, so the last digits cost one step.
@@ -169,7 +169,8 @@ def _by_fire(state: State, pattern: FixedPattern, tolerance: float, max_steps: i
 def _with_collapse(failed: Equilibrium[State]) -> Equilibrium[State]:
     """A failed relaxation, with `Status.edge_collapse` where the reason is an edge that shrinks to zero length."""
     state, length = failed.value, failed.value.lengths
-    if not (state.edges_may_collapse and length.min() < COLLAPSING_LENGTH * length.mean()):
+    # Perimeters resist no change of the length of a single edge.
+    if state.faces is None or not length.min() < COLLAPSING_LENGTH * length.mean():
         return failed
     note = f"edge {int(length.argmin())} shrinks to zero length, where its tension has no direction"
     return replace(failed, status=Status.edge_collapse, note=note)
@@ -233,7 +234,7 @@ def as_minimum(solution: Equilibrium[State], status: Status, note: str) -> Equil
     return replace(solution, status=status, note=note, stats=replace(solution.stats, error_bound=np.inf))
 
 
-def _correction(state: ElasticState, pattern: FixedPattern, factor: Factor | None) -> tuple[Displacement, Factor]:
+def _correction(state: SpringState, pattern: FixedPattern, factor: Factor | None) -> tuple[Displacement, Factor]:
     """The correction to the exact equilibrium, and the factor used: the first of three that makes corrections shrink.
 
     factor  of the Hessian near the state, if there is one

@@ -21,7 +21,7 @@ from critflow.result import Stats, Status
 from critflow.springs.equilibrium import NEWTON_STEPS, Equilibrium, as_minimum, with_bounds
 from critflow.springs.minimum import ROUNDING_COMPRESSION, stability_of
 from critflow.springs.newton import FLOPPY_SHIFT, newton
-from critflow.springs.state import SpringState
+from critflow.springs.state import EdgeMatrix, SpringState, times
 
 # Strain of the cell by the stress that is left, above which nothing fixes its free components.  In a cell that cables
 # pull flat the remaining step is the whole of what is left, 1; where they are fixed it is rounding over a stiffness.
@@ -52,11 +52,11 @@ class FreeCellState(SpringState):
     def of(cls, springs: SpringState, stretch: Array, strains: Array) -> FreeCellState:
         """The same springs with components of the cell free, which have the stretches q."""
         parts = (springs.network, springs.rest_lengths, springs.coordinates, springs.bond_vectors, springs.law)
-        return cls(*parts, stretch=stretch, strains=strains)
+        return cls(*parts, springs.faces, stretch=stretch, strains=strains)
 
     def springs_of(self, network: Network) -> SpringState:
         """The springs alone, in a network whose cell has the rounding of one deformation, not of many."""
-        return SpringState(network, self.rest_lengths, self.coordinates, self.bond_vectors, self.law)
+        return SpringState(network, self.rest_lengths, self.coordinates, self.bond_vectors, self.law, self.faces)
 
     @cached_property
     def rates(self) -> Array:
@@ -110,10 +110,10 @@ class FreeCellState(SpringState):
     def factorize_convex(self, pattern: FixedPattern, shift: float) -> BorderedFactor:
         return self.bordered(super().factorize_convex(pattern, shift), *self.convex_parts(), shift)
 
-    def bordered(self, vertices: Factor, axial: Array, isotropic: Array, shift: float = 0.0) -> BorderedFactor:
-        """The factor for vertices and cell, from one for the vertices, of the stiffness c L Lᵀ + t 1 of each edge."""
+    def bordered(self, vertices: Factor, axial: EdgeMatrix, isotropic: Array, shift: float = 0.0) -> BorderedFactor:
+        """The factor for vertices and cell, from one for the vertices, of the stiffness c L Lᵀ + t 1 of the edges."""
         L, V = self.bond_vectors, self._stretches() / self.unit
-        TV = (axial * np.einsum("ad,mad->ma", L, V))[:, :, None] * L + isotropic[:, None] * V
+        TV = times(axial, np.einsum("ad,mad->ma", L, V))[:, :, None] * L + isotropic[:, None] * V
         X = np.stack([(self.network.divergence @ one).ravel() for one in TV], axis=1)
         C = np.einsum("mad,nad->mn", V, TV) + shift * np.eye(len(V))
         return BorderedFactor(vertices, X, C, float(np.sum(np.abs(V) * np.abs(TV))))

@@ -20,7 +20,7 @@ from critflow.linalg.matrices import spread_columns
 from critflow.networks.network import Array
 from critflow.result import Record, Solution, SolveError, Stats, Status
 from critflow.springs.newton import FLOPPY_SHIFT
-from critflow.springs.state import SpringState
+from critflow.springs.state import EdgeMatrix, SpringState
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,18 +28,19 @@ class HessianSplit(Record):
     """H = response ᵀ · diag(stiffness) · response + prestress, over the free coordinates in the order (vertex, axis).
 
     response   R^h or R̃, sparse (N_b, d·n_free)
-    stiffness  K or k, (N_b,)
+    stiffness  K or k, (N_b,), or sparse (N_b, N_b) where springs couple edges
     prestress  P ⊗ 1 or P̃, sparse (d·n_free)²
     """
 
     response: sp.csr_array
-    stiffness: Array
+    stiffness: EdgeMatrix
     prestress: sp.csr_array
 
     @property
     def gram(self) -> sp.csr_array:
         """Rᵀ K R, the resistance to stretching, sparse (d·n_free)²."""
-        return sp.csr_array(self.response.T @ sp.diags_array(self.stiffness) @ self.response)
+        k = self.stiffness if sp.issparse(self.stiffness) else sp.diags_array(self.stiffness)
+        return sp.csr_array(self.response.T @ k @ self.response)
 
     @property
     def hessian(self) -> sp.csr_array:
@@ -59,10 +60,13 @@ def geometric_split(state: SpringState) -> HessianSplit:
 
 @checked
 def hookean_split(state: SpringState) -> HessianSplit:
-    """H = R̃ᵀ k R̃ + P̃ with k = K|L|² + σ, the stiffness of any law (`HookeanPrestressMatrix`)."""
+    """H = R̃ᵀ k R̃ + P̃ with k = K|L|² + σ, the stiffness of any law, Aᵀ κ A of faces (`HookeanPrestressMatrix`)."""
     geometric = geometric_split(state)
     R = sp.csr_array(sp.diags_array(1 / state.lengths) @ geometric.response)
-    stiffness = state.modified_stiffness * state.lengths**2 + state.sigma
+    if state.faces is None:
+        stiffness: EdgeMatrix = state.modified_stiffness * state.lengths**2 + state.sigma
+    else:
+        stiffness = state.faces.overlap
     prestress = sp.csr_array(geometric.prestress - R.T @ sp.diags_array(state.sigma) @ R)
     return HessianSplit(R, stiffness, prestress)
 

@@ -12,7 +12,7 @@ from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array
 from critflow.result import Status
-from critflow.springs.state import ElasticState
+from critflow.springs.state import SpringState
 
 ROUNDING_COMPRESSION, HESSIAN_ROUNDING = 16, 1e-14  # A stress −σ below this number of its roundings may be rounding
 
@@ -25,23 +25,23 @@ _ITERATIONS = 3
 _MOST_MODES = 4
 
 
-def compressed_edges(state: ElasticState) -> Array:
+def compressed_edges(state: SpringState) -> Array:
     """|σ| (N_b,) of edges that are compressed by more than rounding, 0 for all others."""
     return np.where(state.sigma < -ROUNDING_COMPRESSION * state.stress_rounding, -state.sigma, 0.0)
 
 
-def rounding_stiffness(state: ElasticState) -> float:
+def rounding_stiffness(state: SpringState) -> float:
     """Size δ of eigenvalues of the Hessian that rounding may change in sign."""
     return HESSIAN_ROUNDING * state.largest_stiffness
 
 
-def minimum_factor(state: ElasticState, pattern: FixedPattern) -> Factor | None:
+def minimum_factor(state: SpringState, pattern: FixedPattern) -> Factor | None:
     """A factor of H − δ, if that is positive definite: the state is then a minimum."""
     factor = state.factorize(pattern, -rounding_stiffness(state))
     return factor if factor.sound and not factor.n_negative else None
 
 
-def stability_of(state: ElasticState, pattern: FixedPattern) -> tuple[Status, str]:
+def stability_of(state: SpringState, pattern: FixedPattern) -> tuple[Status, str]:
     """`ok` for a minimum, `unstable` for a saddle, `undecided` where rounding hides which, with the reason.
 
     Eigenvalues within rounding of zero count as zero if they are floppy modes, which no compressed edge softens.

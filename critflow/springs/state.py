@@ -1,31 +1,34 @@
 """Springs past the transition: their energy, forces and Hessian in a configuration.
 
 Any energy E of the lengths has σ = ∂E/∂h, K = ∂²E/∂h² with h = |L|²/2, and the Hessian R^hᵀ K R^h + P(σ) ⊗ 1
-(`GenericHessian`).  Springs of one law each have a diagonal K: σ_α = E'/|L| and K_α = (E'' − σ_α)/|L_α|²
-(`ForceDensity`, `ModifiedStiffness`); Hookean ones E = ½ Σ k(|L| − ℓ)² (`HookeanEnergy`).
+(`GenericHessian`).  Springs of one law on the edges have a diagonal K: σ_α = E'/|L| and K_α = (E'' − σ_α)/|L_α|²
+(`ForceDensity`, `ModifiedStiffness`); Hookean ones E = ½ Σ k(|L| − ℓ)² (`HookeanEnergy`).  Hookean springs on the
+perimeters of faces, E = ½ Σ κ(p − p0)², couple the edges of each face (`face_springs`).
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from functools import cache, cached_property
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
-from critflow.linalg.matrices import block_laplacian, edge_blocks
+from critflow.linalg.matrices import block_laplacian, edge_blocks, pair_laplacian
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import norms
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.precision.double_double import Extended, difference_of_squares
+from critflow.precision.double_double import Extended, difference_of_squares, lengths
+from critflow.precision.geometry import exact_sums
 from critflow.precision.residual import Displacement, exact_displacement
 from critflow.result import InputError, Record
+from critflow.springs.face_springs import FaceSprings
 from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
 
 # Where every stress σ is larger, in units of k, the Hessian is at least that multiple of the Laplacian of the network,
@@ -34,69 +37,167 @@ TAUT = 1e-7
 # Cached values that do not depend on the configuration.
 _MEANS = ("length_scale", "mean_stiffness")
 
+EdgeMatrix: TypeAlias = Array | sp.coo_array
+"""A symmetric matrix over edges: its diagonal (N_b,), or all of it (N_b, N_b) sparse."""
 
-class ElasticState(Record, ABC):
-    """A configuration with an energy that depends on lengths alone: coordinates x (N_v, d), bond vectors L (N_b, d).
+
+def times(matrix: EdgeMatrix, values: Array) -> Array:
+    """The product of a matrix over edges with values (..., N_b)."""
+    return matrix * values if isinstance(matrix, np.ndarray) else np.asarray((matrix @ values.T).T)
+
+
+@dataclass(frozen=True, eq=False)
+class SpringState(Record):
+    """Springs in a configuration: rest lengths ℓ (N_b,), coordinates x (N_v, d), bond vectors L (N_b, d), their law.
 
     L is stored in addition to x: it has a relative rounding, while differences of coordinates have the rounding of the
     box size, which near the transition exceeds the extensions that cause the forces.
+
+    faces  whose perimeters (N_f,) are the springs, of rest lengths p0 (N_f,) and Hookean; None: the edges are
     """
 
     network: Network
+    rest_lengths: Array
     coordinates: Array
     bond_vectors: Array
-    # Whether an edge may shrink to zero length, because no energy resists a change of its length alone.
-    edges_may_collapse: ClassVar[bool] = False
+    law: SpringLaw = HOOKEAN
+    faces: FaceSprings | None = None
+
+    # Springs: one for each edge, or for each face.
 
     @property
-    @abstractmethod
+    def stiffness(self) -> Array:
+        """k of the springs, (N_b,) or κ (N_f,)."""
+        return self.network.stiffness if self.faces is None else self.faces.stiffness
+
+    @property
+    def spring_lengths(self) -> Array:
+        """|L| (N_b,), or perimeters p = A|L| (N_f,)."""
+        return self.lengths if self.faces is None else self.faces.sides @ self.lengths
+
+    @cached_property
+    def extension(self) -> Array:
+        """|L| − ℓ (N_b,), or p − p0 (N_f,)."""
+        return self.spring_lengths - self.rest_lengths
+
+    @property
+    def tension(self) -> Array:
+        """E' of the springs, (N_b,) or T (N_f,)."""
+        return self.law.tension(self.extension, self.rest_lengths, self.stiffness)
+
+    @property
+    def spring_stiffness(self) -> Array:
+        """E'' of the springs, (N_b,) or (N_f,)."""
+        return self.law.stiffness(self.extension, self.rest_lengths, self.stiffness)
+
+    @cached_property
     def energy(self) -> float:
-        """E; infinite where an edge is longer than it can be."""
+        """E, the sum over the springs (`EnergyConstraints`); infinite where one is longer than it can be."""
+        return float(np.sum(self.law.energy(self.extension, self.rest_lengths, self.stiffness)))
 
-    @property
-    @abstractmethod
+    # Edges: their stress, and the matrix K that couples them.
+
+    @cached_property
     def sigma(self) -> Array:
-        """Geometric stress σ = ∂E/∂h, (N_b,), not normalised."""
+        """Geometric stress σ = ∂E/∂h = τ/|L|, (N_b,), not normalised."""
+        return self.edge_tension(self.tension) / self.lengths
+
+    def edge_tension(self, tension: Array) -> Array:
+        """τ (N_b,) of tensions of the springs, τ = Aᵀ T."""
+        return tension if self.faces is None else self.faces.sides.T @ tension
 
     @property
-    @abstractmethod
     def edge_stiffness(self) -> Array:
-        """Stiffnesses (N_b,) that bound the resistance of the edges to a change of |L|."""
+        """Stiffnesses (N_b,) that bound the resistance of the edges to a change of |L|; E'' of springs on edges."""
+        if self.faces is None:
+            return self.spring_stiffness
+        # A matrix without negative entries is at most the diagonal of its row sums.
+        return np.asarray(self.faces.overlap.sum(axis=1))
 
     @property
-    @abstractmethod
-    def stiffness_scale(self) -> float:
-        """Mean stiffness times the largest factor of stiffening of an edge; times a length, the unit of force."""
+    def modified_stiffness(self) -> EdgeMatrix:
+        """K = ∂²E/∂h∂h: its diagonal (E'' − σ)/|L|² (N_b,) for springs on edges, else (N_b, N_b)."""
+        return self.couplings(self.edge_stiffness, self.sigma)
 
-    @property
-    @abstractmethod
-    def length_scale(self) -> float:
-        """Mean length at rest."""
+    def convex_parts(self) -> tuple[EdgeMatrix, Array]:
+        """K and σ without the geometric softening of compressed edges, σ < 0, and without negative E''."""
+        tension = np.maximum(self.sigma, 0.0)
+        return self.couplings(np.maximum(self.edge_stiffness, 0.0), tension), tension
 
-    @property
-    @abstractmethod
-    def stress_rounding(self) -> Array:
-        """Rounding error of σ, (N_b,), a difference of lengths and bond vectors that are rounded."""
+    def couplings(self, stiffness: Array, sigma: Array) -> EdgeMatrix:
+        """K of stresses σ (N_b,), and of E'' (N_b,) for springs on edges."""
+        if self.faces is None:
+            return (stiffness - sigma) / self.lengths**2
+        pairs, length = self.faces.overlap, self.lengths
+        values = pairs.data / (length[pairs.row] * length[pairs.col])
+        same = pairs.row == pairs.col
+        values[same] -= (sigma / length**2)[pairs.row[same]]
+        return sp.coo_array((values, (pairs.row, pairs.col)), shape=pairs.shape)
 
-    @abstractmethod
-    def exact_stress(self, bond_vectors: Extended) -> Array:
-        """σ (N_b,) of other bond vectors (N_b, d), accurate to the rounding of σ itself."""
-
-    @abstractmethod
     def resistance(self, hdot: Array) -> Array:
         """K ḣ for changes ḣ of h, both (m, N_b)."""
+        return times(self.modified_stiffness, hdot)
 
-    @abstractmethod
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, of this state and all others of the same graph."""
+        if self.faces is None:
+            return block_laplacian(self.network)
+        return pair_laplacian(self.network, (self.faces.overlap.row, self.faces.overlap.col))
 
-    @abstractmethod
     def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
         """Factorise H + shift·1."""
+        return pattern.factorize(self.blocks(self.modified_stiffness, self.sigma), shift)
 
-    @abstractmethod
     def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
-        """Factorise the convex part of H, without the geometric softening of compressed edges, plus shift·1."""
+        """Factorise the convex part of H plus shift·1."""
+        return pattern.factorize(self.blocks(*self.convex_parts()), shift)
+
+    def blocks(self, K: EdgeMatrix, sigma: Array) -> Array:
+        """Values for the pattern of K L Lᵀ + σ 1."""
+        L = self.bond_vectors
+        if isinstance(K, np.ndarray):
+            return edge_blocks(K, L, sigma)
+        blocks = K.data[:, None, None] * L[K.row, :, None] * L[K.col, None, :]
+        same = np.flatnonzero(K.row == K.col)
+        blocks[same] += sigma[K.row[same], None, None] * np.eye(L.shape[1])
+        return np.asarray(blocks.ravel())
+
+    # Units and roundings.
+
+    @property
+    def stiffness_scale(self) -> float:
+        """Mean stiffness times the largest factor of stiffening of a spring; times a length, the unit of force."""
+        k, now = self.stiffness, self.spring_stiffness
+        # The forces of stiffened springs have larger rounding errors.
+        return self.mean_stiffness * (1.0 if now is k else max(1.0, float(np.max(now / k))))
+
+    @cached_property
+    def mean_stiffness(self) -> float:
+        """⟨k⟩."""
+        return float(self.stiffness.mean())
+
+    @cached_property
+    def length_scale(self) -> float:
+        """Mean length at rest."""
+        return float(self.rest_lengths.mean())
+
+    @property
+    def stress_rounding(self) -> Array:
+        """Rounding error of σ, (N_b,), a difference of lengths and bond vectors that are rounded."""
+        if self.faces is None:
+            return EPS * self.edge_stiffness
+        return EPS * self.edge_tension(self.stiffness * self.spring_lengths) / self.lengths
+
+    def exact_stress(self, bond_vectors: Extended) -> Array:
+        """σ (N_b,) of other bond vectors (N_b, d), accurate to the rounding of σ itself."""
+        rest = self.rest_lengths
+        if self.faces is None:
+            length = norms(bond_vectors.high)
+            extension = difference_of_squares(bond_vectors, rest) / (length + rest)
+        else:
+            exact = lengths(bond_vectors)
+            length, extension = exact.high, exact_sums(self.faces.sides, exact, rest)
+        return self.edge_tension(self.law.tension(extension, rest, self.stiffness)) / length
 
     @cached_property
     def lengths(self) -> Array:
@@ -121,8 +222,22 @@ class ElasticState(Record, ABC):
 
     @property
     def taut(self) -> bool:
-        """Whether the Hessian is certainly positive definite: it is not less than P(σ), of a connected network."""
-        return bool(self.sigma.min() > TAUT * self.stiffness_scale and self.edge_stiffness.min() >= 0)
+        """Whether the Hessian is certainly positive definite: it is not less than P(σ), of a connected network.
+
+        Perimeters leave that of a single edge's length open.
+        """
+        tense = self.faces is None and self.sigma.min() > TAUT * self.stiffness_scale
+        return bool(tense and self.edge_stiffness.min() >= 0)
+
+    @property
+    def unique(self) -> bool:
+        """Whether an equilibrium is certainly the global minimum, on the branch formed by all states in tension.
+
+        Replace each spring by a cable of the same law with zero energy below ℓ: the energy is then convex, also in the
+        components of the cell, and nowhere above that of the springs.  An equilibrium without compressed springs is its
+        minimum, where both energies are equal.
+        """
+        return self.law.convex and (self.law.one_sided or bool((self.extension >= 0).all()))
 
     def edge_rates(self, motion: Array) -> Array:
         """Changes (N_b, d) of the bond vectors by a motion, of as many components as `forces`."""
@@ -162,100 +277,18 @@ class ElasticState(Record, ABC):
     def placed(self: State, coordinates: Array, bond_vectors: Array, network: Network | None = None) -> State:
         """The same springs elsewhere: as `replace`, which takes longer, with the cached means of the springs."""
         there, here = object.__new__(type(self)), self.__dict__
-        there.__dict__.update((name, here[name]) for name in (*_names(type(self)), *_MEANS) if name in here)
+        there.__dict__.update((name, here[name]) for name in (*_names(type(self)), *_MEANS) if name in here)  # type: ignore[arg-type]
         there.__dict__.update(coordinates=coordinates, bond_vectors=bond_vectors, network=network or self.network)
         return there
 
 
-State = TypeVar("State", bound=ElasticState)
+State = TypeVar("State", bound=SpringState)
 
 
 @cache
 def _names(kind: type[Any]) -> tuple[str, ...]:
     """Names of the fields of a class of states."""
     return tuple(field.name for field in fields(kind))
-
-
-@dataclass(frozen=True, eq=False)
-class SpringState(ElasticState):
-    """Springs in a configuration: rest lengths ℓ (N_b,), coordinates x (N_v, d), bond vectors L (N_b, d), their law."""
-
-    network: Network
-    rest_lengths: Array
-    coordinates: Array
-    bond_vectors: Array
-    law: SpringLaw = HOOKEAN
-
-    @cached_property
-    def extension(self) -> Array:
-        """|L| − ℓ, (N_b,)."""
-        return self.lengths - self.rest_lengths
-
-    @cached_property
-    def energy(self) -> float:
-        """E, the sum over the springs (`EnergyConstraints`), in units of k times length squared."""
-        return float(np.sum(self.law.energy(self.extension, self.rest_lengths, self.network.stiffness)))
-
-    @cached_property
-    def sigma(self) -> Array:
-        """Geometric stress σ = ∂E/∂h = E'/|L|, (N_b,), not normalised."""
-        return self.law.tension(self.extension, self.rest_lengths, self.network.stiffness) / self.lengths
-
-    @property
-    def edge_stiffness(self) -> Array:
-        """E'', (N_b,)."""
-        return self.law.stiffness(self.extension, self.rest_lengths, self.network.stiffness)
-
-    @cached_property
-    def modified_stiffness(self) -> Array:
-        """K = ∂²E/∂h² = (E'' − σ)/|L|², (N_b,)."""
-        return (self.edge_stiffness - self.sigma) / self.lengths**2
-
-    @property
-    def stiffness_scale(self) -> float:
-        k, now = self.network.stiffness, self.edge_stiffness
-        # The forces of stiffened edges have larger rounding errors.
-        return self.mean_stiffness * (1.0 if now is k else max(1.0, float(np.max(now / k))))
-
-    @cached_property
-    def mean_stiffness(self) -> float:
-        """⟨k⟩."""
-        return float(self.network.stiffness.mean())
-
-    @cached_property
-    def length_scale(self) -> float:
-        return float(self.rest_lengths.mean())
-
-    @property
-    def stress_rounding(self) -> Array:
-        return EPS * self.edge_stiffness
-
-    def exact_stress(self, bond_vectors: Extended) -> Array:
-        rest = self.rest_lengths
-        length = norms(bond_vectors.high)
-        extension = difference_of_squares(bond_vectors, rest) / (length + rest)
-        return self.law.tension(extension, rest, self.network.stiffness) / length
-
-    def resistance(self, hdot: Array) -> Array:
-        return self.modified_stiffness * hdot
-
-    def pattern(self) -> FixedPattern:
-        return block_laplacian(self.network)
-
-    def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
-        return pattern.factorize(edge_blocks(self.modified_stiffness, self.bond_vectors, self.sigma), shift)
-
-    def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
-        axial, isotropic = self.convex_parts()
-        return pattern.factorize(edge_blocks(axial, self.bond_vectors, isotropic), shift)
-
-    def convex_parts(self) -> tuple[Array, Array]:
-        """(N_b,) each: c and t of the convex part c L Lᵀ + t 1 = E'' n nᵀ + max(σ, 0)(1 − n nᵀ) of every edge.
-
-        The softening by compressed edges, σ < 0, is left out.
-        """
-        tension = np.maximum(self.sigma, 0.0)
-        return (np.maximum(self.edge_stiffness, 0.0) - tension) / self.lengths**2, tension
 
 
 @checked

@@ -1,4 +1,4 @@
-"""Weak energies U(x, F) beside springs: angles between edges, soft springs, loads, and functions of a user's own.
+"""Weak energies U(x, F) that add to springs: angles between edges, soft springs, loads, functions of a user's own.
 
 A function of the coordinates x (N_v, d), in the cell deformed by F (d, d), gives U, ∂U/∂x (N_v, d) and ∂²U/∂x∂x, sparse
 (d·N_v)² in the order (vertex, axis).  Energies of this module are sums of terms over the bond vectors of a graph,

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.linalg.factor import Entries, Factor, FixedPattern
-from critflow.linalg.matrices import block_entries, edge_blocks, n_block_values
+from critflow.linalg.matrices import block_entries, n_block_values
 from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
@@ -72,7 +72,7 @@ class WeakSpringState(SpringState):
         return FixedPattern(H.shape[0], start + H.nnz, [*block_entries(self.network), weak])
 
     def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
-        springs = edge_blocks(self.modified_stiffness, self.bond_vectors, self.sigma)
+        springs = self.blocks(self.modified_stiffness, self.sigma)
         values = np.concatenate([springs, sp.coo_array(self._weak[2]).data])
         if len(values) != pattern.n_sources:
             raise InputError("the Hessian of a weak energy keeps its pattern: store its zeros too")
@@ -145,7 +145,10 @@ def weak_equilibrium(
     chosen = (HOOKEAN if (critical.sigma != 0).all() else Cable()) if law is None else law
     chosen = checked_law(chosen, rest, network.stiffness)
     state = WeakSpringState(
-        network, rest, critical.coordinates, critical.bond_vectors, chosen, U, float(kappa), np.eye(network.dimension)
+        *(network, rest, critical.coordinates, critical.bond_vectors, chosen),
+        weak=U,
+        kappa=float(kappa),
+        gradient=np.eye(network.dimension),
     )
     A = path.rate(0.0)
     work = float(critical.sigma @ np.einsum("ad,ad->a", critical.bond_vectors, critical.bond_vectors @ A.T))
@@ -213,7 +216,7 @@ def _equilibria(
         if state is not None:
             energy[n], pulled = (
                 state.energy,
-                state.law.tension(state.extension, state.rest_lengths, state.network.stiffness),
+                state.tension,
             )
             tension[n] = weight @ (pulled / state.network.stiffness)
             stress[n] = _stress(state, path, float(gamma))

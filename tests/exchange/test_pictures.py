@@ -137,7 +137,7 @@ def test_whole_cells_are_faces_and_all_cells_have_sides():
         np.testing.assert_allclose(L.sum(axis=0), 0, atol=1e-12)
         assert tuple(sorted(faces.edges[walk])) in owned
     state = tissue(network, A @ np.linalg.norm(network.bond_vectors(read.positions), axis=1), sides=A)
-    assert state.perimeters.shape == (18,) and draw_network(read.network) is not None
+    assert state.spring_lengths.shape == (18,) and draw_network(read.network) is not None
     # Cells without a label inside a tissue are holes, and no faces.
     hollow = brick_wall()
     hollow[hollow == hollow[30, 35]] = 0

@@ -24,7 +24,6 @@ from critflow import (
     WormLike,
     equilibrium,
     spring_state,
-    tissue,
     voronoi_network,
 )
 from critflow.precision.geometry import exact_bond_vectors, exact_forces
@@ -72,7 +71,9 @@ def test_newton_and_fire_agree_for_every_law(law):
 
 def test_equilibrium_is_scale_invariant():
     start = strained(voronoi_network(20, seed=3), 0.02)
+    before = start.bond_vectors.copy()
     soft = equilibrium(start).value
+    np.testing.assert_array_equal(start.bond_vectors, before)  # the input is not changed
     stiff_network = start.network.with_stiffness(1e6)
     stiff = equilibrium(spring_state(stiff_network, start.rest_lengths, start.coordinates)).value
     np.testing.assert_allclose(stiff.bond_vectors, soft.bond_vectors, rtol=0, atol=1e-12)
@@ -88,14 +89,6 @@ def test_steps_and_failures_are_reported():
             equilibrium(start, method, max_steps=1)
     with pytest.raises(InputError, match="newton"):
         equilibrium(start, "bfgs")
-
-
-def test_relaxation_does_not_change_its_input():
-    start = strained(voronoi_network(20, seed=3), 0.1)
-    before = start.coordinates.copy(), start.bond_vectors.copy()
-    equilibrium(start)
-    np.testing.assert_array_equal(start.coordinates, before[0])
-    np.testing.assert_array_equal(start.bond_vectors, before[1])
 
 
 @pytest.mark.parametrize("method", ["newton", "fire"])
@@ -136,14 +129,16 @@ def test_newton_converges_to_the_exact_equilibrium():
             # Half a rounding of coordinates.
             assert bound <= 2 * np.finfo(float).eps * np.abs(solution.value.coordinates).max(), (name, gamma)
             ratios.append(bound / coordinates)
+            # Few steps in spite of a soft network: stiffness ∝ γ.
+            assert solution.stats.steps <= 12, (name, gamma)
     assert np.median(ratios) < 3
 
 
-@pytest.mark.parametrize("method, tolerance", [("fire", 1e-6), ("fire", 1e-10), ("fire", 1e-13)])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-10, 1e-13])
 @pytest.mark.parametrize("gamma", [0.1, 1e-2, 1e-3])
-def test_error_bounds_of_fire(method, tolerance, gamma):
+def test_error_bounds_of_fire(tolerance, gamma):
     start = strained(SMALL_NETWORKS["voronoi"](), gamma)
-    solution = equilibrium(start, method, tolerance)
+    solution = equilibrium(start, "fire", tolerance)
     assert solution.status is Status.ok
     error, bound = max(errors(solution.value)), solution.stats.error_bound
     assert error <= bound <= 2 * error
@@ -168,34 +163,16 @@ def test_bounds_of_larger_networks(gamma):
         assert error <= solution.stats.error_bound <= 4 * error
 
 
-@pytest.mark.parametrize("method", ["auto", "newton"])
 @pytest.mark.parametrize("n_vertices", [40, 300])
-def test_rough_tolerances_are_not_ill_conditioned(n_vertices, method):
+def test_rough_tolerances_are_not_ill_conditioned(n_vertices):
     network = voronoi_network(n_vertices, seed=1)
     for tolerance in 10.0 ** -np.arange(2, 15):
-        solution = equilibrium(strained(network, 1e-3), method, tolerance)
+        solution = equilibrium(strained(network, 1e-3), tolerance=tolerance)
         assert solution.status is Status.ok, tolerance
         assert solution.stats.method == "newton"
         error = np.abs(exact_correction(solution.value)).max()
         # Newton's method converges to the equilibrium at any tolerance.
         assert error <= solution.stats.error_bound < 4 * np.finfo(float).eps * np.abs(solution.value.coordinates).max()
-
-
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])
-def test_error_bounds_of_rough_fire(tolerance):
-    start = strained(voronoi_network(40, seed=1), 1e-3)
-    solution = equilibrium(start, "fire", tolerance)
-    assert solution.status is Status.ok
-    assert not solution.note
-    exact = equilibrium(start)
-    state = solution.value
-    assert state.max_force < tolerance * state.length_scale
-    error = max(
-        np.abs(state.coordinates - exact.value.coordinates).max(),
-        np.abs(state.bond_vectors - exact.value.bond_vectors).max(),
-    )
-    assert error > 1e-4
-    assert error - exact.stats.error_bound <= solution.stats.error_bound <= 1.01 * error
 
 
 # After a solution that is too rough, such as the start near the transition, Newton's method continues.
@@ -219,18 +196,3 @@ def test_condition_is_that_of_the_hessian():
         H = state.factorize(state.pattern()).multiply(np.eye(state.forces.size))
         assert solution.stats.condition == pytest.approx(np.linalg.cond(H), rel=4)
         assert solution.stats.condition > 0.3 * np.linalg.cond(H)
-
-
-@pytest.mark.parametrize("gamma", [1e-1, 1e-4, 1e-8])
-def test_faces_with_one_side_are_springs(gamma):
-    # Sides of weight 0.3 and targets 0.3 ℓ: sums must be exact also for non-integer weights.
-    network = voronoi_network(12, seed=6)
-    state = strained(network, gamma)
-    sides = 0.3 * np.eye(network.n_edges)
-    faces = tissue(state.network, sides @ state.rest_lengths, state.coordinates, sides=sides)
-    solution = equilibrium(faces)
-    assert solution.status is Status.ok
-    # p0 = 0.3 ℓ is rounded, which displaces the equilibrium by the same order.
-    springs = equilibrium(state).value
-    assert np.abs(solution.value.coordinates - springs.coordinates).max() < 1e-13
-    assert solution.stats.error_bound < 1e-15

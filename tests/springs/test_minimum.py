@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import triangular_lattice
 
-from critflow import CriticalManifold, Network, Status, equilibrium, lattice, spring_state
+from critflow import CriticalManifold, Network, Status, equilibrium, lattice, spring_state, voronoi_network
 from critflow.springs.minimum import minimum_factor
 
 METHODS = ["newton", "fire"]
@@ -77,3 +77,24 @@ def test_a_minimum_is_one_beyond_rounding():
     for stretch, minimum in ((0.1, True), (0.0, False)):
         state = collinear(-stretch)
         assert (minimum_factor(state, state.pattern()) is not None) is minimum
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("size", [1.1, 0.8], ids=["stretched", "compressed"])
+def test_indefinite_start_reaches_a_minimum(size, seed):
+    network = voronoi_network(40, seed=seed)
+    critical = CriticalManifold(network).configuration(np.ones(60))
+    rng = np.random.default_rng(seed)
+    x = critical.coordinates + 0.6 * rng.standard_normal((40, 2))
+    state = spring_state(network, critical.lengths / size, x)
+    pattern = state.pattern()
+    assert state.factorize(pattern).n_negative > 0
+    solution = equilibrium(state)
+    assert solution.status is Status.ok
+    assert solution.value.max_force < 1e-13
+    n = 2 * len(network.free)
+    H = solution.value.factorize(pattern, 1.0).multiply(np.eye(n)) - np.eye(n)
+    # Floppy where it is compressed, so zero modes are allowed; negative ones are not.
+    assert np.linalg.eigvalsh(H).min() > -1e-8
+    if size < 1:
+        assert solution.value.energy < 1e-20

@@ -1,27 +1,41 @@
 """Springs on perimeters: K with entries off its diagonal, the transition, and the moduli on both sides of it."""
 
+from dataclasses import astuple, replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from derivatives import assert_derivative
+from derivatives import assert_derivative, second_derivative
 from problems import NETWORKS, grounded, pinned_grid, random_stress, voronoi_3d, with_random_stiffness
+from scipy.optimize import minimize
 
 from critflow import (
+    AngleSprings,
+    Cable,
     CriticalManifold,
     InputError,
     Network,
+    PowerLaw,
     SolveError,
     Status,
+    critical_from_lengths,
     critical_from_perimeters,
+    design,
+    draw,
     elasticity,
     equilibrium,
     lattice,
     spring_state,
+    stiffening,
+    strain_path,
     tissue,
     voronoi_network,
+    weak_forces,
 )
+from critflow.networks.deformation import deformation_of
+from critflow.quantities.strained import strained_response
+from critflow.springs.hessian import geometric_split, hookean_split
 
 # A regular hexagon of area 1 has the perimeter √(8√3), the least of all tilings by Hales' theorem.
 HEXAGON = np.sqrt(8 * np.sqrt(3))
@@ -75,12 +89,12 @@ def disordered(seed=1, n_vertices=100, varied=False):
 @pytest.mark.parametrize("name", FACES)
 def test_forces_and_hessian_are_derivatives_of_the_energy(name):
     state = deformed_tissue(name)
-    network, A, free = state.network, state.faces.sides.toarray(), state.coordinates[state.network.free]
-    g, b = grounded(network)
+    A, free = state.faces.sides.toarray(), state.coordinates[state.network.free]
+    g, b = grounded(state.network)
 
     def energy(u):
         p = A @ np.linalg.norm(g @ (free + u) + b, axis=1)
-        return 0.5 * np.sum(state.faces.stiffness * (p - state.rest_perimeters) ** 2)
+        return 0.5 * np.sum(state.faces.stiffness * (p - state.rest_lengths) ** 2)
 
     zero, u = np.zeros_like(free), np.random.default_rng(3).standard_normal(free.shape)
     assert state.energy == pytest.approx(energy(zero), rel=1e-13)
@@ -89,11 +103,10 @@ def test_forces_and_hessian_are_derivatives_of_the_energy(name):
     assert_derivative(
         lambda v: -state.moved(v).forces, lambda v: factor.multiply(v.ravel()).reshape(v.shape), zero, [u], rtol=1e-7
     )
-    # The whole matrix, from K: H = R^hᵀ K R^h + P ⊗ 1.
-    Rh = np.einsum("ai,am->aim", g, state.bond_vectors).reshape(network.n_edges, -1)
-    P = np.kron(g.T @ (state.sigma[:, None] * g), np.eye(network.dimension))
-    H = Rh.T @ state.modified_stiffness.toarray() @ Rh + P
-    np.testing.assert_allclose(factor.multiply(np.eye(len(H))), H, rtol=0, atol=1e-12 * np.abs(H).max())
+    # The whole matrix, by its parts: stretching and prestress.
+    H = factor.multiply(np.eye(state.forces.size))
+    for split in (geometric_split, hookean_split):
+        np.testing.assert_allclose(split(state).hessian.toarray(), H, rtol=0, atol=1e-12 * np.abs(H).max())
 
 
 @pytest.mark.parametrize("name", FACES)
@@ -103,15 +116,8 @@ def test_edges_are_coupled_exactly_where_they_share_a_face(name):
     K = state.modified_stiffness.toarray()
     np.testing.assert_array_equal((K != 0) | np.eye(len(K), dtype=bool), (A.T @ A != 0))
     expected = np.einsum("c,ca,cb->ab", kappa, A, A) / np.outer(length, length)
-    expected -= np.diag(A.T @ (kappa * (A @ length - state.rest_perimeters)) / length**3)
+    expected -= np.diag(A.T @ (kappa * (A @ length - state.rest_lengths)) / length**3)
     np.testing.assert_allclose(K, expected, rtol=1e-12, atol=1e-12)
-
-    # K is ∂σ/∂h: a change of one length alone changes the stresses of all edges of its faces.
-    def sigma(h):
-        l = np.sqrt(length**2 + 2 * h)
-        return A.T @ (kappa * (A @ l - state.rest_perimeters)) / l
-
-    assert_derivative(sigma, lambda h: K @ h, np.zeros_like(length), [np.eye(len(K))[3]], step=1e-4)
 
 
 @pytest.mark.parametrize("name", FACES)
@@ -132,8 +138,9 @@ def test_faces_of_one_edge_each_are_springs(name):
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 2))
 
     def alike(rest):
-        options = {"stiffness": network.stiffness, "sides": sp.eye_array(network.n_edges)}
-        return tissue(network, rest, critical.coordinates, **options)
+        # Weights that are no whole numbers: sums must be exact for them too.
+        options = {"stiffness": network.stiffness / 0.09, "sides": 0.3 * sp.eye_array(network.n_edges)}
+        return tissue(network, 0.3 * rest, critical.coordinates, **options)
 
     rest = critical.lengths / 1.02
     ours = equilibrium(alike(rest)).value
@@ -142,8 +149,6 @@ def test_faces_of_one_edge_each_are_springs(name):
     np.testing.assert_allclose(ours.sigma, springs.sigma, rtol=1e-9)
     np.testing.assert_allclose(ours.modified_stiffness.diagonal(), springs.modified_stiffness, rtol=1e-9)
     assert ours.energy == pytest.approx(springs.energy, rel=1e-11)
-    fire = equilibrium(alike(rest), "fire", tolerance=1e-13).value
-    np.testing.assert_allclose(fire.bond_vectors, springs.bond_vectors, rtol=0, atol=1e-9)
     found, expected = (elasticity(state, volume=None if network.cell is not None else 1.0) for state in (ours, springs))
     np.testing.assert_allclose(found.value.tensor, expected.value.tensor, rtol=0, atol=1e-8)
     if not network.pins:
@@ -173,7 +178,7 @@ def test_transition_of_regular_hexagons(columns, rows, k):
 def test_transition_of_disordered_faces(seed, varied):
     perimeters, solution = disordered(seed, 200, varied)
     value = solution.value
-    critical, p = value.configuration, value.at_rest().perimeters
+    critical, p = value.configuration, value.perimeters
     np.testing.assert_allclose(p / perimeters, solution.ratio, rtol=1e-8)
     np.testing.assert_allclose(p / perimeters, np.mean(p / perimeters), rtol=1e-11)
     assert (value.face_tensions > 0).all()
@@ -192,11 +197,11 @@ def test_transition_is_the_limit_of_straining():
     x = value.configuration.coordinates + 0.05 * np.random.default_rng(1).standard_normal((100, 2))
     apart = []
     for excess in (1e-3, 1e-4, 1e-5):
-        goal = (1 - excess) * value.at_rest().perimeters
+        goal = (1 - excess) * value.perimeters
         state = equilibrium(tissue(value.network, goal, x)).value
-        assert (state.face_tensions > 0).all()
+        assert (state.tension > 0).all()
         apart.append(np.abs(state.bond_vectors - value.configuration.bond_vectors).max())
-        found = state.face_tensions / state.face_tensions.mean()
+        found = state.tension / state.tension.mean()
         np.testing.assert_allclose(found, value.face_tensions, atol=50 * excess)
     np.testing.assert_allclose(np.array(apart[1:]) / apart[:-1], 0.1, rtol=0.2)
 
@@ -214,10 +219,10 @@ def test_configuration_minimises_perimeters():
 
 
 @pytest.mark.parametrize("varied", [False, True], ids=["equal", "varied"])
-def test_transition_modulus_by_three_methods(varied):
+def test_transition_modulus_by_two_methods(varied):
     value = disordered(varied=varied)[1].value
     found, start = elasticity(value).value, value.at_rest()
-    network, kappa, T, p = value.network, value.faces.stiffness, value.face_tensions, start.perimeters
+    network, kappa, T, p = value.network, value.faces.stiffness, value.face_tensions, start.spring_lengths
     # By the formula, dilation being p/2.
     assert found.bulk == pytest.approx((T @ p / 2) ** 2 / (T**2 @ (1 / kappa)) / network.volume, rel=1e-12)
     # Cauchy and Schwarz: no tensions give more than Σκp²/4V.
@@ -227,24 +232,22 @@ def test_transition_modulus_by_three_methods(varied):
     assert at_rest.status is Status.ok and at_rest.n_self_stresses == 1
     np.testing.assert_allclose(at_rest.value.tensor, found.tensor, rtol=0, atol=1e-9)
     assert at_rest.value.errors.tensor.max() < 1e-10 and np.isnan(found.errors.bulk)
-    # By energies and by linear response past it: cubics through four small strains leave their fourth order.
-    gamma = np.array([1, 2, 3, 4]) * 2.5e-4
-    energies, responses = [], []
-    for g in gamma:
-        state = equilibrium(start.deformed(np.sqrt(1 + g) * np.eye(2)), tolerance=1e-15, throw=False).value
-        energies.append(2 * state.energy / (network.volume * g**2))
-        responses.append(elasticity(state).value)
-    limits = [np.polyfit(gamma, [getattr(r, name) for r in responses], 3)[-1] for name in ("bulk", "shear")]
-    assert np.polyfit(gamma, energies, 3)[-1] == pytest.approx(found.bulk, rel=1e-6)
-    assert limits == pytest.approx([found.bulk, found.shear], abs=1e-6 * found.bulk)
+
+
+def test_tissues_with_several_self_stresses_are_measured_at_rest():
+    # Hexagons and triangles of the kagome lattice: two self-stresses; dilation changes p by p/2.
+    solution = critical_from_perimeters(network := lattice("kagome", 6, 6), network.faces.sizes.astype(float))
+    found, p = elasticity(solution), solution.value.perimeters
+    assert found.status is Status.ok and found.n_self_stresses == 2
+    assert found.value.bulk == pytest.approx(np.sum(p**2) / (4 * network.volume), rel=1e-12)
 
 
 def test_tissues_before_the_transition_are_floppy():
     # Perimeters above the transition are all met, at zero energy.
     start = disordered()[1].value.at_rest()
     x = start.coordinates + 0.05 * np.random.default_rng(1).standard_normal(start.coordinates.shape)
-    state = equilibrium(tissue(start.network, 1.03 * start.perimeters, x), tolerance=1e-15).value
-    assert np.abs(state.face_tensions).max() < 1e-12
+    state = equilibrium(tissue(start.network, 1.03 * start.spring_lengths, x), tolerance=1e-15).value
+    assert np.abs(state.tension).max() < 1e-12
     found = elasticity(state)
     assert found.status is Status.floppy
     assert not found.value.tensor.any() and found.value.bulk == found.value.shear_stress_corrected == 0.0
@@ -256,7 +259,142 @@ def test_newton_and_fire_reach_the_same_equilibrium(name):
     newton, fire = equilibrium(start), equilibrium(start, "fire", tolerance=1e-12)
     assert newton.status is fire.status is Status.ok
     assert newton.value.energy == pytest.approx(fire.value.energy, rel=1e-9)
-    np.testing.assert_allclose(newton.value.face_tensions, fire.value.face_tensions, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(newton.value.tension, fire.value.tension, rtol=0, atol=1e-8)
+
+
+# Paths
+
+
+def relaxed_energy(start, network, gradient):
+    """The least energy at perimeters p0 (N_f,) after a deformation, from energies and forces alone."""
+    A, kappa, p0 = start.faces.sides.toarray(), start.faces.stiffness, start.rest_lengths
+    deformed = network.deformed(gradient)
+    g, b = grounded(deformed)
+
+    def value(u):
+        L = g @ u.reshape(-1, 2) + b
+        l = np.linalg.norm(L, axis=1)
+        T = kappa * (A @ l - p0)
+        return 0.5 * T @ (T / kappa), (g.T @ (((A.T @ T) / l)[:, None] * L)).ravel()
+
+    x = (start.coordinates @ gradient.T)[network.free]
+    found = minimize(value, x.ravel(), jac=True, method="L-BFGS-B", options={"ftol": 1e-16, "gtol": 1e-12})
+    return found.fun
+
+
+@pytest.mark.parametrize("deformation", ["dilation", "simple_shear"])
+def test_paths_of_tissues_are_those_of_relaxed_energies(deformation):
+    solution = disordered(varied=True)[1]
+    start, network, strain = solution.value.at_rest(), solution.value.network, 0.05
+    solved = strain_path(solution, [0.01, strain], deformation)
+    assert solved.status is Status.ok
+    path, course = solved.value, deformation_of(deformation, 2)
+    energies = [relaxed_energy(start, network, course.gradient(g)) for g in strain + 1e-3 * np.arange(-2, 3)]
+    assert path.energy[-1] == pytest.approx(energies[2], rel=1e-9)
+    first = (energies[0] - 8 * energies[1] + 8 * energies[3] - energies[4]) / 12e-3
+    second = second_derivative(lambda g: energies[round(g / 1e-3) + 2])
+    V, A = network.deformed(course.gradient(strain)).volume, course.velocity(strain)
+    assert np.vdot(path.stress[-1], A) * V == pytest.approx(first, rel=1e-6)
+    assert path.modulus[-1] * V == pytest.approx(second, rel=1e-4)
+
+
+def test_free_sides_of_faces_and_edges_have_no_stress():
+    # Perimeters alone only pull; edges with springs of their own hold the sides apart.
+    network, A, stiffness = faces_of(lattice("triangular", 4, 4))
+    sides = np.vstack([A, np.eye(network.n_edges)])
+    lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    rest = (sides @ lengths) * np.random.default_rng(1).uniform(0.95, 1.05, len(sides))
+    springs = tissue(network, rest, stiffness=np.r_[stiffness, np.ones(network.n_edges)], sides=sides)
+    path = strain_path(equilibrium(springs), 0.01 + 1e-3 * np.arange(-2, 3), "uniaxial_free").value
+    assert np.abs(path.stress[:, 1, 1]).max() < 1e-12 and (path.free_components < -1e-3).all()
+    e, h, V = path.energy, 1e-3, path.states[2].network.volume
+    slope = (e[0] - 8 * e[1] + 8 * e[3] - e[4]) / (12 * h)
+    assert path.stress[2, 0, 0] * V == pytest.approx(1.01 * slope, rel=1e-7)
+    curvature = (16 * (e[3] + e[1]) - (e[4] + e[0]) - 30 * e[2]) / (12 * h**2)
+    assert path.modulus[2] * V == pytest.approx(curvature, rel=1e-5)
+
+
+def test_paths_of_hexagons_have_closed_forms():
+    # Dilation by γ keeps them regular, E = ½ N κ p0²(√(1 + γ) − 1)².
+    network = lattice("honeycomb", 3, 4)
+    solution = critical_from_perimeters(network, np.ones(12), stiffness=2.5)
+    gamma, a = np.array([0.01, 0.1]), network.volume / 12
+    path = strain_path(solution, gamma).value
+    p0 = solution.value.perimeters[0]
+    np.testing.assert_allclose(path.energy, 0.5 * 12 * 2.5 * p0**2 * (np.sqrt(1 + gamma) - 1) ** 2, rtol=1e-12)
+    # B = V E'' with E'' = ¼ N κ p0² (1 + γ)^{−3/2}.
+    np.testing.assert_allclose(path.bulk_modulus, 2.5 * p0**2 / (4 * a * np.sqrt(1 + gamma)), rtol=1e-12)
+    stretch = (np.sqrt(1 + gamma) - 1)[:, None]
+    np.testing.assert_allclose([state.tension for state in path.states], 2.5 * p0 * stretch * np.ones(12), rtol=1e-9)
+
+
+@pytest.mark.parametrize("deformation", ["dilation", "simple_shear", "uniaxial"])
+def test_stiffening_is_the_limit_of_paths(deformation):
+    solution = disordered(varied=True)[1]
+    found, moduli = stiffening(solution, deformation=deformation), elasticity(solution).value
+    assert found.status is Status.ok
+    exact, error = found.value, found.stats.error_bound
+    assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-10)
+    h = (-1e-4 if found.loosening else 1e-4) * np.array([1, 2, 4, 8, 16])
+    path = strain_path(solution, h, deformation).value
+    for values, start, C in (
+        (path.bulk_modulus, exact.bulk_0, "C_B"),
+        (path.shear_modulus, exact.shear_0, "C_G"),
+        (path.shear_modulus_stress_corrected, exact.shear_0, "C_G_stress_corrected"),
+        (path.modulus, exact.modulus_0, "C"),
+    ):
+        limit = np.polyfit(h[1:], (values[1:] - start) / h[1:], 3)[-1]
+        assert getattr(exact, C) == pytest.approx(limit, rel=1e-6, abs=1e-7)
+        assert 0 < getattr(error, C) < 1e-12
+
+
+def test_stiffening_of_faces_of_one_edge_each_is_that_of_springs():
+    network = with_random_stiffness(voronoi_network(40, seed=1), 5)
+    options = {"stiffness": network.stiffness, "sides": sp.eye_array(60)}
+    faces, springs = (
+        critical_from_perimeters(network, np.ones(60), **options),
+        critical_from_lengths(network, np.ones(60)),
+    )
+    for deformation in ("dilation", "simple_shear"):
+        found, expected = (astuple(stiffening(one, deformation=deformation).value) for one in (faces, springs))
+        assert found == pytest.approx(expected, rel=1e-10, abs=1e-11)
+
+
+def test_stiffening_of_hexagons_in_closed_form():
+    # B = B_0/√(1 + γ), and no shear changes a perimeter to first order.
+    solution = critical_from_perimeters(lattice("honeycomb", 4, 4), np.ones(16), stiffness=2.5)
+    found = stiffening(solution)
+    assert found.status is Status.ok
+    B, error = 2.5 * HEXAGON**2 / 4, found.stats.error_bound
+    assert abs(found.value.bulk_0 - B) <= error.bulk_0 and abs(found.value.C_B + B / 2) <= error.C_B
+    assert abs(found.value.C_G) <= error.C_G < 1e-13
+    assert stiffening(solution, deformation="simple_shear", throw=False).status is Status.floppy
+
+
+def test_starts_of_paths_and_drawings():
+    solution, axes = disordered()[1], draw(disordered()[1])
+    assert len(axes.collections) >= 1
+    axes.figure.clear()
+    loosened = strain_path(solution, [-0.001], throw=False)
+    assert loosened.status is Status.floppy
+    slack = replace(solution.value, face_tensions=np.r_[0.0, solution.value.face_tensions[1:]])
+    for start, options, message in [(slack, {}, "face 0 has no tension"), (solution, {"law": Cable()}, "law")]:
+        with pytest.raises(InputError, match=message):
+            strain_path(start, [0.001], **options)
+    several = critical_from_perimeters(lattice("triangular", 4, 4), np.ones(32))
+    for start, options, message in [
+        (slack, {}, "without tension"),
+        (several, {}, "several"),
+        (solution, {"law": PowerLaw(4)}, "Hookean"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            stiffening(start, **options)
+    with pytest.raises(InputError, match="springs on edges"):
+        design(solution.value.at_rest(), {"B_0": 1.0}, change="stiffness")
+    with pytest.raises(InputError, match="springs on edges"):
+        strained_response(solution.value.network, strain_path(solution, [0.01]).value.states[0], 0.01)
+    with pytest.raises(InputError, match="not springs on edges"):
+        weak_forces(solution, AngleSprings())
 
 
 # Failures
@@ -270,7 +408,7 @@ def test_collapsing_edges_are_named():
     (edge,), value = solution.collapsed_edges, solution.value
     assert value.configuration.lengths[edge] < 1e-6
     # The ratio, the tensions and the moduli are still defined.
-    np.testing.assert_allclose(value.at_rest().perimeters, solution.ratio, rtol=1e-6)
+    np.testing.assert_allclose(value.perimeters, solution.ratio, rtol=1e-6)
     assert (value.face_tensions > 0).all()
     bulk = value.shape_index.mean() ** 2 / 4 / np.mean(value.face_tensions**2)
     assert elasticity(value).value.bulk == pytest.approx(bulk, rel=1e-6)
@@ -290,7 +428,7 @@ def test_slack_faces_are_named():
     solution = critical_from_perimeters(network, perimeters, throw=False)
     assert solution.status is Status.slack_edges
     np.testing.assert_array_equal(solution.slack_faces, [7])
-    ratio = solution.value.at_rest().perimeters / perimeters / solution.ratio
+    ratio = solution.value.perimeters / perimeters / solution.ratio
     assert ratio[7] < 0.99
     np.testing.assert_allclose(np.delete(ratio, 7), 1, rtol=1e-8)
     with pytest.raises(SolveError, match="faces 7"):

@@ -40,6 +40,7 @@ SETTINGS = {
         **{"patience=0": "must be positive", "budget=-1": "must", "least_time=0": "must be positive"},
         **{"n_vertices=7": "n_vertices", "n_vertices=20": "at least 40"},
     },
+    "tension_inference": {"n_vertices=7": "n_vertices"},
     "three_bar": {"span=-1": "span", "reach=1": "reach", "s=0:1:0.5": "s needs"},
     "three_dimensions": {
         **{"n_vertices=40": "", "hard_core=1.2": "", "strains=0": "", "threshold=0.0": "threshold"},
