@@ -88,7 +88,7 @@ def mean_strain(path: BoundaryPath, lengths: Array, L: Array, near: float) -> fl
         while high < LAST_STRAIN and step > FLAT:
             high += min(step, 0.9 * path.flat_strain(high, q))
             if excess(high) >= 0:
-                return float(scipy.optimize.brentq(excess, 0.0, high, rtol=1e-9))
+                return float(scipy.optimize.brentq(excess, 0.0, high, xtol=1e-4 * high))
             step = min(2 * step, path.flat_strain(high, q))
     except InputError:  # a flat cell
         pass
