@@ -48,7 +48,6 @@ let legendOf = null,
   drag = null,
   picked = null,
   requested = null;
-const zoom = { network: { k: 1, x: 0, y: 0 }, forces: { k: 1, x: 0, y: 0 } };
 const MEANING = {
   B_0: "bulk modulus at the transition",
   G_0: "shear modulus at the transition",
@@ -178,117 +177,6 @@ function text(element, words) {
 }
 function adjust(input, values) {
   for (const [key, value] of Object.entries(values)) if (input[key] !== String(value)) input[key] = value;
-}
-
-// Pictures
-
-function context(canvas) {
-  const ratio = window.devicePixelRatio || 1,
-    box = canvas.getBoundingClientRect();
-  const width = Math.max(1, Math.round(box.width * ratio)),
-    height = Math.max(1, Math.round(box.height * ratio));
-  if (canvas.width !== width || canvas.height !== height) {
-    canvas.width = width;
-    canvas.height = height;
-  }
-  const c = canvas.getContext("2d");
-  c.setTransform(ratio, 0, 0, ratio, 0, 0);
-  c.clearRect(0, 0, box.width, box.height);
-  return [c, box.width, box.height];
-}
-function fit(outline, width, height, { k, x: dx, y: dy }) {
-  const xs = outline.map((p) => p[0]),
-    ys = outline.map((p) => p[1]),
-    margin = 6;
-  const x0 = Math.min(...xs),
-    y0 = Math.min(...ys),
-    w = Math.max(...xs) - x0,
-    h = Math.max(...ys) - y0;
-  const plain = Math.min((width - 2 * margin) / w, (height - 2 * margin) / h),
-    s = k * plain;
-  const left = (k * (width - plain * w)) / 2 + dx,
-    top = (k * (height - plain * h)) / 2 + dy;
-  return {
-    s,
-    x0: left - s * x0,
-    y0: top + s * (h + y0),
-    x: (v) => left + s * (v - x0),
-    y: (v) => top + s * (h - v + y0),
-    inverse: (px, py) => [(px - left) / s + x0, h + y0 - (py - top) / s],
-  };
-}
-function path(c, view, corners) {
-  c.beginPath();
-  corners.forEach(([x, y], i) => (i ? c.lineTo : c.moveTo).call(c, view.x(x), view.y(y)));
-  c.closePath();
-}
-function drawPanels() {
-  for (const name of ["network", "forces"]) {
-    const drawing = panels[name],
-      canvas = get(name);
-    canvas.hidden = !drawing;
-    if (drawing) drawPanel(canvas, drawing, name === "network" ? state.marks.face : []);
-  }
-  get("noforces").hidden = Boolean(panels.forces);
-}
-function drawPanel(canvas, drawing, faces) {
-  const [c, width, height] = context(canvas),
-    view = (drawing.view = fit(drawing.outline, width, height, zoom[canvas.id])),
-    ratio = canvas.width / width;
-  const { segments, edges, runs, n } = drawing,
-    palette = welcome.palette,
-    unit = Math.min(2.2, Math.max(0.35, (60 * Math.min(width, height)) / 500 / Math.sqrt(n)));
-  if (!canvas.image || canvas.image.width !== canvas.width || canvas.image.height !== canvas.height)
-    canvas.image = c.createImageData(canvas.width, canvas.height);
-  new Uint32Array(canvas.image.data.buffer).fill(0xffffffff);
-  const scaled = { s: ratio * view.s, x0: ratio * view.x0, y0: ratio * view.y0 };
-  runs.forEach(([shade, first], k) => {
-    const last = k + 1 < runs.length ? runs[k + 1][1] : n,
-      compressed = shade === palette.length - 1;
-    const thickness = unit * (compressed ? 1.6 : shade >= palette.length - 2 ? 0.6 : 0.6 + (1.5 * shade) / 32);
-    rasterise(
-      canvas.image,
-      segments,
-      first,
-      last,
-      scaled,
-      colour(palette[shade]),
-      ratio * thickness,
-      compressed ? 4 * ratio : 0,
-    );
-  });
-  c.putImageData(canvas.image, 0, 0);
-  c.globalCompositeOperation = "multiply";
-  c.fillStyle = "#fbe3b5";
-  for (const face of faces) {
-    path(c, view, face);
-    c.fill();
-  }
-  if (state.marks.edge !== null) {
-    c.beginPath();
-    c.lineCap = "round";
-    c.lineWidth = 9;
-    c.strokeStyle = "#f2bf4d";
-    for (let i = 0; i < n; i++)
-      if (edges[i] === state.marks.edge) {
-        c.moveTo(view.x(segments[4 * i]), view.y(segments[4 * i + 1]));
-        c.lineTo(view.x(segments[4 * i + 2]), view.y(segments[4 * i + 3]));
-      }
-    c.stroke();
-  }
-  c.globalCompositeOperation = "source-over";
-  if (canvas.id === "network") {
-    c.fillStyle = "#14202b";
-    for (const [x, y] of state.marks.pins) c.fillRect(view.x(x) - 3, view.y(y) - 3, 6, 6);
-  }
-  path(c, view, drawing.outline);
-  c.rect(-1, -1, width + 2, height + 2);
-  c.fillStyle = "#fff";
-  c.fill("evenodd");
-  path(c, view, drawing.outline);
-  c.strokeStyle = "#8a949e";
-  c.lineWidth = 1;
-  c.stroke();
 }
 
 // Numbers and controls

@@ -36,7 +36,7 @@ LONGEST_DELAYS = (0.15, 0.5)
 _KEPT = 12
 # Largest file that is accepted, and longest name of one, in bytes.
 _LARGEST_FILE, _LONGEST_NAME = 50_000_000, 200
-_STATIC = {"": "page.html", **{name: name for name in ("raster.js", "plots.js", "page.js", "page.css")}}
+_STATIC = {"": "page.html", **{name: name for name in ("raster.js", "picture.js", "plots.js", "page.js", "page.css")}}
 _KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'"
 
