@@ -13,6 +13,7 @@ const LABELS = {
   "G(γ)": "G at γ",
   "M(γ)": "modulus along γ",
   residual: "force residual / ⟨τ⟩",
+  bound: "bound of B₀",
 };
 const ROWS = [
   "B_0",
@@ -71,7 +72,8 @@ window.replies = 0;
 
 // Messages: one at a time; a later position of the same slider replaces one that waits.
 
-function send(message) {
+function send(message, playing = false) {
+  if (!playing) rest();
   const last = queue[queue.length - 1],
     moves = (m) => m && m.do === "change" && m.change[0] + "/" + (m.change.length === 3 ? m.change[1] : "");
   if (last && message.do === "change" && message.change[0] !== "cut" && moves(last) === moves(message)) queue.pop();
@@ -104,6 +106,7 @@ function connect() {
       true,
     );
     document.body.dataset.connected = "no";
+    rest();
     setTimeout(connect, 2000);
   };
 }
@@ -166,6 +169,7 @@ function painted(header) {
   if (sentAt.has(header.seq)) window.latencies.push(performance.now() - sentAt.get(header.seq));
   sentAt.delete(header.seq);
   window.shown = header.seq;
+  if (player && header.seq === sequence) played(header);
 }
 function say(sentence, error = false) {
   text(get("sentence"), sentence);
@@ -195,13 +199,17 @@ function numbers(header) {
       head.textContent = LABELS[number.key] || number.key;
       head.title = MEANING[number.key] || "";
       row.append(head, document.createElement("td"), document.createElement("td"));
+      row.cells[1].append(digitsOf(number.key));
       const after = [...body.rows].find((other) => ROWS.indexOf(other.dataset.key) > ROWS.indexOf(number.key));
       body.insertBefore(row, after || null);
       rows[number.key] = row;
     }
     if (row.className !== (due ? "due" : "")) row.className = due ? "due" : "";
     if (number.text !== undefined) {
-      text(row.cells[1], number.text);
+      const digits = row.cells[1].firstChild;
+      Object.assign(digits.dataset, { text: number.text, short: number.short });
+      digits.title = `${number.text}: a click copies all digits`;
+      text(digits, get("all").checked ? number.text : number.short);
       text(row.cells[2], [number.error, number.note].filter(Boolean).join("; "));
     }
   };
@@ -209,11 +217,27 @@ function numbers(header) {
     for (const key of Object.keys(rows)) if (key.includes("γ") && !state.strain[1]) rows[key].remove();
     for (const key of header.due) put({ key }, true);
   }
-  if (header.bound) put({ key: "bound", text: header.bound, error: "", note: "largest B₀ over all stresses (proof)" });
+  if (header.bound) put(header.bound);
   const due = new Set(header.due || []);
   for (const number of header.numbers || []) put(number, due.has(number.key));
 }
-LABELS.bound = "bound of B₀";
+// The value of a number: four digits until all are asked for; a click copies all.
+function digitsOf(key) {
+  const digits = document.createElement("button");
+  digits.className = "digits";
+  digits.onclick = async () => {
+    const copied = await navigator.clipboard.writeText(digits.dataset.text).then(
+      () => true,
+      () => false,
+    );
+    say(`${LABELS[key] || key} = ${digits.dataset.text}${copied ? " is copied." : ""}`);
+  };
+  return digits;
+}
+get("all").onchange = () => {
+  for (const digits of document.querySelectorAll(".digits"))
+    text(digits, digits.dataset[get("all").checked ? "text" : "short"] || "");
+};
 function controls() {
   document.body.dataset.connected = "yes";
   if (!queue.length) get("stop").hidden = true;
@@ -224,6 +248,8 @@ function controls() {
   get("undo").disabled = !state.undo;
   get("redo").disabled = !state.redo;
   sliders();
+  drawScale();
+  get("colour").value = state.scale.colour;
   if (state.strain[0]) get("deformation").value = state.strain[0];
   const busy = waiting || queue.length;
   bounds();
@@ -302,7 +328,9 @@ function greet(found) {
     return box;
   });
   get("blend").replaceChildren(...sliders);
-  get("scale").style.backgroundImage = `linear-gradient(to right, ${found.palette.slice(0, 32).join()})`;
+  get("colour").replaceChildren(
+    ...Object.entries(found.quantities).map(([name, label]) => option(name, label.split(" ")[0])),
+  );
   dataset(found.dataset);
 }
 function dataset(found) {
@@ -441,8 +469,48 @@ get("deformation").onchange = () => {
   get("gamma").value = 0;
   change("strain", get("deformation").value, 0);
 };
+
+// γ goes to the end of its slider and back until stopped.  The next position is sent when the last one is painted, so
+// that one request at most is under way; the server computes each state once.
+
+const STEPS = 50,
+  INTERVAL = 40;
+let player = null;
+get("play").onclick = () => (player ? rest() : play());
+function play() {
+  const slider = get("gamma"),
+    end = +slider.value < 0 ? +slider.min : +slider.max;
+  player = { step: Math.round((+slider.value / end) * STEPS) || 0, forward: true, last: STEPS, end, at: 0 };
+  text(get("play"), "■ Stop");
+  advance();
+}
+function rest() {
+  if (player) clearTimeout(player.timer);
+  player = null;
+  text(get("play"), "▶ Play");
+}
+function advance() {
+  if (player.step >= player.last) player.forward = false;
+  if (player.step <= 0) player.forward = true;
+  player.step += player.forward ? 1 : -1;
+  player.at = performance.now();
+  const gamma = +((player.end * player.step) / STEPS).toFixed(6);
+  send({ do: "change", change: ["strain", get("deformation").value, gamma] }, true);
+}
+// After a position is painted: one that was refused is the end of the path, and of a path that ends where it begins
+// the other sign is tried, since one sign of a shear loosens the network.
+function played(header) {
+  if (header.error) player.last = player.step - 1;
+  if (player.last < 1) {
+    if (player.turned) return rest();
+    player = { ...player, step: 0, forward: true, last: STEPS, end: -player.end, turned: true };
+  }
+  player.timer = setTimeout(advance, Math.max(0, INTERVAL - (performance.now() - player.at)));
+}
+
 for (const id of ["edge", "face"])
   get(id).onchange = () => get(id).value !== "" && send({ do: "select", [id]: +get(id).value });
+get("colour").onchange = () => send({ do: "colour", by: get("colour").value });
 get("undo").onclick = () => send({ do: "undo" });
 get("redo").onclick = () => send({ do: "redo" });
 get("stop").onclick = () => socket.send(JSON.stringify({ do: "stop" }));
@@ -526,6 +594,26 @@ document.addEventListener("keydown", (event) => {
   event.preventDefault();
   send({ do: event.shiftKey ? "redo" : "undo" });
 });
+// The theme of the browser, or the one chosen, which stays for later visits.
+
+const darkBrowser = matchMedia("(prefers-color-scheme: dark)");
+function dress() {
+  const chosen = localStorage.getItem("theme") || "auto";
+  get("theme").value = chosen;
+  theme = chosen === "auto" ? (darkBrowser.matches ? "dark" : "light") : chosen;
+  document.documentElement.dataset.theme = chosen;
+  if (!state.marks) return;
+  legendOf = null;
+  drawPanels();
+  drawScale();
+  plots();
+}
+darkBrowser.onchange = dress;
+get("theme").onchange = () => {
+  localStorage.setItem("theme", get("theme").value);
+  dress();
+};
+
 // A reload finds its state under the name of the tab, which must be free by then.
 window.addEventListener("pagehide", () => {
   socket.onclose = null;
@@ -537,4 +625,5 @@ window.addEventListener("resize", () => {
     plots();
   }
 });
+dress();
 connect();

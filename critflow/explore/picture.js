@@ -1,5 +1,27 @@
 "use strict";
 // The pictures of the network and of its force diagram.
+// Colours of all canvases; those of the other elements are in page.css.
+const INKS = {
+  light: {
+    paper: "#ffffff",
+    ink: "#14202b",
+    grid: "#e3e7ea",
+    frame: "#8a949e",
+    face: "#fbe3b5",
+    edge: "#f2bf4d",
+    blend: "multiply",
+  },
+  dark: {
+    paper: "#161d24",
+    ink: "#e6ebef",
+    grid: "#2c3640",
+    frame: "#7b8792",
+    face: "#5c4310",
+    edge: "#a86f00",
+    blend: "screen",
+  },
+};
+let theme = "light";
 const zoom = { network: { k: 1, x: 0, y: 0 }, forces: { k: 1, x: 0, y: 0 } };
 
 function context(canvas) {
@@ -11,9 +33,9 @@ function context(canvas) {
     canvas.width = width;
     canvas.height = height;
   }
-  const c = canvas.getContext("2d");
+  // Opaque: a picture that covers what is below it is composed in less time.
+  const c = canvas.getContext("2d", { alpha: false });
   c.setTransform(ratio, 0, 0, ratio, 0, 0);
-  c.clearRect(0, 0, box.width, box.height);
   return [c, box.width, box.height];
 }
 function fit(outline, width, height, { k, x: dx, y: dy }) {
@@ -56,11 +78,13 @@ function drawPanel(canvas, drawing, faces) {
     view = (drawing.view = fit(drawing.outline, width, height, zoom[canvas.id])),
     ratio = canvas.width / width;
   const { segments, edges, runs, n } = drawing,
-    palette = welcome.palette,
+    palette = welcome.palettes[theme],
+    ink = INKS[theme],
     unit = Math.min(2.2, Math.max(0.35, (60 * Math.min(width, height)) / 500 / Math.sqrt(n)));
   if (!canvas.image || canvas.image.width !== canvas.width || canvas.image.height !== canvas.height)
     canvas.image = c.createImageData(canvas.width, canvas.height);
-  new Uint32Array(canvas.image.data.buffer).fill(0xffffffff);
+  const [red, green, blue] = colour(ink.paper);
+  new Uint32Array(canvas.image.data.buffer).fill(0xff000000 | (blue << 16) | (green << 8) | red);
   const scaled = { s: ratio * view.s, x0: ratio * view.x0, y0: ratio * view.y0 };
   runs.forEach(([shade, first], k) => {
     const last = k + 1 < runs.length ? runs[k + 1][1] : n,
@@ -78,8 +102,8 @@ function drawPanel(canvas, drawing, faces) {
     );
   });
   c.putImageData(canvas.image, 0, 0);
-  c.globalCompositeOperation = "multiply";
-  c.fillStyle = "#fbe3b5";
+  c.globalCompositeOperation = ink.blend;
+  c.fillStyle = ink.face;
   for (const face of faces) {
     path(c, view, face);
     c.fill();
@@ -88,7 +112,7 @@ function drawPanel(canvas, drawing, faces) {
     c.beginPath();
     c.lineCap = "round";
     c.lineWidth = 9;
-    c.strokeStyle = "#f2bf4d";
+    c.strokeStyle = ink.edge;
     for (let i = 0; i < n; i++)
       if (edges[i] === state.marks.edge) {
         c.moveTo(view.x(segments[4 * i]), view.y(segments[4 * i + 1]));
@@ -98,15 +122,26 @@ function drawPanel(canvas, drawing, faces) {
   }
   c.globalCompositeOperation = "source-over";
   if (canvas.id === "network") {
-    c.fillStyle = "#14202b";
+    c.fillStyle = ink.ink;
     for (const [x, y] of state.marks.pins) c.fillRect(view.x(x) - 3, view.y(y) - 3, 6, 6);
   }
   path(c, view, drawing.outline);
   c.rect(-1, -1, width + 2, height + 2);
-  c.fillStyle = "#fff";
+  c.fillStyle = ink.paper;
   c.fill("evenodd");
   path(c, view, drawing.outline);
-  c.strokeStyle = "#8a949e";
+  c.strokeStyle = ink.frame;
   c.lineWidth = 1;
   c.stroke();
+}
+
+// The colour bar below the pictures: the values at its ends, and the name of what is coloured.
+
+function drawScale() {
+  const { name, low, high } = state.scale;
+  text(get("low"), low);
+  text(get("high"), high);
+  text(get("scalename"), name);
+  get("scale").style.backgroundImage = `linear-gradient(to right, ${welcome.palettes[theme].slice(0, 32).join()})`;
+  get("scales").style.setProperty("--slack", welcome.palettes[theme][32]);
 }

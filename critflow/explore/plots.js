@@ -1,7 +1,9 @@
 "use strict";
 // The plane of the network among others, and the curve past the transition.
 // Okabe and Ito's colours, and a shape for each, so that none depends on colour alone.
-const COLOURS = ["#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F", "#000000"];
+const COLOURS = ["#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F"];
+// The first blue is too dark for a dark page, and black has no colour there.
+const seriesColour = (kind) => (theme === "dark" && kind % 8 === 0 ? "#2f8fd6" : COLOURS[kind % 8] || INKS[theme].ink);
 
 function ticks(low, high) {
   const step = 10 ** Math.floor(Math.log10((high - low) / 3)),
@@ -25,8 +27,15 @@ function range(values) {
   const pad = 0.06 * (high - low);
   return [low - pad, high + pad];
 }
+function blank(canvas) {
+  const [c, width, height] = context(canvas);
+  c.fillStyle = INKS[theme].paper;
+  // The pixels may end beyond a width that is no whole number.
+  c.fillRect(0, 0, width + 1, height + 1);
+  return [c, width, height];
+}
 function axes(canvas, xs, ys, xlabel, ylabel) {
-  const [c, width, height] = context(canvas),
+  const [c, width, height] = blank(canvas),
     [x0, x1] = range(xs),
     [y0, y1] = range(ys),
     b = 34,
@@ -36,8 +45,8 @@ function axes(canvas, xs, ys, xlabel, ylabel) {
   const l = 28 + Math.max(...ticks(y0, y1).map((v) => c.measureText(v).width));
   const x = (v) => l + ((v - x0) / (x1 - x0)) * (width - l - r),
     y = (v) => height - b - ((v - y0) / (y1 - y0)) * (height - b - t);
-  c.fillStyle = "#14202b";
-  c.strokeStyle = "#e3e7ea";
+  c.fillStyle = INKS[theme].ink;
+  c.strokeStyle = INKS[theme].grid;
   c.lineWidth = 1;
   c.textAlign = "center";
   for (const v of ticks(x0, x1)) {
@@ -66,8 +75,7 @@ function axes(canvas, xs, ys, xlabel, ylabel) {
 }
 function mark(c, kind, x, y, r) {
   c.beginPath();
-  c.fillStyle = COLOURS[kind % 8];
-  c.strokeStyle = COLOURS[kind % 8];
+  c.fillStyle = c.strokeStyle = seriesColour(kind);
   const shape = kind % 6,
     polygon = (n, turn) => {
       for (let k = 0; k < n; k++)
@@ -114,7 +122,7 @@ function plots() {
       });
     if (own.length) {
       c.beginPath();
-      c.strokeStyle = "#14202b";
+      c.strokeStyle = INKS[theme].ink;
       c.lineWidth = 1;
       own.forEach((p) => c.lineTo(x(p[0]), y(p[1])));
       c.stroke();
@@ -122,15 +130,15 @@ function plots() {
       c.beginPath();
       c.arc(x(px), y(py), 6.5, 0, 7);
       c.lineWidth = 4;
-      c.strokeStyle = "#fff";
+      c.strokeStyle = INKS[theme].paper;
       c.stroke();
       c.lineWidth = 2.2;
-      c.strokeStyle = "#14202b";
+      c.strokeStyle = INKS[theme].ink;
       c.stroke();
     }
     if (legendOf !== Boolean(own.length)) legend(own.length);
   } else {
-    context(get("plane"));
+    blank(get("plane"));
     get("plane").places = [];
   }
   if (!curve) return;
@@ -143,7 +151,7 @@ function plots() {
   line[0].forEach((v, i) => c.lineTo(x(v), y(line[1][i])));
   c.stroke();
   c.beginPath();
-  c.strokeStyle = "#0072B2";
+  c.strokeStyle = seriesColour(0);
   c.lineWidth = 1;
   curve.x.forEach((v, i) => c.lineTo(x(v), y(curve.y[i])));
   c.stroke();

@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -136,7 +137,7 @@ class _Export(_Guarded):
             if name == "script.py":
                 name, content = name, page.script().encode()
             else:
-                make = picture_file if name.startswith("picture") else network_file
+                make = partial(picture_file, colour=page.colour) if name.startswith("picture") else network_file
                 name, content = await loop.run_in_executor(self.explorer.threads, make, page.session, suffix)
         except CritflowError as error:
             self.set_status(409)

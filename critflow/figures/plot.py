@@ -30,6 +30,8 @@ _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 # From a light to a dark blue-black, so that strong edges stand out on white and print in grey.
 TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("tension", ["#b8d4ea", "#4f93c4", "#1c4f86", "#0b1530"])
+# On a dark page strong edges are light.
+DARK_TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("dark", ["#2b5580", "#4f93c4", "#a9d0ee", "#ffffff"])
 
 
 def unit_pressure_tensions(sigma: Array, lengths: Array, volume: float) -> Array:
@@ -132,7 +134,7 @@ def periodic_segments(
     pieces, owners = [], []
     for i, j in product(*images):
         owner = np.flatnonzero(touching[0][i] & touching[1][j])
-        pieces.append(np.stack([start[owner], end[owner]], axis=1) + (i, j))
+        pieces.append(np.stack([start[owner], end[owner]], axis=1) + np.array([i, j]))
         owners.append(owner)
     return (np.concatenate(pieces).reshape(-1, 2) @ cell).reshape(-1, 2, 2), np.concatenate(owners)
 
