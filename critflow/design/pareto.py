@@ -24,6 +24,7 @@ from critflow.design.limits import SEVERAL_STRESSES, Target, edge_limits, parse_
 from critflow.design.problem import Preference, TargetProblem
 from critflow.design.stresses import Stresses
 from critflow.networks.network import Array, Network
+from critflow.progress import counted
 from critflow.quantities.vocabulary import quantity, same
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
@@ -205,7 +206,7 @@ class _Search:
         (first, last) = (self.objectives(end.minimum.point.z)[0] for end in ends)
         differences = np.linspace(first[0] - first[1], last[0] - last[1], n)
         problems = [_Weighted(self, (0.5, 0.5), float(difference)) for difference in differences[1:-1]]
-        for problem in problems:
+        for problem in counted(problems, "point"):
             found.append(self._point(problem, found[-1].minimum.point.z))
         found.append(ends[1])
         # Where the front jumps, the points beyond belong to the branch of the other end.

@@ -27,6 +27,7 @@ from critflow.design.limits import Target, parse_targets
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned
+from critflow.progress import tell
 from critflow.quantities.largest_modulus import NO_LENGTH
 from critflow.quantities.leverage import Part, values_after
 from critflow.result import InputError, Solution, Stats, Status
@@ -101,6 +102,7 @@ def prune_towards(
         if target is not None:
             before.append(search.copied())
         search.cut(edge)
+        tell(f"cut {len(search.cuts)}")
     if target is None and len(search.cuts) < limit:
         status, note = Status.floppy, "every further cut opens the network"
     if target is not None and not search.distance(target) <= tolerance * target:
