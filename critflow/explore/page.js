@@ -619,11 +619,6 @@ window.addEventListener("pagehide", () => {
   socket.onclose = null;
   socket.close();
 });
-window.addEventListener("resize", () => {
-  if (state.marks) {
-    drawPanels();
-    plots();
-  }
-});
+for (const id of ["network", "forces", "plane", "curve"]) observer.observe(get(id));
 dress();
 connect();

@@ -22,11 +22,20 @@ const INKS = {
   },
 };
 let theme = "light";
+// Sizes of the canvases as they are laid out: a drawing that asked for them would lay out the page once more.
+const boxes = new Map();
+const observer = new ResizeObserver((entries) => {
+  for (const { target, contentRect } of entries) boxes.set(target, contentRect);
+  if (state.marks) {
+    drawPanels();
+    plots();
+  }
+});
 const zoom = { network: { k: 1, x: 0, y: 0 }, forces: { k: 1, x: 0, y: 0 } };
 
 function context(canvas) {
   const ratio = window.devicePixelRatio || 1,
-    box = canvas.getBoundingClientRect();
+    box = boxes.get(canvas) || canvas.getBoundingClientRect();
   const width = Math.max(1, Math.round(box.width * ratio)),
     height = Math.max(1, Math.round(box.height * ratio));
   if (canvas.width !== width || canvas.height !== height) {
