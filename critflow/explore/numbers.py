@@ -49,7 +49,7 @@ class Number:
         decimals = int(np.floor(-np.log10(self.error))) - 1
         if abs(self.value) and decimals > _MOST:
             digits = decimals + 1 + int(np.floor(np.log10(abs(self.value))))
-            return f"{self.value:.{min(max(digits - 1, 0), _MOST - 1)}e}"
+            return f"{self.value:.{min(digits - 1, _MOST - 1)}e}" if digits > 0 else "0"
         return f"{self.value:.{max(decimals, 0)}f}"
 
     @property

@@ -73,7 +73,12 @@ class View:
             "marks": self.picked.marks(model.dual, network, x, L),
             "weights": list(state.change[1:]) if state.change[0] == "blend" else [0.0] * len(POPULATIONS),
             "strain": list(state.strain) if state.strain else ["", 0.0],
-            "scale": {"colour": colour, "name": QUANTITIES[colour], "low": f"{low:.4g}", "high": f"{high:.4g}"},
+            "scale": {
+                "colour": colour,
+                "name": QUANTITIES[colour],
+                "low": f"{low:#.4g}" if low else "0",
+                "high": f"{high:#.4g}",
+            },
             "bound": _bound(model.bulk_bound),
             **self.picked.sliders(session, exact=False),
         }

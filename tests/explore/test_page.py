@@ -53,7 +53,7 @@ def test_edges_are_coloured_by_a_quantity_that_stays(page):
     first = page.view.drawings["network"].shades
     scale = header(page, do="colour", by="length")["scale"]
     lengths = page.session.state.critical.lengths
-    assert [scale["low"], scale["high"]] == [f"{value:.4g}" for value in np.percentile(lengths, [1, 99])]
+    assert [scale["low"], scale["high"]] == [f"{value:#.4g}" for value in np.percentile(lengths, [1, 99])]
     shades = page.view.drawings["network"].shades
     assert not np.array_equal(shades, first) and len(page.view.drawings["forces"].shades) > 0
     assert header(page, do="open", n_vertices=36, seed=1)["scale"]["colour"] == "length"

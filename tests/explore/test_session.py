@@ -251,6 +251,7 @@ SHORT = {
     "proved": (numbers.Number("B_0", 0.28, 4e-16, numbers.PROOF), "0.2800", "0.28000000000000"),
     "few certain digits": (numbers.Number("C_B", 0.12345, 1e-3, numbers.ESTIMATE), "0.12", "0.12"),
     "below its error": (numbers.Number("V_L", 3e-17, 1e-14, numbers.PROOF), "0.0000000000000", "0.0000000000000"),
+    "far below its error": (numbers.Number("V_L", 5e-32, 7.9e-30, numbers.PROOF), "0", "0"),
     "negative": (numbers.Number("C_B", -12.34567, 1e-9, numbers.ESTIMATE), "-12.35", "-12.34567000"),
     "small": (numbers.Number("residual", 1.234567e-16), "1.235e-16", "1.23457e-16"),
     "count": (numbers.Number("zero modes", 123456), "123456", "123456"),
