@@ -108,7 +108,10 @@ function plots() {
   get("curvebox").hidden = !curve;
   get("plane").hidden = get("legend").hidden = !(series.length || own.length);
   get("noplane").hidden = !get("plane").hidden;
-  text(get("noplane"), state.plane.own ? "B₀ or C_B of this network has no value." : "No case of the dataset is shown.");
+  text(
+    get("noplane"),
+    state.plane.own ? "B₀ or C_B of this network has no value." : "No case of the dataset is shown.",
+  );
   if (series.length || own.length) {
     const [c, x, y] = axes(
       get("plane"),
