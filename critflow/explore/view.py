@@ -73,12 +73,7 @@ class View:
             "marks": self.picked.marks(model.dual, network, x, L),
             "weights": list(state.change[1:]) if state.change[0] == "blend" else [0.0] * len(POPULATIONS),
             "strain": list(state.strain) if state.strain else ["", 0.0],
-            "scale": {
-                "colour": colour,
-                "name": QUANTITIES[colour],
-                "low": f"{low:#.4g}" if low else "0",
-                "high": f"{high:#.4g}",
-            },
+            "scale": {"colour": colour, "name": QUANTITIES[colour], "low": _four(low), "high": _four(high)},
             "bound": _bound(model.bulk_bound),
             **self.picked.sliders(session, exact=False),
         }
@@ -166,6 +161,10 @@ def _bound(value: float) -> dict[str, str]:
     """The row of the bound of B_0, whose closed form has 14 digits."""
     number = numbers.Number("bound", value, note="largest B₀ over all stresses (proof)")
     return {**number.row, "text": f"{value:.14f}"} if np.isfinite(value) else number.row
+
+
+def _four(value: float) -> str:
+    return f"{value:#.4g}" if value else "0"
 
 
 def _sizes(state: State) -> str:
