@@ -288,7 +288,7 @@ function slide(id, item, busy) {
   input.disabled = !item || item.low === item.high;
   if (!item) adjust(input, { min: -1, max: 1, value: 0 });
   else if (!busy) adjust(input, { min: item.low, max: item.high, value: item.value });
-  text(get(id + "value"), item ? item.value.toPrecision(3) : "0");
+  text(get(id + "value"), item ? item.value.toPrecision(4) : "0");
 }
 function bounds() {
   const limit = welcome.strains[get("deformation").value];
