@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from multiprocessing import parent_process
 from typing import TypeVar
 
 # Seconds before the line appears, and between its changes.
@@ -54,9 +53,12 @@ _LINE = _Line()
 
 
 def _visible() -> bool:
-    """Whether a user looks at standard error and no other display writes there; workers have a parent process."""
+    """Whether a user looks at standard error, no other display writes there, and this is no worker process."""
     terminal = sys.stderr is sys.__stderr__ and sys.stderr is not None and sys.stderr.isatty()
-    return terminal and threading.current_thread() is threading.main_thread() and parent_process() is None
+    # A worker has this module; to import it would take others longer than all of this file.
+    processes = sys.modules.get("multiprocessing.process")
+    worker = processes is not None and processes.parent_process() is not None
+    return terminal and not worker and threading.current_thread() is threading.main_thread()
 
 
 @contextmanager

@@ -34,7 +34,7 @@ SOLVERS = {
     "critflow.linalg.multigrid": {"importlib"},
     "critflow.linalg.pardiso": {"ctypes", "os", "pathlib", "sys", "sysconfig"},
     "critflow.linalg.threads": {"threadpoolctl"},
-    "critflow.progress": {"contextlib", "multiprocessing", "sys", "threading", "time"},
+    "critflow.progress": {"contextlib", "sys", "threading", "time"},
     "critflow.solvers.cone": {"clarabel"},
     "critflow.solvers.semidefinite": {"clarabel"},
 }
