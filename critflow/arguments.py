@@ -18,6 +18,7 @@ from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
+from critflow.progress import running
 from critflow.result import InputError, Solution
 
 Parameters = ParamSpec("Parameters")
@@ -44,7 +45,8 @@ def checked(function: Callable[Parameters, Returned]) -> Callable[Parameters, Re
             return function(*args, **kwargs)  # with Python's message on the number and names of arguments
         for name, value in bound.arguments.items():
             bound.arguments[name] = tests[name].converted(name, value)
-        return function(*bound.args, **bound.kwargs)
+        with running(function.__name__):
+            return function(*bound.args, **bound.kwargs)
 
     return call
 

@@ -18,7 +18,8 @@ def checked_functions():
     """Functions by name: those of all modules of physics whose arguments are checked, and those at the top level."""
     functions = {name: f for name in NAMES if inspect.isfunction(f := getattr(critflow, name))}
     for module in pkgutil.walk_packages(critflow.__path__, "critflow."):
-        if module.name.startswith(("critflow.command", "critflow.explore", "critflow.workflow", "critflow.__main__")):
+        apart = ("command", "explore", "workflow", "progress", "__main__")
+        if module.name.startswith(tuple(f"critflow.{name}" for name in apart)):
             continue
         for name, f in vars(import_module(module.name)).items():
             if inspect.isfunction(f) and hasattr(f, "__wrapped__") and f.__module__ == module.name:

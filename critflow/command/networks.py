@@ -9,13 +9,10 @@ import inspect
 import math
 import re
 import shlex
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, wraps
 from pathlib import Path
-from threading import Timer
 from typing import Annotated, Any
 
 import numpy as np
@@ -33,6 +30,7 @@ from critflow.exchange.data import require_regular
 from critflow.exchange.formats import writable_format
 from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.network import Network
+from critflow.progress import running
 from critflow.result import InputError, Solution
 
 FilesArgument = Annotated[
@@ -125,29 +123,6 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
         return network_from(choose_case(dataset, hints.case).load(), **keywords)
 
 
-# Seconds after which a terminal shows what is computed.
-_PATIENCE = 2.0
-
-
-@contextmanager
-def waiting(what: str) -> Iterator[Callable[[str], None]]:
-    """A line on a terminal about what is computed, after `_PATIENCE`; the function that it yields names a part."""
-    if not sys.stderr.isatty():
-        yield lambda part: None
-        return
-    from rich.console import Console
-
-    status = Console(stderr=True, highlight=False).status(f"{what} …")
-    timer = Timer(_PATIENCE, status.start)
-    timer.start()
-    try:
-        yield lambda part: status.update(in_shell(f"{what}: {part} …"))
-    finally:
-        timer.cancel()
-        timer.join()
-        status.stop()
-
-
 # A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True.
 _KEYWORD = re.compile(rf"\b({'|'.join((*_HINTS, 'copies', 'size', 'radius', 'by_stiffness'))})=('?)([\w.]*)\2")
 # What sentences of the library call functions, in the words of the command.
@@ -217,7 +192,11 @@ def examine_file(
 
         require_page(out)
     names = " and ".join(file.name for file in files)
-    with waiting(f"examining {names}") as progress:
+    with running(f"examining {names}") as tell:
+
+        def progress(part: str) -> None:
+            tell(in_shell(part))
+
         imported = read_held(lambda **pins: read(files, replace(hints, values=hints.values | pins)), progress)
         examination = examine(imported, progress=progress)
     words = shlex.join([*map(str, files), *hints.words])
@@ -260,7 +239,7 @@ def make(
     print(in_shell(str(imported)))
     writable_format(out, imported.network.dimension)
     solution: Solution[CriticalConfiguration]
-    with waiting(f"making {out.name}"):
+    with running(f"making {out.name}"):
         if target:
             solution, title, lines = _designed(imported.network, target)
         else:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
 from critflow.networks.network import Array
+from critflow.progress import tell
 from critflow.quantities.optimum import Optimum
 from critflow.result import Stats, Status
 from critflow.solvers.minimize import METHODS, Fire, Method, Minimum, Point, minimise
@@ -184,6 +185,7 @@ class DescentMonitor:
         value = self.objective.sign * point.value
         enough = self._observe is not None and self._observe(self._step, value, balance.sigma, balance.bond_vectors)
         self._step += 1
+        tell(f"step {self._step}")
         self.ended = bool(enough) and status is None
         return Status.step_limit if self.ended else status
 

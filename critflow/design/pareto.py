@@ -24,6 +24,7 @@ from critflow.design.limits import SEVERAL_STRESSES, Target, edge_limits, parse_
 from critflow.design.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
+from critflow.progress import counted
 from critflow.quantities.vocabulary import quantity, same
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.solvers.constrained import Minimum, Point, minimise_constrained
@@ -203,7 +204,7 @@ class _Search:
         found = [ends[0]]
         first, last = (float(end.values[0] - end.values[1]) for end in ends)
         problems = [_Weighted(self, (0.5, 0.5), float(difference)) for difference in np.linspace(first, last, n)[1:-1]]
-        for problem in problems:
+        for problem in counted(problems, "point"):
             found.append(self._point(problem, found[-1].z))
         found.append(ends[1])
         # Where the front jumps, the points beyond belong to the branch of the other end.

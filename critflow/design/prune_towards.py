@@ -25,6 +25,7 @@ from critflow.design.limits import Target, parse_targets
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned
+from critflow.progress import tell
 from critflow.quantities.largest_modulus import NO_LENGTH
 from critflow.quantities.leverage import Part, values_after
 from critflow.result import InputError, Solution, Stats, Status
@@ -94,6 +95,7 @@ def prune_towards(
     search, limit = _Search(critical, goal, drift, seed), critical.network.n_edges if cuts is None else cuts
     while len(search.cuts) < limit and (edge := search.next_edge()) is not None:
         search.cut(edge)
+        tell(f"cut {len(search.cuts)}")
     near, status, note = tolerance * goal.low, Status.ok, ""
     if goal.goal and len(search.cuts) < limit:
         status, note = Status.floppy, "every further cut opens the network"

@@ -9,6 +9,7 @@ from io import BytesIO
 from pathlib import Path
 
 from critflow.exchange.convert import write_network
+from critflow.explore.picture import QUANTITIES, edge_values
 from critflow.explore.session import Session
 from critflow.figures.drawing import draw, saved
 from critflow.result import InputError
@@ -17,14 +18,16 @@ from critflow.result import InputError
 _DRAWING = threading.Lock()
 
 
-def picture_file(session: Session, suffix: str) -> tuple[str, bytes]:
-    """The picture of the state."""
+def picture_file(session: Session, suffix: str, colour: str = "tension") -> tuple[str, bytes]:
+    """The picture of the state, coloured by one of `QUANTITIES`."""
     if suffix not in (".png", ".svg", ".pdf"):
         raise InputError("a picture is .png, .svg or .pdf")
     state = session.state
+    shown = state.springs or state.critical
+    values = edge_values(colour, shown.sigma, shown.lengths)
     with _DRAWING, tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"critflow{suffix}"
-        saved(draw(state.springs or state.critical, title=session.source.title).figure, path)
+        saved(draw(shown, color=values, title=f"{session.source.title}: {QUANTITIES[colour]}").figure, path)
         return path.name, path.read_bytes()
 
 

@@ -19,8 +19,8 @@ from critflow.rigidity.counts import certify
 
 T = TypeVar("T")
 PROOF, ESTIMATE = "proof", "estimate"
-# Digits of a number without an error, and most decimals shown.
-_PLAIN, _MOST = 6, 17
+# Digits of a number without an error, most decimals, and digits shown until the others are asked for.
+_PLAIN, _MOST, _SHORT = 6, 17, 4
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,22 @@ class Number:
         decimals = int(np.floor(-np.log10(self.error))) - 1
         if abs(self.value) and decimals > _MOST:
             digits = decimals + 1 + int(np.floor(np.log10(abs(self.value))))
-            return f"{self.value:.{min(max(digits - 1, 0), _MOST - 1)}e}"
+            return f"{self.value:.{min(digits - 1, _MOST - 1)}e}" if digits > 0 else "0"
         return f"{self.value:.{max(decimals, 0)}f}"
+
+    @property
+    def short(self) -> str:
+        """The value to four digits, or to those of `text` if they are fewer."""
+        digits = self.text.partition("e")[0].replace(".", "").lstrip("-0")
+        whole = isinstance(self.value, int | np.integer)
+        return self.text if whole or len(digits) <= _SHORT else f"{self.value:#.{_SHORT}g}"
 
     @property
     def row(self) -> dict[str, str]:
         """The texts of a row of the table."""
         known = np.isfinite(self.value) and np.isfinite(self.error) and self.error > 0
         error = f"± {self.error:.1e} ({self.kind})" if known else ""
-        return {"key": self.key, "text": self.text, "error": error, "note": self.note}
+        return {"key": self.key, "text": self.text, "short": self.short, "error": error, "note": self.note}
 
 
 def quick(critical: CriticalConfiguration) -> list[Number]:

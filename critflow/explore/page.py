@@ -14,7 +14,7 @@ import numpy as np
 
 from critflow.explore.datasets import Case, Dataset, Filter
 from critflow.explore.model import POPULATIONS
-from critflow.explore.picture import PALETTE
+from critflow.explore.picture import PALETTES, QUANTITIES
 from critflow.explore.script import script
 from critflow.explore.session import LARGEST_STRAIN, Session
 from critflow.explore.sliders import known_dual
@@ -32,10 +32,11 @@ class Page:
     progress  called by long computations with a sentence
     name      of the tab, by which a reload finds its page
     uploads   paths of the files that the tab may open, by name, in `folder`
+    colour    the one of `QUANTITIES` that colours the edges
     """
 
     def __init__(self, source: Source | Dataset, progress: Callable[[str], None] = lambda sentence: None):
-        self.progress, self.stopping, self.name = progress, False, ""
+        self.progress, self.stopping, self.name, self.colour = progress, False, "", "tension"
         self.uploads: dict[str, Path] = {}
         self.folder: Path | None = None
         self._sessions: list[Session] = []
@@ -155,6 +156,12 @@ class Page:
         names = ("x", "y", "status")
         self.filter = replace(self.filter, **{name: str(message[name]) for name in names if name in message})
 
+    def _colour(self, message: dict[str, Any]) -> None:
+        """Choose what colours the edges."""
+        if message["by"] not in QUANTITIES:
+            raise InputError(f"edges are coloured by one of {', '.join(QUANTITIES)}, not by {message['by']!r:.40}")
+        self.colour = message["by"]
+
     def _start(self, source: Source | Dataset) -> str:
         """Begin another session; `undo` returns to this one."""
         session = self._session(source)
@@ -169,7 +176,7 @@ class Page:
 
     def show(self) -> Reply:
         """The picture of the state with what belongs to the tab; `refine` returns the numbers."""
-        reply = self.view.show(self.session)
+        reply = self.view.show(self.session, self.colour)
         undo = self.session.can_undo or bool(self._sessions)
         source = self.session.source
         random = [source.n_vertices, source.seed] if isinstance(source, Random) else None
@@ -197,7 +204,8 @@ class Page:
         """The values that stay the same while a source is open."""
         return {
             "tab": self.name,
-            "palette": PALETTE,
+            "palettes": PALETTES,
+            "quantities": QUANTITIES,
             "populations": POPULATIONS,
             "strains": LARGEST_STRAIN,
             "dataset": None if self.dataset is None else self.dataset.description(),
@@ -226,5 +234,6 @@ _ACTIONS: dict[str, Callable[[Page, dict[str, Any]], str | None]] = {
     "file": Page._file,
     "case": Page._case,
     "filter": Page._filter,
+    "colour": Page._colour,
     "look": Page._look,
 }

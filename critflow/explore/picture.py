@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.figures.plot import COMPRESSED, SLACK, TENSION_MAP, face_polygon, periodic_segments, polygon_images
+from critflow.figures.plot import (
+    COMPRESSED,
+    DARK_TENSION_MAP,
+    SLACK,
+    TENSION_MAP,
+    face_polygon,
+    periodic_segments,
+    polygon_images,
+)
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array, IntArray, Network
 
@@ -16,16 +26,23 @@ SHADES = 32
 _SLACK, _COMPRESSED = SHADES, SHADES + 1
 # Edges with less than this part of the mean |tension| carry none.
 _NO_TENSION = 1e-9
+# Lengths that differ by less than this part of the largest are equal: their rounding has no colours.
+_EQUAL = 1e-6
 _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+# Slack edges on a dark page.
+_DARK_SLACK = "#68727c"
+
+QUANTITIES = {"tension": "tension τ / ⟨τ⟩", "length": "length |L|, units of the network", "stress": "stress σ / ⟨σ⟩"}
+"""What colours the edges, by name, with the label of the colour bar."""
 
 
-def _palette() -> list[str]:
-    """Hexadecimal colours: the shades of tension from light to dark, slack, compressed."""
-    shades = (np.asarray(TENSION_MAP(np.linspace(0, 1, SHADES)))[:, :3] * 255).round().astype(int)
-    return [*("#{:02x}{:02x}{:02x}".format(*shade) for shade in shades.tolist()), SLACK, COMPRESSED]
+def _palette(colours: Callable[[Array], Any], slack: str) -> list[str]:
+    """Hexadecimal colours: the shades from small to large values, slack, compressed."""
+    shades = (np.asarray(colours(np.linspace(0, 1, SHADES)))[:, :3] * 255).round().astype(int)
+    return [*("#{:02x}{:02x}{:02x}".format(*shade) for shade in shades.tolist()), slack, COMPRESSED]
 
 
-PALETTE = _palette()
+PALETTES = {"light": _palette(TENSION_MAP, SLACK), "dark": _palette(DARK_TENSION_MAP, _DARK_SLACK)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +50,7 @@ class Drawing:
     """Line segments in the order in which they are drawn.
 
     segments  (n, 2, 2) end points
-    shades    (n,) number of the colour in `PALETTE`
+    shades    (n,) number of the colour in a palette of `PALETTES`
     edges     (n,) the edge of each segment
     outline   (m, 2) corners of the region shown; segments are cut there
     """
@@ -57,35 +74,57 @@ class Drawing:
         return int(u[0] * v[1] - u[1] * v[0] > 0)
 
 
-def shades_of(tensions: Array) -> NDArray[np.uint8]:
-    """The number of the colour of each tension (n,), from zero to the 99th percentile."""
-    size = np.abs(tensions)
-    scale = float(np.percentile(size, 99)) or 1.0
-    shade = np.minimum(size / scale * SHADES, SHADES - 1).astype(np.uint8)
-    slack = size <= _NO_TENSION * (float(size.mean()) or 1.0)
-    return np.where(slack, _SLACK, np.where(tensions < 0, _COMPRESSED, shade)).astype(np.uint8)
+class Shades(NamedTuple):
+    """Numbers of colours (n,), and the values at both ends of the colour bar."""
+
+    numbers: NDArray[np.uint8]
+    low: float
+    high: float
 
 
-def network_drawing(network: Network, coordinates: Array, tensions: Array) -> Drawing:
-    """The network with its edges coloured by tension, each edge in all images that touch the cell."""
+def edge_values(quantity: str, sigma: Array, lengths: Array) -> Array:
+    """The values (N_b,) of one of `QUANTITIES`: tensions and stresses over the mean of their sizes."""
+    if quantity == "length":
+        return lengths
+    values = sigma * lengths if quantity == "tension" else sigma
+    return values / (float(np.abs(values).mean()) or 1.0)
+
+
+def shades_of(values: Array, sigma: Array, from_zero: bool = True) -> Shades:
+    """Colours of the sizes of values (n,): from zero, or the 1st percentile, to the 99th; σ tells slack and compressed.
+
+    from_zero  False for values that are never near zero, such as lengths
+    """
+    size = np.abs(values)
+    low, high = np.percentile(size, [1, 99]).tolist()
+    if from_zero or high - low <= _EQUAL * high:
+        low = 0.0
+    shade = np.clip((size - low) / ((high - low) or 1.0) * SHADES, 0, SHADES - 1).astype(np.uint8)
+    slack = np.abs(sigma) <= _NO_TENSION * (float(np.abs(sigma).mean()) or 1.0)
+    return Shades(np.where(slack, _SLACK, np.where(sigma < 0, _COMPRESSED, shade)).astype(np.uint8), low, high)
+
+
+def network_drawing(network: Network, coordinates: Array, shades: NDArray[np.uint8]) -> Drawing:
+    """The network with the colours (N_b,) of its edges, each edge in all images that touch the cell."""
     if network.cell is not None:
-        return periodic_drawing(network.edges, network.offsets, network.cell, coordinates, tensions)
+        return periodic_drawing(network.edges, network.offsets, network.cell, coordinates, shades)
     low, high = coordinates.min(axis=0), coordinates.max(axis=0)
     margin = 0.03 * float(np.max(high - low))
     outline = low - margin + _CORNERS * (high - low + 2 * margin)
-    return _ordered(coordinates[network.edges], np.arange(network.n_edges), tensions, outline)
+    return _ordered(coordinates[network.edges], np.arange(network.n_edges), shades, outline)
 
 
-def periodic_drawing(edges: IntArray, offsets: IntArray, cell: Array, coordinates: Array, tensions: Array) -> Drawing:
-    """A periodic graph, such as a network or its reciprocal force diagram, with its edges coloured by tension."""
-    return _ordered(*periodic_segments(edges, offsets, cell, coordinates), tensions, _CORNERS @ cell)
+def periodic_drawing(
+    edges: IntArray, offsets: IntArray, cell: Array, coordinates: Array, shades: NDArray[np.uint8]
+) -> Drawing:
+    """A periodic graph, such as a network or its reciprocal force diagram, with the colours (N_b,) of its edges."""
+    return _ordered(*periodic_segments(edges, offsets, cell, coordinates), shades, _CORNERS @ cell)
 
 
-def _ordered(segments: Array, edges: IntArray, tensions: Array, outline: Array) -> Drawing:
-    """Slack edges first, then from light to dark, compressed ones last."""
-    shades = shades_of(tensions)[edges]
-    order = np.argsort(np.where(shades == _SLACK, -1, shades.astype(int)), kind="stable")
-    return Drawing(segments[order], shades[order], edges[order], outline)
+def _ordered(segments: Array, edges: IntArray, shades: NDArray[np.uint8], outline: Array) -> Drawing:
+    """Slack edges first, then from small to large values, compressed ones last."""
+    order = np.argsort(np.where(shades == _SLACK, 0, shades + 1)[edges], kind="stable")
+    return Drawing(segments[order], shades[edges[order]], edges[order], outline)
 
 
 def face_outlines(faces: Faces, face: int, network: Network, coordinates: Array, L: Array) -> list[Array]:

@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ LONGEST_DELAYS = (0.15, 0.5)
 _KEPT = 12
 # Largest file that is accepted, and longest name of one, in bytes.
 _LARGEST_FILE, _LONGEST_NAME = 50_000_000, 200
-_STATIC = {"": "page.html", **{name: name for name in ("raster.js", "plots.js", "page.js", "page.css")}}
+_STATIC = {"": "page.html", **{name: name for name in ("raster.js", "picture.js", "plots.js", "page.js", "page.css")}}
 _KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'"
 
@@ -136,7 +137,7 @@ class _Export(_Guarded):
             if name == "script.py":
                 name, content = name, page.script().encode()
             else:
-                make = picture_file if name.startswith("picture") else network_file
+                make = partial(picture_file, colour=page.colour) if name.startswith("picture") else network_file
                 name, content = await loop.run_in_executor(self.explorer.threads, make, page.session, suffix)
         except CritflowError as error:
             self.set_status(409)

@@ -27,6 +27,8 @@ Change = tuple[Any, ...]
 STEEPEST, LARGEST_STRAIN = 12.0, {"dilation": 0.5, "simple_shear": 1.0, "pure_shear": 1.0}
 # Oldest states are forgotten beyond this number.
 _MEMORY = 200
+# Vertices of all strained states that are kept, about 200 MB: 400 states of 1,000 vertices, 20 of the largest network.
+_STRAINED = 400_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +70,7 @@ class Session:
         self.source, self.observe = source, observe
         self._states, self._now = [State(*source.open())], 0
         self._modes: tuple[CriticalConfiguration, IsogonalModes] | None = None
+        self._strained: tuple[CriticalConfiguration, dict[tuple[str, float], SpringState]] | None = None
 
     @property
     def start(self) -> State:
@@ -168,10 +171,22 @@ class Session:
         if gamma == 0:
             return replace(base, strain=None, springs=None)
         strained = replace(base, strain=(deformation, gamma), springs=None)
-        path = strained.path(moduli=False)
-        assert path is not None
-        path.or_raise("the strain path stopped")
-        return replace(strained, springs=path.value.states[-1])
+        return replace(strained, springs=self._springs(strained))
+
+    def _springs(self, strained: State) -> SpringState:
+        """The springs past the transition, computed once for each strain of a configuration: a path is played often."""
+        if self._strained is None or self._strained[0] is not strained.critical:
+            self._strained = strained.critical, {}
+        known, strain = self._strained[1], strained.strain
+        assert strain is not None
+        if strain not in known:
+            path = strained.path(moduli=False)
+            assert path is not None
+            path.or_raise("the strain path stopped")
+            if len(known) * strained.model.network.n_vertices > _STRAINED:
+                del known[next(iter(known))]
+            known[strain] = path.value.states[-1]
+        return known[strain]
 
 
 # The method of each change, with the types of its values.

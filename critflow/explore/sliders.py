@@ -57,7 +57,7 @@ class Picked:
             "value": state.change[2] if state.change[:2] == ("edge", edge) else 0.0,
             "low": -STEEPEST / 2,
             "high": STEEPEST / 2,
-            "text": f"τ/⟨τ⟩ {tension:.4g}, |L| {length:.4g}",
+            "text": f"τ/⟨τ⟩ {tension:#.4g}, |L| {length:#.4g}",
         }
 
     def _face_slider(self, session: Session, exact: bool) -> dict[str, Any] | None:

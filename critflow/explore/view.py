@@ -12,7 +12,7 @@ import numpy as np
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.explore import numbers
 from critflow.explore.model import POPULATIONS
-from critflow.explore.picture import Drawing, network_drawing, periodic_drawing
+from critflow.explore.picture import QUANTITIES, Drawing, edge_values, network_drawing, periodic_drawing, shades_of
 from critflow.explore.session import Session, State
 from critflow.explore.sliders import Picked
 
@@ -51,17 +51,18 @@ class View:
         self._curve: list[tuple[float, float]] = []
         self._curve_of: tuple[CriticalConfiguration, str] | None = None
 
-    def show(self, session: Session) -> Reply:
-        """The picture of the state; what `refine` returns is marked as due."""
+    def show(self, session: Session, colour: str = "tension") -> Reply:
+        """The picture of the state, coloured by one of `QUANTITIES`; what `refine` returns is marked as due."""
         state = session.state
         model, shown = state.model, state.springs or state.critical
         network, x, sigma = shown.network, shown.coordinates, shown.sigma
         L = network.bond_vectors(x)
-        tensions = sigma * np.linalg.norm(L, axis=1)
-        self.drawings = {"network": network_drawing(network, x, tensions)}
+        values = edge_values(colour, sigma, np.linalg.norm(L, axis=1))
+        shades, low, high = shades_of(values, sigma, from_zero=colour != "length")
+        self.drawings = {"network": network_drawing(network, x, shades)}
         if model.dual is not None:
             y, periods, offsets = model.dual.diagram(network, sigma, L)
-            self.drawings["forces"] = periodic_drawing(model.dual.ends, offsets, periods, y, tensions)
+            self.drawings["forces"] = periodic_drawing(model.dual.ends, offsets, periods, y, shades)
         stages = (lambda: self._quick(session), lambda: self._precise(session), lambda: self._counts(session))
         self._stages = list(zip(WAITS, stages, strict=True))
         header = {
@@ -72,8 +73,8 @@ class View:
             "marks": self.picked.marks(model.dual, network, x, L),
             "weights": list(state.change[1:]) if state.change[0] == "blend" else [0.0] * len(POPULATIONS),
             "strain": list(state.strain) if state.strain else ["", 0.0],
-            # The closed form of the bound has 14 digits.
-            "bound": f"{model.bulk_bound:.14f}" if np.isfinite(model.bulk_bound) else "—",
+            "scale": {"colour": colour, "name": QUANTITIES[colour], "low": _four(low), "high": _four(high)},
+            "bound": _bound(model.bulk_bound),
             **self.picked.sliders(session, exact=False),
         }
         return Reply(header, self.drawings)
@@ -154,6 +155,16 @@ class View:
 
 def _rows(shown: list[numbers.Number]) -> list[dict[str, str]]:
     return [number.row for number in shown]
+
+
+def _bound(value: float) -> dict[str, str]:
+    """The row of the bound of B_0, whose closed form has 14 digits."""
+    number = numbers.Number("bound", value, note="largest B₀ over all stresses (proof)")
+    return {**number.row, "text": f"{value:.14f}"} if np.isfinite(value) else number.row
+
+
+def _four(value: float) -> str:
+    return f"{value:#.4g}" if value else "0"
 
 
 def _sizes(state: State) -> str:

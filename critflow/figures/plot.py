@@ -30,6 +30,8 @@ _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 # From a light to a dark blue-black, so that strong edges stand out on white and print in grey.
 TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("tension", ["#b8d4ea", "#4f93c4", "#1c4f86", "#0b1530"])
+# On a dark page strong edges are light.
+DARK_TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("dark", ["#2b5580", "#4f93c4", "#a9d0ee", "#ffffff"])
 
 
 def unit_pressure_tensions(sigma: Array, lengths: Array, volume: float) -> Array:
@@ -126,15 +128,15 @@ def periodic_segments(
     tail = fraction[edges[:, 0]]
     start = tail - np.floor(tail)
     end = start + fraction[edges[:, 1]] - tail + offsets
-    pieces, owners = [], []
     low, high = np.minimum(start, end), np.maximum(start, end)
-    for image in product(
-        *(range(int(-np.floor(high[:, k].max())), int(1 - np.floor(low[:, k].min()))) for k in range(2))
-    ):
-        touching = ((high + image > 0) & (low + image < 1)).all(axis=1)
-        pieces.append(np.stack([start[touching] + image, end[touching] + image], axis=1) @ cell)
-        owners.append(np.flatnonzero(touching))
-    return np.concatenate(pieces), np.concatenate(owners)
+    images = [range(int(-np.floor(high[:, k].max())), int(1 - np.floor(low[:, k].min()))) for k in range(2)]
+    touching = [{i: (high[:, k] + i > 0) & (low[:, k] + i < 1) for i in images[k]} for k in range(2)]
+    pieces, owners = [], []
+    for i, j in product(*images):
+        owner = np.flatnonzero(touching[0][i] & touching[1][j])
+        pieces.append(np.stack([start[owner], end[owner]], axis=1) + np.array([i, j]))
+        owners.append(owner)
+    return (np.concatenate(pieces).reshape(-1, 2) @ cell).reshape(-1, 2, 2), np.concatenate(owners)
 
 
 def face_polygons(faces: Faces, edges: ArrayLike, coordinates: ArrayLike, bond_vectors: ArrayLike) -> list[Array]:

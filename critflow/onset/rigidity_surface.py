@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import critical_strain
+from critflow.progress import counted
 from critflow.result import InputError, Record, Status
 
 
@@ -65,7 +66,7 @@ def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: Arra
     if A.ndim != 3 or A.shape[1:] != (network.dimension,) * 2 or not np.isfinite(A).all():
         d = network.dimension
         raise InputError(f"directions must be finite matrices, an array of shape (n, {d}, {d}), not {A.shape}")
-    onsets = [critical_strain(network, rest_lengths, one, throw=False) for one in A]
+    onsets = [critical_strain(network, rest_lengths, one, throw=False) for one in counted(A, "direction")]
     return RigiditySurface(
         directions=A,
         strains=np.array([onset.value.strain if all(onset.value.proven) else np.nan for onset in onsets]),

@@ -21,6 +21,7 @@ from critflow.networks.network import Array
 from critflow.paths.continuation import Course, Progress, Step, advance, begin, refused
 from critflow.paths.floppy import unstressed_part
 from critflow.paths.start import Beginning, Start, balanced, start_of
+from critflow.progress import counted
 from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import relaxation_method
@@ -184,7 +185,7 @@ def _follow(course: Course, first: Beginning, gamma: Array) -> list[Progress]:
             reached = [last]
         elif stress is not None and _loosened(springs, stress, course.deformation, gamma[0]):
             reached = [refused(point, gamma[0], Status.floppy, _LOOSENED)]
-    for strain in gamma[len(reached) :]:
+    for strain in counted(gamma[len(reached) :].tolist(), "strain"):
         if reached and not reached[-1].end.ok:
             break
         reached.append(advance(course, point, strain))

@@ -2,8 +2,6 @@
 
 import os
 import re
-import sys
-import time
 
 import numpy as np
 import pytest
@@ -202,20 +200,6 @@ def test_self_stresses_of_large_rigid_networks_are_counted_only():
     exact = critflow.rigidity(network, network.positions).value
     assert found.n_self_stresses == exact.n_self_stresses == 202 and found.order == "first"
     assert not len(found.rigidity.value.self_stresses) and "at least 1.0e-05" in str(found)
-
-
-def test_a_terminal_shows_what_takes_long(monkeypatch, capsys):
-    monkeypatch.setattr(networks, "_PATIENCE", 0.0)
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with networks.waiting("examining a.csv") as progress:
-        progress("pins='hull'")
-        time.sleep(0.3)
-    assert "examining a.csv: --pins hull …" in capsys.readouterr().err
-    monkeypatch.undo()
-    with networks.waiting("examining a.csv"):
-        pass
-    assert not capsys.readouterr().err
 
 
 def test_vertices_have_the_names_of_the_source(tmp_path):

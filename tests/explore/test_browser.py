@@ -4,8 +4,8 @@ import asyncio
 
 import pytest
 
-from critflow import upper_bound
-from critflow.explore import numbers, view
+from critflow import strain_path, upper_bound
+from critflow.explore import numbers, session, view
 from critflow.explore.server import Explorer, listening
 from critflow.explore.source import Random
 from workflows.benchmarks.explore.chromium import Chromium, executable
@@ -16,6 +16,9 @@ SETTLED = (
     "typeof sequence !== 'undefined' && window.shown === sequence && !waiting && !queue.length "
     "&& !document.querySelector('tr.due')"
 )
+
+
+ROWS = "[...document.querySelectorAll('#numbers tr')]"
 
 
 class Browser:
@@ -64,9 +67,8 @@ def browser():
 
 
 async def texts(tab):
-    """Text of the values by the key of the number."""
-    script = "[...document.querySelectorAll('#numbers tr')].map(row => [row.dataset.key, row.cells[1].textContent])"
-    return dict(await tab.run(script))
+    """All digits of the values by the key of the number."""
+    return dict(await tab.run(f"{ROWS}.map(row => [row.dataset.key, row.querySelector('button').dataset.text])"))
 
 
 async def slide(tab, name, value):
@@ -97,6 +99,15 @@ def test_the_page_shows_the_numbers_of_the_state(browser):
         assert expected.items() <= shown.items() and len(expected) == 9
         assert shown["bound"] == f"{upper_bound(state.model.network, 'B_0'):.14f}"
         assert shown["residual"] == f"{state.critical.residual:.6g}"
+        visible = f"{ROWS}.map(row => [row.dataset.key, row.cells[1].textContent])"
+        short = {row.key: row.short for row in rows}
+        assert short.items() <= dict(await tab.run(visible)).items()
+        await tab.run("window.copied = []; navigator.clipboard.writeText = async words => copied.push(words)")
+        await tab.run(f"{ROWS}.find(row => row.dataset.key === 'B_0').querySelector('button').click()")
+        assert await tab.until("copied[0]") == expected["B_0"] != short["B_0"]
+        await tab.until(f"get('sentence').textContent.includes('{expected['B_0']} is copied')")
+        await tab.run("get('all').click()")
+        assert dict(await tab.run(visible)) == shown
         assert tab.problems == []
 
     browser(check())
@@ -266,5 +277,122 @@ def test_a_stopped_server_is_reported(browser):
         await tab.until("get('sentence').textContent.includes('stopped')")
         assert await tab.run("document.body.dataset.connected") == "no"
         explorer.close()
+
+    browser(check())
+
+
+# The least contrast of the text on the page with what is behind it, by the formula of WCAG 2, and the text.
+CONTRAST = """(() => {
+  const parse = (words) => (words.match(/[\\d.]+/g) || [0, 0, 0, 0]).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map((v) => v / 255)
+    .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+  const behind = (e) => {
+    for (; e; e = e.parentElement) {
+      const found = parse(getComputedStyle(e).backgroundColor);
+      if (found.length === 3 || found[3] > 0) return found;
+    }
+  };
+  const found = [];
+  for (const e of document.querySelectorAll('body *')) {
+    const own = [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim());
+    if (!own || e.matches('script, option') || !e.getClientRects().length) continue;
+    const [a, b] = [light(parse(getComputedStyle(e).color)), light(behind(e))].sort((x, y) => y - x);
+    found.push([(a + 0.05) / (b + 0.05), e.textContent.trim()]);
+  }
+  return found.sort((x, y) => x[0] - y[0])[0];
+})()"""
+# The red of most pixels of the network: that of the paper.
+PAPER = """(() => {
+  const canvas = get('network'), counts = new Array(256).fill(0);
+  const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+  for (let i = 0; i < data.length; i += 4) counts[data[i]]++;
+  return counts.indexOf(Math.max(...counts));
+})()"""
+
+
+async def choose(tab, name, value):
+    await tab.run(f"(() => {{ const i = get('{name}'); i.value = '{value}'; i.onchange(); }})()")
+    await tab.until(SETTLED)
+
+
+def test_the_theme_follows_the_browser_until_one_is_chosen(browser):
+    async def check():
+        tab = await browser.tab()
+        contrast = {}
+        for theme, paper in (("light", 255), ("dark", 22)):
+            feature = {"name": "prefers-color-scheme", "value": theme}
+            await tab.send("Emulation.setEmulatedMedia", features=[feature])
+            await tab.until(f"{PAPER} === {paper} && theme === '{theme}'")
+            contrast[theme] = await tab.run(CONTRAST)
+        # The browser is dark now; what is chosen stays.
+        await choose(tab, "theme", "light")
+        assert await tab.run(PAPER) == 255 and await tab.run(CONTRAST) == contrast["light"]
+        await tab.run("window.old = true")
+        await tab.send("Page.reload")
+        await tab.until(f"!window.old && {SETTLED}")
+        assert await tab.run(PAPER) == 255
+        await choose(tab, "theme", "auto")
+        assert await tab.run(PAPER) == 22 and await tab.run(CONTRAST) == contrast["dark"]
+        for least, words in contrast.values():
+            assert least >= 4.5, words
+        assert tab.problems == []
+
+    browser(check())
+
+
+def test_the_menu_colours_edges_by_length_and_stress(browser):
+    async def check():
+        tab = await browser.tab()
+        seen = {await pixels(tab)}
+        for quantity in ("length", "stress", "tension"):
+            await choose(tab, "colour", quantity)
+            seen.add(await pixels(tab))
+            shown = await tab.run("['low', 'high', 'scalename'].map(id => get(id).textContent)")
+            scale = (await browser.page_of(tab)).show().header["scale"]
+            assert shown == [scale["low"], scale["high"], scale["name"]] and scale["colour"] == quantity
+        assert len(seen) == 3
+
+    browser(check())
+
+
+# The largest number of messages under way, from here on.
+WATCHED = """(() => {
+  window.most = 0; window.sent = 0; let open = 0; const original = socket.send.bind(socket);
+  socket.send = (words) => { sent++; most = Math.max(most, ++open); original(words); };
+  const last = window.painted;
+  window.painted = (header) => { open--; last(header); };
+})()"""
+
+
+def test_play_moves_the_strain_forth_and_back_and_computes_each_state_once(browser, monkeypatch):
+    computed = []
+    monkeypatch.setattr(session, "strain_path", lambda *a, **k: computed.append((a[1], k)) or strain_path(*a, **k))
+
+    def energies():
+        return [strains for strains, options in computed if options["measure"] == "energy"]
+
+    async def check():
+        tab = await browser.tab()
+        await tab.run(WATCHED)
+        await tab.run("get('play').click()")
+        await tab.until("sent >= 55 && !player.forward", wait=60)
+        assert len(energies()) == 50
+        await tab.until("sent >= 110 && player.forward", wait=60)
+        assert len(energies()) == 50 and await tab.run("most") == 1
+        await tab.run("get('play').click()")
+        await tab.until(SETTLED)
+        stopped = await tab.run("sent")
+        assert await tab.run("player") is None and 0 < await tab.run("+get('gamma').value") < 0.1
+        await asyncio.sleep(0.2)
+        assert await tab.run("sent") == stopped
+        # Every other change ends it too, and one sign of a shear loosens this network.
+        await choose(tab, "deformation", "simple_shear")
+        await tab.run("get('play').click()")
+        await tab.until("player.turned && player.step >= 4", wait=60)
+        assert await tab.run("most") == 1
+        await tab.run("send({do: 'select', edge: 5})")
+        await tab.until(SETTLED)
+        assert await tab.run("player") is None and tab.problems == []
 
     browser(check())

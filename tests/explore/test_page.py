@@ -47,6 +47,20 @@ def test_a_reply_has_all_that_is_shown(page):
     assert set(reply.header["due"]) <= shown
 
 
+def test_edges_are_coloured_by_a_quantity_that_stays(page):
+    scale = header(page, do="look")["scale"]
+    assert scale["name"].startswith("tension") and scale["low"] == "0"
+    first = page.view.drawings["network"].shades
+    scale = header(page, do="colour", by="length")["scale"]
+    lengths = page.session.state.critical.lengths
+    assert [scale["low"], scale["high"]] == [f"{value:#.4g}" for value in np.percentile(lengths, [1, 99])]
+    shades = page.view.drawings["network"].shades
+    assert not np.array_equal(shades, first) and len(page.view.drawings["forces"].shades) > 0
+    assert header(page, do="open", n_vertices=36, seed=1)["scale"]["colour"] == "length"
+    wrong = header(page, do="colour", by="weight")
+    assert wrong["error"] and "tension, length, stress" in wrong["sentence"] and wrong["scale"]["colour"] == "length"
+
+
 def test_numbers_and_limits_follow_the_picture(page):
     page.handle({"do": "select", "face": 4})
     before = precise(page)["face"]

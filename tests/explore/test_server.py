@@ -155,6 +155,8 @@ def test_exports_are_the_state(tmp_path):
         script = await server.get(f"export/script.py?tab={name}")
         assert "np.exp(0.5 * (np.arange(network.n_edges) == 3))" in script.body.decode()
         picture = await server.get(f"export/picture.png?tab={name}")
+        server.explorer.pages[name].colour = "length"
+        assert (await server.get(f"export/picture.png?tab={name}")).body != picture.body
         assert picture.body.startswith(b"\x89PNG") and "attachment" in picture.headers["Content-Disposition"]
         file = await server.get(f"export/network.json?tab={name}")
         (tmp_path / "network.json").write_bytes(file.body)

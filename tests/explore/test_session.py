@@ -7,7 +7,7 @@ import critflow
 from critflow import CritflowError, certify, elasticity, stiffening, upper_bound
 from critflow.explore import numbers
 from critflow.explore.model import POPULATIONS
-from critflow.explore.picture import face_outlines, network_drawing, shades_of
+from critflow.explore.picture import PALETTES, QUANTITIES, edge_values, face_outlines, network_drawing, shades_of
 from critflow.explore.script import script
 from critflow.explore.session import Session
 from critflow.explore.source import File, Random
@@ -203,7 +203,8 @@ def test_the_force_diagram_closes_around_every_vertex(session):
 
 def test_a_point_in_a_face_picks_it(session):
     critical, dual = session.state.critical, session.state.model.dual
-    drawing = network_drawing(critical.network, critical.coordinates, critical.tensions)
+    shades = shades_of(critical.tensions, critical.sigma).numbers
+    drawing = network_drawing(critical.network, critical.coordinates, shades)
     for face in range(dual.faces.n_faces):
         outline = face_outlines(dual.faces, face, critical.network, critical.coordinates, critical.bond_vectors)[0]
         point = outline.mean(axis=0)
@@ -214,5 +215,69 @@ def test_a_point_in_a_face_picks_it(session):
 
 
 def test_shades_separate_tension_slackness_and_compression():
-    shades = shades_of(np.array([0.0, 1.0, 0.5, -1.0, 1.0]))
-    assert shades.tolist() == [32, 31, 16, 33, 31]
+    tensions = np.array([0.0, 1.0, 0.5, -1.0, 1.0])
+    shades = shades_of(tensions, tensions)
+    assert shades.numbers.tolist() == [32, 31, 16, 33, 31] and (shades.low, shades.high) == (0.0, 1.0)
+
+
+def test_lengths_are_coloured_from_the_shortest_and_equal_ones_alike():
+    ones, lengths = np.ones(101), np.linspace(1, 3, 101)
+    shades = shades_of(lengths, ones, from_zero=False)
+    assert (shades.low, shades.high) == pytest.approx((1.02, 2.98))
+    assert shades.numbers[[0, 50, 100]].tolist() == [0, 16, 31] and (np.diff(shades.numbers.astype(int)) >= 0).all()
+    # Rounding is no difference.
+    assert set(shades_of(ones + 1e-15 * lengths, ones, from_zero=False).numbers) == {31}
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_values_of_edges_are_over_their_mean(session, quantity):
+    critical = session.state.critical
+    values = edge_values(quantity, critical.sigma, critical.lengths)
+    expected = {"tension": critical.tensions, "length": critical.lengths, "stress": critical.sigma}[quantity]
+    scale = 1.0 if quantity == "length" else np.mean(expected)
+    assert np.allclose(values, expected / scale, rtol=1e-14, atol=0)
+
+
+@pytest.mark.parametrize(("theme", "direction"), [("light", -1), ("dark", 1)])
+def test_shades_differ_in_lightness_alone(theme, direction):
+    colours = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in PALETTES[theme]]) / 255
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    # Luminance of WCAG 2; eyes without red or green cones see its order too.
+    luminance = linear @ (0.2126, 0.7152, 0.0722)
+    assert (direction * np.diff(luminance[:32]) > 0).all() and (direction * np.diff(linear[:32, 2]) >= 0).all()
+
+
+SHORT = {
+    "proved": (numbers.Number("B_0", 0.28, 4e-16, numbers.PROOF), "0.2800", "0.28000000000000"),
+    "few certain digits": (numbers.Number("C_B", 0.12345, 1e-3, numbers.ESTIMATE), "0.12", "0.12"),
+    "below its error": (numbers.Number("V_L", 3e-17, 1e-14, numbers.PROOF), "0.0000000000000", "0.0000000000000"),
+    "far below its error": (numbers.Number("V_L", 5e-32, 7.9e-30, numbers.PROOF), "0", "0"),
+    "negative": (numbers.Number("C_B", -12.34567, 1e-9, numbers.ESTIMATE), "-12.35", "-12.34567000"),
+    "small": (numbers.Number("residual", 1.234567e-16), "1.235e-16", "1.23457e-16"),
+    "count": (numbers.Number("zero modes", 123456), "123456", "123456"),
+    "none": (numbers.Number("G_0", np.nan), "—", "—"),
+}
+
+
+@pytest.mark.parametrize(("number", "short", "text"), SHORT.values(), ids=SHORT)
+def test_a_number_is_shown_with_four_digits_unless_its_error_leaves_fewer(number, short, text):
+    assert (number.short, number.text) == (short, text)
+
+
+def test_strains_of_one_configuration_are_computed_once(session, monkeypatch):
+    computed = []
+    monkeypatch.setattr(
+        "critflow.explore.session.strain_path", lambda *a, **k: computed.append(a[1]) or critflow.strain_path(*a, **k)
+    )
+    for gamma in (0.01, 0.02, 0.01, 0.02):
+        session.apply(("strain", "dilation", gamma))
+    assert computed == [[0.01], [0.02]]
+    session.apply(("strain", "simple_shear", -0.01))
+    replay(session, [("edge", 3, 0.4), ("strain", "dilation", 0.01)])
+    assert computed == [[0.01], [0.02], [-0.01], [0.01]]
+    again = session.state.path(moduli=False).value.states[-1]
+    assert np.array_equal(session.state.springs.coordinates, again.coordinates)
+    monkeypatch.setattr("critflow.explore.session._STRAINED", 2 * 64)
+    for gamma in (0.02, 0.03, 0.04, 0.01):
+        session.apply(("strain", "dilation", gamma))
+    assert computed[-4:] == [[0.02], [0.03], [0.04], [0.01]]

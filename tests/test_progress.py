@@ -1,0 +1,85 @@
+"""The line on a terminal about long calls, in processes of their own: with a terminal, without, and in workers."""
+
+import os
+import pty
+import subprocess
+import sys
+
+import pytest
+
+from critflow import progress
+from critflow.command.main import main
+
+PREPARED = """
+import sys, time
+import critflow
+from critflow import progress
+from critflow.arguments import checked
+progress.PATIENCE, progress.PERIOD = 0.0, 0.02
+@checked
+def inner(step: int) -> None:
+    time.sleep(0.1)
+@checked
+def outer(n: int) -> None:
+    for step in progress.counted(range(n), "step"):
+        inner(step)
+"""
+IN_A_THREAD = "import threading\nt = threading.Thread(target=outer, args=(3,)); t.start(); t.join()"
+IN_A_WORKER = """
+import multiprocessing
+process = multiprocessing.get_context("fork").Process(target=outer, args=(3,)); process.start(); process.join()
+"""
+FAILS = """
+@checked
+def fails(n: int) -> None:
+    time.sleep(0.1)
+    raise ValueError("reason")
+try: fails(1)
+except ValueError: print("caught", file=sys.stderr)
+"""
+
+
+def on_a_terminal(code):
+    """What a process writes to a standard error that is a terminal."""
+    here, there = pty.openpty()
+    try:
+        subprocess.run([sys.executable, "-W", "error", "-c", PREPARED + code], stderr=there, check=True, timeout=60)
+        os.write(there, b"END")
+        written = b""
+        while not written.endswith(b"END"):
+            written += os.read(here, 10_000)
+    finally:
+        os.close(here)
+        os.close(there)
+    return written.decode().removesuffix("END")
+
+
+def test_a_terminal_shows_the_outermost_call_and_its_part_and_erases_them():
+    written = on_a_terminal("outer(3)\nprint('done', file=sys.stderr)")
+    for number in (1, 2, 3):
+        assert f"\r\x1b[Kouter: step {number} of 3, 0 s" in written
+    assert "inner" not in written
+    assert written.rstrip().endswith("0 s\r\x1b[Kdone")
+
+
+def test_a_call_that_fails_leaves_no_line():
+    assert on_a_terminal(FAILS).rstrip().endswith("0 s\r\x1b[Kcaught")
+
+
+@pytest.mark.parametrize("code", [IN_A_THREAD, IN_A_WORKER, "progress.PATIENCE = 9\nouter(3)"])
+def test_threads_workers_and_short_calls_write_nothing(code):
+    assert on_a_terminal(code) == ""
+
+
+def test_nothing_is_written_without_a_terminal():
+    found = subprocess.run([sys.executable, "-c", PREPARED + "outer(3)"], capture_output=True, text=True, timeout=60)
+    assert (found.returncode, found.stdout, found.stderr) == (0, "", "")
+
+
+def test_the_parts_of_an_examination_are_told_in_the_words_of_the_shell(monkeypatch, tmp_path):
+    told = []
+    monkeypatch.setattr(progress, "tell", told.append)
+    (tmp_path / "t_edges.csv").write_text("tail,head\nA,D\nB,D\nC,D\n")
+    (tmp_path / "t_vertices.csv").write_text("id,x,y\nA,0,0\nB,4,0\nC,0,3\nD,1,1\n")
+    assert main(["examine", str(tmp_path / "t.csv")]) == 2
+    assert "--pins hull" in told
