@@ -286,10 +286,7 @@ class Study:
     def _check_case(self) -> None:
         """Raise unless the case function takes the parameters and a value of every axis."""
         require(callable(self.case), f"case of study {self.name!r} must be a function, not {self.case!r}")
-        try:
-            signature = inspect.signature(self.case)
-        except ValueError:  # some builtins have no signature
-            return
+        signature = inspect.signature(self.case)
         wanted = {"wanted"} & signature.parameters.keys()
         try:
             signature.bind({}, **dict.fromkeys((*self.axis_names, *wanted)))

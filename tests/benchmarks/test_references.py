@@ -6,7 +6,7 @@ import pytest
 from problems import TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS, random_stress
 
 from critflow import CriticalManifold, Network, critical_from_lengths, lattice, upper_bound, voronoi_network
-from critflow.precision.double_double import extended, lengths
+from critflow.precision.double_double import lengths
 from workflows.benchmarks import reference
 from workflows.benchmarks.reference import MP
 from workflows.benchmarks.speed import references
@@ -212,18 +212,6 @@ def test_the_gradient_of_the_bulk_modulus_is_its_derivative(network, exact):
 def error(found, truth):
     """Largest error of double-double numbers, relative to the largest number."""
     return reference.largest(reference.numbers(found.high, found.low) - truth) / reference.largest(truth)
-
-
-def test_sums_of_any_number_of_values():
-    for n in (1, 2, 3, 7, 64, 101):
-        values = 1.0 / np.arange(1, n + 1)
-        assert error(references.total(extended(values)), np.array([sum(reference.numbers(values))])) < 1e-29
-
-
-def test_initial_derivatives_of_polynomials():
-    t = np.array([0.0, 0.1, 0.25, 0.5])
-    values = [extended(np.array([3.0 - 2.0 * s + 5.0 * s**2 - s**3])) for s in t]
-    assert references.initial_derivative(t, values).high[0] == pytest.approx(-2.0, rel=1e-14)
 
 
 def test_double_double_configurations_and_gradients(network, manifold, exact):

@@ -33,29 +33,6 @@ def members(dataset):
             yield str(population), Network(one.edges.values, one.offsets.values, one.cell.values), one
 
 
-def test_the_dataset_has_the_promised_variables(dataset):
-    member, along = ("population", "seed"), ("population", "seed", "strain")
-    promised = {
-        "edges": ("seed", "edge", "end"),
-        "offsets": ("seed", "edge", "axis"),
-        "cell": ("seed", "axis", "axis_"),
-        "sigma": (*member, "edge"),
-        "length": (*member, "edge"),
-        "coordinates": (*member, "vertex", "axis"),
-    }
-    promised |= dict.fromkeys(("bulk_modulus", "shear_modulus", "energy", "max_force", "newton_steps"), along)
-    scalars = "bulk_modulus_0 shear_modulus_0 C_B C_G C_B_exact C_G_exact C_B_error C_G_error length_variance"
-    scalars += " tension_variance anisotropy_physical anisotropy_force stressed_fraction status residual iterations"
-    promised |= dict.fromkeys(scalars.split(), member)
-    for name, dims in promised.items():
-        assert dataset[name].dims == dims, name
-        assert dataset[name].attrs["long_name"], name
-    # Units that UDUNITS does not know are no CF units; everything here is measured in k and the mean area of a vertex.
-    assert {variable.attrs["units"] for variable in dataset.variables.values()} == {"1"}
-    assert {"seed": 3, "population": 7, "strain": 10, "edge": 90, "vertex": 60}.items() <= dict(dataset.sizes).items()
-    assert dataset.status.attrs["flag_meanings"].split()[0] == "ok"
-
-
 def test_every_population_was_found(dataset):
     for population in dataset.population.values:
         expected = Status.slack_edges if population == SLACK else Status.ok

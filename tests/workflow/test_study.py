@@ -19,7 +19,7 @@ def small_study(**changes):
         "title": "Small",
         "axes": [Axis("seed", [0, 1], "seed")],
         "parameters": {"n": 3, "strains": [1, 0.5]},
-        "case": dict,
+        "case": lambda parameters, *, seed: {"status": Status.ok},
         "variables": [STATUS],
     }
     return Study(**(parts | changes))
