@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 from critflow import (
     CriticalManifold,
+    Deformation,
     Status,
     certify,
     critical_from_lengths,
@@ -35,6 +36,7 @@ STEP = 1e-4
 SOFT = 1e-6
 # Strains of a dilation near the transition.
 _NEAR = (1e-6, 1e-4)
+SHEAR = Deformation.simple_shear(2)
 # Simple shears between which a disordered network has the cell without shear stress.
 _SHEARS = (-0.5, 0.5)
 # Turn of a corner, relative to the lengths of its sides, below which a corner is straight.
@@ -82,7 +84,7 @@ def honeycomb_shear(parameters, seed):
 def _least_length(gamma):
     network = lattice("honeycomb", 3, 3)
     scale = np.sqrt(network.n_vertices / network.volume)
-    sheared = network.deformed(scale * simple_shear(gamma))
+    sheared = network.deformed(scale * SHEAR.gradient(gamma))
     return float(critical_from_lengths(sheared, np.ones(network.n_edges)).value.lengths.mean())
 
 
@@ -96,7 +98,7 @@ def factor_three(parameters, seed):
     ratios = np.full(len(onsets), np.nan)
     for n, onset in enumerate(onsets):
         # Equal lengths that fit the cell sheared by γ_c are those whose onset is γ_c.
-        sheared = network.deformed(simple_shear(onset))
+        sheared = network.deformed(SHEAR.gradient(onset))
         found = critical_from_lengths(sheared, np.ones(network.n_edges), throw=False)
         if not found.ok:
             return Measured(np.nan, onsets, ratios, found.status)
@@ -108,20 +110,15 @@ def factor_three(parameters, seed):
     return Measured(float(np.polyfit(onsets**2, ratios, 1)[1]), onsets, ratios)
 
 
-def simple_shear(gamma):
-    """F of the simple shear γ."""
-    return np.array([[1.0, gamma], [0.0, 1.0]])
-
-
 def _without_shear_stress(network):
     """The network in the sheared cell in which equal lengths are critical without shear stress."""
 
     def stress(gamma):
-        found = critical_from_lengths(network.deformed(simple_shear(gamma)), np.ones(network.n_edges), throw=False)
+        found = critical_from_lengths(network.deformed(SHEAR.gradient(gamma)), np.ones(network.n_edges), throw=False)
         L, sigma = found.value.bond_vectors, found.value.sigma
         return float(sigma @ (L[:, 0] * L[:, 1]) / (sigma @ np.sum(L**2, axis=1)))
 
-    return network.deformed(simple_shear(brentq(stress, *_SHEARS, xtol=1e-12)))
+    return network.deformed(SHEAR.gradient(brentq(stress, *_SHEARS, xtol=1e-12)))
 
 
 def tension_honeycomb(parameters, seed):

@@ -17,9 +17,8 @@ from functools import partial
 
 import numpy as np
 
-from critflow import elasticity, equilibrium, strain_path
+from critflow import Deformation, elasticity, equilibrium, strain_path
 from critflow.critical.transition import pure_shear
-from critflow.networks.network import Array
 from critflow.paths.strain_path import PathSolver
 from critflow.response.linear_response import linear_response
 
@@ -45,27 +44,16 @@ _NEARLY_EXACT = {"drop_tol": 1e-10, "fill_factor": 50.0}
 _FIRST = RESIDUALS[:4]
 
 
-def _dilated(strain: float) -> tuple[Array, Array]:
-    """F and Ḟ F⁻¹ of a change of the volume."""
-    return np.sqrt(1 + strain) * np.eye(2), np.eye(2) / (2 * (1 + strain))
-
-
-def _sheared(strain: float) -> tuple[Array, Array]:
-    """F and Ḟ F⁻¹ of a pure shear."""
-    F = np.eye(2) + strain * pure_shear(2)
-    return F, pure_shear(2) @ np.linalg.inv(F)
-
-
 def _differences(springs: StrainedSprings, order: int, h: float) -> Answer:
     """d²E of relaxed springs by central differences of E (order 2) or of dE, the work of the stress (order 1)."""
     moduli, ends = [], []
-    for deformed in (_dilated, _sheared):
+    for path in (Deformation.dilation(2), Deformation.linear(pure_shear(2))):
         terms = []
         for strain in (-h, h):
-            F, rate = deformed(strain)
-            end = equilibrium(springs.relaxed.deformed(F), pattern=springs.pattern, throw=False)
+            start = springs.relaxed.deformed(path.gradient(strain))
+            end = equilibrium(start, pattern=springs.pattern, throw=False)
             L = end.value.bond_vectors
-            work = float(end.value.sigma @ np.einsum("ad,de,ae->a", L, rate, L))
+            work = float(end.value.sigma @ np.einsum("ad,de,ae->a", L, path.velocity(strain), L))
             terms.append(end.value.energy if order == 2 else work)
             ends.append(end)
         below, above = terms
