@@ -17,7 +17,7 @@ from critflow.figures.plot import COLOURS
 from critflow.workflow import Claim, Coordinate, Study, decimals, stable_rng
 
 from .shared.checks import voronoi_check
-from .shared.reports import PAPER, parameters
+from .shared.reports import PAPER
 from .shared.tables import NETWORK, networks, numbers, outcomes
 from .shared.verification import contradictions, forces
 
@@ -278,20 +278,6 @@ def _shear(ds):
     )  # fmt: skip
 
 
-def summary(ds):
-    """Numbers of edges, of crossing edges and of edges with a wrong nearest image."""
-    crossing = ds.offsets.values.any(axis=2)
-    return {
-        "parameters": parameters(ds),
-        "networks": ds.sizes["seed"],
-        "edges": ds.sizes["edge"],
-        "crossing_edges_mean": float(crossing.sum(axis=1).mean()),
-        "box_side": float(ds.cell.values[0, 0, 0]),
-        "nearest_image_wrong": {f"{shear:g}": int(n) for shear, n in
-                                zip(ds.shear.values, ds.nearest_image_wrong.sum("seed").values, strict=True)},
-    }  # fmt: skip
-
-
 def verify(ds):
     """A line for each network whose bond vectors, force balance or sheared boundary contradict its arrays."""
     return contradictions(ds, ("seed",), _checks)
@@ -329,5 +315,4 @@ study = Study(
     verify=verify,
     figures={"boundary": boundary_figure},
     claims=claims,
-    summary=summary,
 )

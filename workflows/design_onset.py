@@ -92,21 +92,6 @@ def claims(ds):
     ]  # fmt: skip
 
 
-def summary(ds):
-    """Largest error, and times."""
-    error = np.abs(ds.achieved - ds.target)
-    return {
-        "reached": int((error <= 1e-9).sum()),
-        "targets": int(error.size),
-        "largest_error": float(error.max()),
-        "median_seconds": float(ds.target_seconds.median()),
-        "critical_shear_by_modulus": {
-            f"{modulus:g}": [float(ds.shear[:, n].min()), float(ds.shear[:, n].max())]
-            for n, modulus in enumerate(parameters(ds)["moduli"])
-        },
-    }
-
-
 study = Study(
     name="design_onset",
     title="Onset of rigidity on demand",
@@ -130,5 +115,4 @@ study = Study(
     ),
     figures={"onset": figure},
     claims=claims,
-    summary=summary,
 )

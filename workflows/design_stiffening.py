@@ -17,7 +17,7 @@ from critflow.workflow import Claim, Study, stable_rng
 from .shared.checks import voronoi_check
 from .shared.figures import legend_below, panels
 from .shared.populations import LABELS, PAPER_POPULATIONS, configuration
-from .shared.reports import MISSED, PAPER, duration, parameters, series, target_summary
+from .shared.reports import MISSED, PAPER, duration, parameters, series
 from .shared.tables import networks, numbers, outcomes, seconds, stacked, timed
 
 SOURCES = (*PAPER_POPULATIONS, "log-normal stress")
@@ -132,12 +132,6 @@ def claims(ds):
     ]  # fmt: skip
 
 
-def summary(ds):
-    """Number of targets reached and refused, largest error, and times."""
-    refused = int((ds.target_status == cf.Status.infeasible).sum())
-    return {"refused": refused, **target_summary(ds, ds.error <= 1e-8)}
-
-
 study = Study(
     name="design_stiffening",
     title="Stiffening on demand",
@@ -164,5 +158,4 @@ study = Study(
     ),
     figures={"stiffening": figure},
     claims=claims,
-    summary=summary,
 )

@@ -13,7 +13,7 @@ import critflow as cf
 from critflow.workflow import Claim, Study
 
 from .shared.checks import voronoi_check
-from .shared.reports import PAPER, duration, target_summary
+from .shared.reports import PAPER, duration
 from .shared.structure import scaled_stress
 from .shared.tables import networks, numbers, outcomes, seconds, stacked, timed
 
@@ -92,11 +92,6 @@ def claims(ds):
     ]  # fmt: skip
 
 
-def summary(ds):
-    """Number of targets reached, largest error, and times."""
-    return target_summary(ds, (ds.target_status == cf.Status.ok) & (ds.error <= 1e-9))
-
-
 study = Study(
     name="design_stress",
     title="Linear response on demand",
@@ -123,5 +118,4 @@ study = Study(
         *outcomes(("seed",), status="outcome of the case"),
     ),
     claims=claims,
-    summary=summary,
 )

@@ -228,21 +228,6 @@ def claims(ds):
     ]  # fmt: skip
 
 
-def summary(ds):
-    """Onsets and moduli after some cuts, and the number of cuts until networks come apart."""
-    cuts = [cut for cut in (0, 1, 5, 10, 20) if cut <= parameters(ds)["cuts"]]
-    return {
-        path: {
-            law: {
-                "cuts until apart, median": float(np.median(life(ds, path, law))),
-                **{name: {str(cut): spread(after(ds, name, path, law, cut)) for cut in cuts} for name in MEASURES},
-            }
-            for law in LAWS
-        }
-        for path in PATHS
-    }
-
-
 study = Study(
     name="design_topology",
     title="Fracture and remodelling of networks at the transition",
@@ -268,5 +253,4 @@ study = Study(
     ),
     figures={"topology": figure},
     claims=claims,
-    summary=summary,
 )

@@ -121,6 +121,7 @@ def test_what_is_kept_replaces_what_was_kept(tmp_path):
         )
         (folder / "claims.md").write_text(word)
         (folder / f"{word}.nc").write_text(word)
+    (kept / "summary.json").write_text("of a study that had one")
     keep(made, kept)
     names = {str(path.relative_to(kept)) for path in kept.rglob("*") if path.is_file()}
     assert names == {"figures/new.png", "figures/new.gif", "claims.md", "old.nc"}

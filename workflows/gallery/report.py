@@ -1,4 +1,4 @@
-"""Figure, claims and summary of the gallery, from its dataset alone."""
+"""Figure and claims of the gallery, from its dataset alone."""
 
 from __future__ import annotations
 
@@ -280,14 +280,3 @@ _CLAIMS = (
 def _bound(value, least=1e-16):
     """A power of ten that a small number does not exceed, at least the rounding error of numbers of order one."""
     return f"1e{int(np.ceil(np.log10(max(float(value), least))))}"
-
-
-def summary(ds):
-    """The scalars of every panel, and how its solve ended."""
-    names = [name for name, values in ds.data_vars.items() if values.dims == ("panel", "seed") and name != "status"]
-    panels = {}
-    for panel in ds.panel.values:
-        one = ds.sel(panel=panel)
-        panels[str(panel)] = {name: one[name].values.tolist() for name in names}
-        panels[str(panel)]["status"] = [Status(int(code)).name for code in one.status.values]
-    return {"seeds": ds.seed.values.tolist(), "parameters": parameters(ds), "panels": panels}

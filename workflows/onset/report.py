@@ -1,4 +1,4 @@
-"""Figures, claims and summary of the onset of rigidity, from its dataset alone."""
+"""Figures and claims of the onset of rigidity, from its dataset alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from critflow.workflow import Claim
 
 from ..shared.figures import lettered
 from ..shared.populations import LABELS, PAPER_POPULATIONS
-from ..shared.reports import finite, parameters, series, spread, status_counts
+from ..shared.reports import finite, parameters, series, status_counts
 
 TITLES = {
     "simple_shear": "simple shear",
@@ -186,19 +186,3 @@ def _normals(ds):
         f"{100 * compressive:.2g} % of the normals have negative dilation", compressive == 0, "some have not",
         criterion="every normal", kind="check",
     )  # fmt: skip
-
-
-def summary(ds):
-    """Mean and spread of the critical strains, where a network that is rigid as built has zero."""
-    by_family = {
-        str(family): {
-            str(name): {
-                f"{z:g}": spread(row)
-                for z, row in zip(ds.z.values, onsets_by_coordination(ds, family, name)[0], strict=True)
-                if np.isfinite(row).any()
-            }
-            for name in ds.deformation.values
-        }
-        for family in ds.family.values
-    }
-    return {"seeds": ds.seed.values.tolist(), "parameters": parameters(ds), "critical_strain": by_family}

@@ -30,7 +30,7 @@ from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ..shared.checks import check_network, check_positive
 from ..shared.populations import PAPER_POPULATIONS, configuration
-from .report import claims, coordination_figure, summary, surface_figure
+from .report import claims, coordination_figure, surface_figure
 
 FAMILIES = ("triangular", "kagome", "phantom", "mikado", "delaunay", "voronoi")
 PURE_SHEAR, DILATION = np.diag([1.0, -1.0]), np.eye(2)
@@ -163,5 +163,4 @@ study = Study(
     variables=tuple(table()),
     figures={"coordination": coordination_figure, "surfaces": surface_figure},
     claims=claims,
-    summary=summary,
 )

@@ -177,6 +177,8 @@ def keep(made: Path, kept: Path) -> None:
                 reduce(picture)
         elif (made / name).exists():
             shutil.copy(made / name, kept / name)
+        else:
+            (kept / name).unlink(missing_ok=True)
 
 
 def reduce(picture: Path) -> None:

@@ -9,7 +9,7 @@ from critflow.result import Status
 from critflow.workflow import Claim
 
 from ..shared.figures import legend_below, lettered, panels
-from ..shared.reports import parameters, series
+from ..shared.reports import series
 
 # The spread that the paper prints as the largest with every edge stressed.
 PRINTED_SPREAD = 0.3
@@ -159,13 +159,3 @@ def printed_claims(ds):
         "the other edges are slack at the transition and slightly compressed where the protocol stops",
         criterion="every edge of the median network", sample=networks, kind="paper",
     )  # fmt: skip
-
-
-def summary(ds):
-    """The curves and their half points."""
-    full, slack, counts = curve(ds)
-    halves = [half_point(ds.spread.values, row) for row in full]
-    return {
-        "parameters": parameters(ds), "n_vertices": ds.n_vertices.values, "spreads": ds.spread.values,
-        "networks": counts[:, 0], "percolating": full, "slack": slack, "half": halves,
-    }  # fmt: skip

@@ -19,7 +19,7 @@ from ..shared.populations import random_lengths
 from ..shared.reports import PAPER
 from ..shared.strain_protocol import critical_by_strain
 from ..shared.tables import numbers, outcomes
-from .report import claims, percolation_figure, spread_figure, summary
+from .report import claims, percolation_figure, spread_figure
 
 NOT_COMPUTED = (Status.missing, np.nan, np.nan, np.nan)
 
@@ -91,5 +91,4 @@ study = Study(
     ),
     figures={"percolation": percolation_figure, "spread": spread_figure},
     claims=claims,
-    summary=summary,
 )

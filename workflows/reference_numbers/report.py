@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from critflow.workflow import Claim
 
-from ..shared.reports import finite, parameters, series, status_counts
+from ..shared.reports import finite, series, status_counts
 
 
 class Quantity(NamedTuple):
@@ -180,18 +180,3 @@ def _pruned(axes, ds):
         axes.axhline(limit, color="k", lw=0.8, ls=":")
     axes.invert_xaxis()
     axes.set(xlabel="coordination $z$", ylabel="Poisson's ratio $\\nu$", title="pruned triangular lattices")
-
-
-def summary(ds):
-    """Mean, spread and outcomes of every quantity next to the number of the literature."""
-    rows = {}
-    for name in ds.quantity.values:
-        values, known = measured(ds, name), QUANTITIES[str(name)]
-        rows[str(name)] = {
-            "literature": known.printed,
-            "source": known.source,
-            "mean": float(np.mean(values)) if len(values) else None,
-            "standard_deviation": float(np.std(values)) if len(values) else None,
-            "status": status_counts(ds.status.sel(quantity=name).values),
-        }
-    return {"seeds": ds.seed.values.tolist(), "parameters": parameters(ds), "quantities": rows}

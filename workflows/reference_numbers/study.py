@@ -14,7 +14,7 @@ from critflow.workflow import Axis, Study, Variable
 
 from ..shared.checks import check_network, check_positive
 from . import measures
-from .report import QUANTITIES, claims, curves, summary
+from .report import QUANTITIES, claims, curves
 
 
 def case(parameters, *, seed, quantity):
@@ -60,5 +60,4 @@ study = Study(
     ),
     figures={"curves": curves},
     claims=claims,
-    summary=summary,
 )

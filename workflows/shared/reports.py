@@ -1,4 +1,4 @@
-"""Parts of figures, claims and summaries that several studies share."""
+"""Parts of figures and claims that several studies share."""
 
 from __future__ import annotations
 
@@ -51,14 +51,3 @@ def duration(seconds, digits=3):
         value = seconds * factor
         if value < 999.5 or unit == "s":
             return f"{value:,.0f} {unit}" if value >= 99.5 else f"{value:.{digits}g} {unit}"
-
-
-def target_summary(ds, reached):
-    """Number of targets that designs reached, their largest error, and processor times."""
-    return {
-        "reached": int(reached.sum()),
-        "targets": int(reached.size),
-        "largest_error": float(ds.error.where(reached).max()),
-        "median_seconds": float(ds.target_seconds.median()),
-        "longest_seconds": float(ds.target_seconds.max()),
-    }

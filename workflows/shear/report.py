@@ -1,4 +1,4 @@
-"""Claims and summary of the ascents, and of the shear modulus against size, threshold and starts, from the dataset."""
+"""Claims of the ascents, and of the shear modulus against size, threshold and starts, from the dataset."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from critflow.workflow import Claim
 
 from ..shared.populations import NAMES
 from ..shared.power_laws import exponent, judged, shown
-from ..shared.reports import parameters, spread, status_counts
+from ..shared.reports import parameters, spread
 from .figures import ascent_ends, by_size, detailed, recorded
 
 # An objective within this relative distance of the best one found counts as the best.
@@ -235,32 +235,3 @@ def _start_claim(ds):
         "ShearModulus+Constraint-starts", "how many starts find the best local optimum", "not stated",
         f"of {ds.sizes['start']} starts (means over {known.sizes['seed']} networks) {text}", "measured",
     )  # fmt: skip
-
-
-def summary(ds):
-    """Scalars for tables: the ends of the ascents, and means by algorithm, population, threshold and size."""
-    ascents, detail = recorded(ds), detailed(ds)
-    last = ascents.isel(step=-1)
-    names = [name for name, values in last.data_vars.items() if values.dims == ("seed",) and name != "status"]
-    at_end = [name for name in ds.data_vars if name.endswith("_of_end")]
-    return {
-        "networks": ds.sizes["seed"],
-        "parameters": parameters(ds),
-        "n_vertices": ds.n_vertices.values,
-        "bound": ds.bound.mean("seed").values,
-        "ascent_status": status_counts(ascents.status.values),
-        "ascent_end": {name: {word: getattr(last[name], word)() for word in ("mean", "std", "max")} for name in names},
-        "algorithm_status": status_counts(detail.algorithm_status.values),
-        "algorithms": {
-            str(a): {name: detail[name].sel(algorithm=a).mean("seed").values for name in at_end}
-            for a in ds.algorithm.values
-        },
-        **{name: status_counts(ds[name].values) for name in ("population_status", "threshold_status")},
-        "shear_modulus_0": {
-            str(p): ds.shear_modulus_0.sel(population=p).mean("seed").values for p in ds.population.values
-        },
-        "shear_modulus_of_threshold": {
-            f"{float(r):g}": detail.shear_modulus_of_threshold.sel(threshold=r).mean("seed").values
-            for r in ds.threshold.values
-        },
-    }

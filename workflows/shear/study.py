@@ -30,7 +30,7 @@ from ..shared.populations import POPULATIONS, configuration, prepared
 from ..shared.reports import PAPER
 from .ascent import MEASURES, ascend
 from .figures import animation, ascent_figure, compression_figure, scaling_figure
-from .report import claims, summary
+from .report import claims
 from .verify import verify
 
 METHODS = ("lbfgs", "fire", "newton")
@@ -249,5 +249,4 @@ study = Study(
     figures={"ascent": ascent_figure, "compression": compression_figure, "scaling": scaling_figure},
     animations={"ascent": animation},
     claims=claims,
-    summary=summary,
 )

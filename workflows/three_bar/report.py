@@ -1,4 +1,4 @@
-"""Claims and summary of the three-bar linkage, from its dataset alone."""
+"""Claims of the three-bar linkage, from its dataset alone."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from scipy.ndimage import label
 from critflow.result import Status
 from critflow.workflow import Claim
 
-from ..shared.reports import parameters
 from .curvature import closed_forms, curvature_error, matrix_error
 from .figures import FAMILIES, family, span_of
 
@@ -196,19 +195,3 @@ def _forms(ds):
         "projection", "N_b − 1 coordinates s give every unit stress but one", "2", f"|σ(s)| = 1 to {size:.1g}",
         size < 1e-14, "the norm is not one", criterion="1e-14", kind="check",
     )  # fmt: skip
-
-
-def summary(ds):
-    """How many stresses of each grid were rigid, branch points or without a configuration, and their curvatures."""
-    ok = ds.outcome.values == Status.ok
-    errors = np.maximum(*curvature_error(ds))
-    table = {}
-    for i, grid in enumerate(ds.grid.values):
-        gauss = ds.principal_curvature.values[i].prod(axis=-1)[ok[i]] * span_of(ds) ** 4
-        table[str(grid)] = {
-            "stresses": int(ok[i].size), "without_configuration": int((~ok[i]).sum()),
-            "rigid": int((ds.n_negative.values[i] != 1)[ok[i]].sum()),
-            "median_gaussian_curvature_D4": float(np.median(gauss)),
-            "median_error": float(np.median(errors[i][ok[i]])), "worst_error": float(errors[i][ok[i]].max()),
-        }  # fmt: skip
-    return {"parameters": parameters(ds), "grids": table}

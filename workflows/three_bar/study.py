@@ -17,7 +17,7 @@ from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stabl
 from ..shared.reports import PAPER
 from .curvature import curvature_figure
 from .figures import geometry_figure, manifold_figure
-from .report import claims, summary
+from .report import claims
 from .verify import verify
 
 # Grids of the whole chart and, twice as fine, of its middle, which contains the rigid sheets.
@@ -285,5 +285,4 @@ study = Study(
     verify=verify,
     figures={"manifold": manifold_figure, "geometry": geometry_figure, "curvature": curvature_figure},
     claims=claims,
-    summary=summary,
 )

@@ -171,7 +171,7 @@ def size_claims(ds):
 
 
 def size_summary(ds):
-    """Seconds and MB of each stage and size, exponents, and moduli."""
+    """Seconds of each stage and size, and exponents."""
     stages = stages_of(ds)
     if stages is None:
         return {}
@@ -179,9 +179,7 @@ def size_summary(ds):
     return {
         "n_vertices": stages.n_vertices.values,
         "seconds": {name: stages.wall_seconds.sel(contestant=name).values for name in STAGES},
-        "memory_MB": {name: stages.memory.sel(contestant=name).values for name in STAGES},
         f"exponents_from_{FIRST_FITTED}": {name: power for name, power in powers.items() if np.isfinite(power)},
-        **{name: stages[name].values for name in ("bulk_modulus", "shear_modulus", "C_B", "C_G")},
     }
 
 
