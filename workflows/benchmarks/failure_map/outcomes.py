@@ -67,17 +67,16 @@ class Answer:
 
 @dataclass(frozen=True)
 class Finding:
-    """Outcome of an answer, with error and bound relative to its size, and the message of an error."""
+    """Outcome of an answer, with error and bound relative to its size."""
 
     outcome: Outcome
     error: float = np.nan
     bound: float = np.nan
     status: Status = Status.missing
     violation: Violation = Violation.none
-    note: str = ""
 
 
-def assessed(compute, compare, tolerance=TOLERANCE):
+def assessed(compute, compare):
     """The finding on an answer: `compute()` calls the library, `compare(answer)` returns its errors and their scales.
 
     Warnings and exceptions other than `CritflowError` are violations.
@@ -88,33 +87,33 @@ def assessed(compute, compare, tolerance=TOLERANCE):
             answer = compute()
         except Unavailable as error:
             return Finding(Outcome.reported, status=error.status)
-        except (InputError, SolveError) as error:
-            return Finding(Outcome.refused, note=str(error))
-        except Exception as error:  # any other exception is a violation
-            return _violation(Violation.exception, note=f"{type(error).__name__}: {error}")
+        except (InputError, SolveError):
+            return Finding(Outcome.refused)
+        except Exception:  # any other exception is a violation
+            return _violation(Violation.exception)
     if caught:
-        return _violation(Violation.warning, status=answer.status, note=str(caught[0].message))
+        return _violation(Violation.warning, answer.status)
     if answer.proper and answer.status not in answer.proper:
-        return _violation(Violation.status, status=answer.status, note=f"not {answer.proper[0].name}")
+        return _violation(Violation.status, answer.status)
     if answer.status is not Status.ok and answer.status not in answer.proper:
         return Finding(Outcome.reported, status=answer.status)
     values = np.asarray(answer.values, dtype=float)
     if not np.isfinite(values).all():
-        return _violation(Violation.not_finite, status=answer.status)
+        return _violation(Violation.not_finite, answer.status)
     try:
         errors, scales = compare(answer)
-    except Unknown as error:
-        return Finding(Outcome.unknown, status=answer.status, note=str(error))
-    return compared(errors, answer.bounds, scales, answer.status, tolerance)
+    except Unknown:
+        return Finding(Outcome.unknown, status=answer.status)
+    return compared(errors, answer.bounds, scales, answer.status)
 
 
-def compared(errors, bounds, scales, status=Status.ok, tolerance=TOLERANCE):
+def compared(errors, bounds, scales, status=Status.ok):
     """The finding on errors and bounds, each relative to its scale; of several numbers the worst counts."""
     errors, bounds, scales = np.broadcast_arrays(
         np.atleast_1d(np.asarray(errors, dtype=float)), bounds, np.asarray(scales, dtype=float)
     )
     claimed = np.isfinite(bounds)
-    limits = np.where(claimed, bounds, tolerance * scales)
+    limits = np.where(claimed, bounds, TOLERANCE * scales)
     wrong = ~(errors <= limits)
     if wrong.any() or claimed.any():
         # Of numbers within their bounds, the one nearest to its bound.
@@ -131,5 +130,5 @@ def compared(errors, bounds, scales, status=Status.ok, tolerance=TOLERANCE):
     return Finding(Outcome.bounded if claimed[worst] else Outcome.tolerated, error, bound, status)
 
 
-def _violation(kind, status=Status.missing, note=""):
-    return Finding(Outcome.violation, status=status, violation=kind, note=note)
+def _violation(kind, status=Status.missing):
+    return Finding(Outcome.violation, status=status, violation=kind)
