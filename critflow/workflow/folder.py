@@ -31,7 +31,7 @@ from critflow.workflow.plan import Case, Selection
 from critflow.workflow.provenance import code_version
 from critflow.workflow.store import PARTIAL, SCHEMA_VERSION, OtherTable, failure_reason, read_shard, write_text
 
-DONE, FAILED, MISSING, DAMAGED, CHANGED = STATES = ("done", "failed", "missing", "damaged", "changed")
+DONE, FAILED, MISSING, DAMAGED, CHANGED = ("done", "failed", "missing", "damaged", "changed")
 
 _PATIENCE = 5.0  # seconds: parts that begin or end hold the lock of the whole for a moment
 

@@ -191,7 +191,7 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
         try:
             for outcomes in compute(job, tasks, workers, stopped) if tasks else ():
                 stored += len(outcomes)
-                for case_id, _, status, seconds, checksum, error in outcomes:
+                for case_id, status, seconds, checksum, error in outcomes:
                     log.write(f"{case_id} {Status(status).name} {seconds:.3f} s {checksum} {error}\n")
                 log.flush()
                 progress.count(stored)

@@ -44,7 +44,6 @@ class Outcome(NamedTuple):
     """Result of one case; its arrays remain in the shard."""
 
     case_id: str
-    values: Mapping[str, int | str]
     status: int
     seconds: float
     checksum: str = ""
@@ -103,7 +102,7 @@ def record_failure(job: Job, study: Study, case: Case, error: str, seconds: floa
     lines += [f"{key} = {spelled(value)}" for key, value in {**case.values, **case.parameters}.items()]
     lines += [f"code = {code_version(study)}", "", error]
     write_text(failure_path(Folder(Path(job.folder)).failed, case), "\n".join(lines) + "\n")
-    return Outcome(case.id, case.values, int(Status.failed), seconds, error=last_line(error))
+    return Outcome(case.id, int(Status.failed), seconds, error=last_line(error))
 
 
 def take_trace(folder: Folder, case: Case) -> str | None:
@@ -131,7 +130,7 @@ def _stored(folder: Folder, study: Study, case: Case) -> Outcome | None:
         shard = read_shard(folder.shards, study, case)
     except IntegrityError:
         return None
-    return Outcome(case.id, case.values, int(shard.status), 0.0, shard.checksum) if shard else None
+    return Outcome(case.id, int(shard.status), 0.0, shard.checksum) if shard else None
 
 
 def _attempted(job: Job, folder: Folder, study: Study, case: Case) -> Outcome:
@@ -152,7 +151,7 @@ def _attempted(job: Job, folder: Folder, study: Study, case: Case) -> Outcome:
         except Exception:  # too large for the memory or the format
             return record_failure(job, study, case, traceback.format_exc(), seconds)
         delete_failure(folder.failed, case)
-        return Outcome(case.id, case.values, int(status), seconds, checksum)
+        return Outcome(case.id, int(status), seconds, checksum)
 
 
 @contextmanager
