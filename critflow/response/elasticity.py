@@ -23,7 +23,7 @@ from critflow.networks.network import Network, validated_coordinates
 from critflow.response.at_rest import ResponseAtRest, response_at_rest
 from critflow.response.at_transition import elasticity_at_transition, tissue_at_transition
 from critflow.response.linear_response import linear_response
-from critflow.response.tensor import Elasticity, total_errors
+from critflow.response.tensor import Elasticity, Errors
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
 from critflow.rigidity.uniqueness import only_self_stress
@@ -141,7 +141,7 @@ def _total(parts: Sequence[ResponseAtRest]) -> ResponseAtRest:
     tensor, affine, stress = (
         np.sum([getattr(value, name) for value in values], axis=0) for name in ("tensor", "affine", "stress")
     )
-    errors, bulk = total_errors([value.errors for value in values]), sum(value.bulk for value in values)
+    errors, bulk = Errors.total([value.errors for value in values]), sum(value.bulk for value in values)
     failed = [part for part in parts if not (part.ok or part.status is Status.floppy)]
     worst = (failed or [part for part in parts if part.ok] or parts)[0]
     return ResponseAtRest(

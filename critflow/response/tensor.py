@@ -15,16 +15,17 @@ Without stress all three are equal.  Each is relaxed (vertices follow the strain
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from critflow.critical.transition import strain_components
 from critflow.linalg.tolerances import EPS
-from critflow.networks.deformation import AXES, Deformable, deformation_of, strain_basis
+from critflow.networks.deformation import Deformable, deformation_of, strain_basis
 from critflow.networks.network import Array
 from critflow.result import InputError, Record
 
@@ -35,7 +36,7 @@ TRUSTED_ERROR = 0.1
 class Errors:
     """Largest errors of both tensors and their stress corrections, (m, m), and of the moduli; NaN where unknown.
 
-    Each is computed when it is asked for, by a function of its name.
+    Each is given as a value, or as a function of no arguments that is called where the error is asked for.
     """
 
     tensor: Array
@@ -43,40 +44,31 @@ class Errors:
     shear: float
     shear_stress_corrected: float
 
-    def __init__(self, compute: Callable[[str], Any]):
-        self._compute = compute
-
-    @classmethod
-    def known(cls, tensor: Array, bulk: float, shear: float, corrected: float) -> Errors:
-        """Those that are computed with the tensor."""
-        return cls(dict(zip(_ERRORS, (tensor, bulk, shear, corrected), strict=True)).__getitem__)
+    def __init__(self, tensor: Any, bulk: Any, shear: Any, shear_stress_corrected: Any):
+        self._known = {"tensor": tensor, "bulk": bulk, "shear": shear, "shear_stress_corrected": shear_stress_corrected}
 
     @classmethod
     def of_tensor(cls, errors: Array, dimension: int) -> Errors:
         """Those of sums over a tensor with the errors (m, m)."""
         bulk, shear = float(errors[:dimension, :dimension].sum()) / dimension**2, float(errors[-1, -1])
-        return cls.known(errors, bulk, shear, shear)
+        return cls(errors, bulk, shear, shear)
+
+    @classmethod
+    def total(cls, parts: Sequence[Errors]) -> Errors:
+        """Sums of errors."""
+        return cls(
+            *(partial(lambda name: sum(getattr(part, name) for part in parts), name) for name in parts[0]._known)
+        )
 
     def __getattr__(self, name: str) -> Any:
-        if name not in _ERRORS:
+        if name == "_known" or name not in self._known:
             raise AttributeError(name)
-        self.__dict__[name] = self._compute(name)
+        value = self._known[name]
+        self.__dict__[name] = value() if callable(value) else value
         return self.__dict__[name]
 
     def __repr__(self) -> str:
         return f"Errors(bulk={self.bulk:.6g}, shear={self.shear:.6g})"
-
-
-_ERRORS = ("tensor", "bulk", "shear", "shear_stress_corrected")
-
-
-def total_errors(parts: Sequence[Errors]) -> Errors:
-    """Sums of errors."""
-    return Errors(partial(_total, tuple(parts)))
-
-
-def _total(parts: Sequence[Errors], name: str) -> Any:
-    return sum(getattr(part, name) for part in parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,11 +189,7 @@ class Elasticity(Record):
         """
         n = self._tensor_components(self._unit(direction))
         inverse, soft = self._inverse
-        if not np.isfinite(inverse).all():
-            return np.nan
-        if abs(n @ soft @ n) > _UNIT_ROUNDING:
-            return 0.0
-        return float(1 / (n @ inverse @ n))
+        return 0.0 if abs(n @ soft @ n) > _UNIT_ROUNDING else float(1 / (n @ inverse @ n))
 
     def poisson(self, direction: ArrayLike, transverse: ArrayLike | None = None) -> float:
         """Poisson's ratio −(strain along `transverse`)/(strain along `direction`) under uniaxial stress along the last.
@@ -245,8 +233,6 @@ class Elasticity(Record):
         """Bulk and shear modulus of a random polycrystal by Reuss, at equal stress: not more than any."""
         d, n_deviators = self.dimension, len(self.tensor) - 1
         one, (inverse, soft) = self._tensor_components(np.eye(d)), self._inverse
-        if not np.isfinite(inverse).all():
-            return np.nan, np.nan
         compressed = float(one @ soft @ one)
         bulk_compliance = float(one @ inverse @ one)
         bulk = 0.0 if abs(compressed) > _UNIT_ROUNDING else 1 / bulk_compliance
@@ -332,7 +318,7 @@ def no_elasticity(dimension: int, volume: float = np.nan, error: float = np.nan)
     """Tensors of NaN, with one error for all."""
     m = dimension * (dimension + 1) // 2
     unknown = np.full((m, m), np.nan)
-    errors = Errors.known(np.full((m, m), error), error, error, error)
+    errors = Errors(np.full((m, m), error), error, error, error)
     return Elasticity(unknown, unknown, np.full((dimension, dimension), np.nan), volume, errors)
 
 
@@ -340,26 +326,7 @@ def no_elasticity(dimension: int, volume: float = np.nan, error: float = np.nan)
 _UNIT_ROUNDING = 1e-7
 
 
-def _engineering(dimension: int) -> Array:
-    """2 for shear components and 1 for normal ones, (m,)."""
-    return np.repeat([1.0, 2.0], [dimension, dimension * (dimension - 1) // 2])
-
-
+@cache
 def _mandel(dimension: int) -> Array:
     """Factors √2 of shear components, (m,), that make an orthonormal basis of symmetric tensors."""
-    return np.sqrt(_engineering(dimension))
-
-
-def strain_components(strain: Array) -> Array:
-    """Components ε_a of a symmetric strain (d, d), engineering shears, (m,)."""
-    rows, cols = _places(len(strain))
-    components = strain[rows, cols]
-    components[len(strain) :] += strain[cols, rows][len(strain) :]
-    return components
-
-
-@cache
-def _places(dimension: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the components of a strain."""
-    places = np.array([[AXES.index(axis) for axis in name] for name in strain_basis(dimension)[0]])
-    return places[:, 0], places[:, 1]
+    return np.sqrt(np.repeat([1.0, 2.0], [dimension, dimension * (dimension - 1) // 2]))
