@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.critical.manifold import COLLAPSED
 from critflow.linalg.matrices import edge_blocks, spread_columns
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
@@ -26,7 +25,7 @@ from critflow.response.linear_response import accumulated_rounding
 from critflow.response.stiffness_contrast import FormAtRest, hierarchical_response
 from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity
 from critflow.result import Solution, Stats, Status
-from critflow.rigidity.spectrum import CLEAR_GAP, ZERO_MODE, Spectrum, rounding_note
+from critflow.rigidity.spectrum import CLEAR_GAP, ZERO_MODE, Spectrum, edge_without_length, rounding_note
 from critflow.springs.tissue import FaceSprings
 
 # Up to this contrast the normal equations resolve both the softest springs and the stiffest.
@@ -77,8 +76,7 @@ def response_at_rest(
         return ResponseAtRest(value, status, stats, note, n_self_stresses=n_self_stresses)
 
     length = np.linalg.norm(network.bond_vectors(coordinates), axis=1)
-    if length.min() <= COLLAPSED * length.mean():
-        note = f"edge {int(length.argmin())} has no length, so no direction: move its ends apart, or remove it"
+    if note := edge_without_length(length):
         return without_value(Status.singular, note)
     springs = _Springs.of(network, coordinates, faces)
     if springs.contrast <= MODERATE_CONTRAST and faces is None:
@@ -151,9 +149,7 @@ def _by_motions(network: Network, coordinates: Array, springs: _Springs) -> Form
 
     An error of u changes V C by its square, which the work of the last correction estimates.
     """
-    k, length, R, extension = springs.stiffness, springs.lengths, springs.directions, springs.extension
-    L = network.bond_vectors(coordinates)
-    spectrum = Spectrum(network, coordinates, L, length, None)
+    k, R, extension, spectrum = springs.stiffness, springs.directions, springs.extension, Spectrum(network, coordinates)
     n_stresses = network.n_edges - spectrum.n_coordinates + spectrum.n_motions
     m, largest = extension.shape[1], spectrum.largest_zero()
     if spectrum.doubt(largest, spectrum.gap[1]):
@@ -161,7 +157,7 @@ def _by_motions(network: Network, coordinates: Array, springs: _Springs) -> Form
         return FormAtRest(np.zeros((m, m)), np.zeros((m, m)), n_stresses, largest, near)
     if not n_stresses:
         return FormAtRest(np.zeros((m, m)), np.zeros((m, m)), 0, largest)
-    blocks = edge_blocks(k, L / length[:, None], np.zeros(network.n_edges))
+    blocks = edge_blocks(k, spectrum.bond_vectors / spectrum.lengths[:, None], np.zeros(network.n_edges))
     factor = spectrum.pattern.factorize(blocks, _SHIFT * float(k.max()))
     u, work = np.zeros((R.shape[1], m)), np.full(m, np.inf)
     for _ in range(_MOST_CORRECTIONS):

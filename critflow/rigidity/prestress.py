@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow.critical.manifold import COLLAPSED
 from critflow.linalg.saddle import Saddle
 from critflow.linalg.tolerances import LARGEST_DENSE, REGULARISATION, STABLE_MARGIN
 from critflow.networks.network import Array, Network
-from critflow.rigidity.spectrum import Spectrum
+from critflow.rigidity.spectrum import Spectrum, edge_without_length
 
 LARGEST_FORM = 2000  # most zero modes whose stiffness under one stress is found by all eigenvalues: some seconds
 
@@ -25,10 +24,9 @@ def stabilises(network: Network, coordinates: Array, L: Array, sigma: Array) -> 
     """
     if (sigma > 0).all() or Saddle(network).stable(sigma, L):
         return True
-    length = np.linalg.norm(L, axis=1)
-    if not length.min() > COLLAPSED * length.mean():
+    if edge_without_length(np.linalg.norm(L, axis=1)):
         return None
-    spectrum = Spectrum(network, coordinates, L, length, None)
+    spectrum = Spectrum(network, coordinates)
     if spectrum.n_motions * spectrum.n_coordinates > LARGEST_DENSE or spectrum.n_motions > LARGEST_FORM:
         return None
     modes, gap = spectrum.null_space(spectrum.n_motions, of_stresses=False)

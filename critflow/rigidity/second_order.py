@@ -14,13 +14,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.optimize import linprog
 
 from critflow.arguments import checked
 from critflow.linalg.saddle import Saddle
-from critflow.linalg.tolerances import LARGEST_DENSE
+from critflow.linalg.threads import one_thread
+from critflow.linalg.tolerances import EPS, LARGEST_DENSE
 from critflow.networks.network import Array, Network
 from critflow.result import Record, Solution, Stats, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
@@ -34,9 +35,7 @@ RESISTED = 1e-4  # A mode with more stiffness than this, under a stress that is 
 PROGRAM_MODES = 40  # zero modes in a first semidefinite program; larger ones start from a subspace of half this number
 FOURTH_ORDER_MODES = 8  # zero modes in the relaxation of fourth order, whose size is their fourth power
 LINEAR_PROGRAM = 4_000_000  # entries of the self-stresses up to which a linear program is tried, a limit of time
-
-# Levenberg–Marquardt: initial, smallest and largest damping, and the residual (in units of ZERO) of a solution.
-_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _SOLVED = 1e-3, 1e-14, 1e6, 1e-3
+MOST_STEPS = 200  # of the search for an escaping mode from one start
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +128,8 @@ def second_order_rigidity(
         return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.undecided)
     modes = zero_modes(network, coordinates, tolerance).value.modes
     error = max(stiffness_error(network, sigma, turned) for sigma in counts.self_stresses)
-    value = _by_forms(counts, modes, _forms(network, counts.self_stresses, modes), error)
+    with one_thread():
+        value = _by_forms(counts, modes, _forms(network, counts.self_stresses, modes), error)
     return _answer(value, Status.undecided if value.second_order_rigid is None else Status.ok)
 
 
@@ -179,7 +179,7 @@ def _tension(S: Array) -> Array | None:
     cost = np.concatenate([np.zeros(n_stresses), -np.ones(n_edges)])
     below = sp.hstack([sp.csr_array(-S.T), sp.eye_array(n_edges)], format="csr")
     bounds = [(None, None)] * n_stresses + [(0.0, 1.0)] * n_edges
-    answer = linprog(cost, A_ub=below, b_ub=np.zeros(n_edges), bounds=bounds, method="highs")
+    answer = scipy.optimize.linprog(cost, A_ub=below, b_ub=np.zeros(n_edges), bounds=bounds, method="highs")
     if answer.status != 0 or not -answer.fun > 0.5:
         return None
     return np.asarray(answer.x[:n_stresses] @ S)
@@ -272,7 +272,7 @@ def _program(forms: Array) -> _Search:
     # Initial guess: the stress with the largest sum of stiffnesses over all modes.
     best, least = np.trace(forms, axis1=1, axis2=2), -np.inf
     best = best / (np.linalg.norm(best) or 1.0)
-    W = np.eye(n) if n <= PROGRAM_MODES else _softest(forms, best, PROGRAM_MODES // 2)
+    W = np.eye(n) if n <= PROGRAM_MODES else np.linalg.eigh(np.tensordot(best, forms, 1))[1][:, : PROGRAM_MODES // 2]
     while True:
         relaxed = second_order_relaxation(np.einsum("ik,aij,jl->akl", W, forms, W, optimize=True))
         a, X = relaxed.multipliers, W @ relaxed.moments @ W.T
@@ -288,11 +288,6 @@ def _program(forms: Array) -> _Search:
         if W.shape[1] > 2 * PROGRAM_MODES:
             return _Search(best, least, None, a)
         W = np.linalg.qr(np.hstack([W, vectors[:, :5]]))[0]
-
-
-def _softest(forms: Array, a: Array, count: int) -> Array:
-    """The modes of least stiffness under the stress with multipliers a, (n, count)."""
-    return np.linalg.eigh(np.tensordot(a, forms, 1))[1][:, :count]
 
 
 def _none_escapes(forms: Array, support: Array) -> bool:
@@ -332,26 +327,18 @@ def _common_zero(forms: Array, X: Array | None, n_starts: int = 40) -> Array | N
     return None
 
 
-def _descend(forms: Array, start: Array, max_steps: int = 200) -> Array | None:
-    """A unit z with zᵀQ_I z = 0 near a start, by Levenberg–Marquardt iteration on the sphere, or None."""
-    norm = float(np.linalg.norm(start))
+def _descend(forms: Array, start: Array) -> Array | None:
+    """A unit z with zᵀQ_I z = 0 near a start, by Levenberg–Marquardt iteration, or None."""
+    norm, (count, n) = float(np.linalg.norm(start)), forms.shape[:2]
     if norm < ZERO:
         return None
-    z, damping = start / norm, _DAMPING
-    q = forms @ z @ z
-    for _ in range(max_steps):
-        size = float(np.linalg.norm(q))
-        if size < _SOLVED * ZERO:
-            break
-        jacobian = 2 * (forms @ z - np.outer(q, z))
-        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(len(q)), q)
-        trial = (z - step) / np.linalg.norm(z - step)
-        trial_q = forms @ trial @ trial
-        if np.linalg.norm(trial_q) < size:
-            z, q, damping = trial, trial_q, 0.1 * damping
-        else:
-            damping *= 10
-        if damping > _MOST_DAMPING:
-            break
-        damping = max(damping, _LEAST_DAMPING)
-    return z if np.linalg.norm(q) < ZERO else None
+    # The algorithm needs as many equations as unknowns.
+    empty = max(n - count - 1, 0)
+    z = scipy.optimize.least_squares(
+        lambda z: np.concatenate([forms @ z @ z, [z @ z - 1], np.zeros(empty)]),
+        start / norm,
+        lambda z: np.concatenate([2 * forms @ z, [2 * z], np.zeros((empty, n))]),
+        method="lm", ftol=EPS, xtol=EPS, gtol=EPS, max_nfev=MOST_STEPS,
+    ).x  # fmt: skip
+    z = z / np.linalg.norm(z)
+    return z if np.linalg.norm(forms @ z @ z) < ZERO else None
