@@ -25,8 +25,7 @@ from critflow.response.at_transition import elasticity_at_transition, tissue_at_
 from critflow.response.linear_response import linear_response
 from critflow.response.tensor import Elasticity, Errors
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.rigidity.counts import rigidity
-from critflow.rigidity.uniqueness import only_self_stress
+from critflow.rigidity.uniqueness import count_self_stresses
 from critflow.springs.laws import HOOKEAN, SpringLaw
 from critflow.springs.state import ElasticState, edge_directions, spring_state
 from critflow.springs.tissue import CriticalTissue, Tissue
@@ -105,23 +104,13 @@ def _stressed(state: ElasticState, tolerance: float) -> bool:
 
 def _at_transition(critical: CriticalConfiguration, volume: float, roundings: int) -> ResponseAtRest:
     """The response of a configuration without slack edges, at rest where it has several self-stresses."""
-    if _one_self_stress(critical):
+    if count_self_stresses(critical) == 1:
         return _of_one_self_stress(elasticity_at_transition(critical, volume, roundings), critical.residual)
     return response_at_rest(critical.network, critical.coordinates, volume)
 
 
 def _of_one_self_stress(value: Elasticity, residual: float) -> ResponseAtRest:
     return ResponseAtRest(value, Status.ok, Stats("transition", residual=residual), n_self_stresses=1)
-
-
-def _one_self_stress(critical: CriticalConfiguration) -> bool:
-    if only_self_stress(critical):
-        return True
-    network = critical.network
-    if network.n_edges - network.dimension * len(network.free) > 1:
-        return False
-    counts = rigidity(network, critical.coordinates, vectors=False)
-    return counts.ok and counts.value.n_self_stresses == 1
 
 
 def _of_taut(network: Network, coordinates: ArrayLike, taut: ArrayLike, volume: float) -> ResponseAtRest:

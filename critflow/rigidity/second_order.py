@@ -12,6 +12,7 @@ next relaxation proves that none does; where neither is found the answer is None
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
@@ -35,6 +36,7 @@ RESISTED = 1e-4  # A mode with more stiffness than this, under a stress that is 
 PROGRAM_MODES = 40  # zero modes in a first semidefinite program; larger ones start from a subspace of half this number
 FOURTH_ORDER_MODES = 8  # zero modes in the relaxation of fourth order, whose size is their fourth power
 LINEAR_PROGRAM = 4_000_000  # entries of the self-stresses up to which a linear program is tried, a limit of time
+_ONLY_STRESS = "its only self-stress stabilises it"
 MOST_STEPS = 200  # of the search for an escaping mode from one start
 
 
@@ -152,16 +154,14 @@ def _by_one_stress(network: Network, counts: Rigidity, L: Array, turned: float) 
     """A stabilising stress from sparse factorisations and a linear program, or None."""
     S = counts.self_stresses
     if len(S) == 1:
-        if not counts.prestress_stable:
-            return None
-        return SecondOrderRigidity(counts, False, True, True, S[0], reason="its only self-stress stabilises it")
+        stable = SecondOrderRigidity(counts, False, True, True, S[0], reason=_ONLY_STRESS)
+        return stable if counts.prestress_stable else None
     # The self-stress nearest to equal force densities often has no compression.
     sigma = S.sum(axis=1) @ S
     if not sigma.min() > max(POSITIVE, turned) * np.abs(sigma).max():
         found = _tension(S) if S.size <= LINEAR_PROGRAM else None
-        if found is None:
-            return None
-        if not Saddle(network).stable(found, L, stable_margin(network, found, turned, counts.largest_zero)):
+        margin = np.nan if found is None else stable_margin(network, found, turned, counts.largest_zero)
+        if found is None or not Saddle(network).stable(found, L, margin):
             return None
         sigma = found
     sigma = sigma / np.linalg.norm(sigma)
@@ -194,13 +194,13 @@ def _forms(network: Network, stresses: Array, modes: Array) -> Array:
 
 def _by_forms(counts: Rigidity, modes: Array, forms: Array, error: float) -> SecondOrderRigidity:
     """Decide by the quadratic forms of all self-stresses on all zero modes, where they exceed an error of them."""
+    answer = partial(SecondOrderRigidity, counts, False)
     scale = max(float(np.abs(np.linalg.eigvalsh(Q)).max()) for Q in forms)
-    hidden = SecondOrderRigidity(counts, False, None, None, reason="the tolerance hides the stiffness of a zero mode")
+    hidden = answer(None, None, reason="the tolerance hides the stiffness of a zero mode")
     if error and not scale > error:
         return hidden
     if not scale > ZERO * np.abs(counts.self_stresses).max():
-        reason = "no self-stress resists any zero mode"
-        return SecondOrderRigidity(counts, False, False, False, escape=modes[0], reason=reason)
+        return answer(False, False, escape=modes[0], reason="no self-stress resists any zero mode")
     unit = forms / scale
     if len(forms) == 1:
         return _one_stress(counts, modes, unit[0], scale, error / scale)
@@ -210,30 +210,28 @@ def _by_forms(counts: Rigidity, modes: Array, forms: Array, error: float) -> Sec
         return hidden
     if found.least > POSITIVE:
         reason = f"a combination of its {len(forms)} self-stresses stabilises it"
-        sigma = found.multipliers @ counts.self_stresses
-        return SecondOrderRigidity(counts, False, True, True, sigma, None, scale * found.least, reason)
-    z = _common_zero(unit, found.obstruction)
+        return answer(True, True, found.multipliers @ counts.self_stresses, None, scale * found.least, reason)
+    z, X = _common_zero(unit, found.obstruction), found.obstruction
     if z is not None:
-        reason = "a zero mode escapes all self-stresses"
-        return SecondOrderRigidity(counts, False, False, False, escape=np.tensordot(z, modes, 1), reason=reason)
-    X = found.obstruction
+        return answer(False, False, None, np.tensordot(z, modes, 1), reason="a zero mode escapes all self-stresses")
     if X is None or not np.linalg.norm(np.tensordot(unit, X, 2)) < POSITIVE:
         reason = "no self-stress was found that stabilises it, and no zero mode that escapes them all"
-        return SecondOrderRigidity(counts, False, None, None, reason=reason)
+        return answer(None, None, reason=reason)
     if _none_escapes(unit, found.support):
         reason = "no zero mode escapes all self-stresses, as a relaxation of fourth order proves"
-        return SecondOrderRigidity(counts, False, False, True, reason=reason)
-    reason = "no zero mode was found that escapes all self-stresses, nor a proof that none does"
-    return SecondOrderRigidity(counts, False, False, None, reason=reason)
+        return answer(False, True, reason=reason)
+    return answer(
+        False, None, reason="no zero mode was found that escapes all self-stresses, nor a proof that none does"
+    )
 
 
 def _one_stress(counts: Rigidity, modes: Array, Q: Array, scale: float, error: float) -> SecondOrderRigidity:
     """With one self-stress the eigenvalues of its form decide, where they exceed an error of it."""
+    answer = partial(SecondOrderRigidity, counts, False)
     values, vectors = np.linalg.eigh(Q)
-    for sign, least in ((1.0, values[0]), (-1.0, -values[-1])):
+    for sign, least in ((1.0, float(values[0])), (-1.0, -float(values[-1]))):
         if least > max(POSITIVE, error):
-            sigma, reason = sign * counts.self_stresses[0], "its only self-stress stabilises it"
-            return SecondOrderRigidity(counts, False, True, True, sigma, None, scale * float(least), reason)
+            return answer(True, True, sign * counts.self_stresses[0], None, scale * least, _ONLY_STRESS)
     nearest = int(np.abs(values).argmin())
     if not error and abs(values[nearest]) < ZERO:
         z, reason = vectors[:, nearest], "its only self-stress does not resist some zero mode"
@@ -242,9 +240,8 @@ def _one_stress(counts: Rigidity, modes: Array, Q: Array, scale: float, error: f
         z, reason = z / np.linalg.norm(z), "its only self-stress pushes some zero modes and pulls others"
     else:
         reason = f"the least stiffness of a zero mode, {scale * abs(values[nearest]):.1e}, is zero to rounding or not"
-        return SecondOrderRigidity(counts, False, None, None, reason=reason)
-    escape = np.tensordot(z, modes, 1)
-    return SecondOrderRigidity(counts, False, False, False, escape=escape, reason=reason)
+        return answer(None, None, reason=reason)
+    return answer(False, False, escape=np.tensordot(z, modes, 1), reason=reason)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from critflow.critical.manifold import CriticalConfiguration, require_one_self_stress
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Status
 from critflow.rigidity.counts import rigidity
@@ -29,15 +29,23 @@ def require_only_self_stress(critical: CriticalConfiguration, instead: str) -> N
 
     instead  advice for the message
     """
-    require_one_self_stress(critical.network, instead)
-    if only_self_stress(critical):
-        return
-    counts = rigidity(critical.network, critical.coordinates)
-    several = counts.value.n_self_stresses
-    if counts.status is Status.singular:
+    several = count_self_stresses(critical)
+    if several is None:
         raise InputError(f"this requires one self-stress and rounding hides their number: {instead}")
     if several > 1:
-        raise InputError(f"this requires one self-stress and the configuration has {several}: {instead}")
+        raise InputError(f"this requires one self-stress and the configuration has {several} or more: {instead}")
+
+
+def count_self_stresses(critical: CriticalConfiguration) -> int | None:
+    """Number of self-stresses, or a lower bound above one that counting coordinates gives; None: rounding hides it."""
+    network = critical.network
+    certain = network.n_edges - network.dimension * len(network.free)
+    if certain > 1:
+        return certain
+    if only_self_stress(critical):
+        return 1
+    counted = rigidity(network, critical.coordinates, vectors=False)
+    return None if counted.status is Status.singular else counted.value.n_self_stresses
 
 
 def only_self_stress(critical: CriticalConfiguration) -> bool:

@@ -383,7 +383,7 @@ def test_the_rounding_of_a_file_is_reported_with_the_way_back(decimals):
 
 
 def test_small_matrices_are_decomposed_by_one_thread(monkeypatch):
-    # Two threads of BLAS that wait for each other beside busy processes take seconds for what one does in 0.05 s.
+    # On a busy machine two threads of BLAS that wait for each other take seconds for what one does in 0.05 s.
     threads, svd = [], np.linalg.svd
 
     def watched(*arguments, **options):

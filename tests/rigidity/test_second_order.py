@@ -211,8 +211,8 @@ def test_second_order_rigidity_without_prestress_stability():
     assert "fourth order" in value.reason
     # Next to a long string stabilised by its self-stress, only the two modes remain to be proved.
     network, x = chain(np.ones(9), 3, shift=3.0)
-    beside = joined(saddle_of_two_stresses(), (network, x))
-    assert decide(*beside, "second order").value.counts.n_zero_modes == 18
+    both = joined(saddle_of_two_stresses(), (network, x))
+    assert decide(*both, "second order").value.counts.n_zero_modes == 18
     # Next to a chain at a branch point a mode escapes.
     decide(*joined(saddle_of_two_stresses(), chain([4, 1, -2], 3, shift=3.0)), "flexible")
 
