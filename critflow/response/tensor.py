@@ -146,7 +146,7 @@ class Elasticity(Record):
 
         Infinite in soft directions.
         """
-        inverse, soft = self._inverse
+        inverse, soft, _ = self._inverse
         scale = np.outer(_mandel(self.dimension), _mandel(self.dimension))
         with np.errstate(divide="ignore", invalid="ignore"):
             limit = np.where(np.abs(soft) > _UNIT_ROUNDING, np.copysign(np.inf, soft), inverse)
@@ -188,7 +188,7 @@ class Elasticity(Record):
         direction  a vector (d,), or its angle from x in the plane xy
         """
         n = self._tensor_components(self._unit(direction))
-        inverse, soft = self._inverse
+        inverse, soft, _ = self._inverse
         return 0.0 if abs(n @ soft @ n) > _UNIT_ROUNDING else float(1 / (n @ inverse @ n))
 
     def poisson(self, direction: ArrayLike, transverse: ArrayLike | None = None) -> float:
@@ -209,10 +209,9 @@ class Elasticity(Record):
         if abs(along @ across) > 1e-9:
             raise InputError("Poisson's ratio needs a transverse direction orthogonal to the direction of the stress")
         n, t = self._tensor_components(along), self._tensor_components(across)
-        inverse, _ = self._inverse
+        inverse, _, null = self._inverse
         if not np.isfinite(inverse).all():
             return np.nan
-        null = self._null_space
         n_soft, t_soft = null.T @ n, null.T @ t
         if np.linalg.norm(n_soft) <= _UNIT_ROUNDING:
             return float(-(t @ inverse @ n) / (n @ inverse @ n)) if np.linalg.norm(t_soft) <= _UNIT_ROUNDING else np.nan
@@ -232,7 +231,7 @@ class Elasticity(Record):
     def reuss(self) -> tuple[float, float]:
         """Bulk and shear modulus of a random polycrystal by Reuss, at equal stress: not more than any."""
         d, n_deviators = self.dimension, len(self.tensor) - 1
-        one, (inverse, soft) = self._tensor_components(np.eye(d)), self._inverse
+        one, (inverse, soft, _) = self._tensor_components(np.eye(d)), self._inverse
         compressed = float(one @ soft @ one)
         bulk_compliance = float(one @ inverse @ one)
         bulk = 0.0 if abs(compressed) > _UNIT_ROUNDING else 1 / bulk_compliance
@@ -256,36 +255,24 @@ class Elasticity(Record):
         return self.stress_strain * np.outer(_mandel(self.dimension), _mandel(self.dimension))
 
     @cached_property
-    def _decomposition(self) -> tuple[Array, Array, Array, int]:
-        """Singular value decomposition of the tensor in the orthonormal basis and its rank, −1 if unknown."""
-        left, values, right = np.linalg.svd(self._mandel_tensor)
-        weights = _mandel(self.dimension)
-        error = np.linalg.norm(self.errors.tensor * np.outer(weights, weights)) + 8 * len(values) * EPS * values[0]
-        rank = int(np.count_nonzero(values > error)) if error <= TRUSTED_ERROR * values[0] else -1
-        return left, values, right, rank
+    def _inverse(self) -> tuple[Array, Array, Array]:
+        """Pseudo-inverse in the orthonormal basis, and orthonormal strains without resistance, (m, n).
 
-    @property
-    def _null_space(self) -> Array:
-        """Orthonormal strains without resistance, (m, n)."""
-        _, _, right, rank = self._decomposition
-        return right[rank:].T
-
-    @cached_property
-    def _inverse(self) -> tuple[Array, Array]:
-        """Pseudo-inverse in the orthonormal basis, and the matrix whose product with 1/δ it gains with a resistance δ.
-
-        NaN where the tensor or its errors are not known.
+        Between them the matrix whose product with 1/δ the inverse gains with a resistance δ.  NaN where the tensor or
+        its errors are not known.
         """
-        m = len(self.tensor)
-        unknown = np.full((m, m), np.nan)
-        if not (np.isfinite(self._mandel_tensor).all() and np.isfinite(self.errors.tensor).all()):
-            return unknown, unknown
-        left, values, right, rank = self._decomposition
-        if rank < 0:
-            return unknown, unknown
-        inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+        stiff, weights = self._mandel_tensor, _mandel(self.dimension)
+        errors, unknown = self.errors.tensor * np.outer(weights, weights), np.full_like(stiff, np.nan)
+        if not (np.isfinite(stiff).all() and np.isfinite(errors).all()):
+            return unknown, unknown, unknown
+        left, values, right = np.linalg.svd(stiff)
+        error = float(np.linalg.norm(errors)) + 8 * len(values) * EPS * values[0]
+        if not error <= TRUSTED_ERROR * values[0]:
+            return unknown, unknown, unknown
+        rank = int(np.count_nonzero(values > error))
         null, conjugate = right[rank:].T, left[:, rank:]
-        return inverse, null @ np.linalg.pinv(conjugate.T @ null) @ conjugate.T
+        inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+        return inverse, null @ np.linalg.pinv(conjugate.T @ null) @ conjugate.T, null
 
     def second(self, A: Array, B: Array) -> float:
         """(1/V) ∂²E/∂α∂β of F = 1 + αA + βB."""
