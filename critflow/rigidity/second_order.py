@@ -26,7 +26,7 @@ from critflow.linalg.tolerances import EPS, LARGEST_DENSE
 from critflow.networks.network import Array, Network
 from critflow.result import Record, Solution, Stats, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
-from critflow.rigidity.prestress import stable_margin, stiffness_error
+from critflow.rigidity.prestress import forms_on_modes, stable_margin, stiffness_error
 from critflow.rigidity.spectrum import ITERATION_ERROR
 from critflow.solvers.semidefinite import fourth_order_bound, second_order_relaxation
 
@@ -131,7 +131,7 @@ def second_order_rigidity(
     modes = zero_modes(network, coordinates, tolerance).value.modes
     error = max(stiffness_error(network, sigma, turned) for sigma in counts.self_stresses)
     with one_thread():
-        value = _by_forms(counts, modes, _forms(network, counts.self_stresses, modes), error)
+        value = _by_forms(counts, modes, forms_on_modes(network.incidence, counts.self_stresses, modes), error)
     return _answer(value, Status.undecided if value.second_order_rigid is None else Status.ok)
 
 
@@ -183,13 +183,6 @@ def _tension(S: Array) -> Array | None:
     if answer.status != 0 or not -answer.fun > 0.5:
         return None
     return np.asarray(answer.x[:n_stresses] @ S)
-
-
-def _forms(network: Network, stresses: Array, modes: Array) -> Array:
-    """Q_I = Zᵀ P(σ_I) Z on the zero modes Z, (N_s, n, n)."""
-    stretch = np.concatenate([np.asarray(network.incidence @ modes[:, :, k].T) for k in range(network.dimension)])
-    weights = np.tile(stresses, network.dimension)
-    return np.stack([stretch.T @ (w[:, None] * stretch) for w in weights])
 
 
 def _by_forms(counts: Rigidity, modes: Array, forms: Array, error: float) -> SecondOrderRigidity:

@@ -190,17 +190,9 @@ def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stabilit
             Status.undecided,
             "the stiffness of a flex under this stress, or the count of flexes, is rounding",
         )
-    return Stability(
-        value=critical,
-        status=status,
-        stats=Stats("inertia", 1, residual=critical.residual),
-        note=note,
-        n_negative=n_negative,
-        n_null=n_null,
-        n_affine=len(affine),
-        prestress_stable=stable,
-        super_stable=best,
-    )
+    counts = {"n_negative": n_negative, "n_null": n_null, "n_affine": len(affine)}
+    stats = Stats("inertia", 1, residual=critical.residual)
+    return Stability(critical, status, stats, note, **counts, prestress_stable=stable, super_stable=best)
 
 
 def _checked(network: Network, coordinates: ArrayLike, signs: ArrayLike) -> tuple[Array, Array]:
