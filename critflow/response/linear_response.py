@@ -123,14 +123,8 @@ def unit_strains(dimension: int) -> Array:
 @cache
 def basis_change(dimension: int) -> Array:
     """T (m, m): the strain a of `strain_basis` is Σ_n T_na `unit_strains`_n."""
-    d = dimension
-    T = np.eye(d * (d + 1) // 2)
-    normal = np.zeros((d, d))
-    normal[0] = 1.0
-    normal[1:, :-1] = np.eye(d - 1)
-    normal[1:, -1] = -1.0
-    T[:d, :d] = normal
-    return T
+    units = np.array([strain_components(E) for E in unit_strains(dimension)])
+    return np.rint(np.linalg.inv(units).T)  # of whole numbers
 
 
 def strains_of(rates: Array) -> tuple[int, ...]:
@@ -182,12 +176,8 @@ def _change_to_equilibrium(
     if not responses.converged:
         return None
     there = responses.elasticity
-    return Errors(
-        2 * np.abs(there.tensor - here.tensor),
-        2 * abs(there.bulk - here.bulk),
-        2 * abs(there.shear - here.shear),
-        2 * abs(there.shear_stress_corrected - here.shear_stress_corrected),
-    )
+    names = ("tensor", "bulk", "shear", "shear_stress_corrected")
+    return Errors(*(2 * np.abs(getattr(there, name) - getattr(here, name)) for name in names))
 
 
 def _responses(state: ElasticState, factor: Factor, volume: float, strains: tuple[int, ...]) -> _Responses:

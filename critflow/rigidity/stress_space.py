@@ -35,13 +35,8 @@ class StressSpace(Record):
 
     @property
     def dimension(self) -> int:
-        """N_s: independent stresses that give this configuration."""
+        """N_s: independent stresses that give this configuration; one where σ → configuration is one-to-one."""
         return len(self.basis)
-
-    @property
-    def one_to_one(self) -> bool:
-        """Whether no other stress, but for its scale, gives this configuration."""
-        return self.dimension == 1
 
     def distance(self, sigma: ArrayLike) -> float:
         """Sine of the angle between a stress (N_b,) and the space: 0 if it gives this configuration."""
