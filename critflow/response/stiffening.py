@@ -147,7 +147,7 @@ def _stiffening(
     stats = Stats("exact", 1, residual=residual, condition=condition, error_bound=error)
     if not residual < CONSISTENT_RESPONSE:
         return _failed(Status.singular, "", stats)
-    work, rounding = energy.work(gamma)
+    work, rounding = energy.responses[gamma].work
     if not work > NO_WORK * rounding:
         return _failed(
             Status.floppy, "the strain does no work on the self-stress, so nothing resists it to first order"

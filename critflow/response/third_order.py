@@ -30,9 +30,9 @@ _FIRST = 1e-12
 
 
 class Term(NamedTuple):
-    """The terms c_a Σ σ̂ (L̇_b·L̇_c + L·M_bc L) of a third derivative E_abc, as many as `count` equal ones."""
+    """The terms c_a Σ σ̂ (L̇_b·L̇_c + L·M_bc L) of a third derivative E_abc, as many equal ones as `times`."""
 
-    count: int
+    times: int
     a: int
     b: int
     c: int
@@ -61,9 +61,11 @@ class Response:
 
     strain        A (d, d)
     amplitude     c, the strain's amplitude of the self-stress
+    work          |σ̂·ḣ| of the affine strain, and its rounding error
     displacement  u (n_free, d)
     rate          L̇ = A L + g u, (N_b, d)
-    slip          L·L̇ − c K⁻¹ σ̂, (N_b,): zero but for the error of u
+    rounded       numbers (N_b,) whose roundings enter L̇: |L̇|, the velocities of both vertices, |L|
+    slip          L·L̇ − c K⁻¹ σ̂, (N_b,), zero but for the error of u, and its derivative by L, (N_b, d)
     multipliers   λ (N_b,) orthogonal to σ̂, along which they are free
     error         product of the remaining errors of u and λ, by which the energy may be off
     residual      relative residual of the first solution
@@ -71,9 +73,12 @@ class Response:
 
     strain: Array
     amplitude: float
+    work: tuple[float, float]
     displacement: Array
     rate: Array
+    rounded: Array
     slip: Array
+    slip_by_L: Array
     multipliers: Array
     error: float
     residual: float
@@ -120,16 +125,9 @@ class ThirdOrderEnergy:
         """E_ab."""
         return self.responses[a].amplitude * self.responses[b].amplitude * self._D
 
-    def work(self, a: int) -> tuple[float, float]:
-        """|σ̂·ḣ_a| of the affine strain, and its rounding error."""
-        response = self.responses[a]
-        stretch = np.linalg.norm(self._L @ response.strain.T, axis=1)
-        rounding = accumulated_rounding(2 * EPS * np.abs(self._s) * self._lengths * stretch)
-        return abs(response.amplitude) * self._D, rounding
-
     def second_error(self, a: int, b: int) -> float:
         """Error (estimate) of E_ab."""
-        (_, work_a), (_, work_b) = self.work(a), self.work(b)
+        (work_a, work_b) = (self.responses[i].work[1] for i in (a, b))
         c_a, c_b = (abs(self.responses[i].amplitude) for i in (a, b))
         return c_a * work_b + c_b * work_a + 4 * EPS * c_a * c_b * self._D + work_a * work_b / self._D
 
@@ -148,8 +146,13 @@ class ThirdOrderEnergy:
         error = (abs(float(np.vdot(force, change))) + abs(float(rest @ correction))) / self._norm
         u, multiplier = u + change, (multiplier + correction) / self._norm
         multiplier = multiplier - (s @ multiplier) * s
-        rate = affine + g @ u
-        return Response(A, c, u, rate, dot(L, rate) - goal, multiplier, error, residual)
+        rate, velocity = affine + g @ u, np.zeros(network.n_vertices)
+        velocity[network.free] = np.linalg.norm(u, axis=1)
+        rounded = np.linalg.norm(rate, axis=1) + velocity[network.edges].sum(axis=1) + self._lengths
+        slip, slip_by_L = dot(L, rate) - goal, rate + L @ A - (2 * c * s / self._k)[:, None] * L
+        rounding = accumulated_rounding(2 * EPS * np.abs(s) * self._lengths * np.linalg.norm(affine, axis=1))
+        work = abs(c) * self._D, float(rounding)
+        return Response(A, c, work, u, rate, rounded, slip, slip_by_L, multiplier, error, residual)
 
     def third(self, terms: Sequence[Term]) -> Derivatives:
         """E_abc of the terms, and its derivatives, with those by the amplitudes c_a, which are functions of σ̂, L, k."""
@@ -165,16 +168,16 @@ class ThirdOrderEnergy:
         by_c, cubes = np.zeros(len(c)), float(np.sum(s**3 * cube))
         for n, a in enumerate(strains):
             by_c[a] += cubes * c[strains[n - 1]] * c[strains[n - 2]]
-        for count, a, i, j, curvature in terms:
-            one, other, size, curved = responses[i], responses[j], count * c[a], L @ (0.5 * (curvature + curvature.T))
+        for times, a, i, j, curvature in terms:
+            one, other, size, curved = responses[i], responses[j], times * c[a], L @ (0.5 * (curvature + curvature.T))
             stretch, slipping = dot(one.rate, other.rate) + dot(L, curved), c[i] * m[j] + c[j] * m[i]
             part = s * stretch + m[i] * other.slip + m[j] * one.slip
             edges += size * part
             by_s += size * (stretch - slipping * flexibility)
             by_L += (size * s)[:, None] * (one.rate @ other.strain + other.rate @ one.strain + 2 * curved)
-            by_L += size * (m[i][:, None] * self._slip_slope(other) + m[j][:, None] * self._slip_slope(one))
+            by_L += size * (m[i][:, None] * other.slip_by_L + m[j][:, None] * one.slip_by_L)
             by_k += size * slipping * s * flexibility / k
-            by_c[a] += count * float(np.sum(part))
+            by_c[a] += times * float(np.sum(part))
             by_c[i] -= size * float(np.sum(m[j] * s * flexibility))
             by_c[j] -= size * float(np.sum(m[i] * s * flexibility))
         for response, derivative in zip(responses, by_c / self._D, strict=True):
@@ -183,11 +186,6 @@ class ThirdOrderEnergy:
             by_L += (2 * derivative * s)[:, None] * (AL - (cs / k)[:, None] * L)
             by_k += derivative * cs * s * flexibility / k
         return Derivatives(float(np.sum(edges)), (by_s - (by_s @ s) * s) / self._norm, by_L, by_k)
-
-    def _slip_slope(self, response: Response) -> Array:
-        """Derivative of the slips by L, (N_b, d)."""
-        stretch = 2 * response.amplitude * self._s / self._k
-        return response.rate + self._L @ response.strain - stretch[:, None] * self._L
 
     def third_error(self, terms: Sequence[Term], by_bonds: Array) -> float:
         """Error (estimate) of E_abc, with its derivatives by L (N_b, d).
@@ -198,22 +196,15 @@ class ThirdOrderEnergy:
         s, length, k, responses = np.abs(self._s), self._lengths, self._k, self.responses
         goals = [abs(response.amplitude) * s * self._flexibility for response in responses]
         weights = [np.abs(response.multipliers) for response in responses]
-        rates, slips = zip(*(self._rates(response) for response in responses), strict=True)
+        rates = [np.linalg.norm(response.rate, axis=1) for response in responses]
+        slips = [response.rounded for response in responses]
         _, i, j, l, _ = terms[0]
         noise = 4 * (np.abs(self._third_of_law) / length**3 + 3 * k / length**4) * goals[i] * goals[j] * goals[l]
         remaining = 0.0
         for term in terms:
-            b, c, size = term.b, term.c, term.count * abs(responses[term.a].amplitude)
+            b, c, size = term.b, term.c, term.times * abs(responses[term.a].amplitude)
             noise += size * s * (rates[b] * slips[c] + rates[c] * slips[b] + term.curvature_rounding * length**2)
             noise += size * length * (weights[b] * slips[c] + weights[c] * slips[b])
             remaining += 2 * size * float(np.sqrt(responses[b].error * responses[c].error))
         noise += 2 * np.linalg.norm(by_bonds, axis=1) * length
         return float(accumulated_rounding(EPS * noise)) + remaining
-
-    def _rates(self, response: Response) -> tuple[Array, Array]:
-        """|L̇| (N_b,), and the numbers whose roundings enter it: |L̇|, the velocities of both vertices, |L|."""
-        network = self._network
-        velocity = np.zeros(network.n_vertices)
-        velocity[network.free] = np.linalg.norm(response.displacement, axis=1)
-        rate = np.linalg.norm(response.rate, axis=1)
-        return rate, rate + velocity[network.edges].sum(axis=1) + self._lengths
