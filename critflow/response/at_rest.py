@@ -13,6 +13,7 @@ is that of `Spectrum`, and none of them is computed.  Those of large contrast, a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -75,16 +76,18 @@ def response_at_rest(
         value, stats = no_elasticity(d, volume), Stats("self-stress", 1, residual=residual)
         return ResponseAtRest(value, status, stats, note, n_self_stresses=n_self_stresses)
 
-    length = np.linalg.norm(network.bond_vectors(coordinates), axis=1)
+    L = network.bond_vectors(coordinates)
+    length = np.linalg.norm(L, axis=1)
     if note := edge_without_length(length):
         return without_value(Status.singular, note)
-    springs = _Springs.of(network, coordinates, faces)
-    if springs.contrast <= MODERATE_CONTRAST and faces is None:
+    springs = _springs(network, coordinates, L, length, faces)
+    contrast = float(springs.stiffness.max() / springs.stiffness.min())
+    if contrast <= MODERATE_CONTRAST and faces is None:
         found = _by_motions(network, coordinates, springs)
     elif len(springs.stiffness) * d * len(network.free) <= LARGEST_RESPONSE:
-        found = _by_groups(springs)
+        found = _by_groups(springs, float(length.mean()))
     else:
-        note = f"the stiffnesses differ by {springs.contrast:.1e}, too much for so large a network: remove the softest"
+        note = f"the stiffnesses differ by {contrast:.1e}, too much for so large a network: remove the softest"
         return without_value(Status.ill_conditioned, note if faces is None else "the tissue is too large for moduli")
     if np.isfinite(found.doubtful):
         note = rounding_note(coordinates, length, found.doubtful) or _DOUBTFUL.format(found.doubtful)
@@ -93,7 +96,7 @@ def response_at_rest(
     affine = (springs.extension.T * springs.stiffness) @ springs.extension / volume
     status, note = Status.ok if found.n_self_stresses else Status.floppy, ""
     if status is Status.ok and errors.max() > TRUSTED_ERROR * np.abs(tensor).max():
-        if springs.contrast * errors.max() > EPS * np.abs(affine).max():
+        if contrast * errors.max() > EPS * np.abs(affine).max():
             return without_value(Status.ill_conditioned, _ROUNDED, found)
         # Self-stresses of small parts, which the boundary does not load: tensors of the size of squared roundings.
         status, note, tensor = Status.floppy, _LOCAL, np.zeros_like(tensor)
@@ -102,43 +105,33 @@ def response_at_rest(
     return ResponseAtRest(value, status, stats, note, n_self_stresses=found.n_self_stresses)
 
 
-@dataclass(frozen=True, eq=False)
-class _Springs:
+class _Springs(NamedTuple):
     """Springs at rest.
 
     directions  changes of length by unit motions, (n, d·n_free) sparse
     extension   by the strains of `strain_basis`, (n, m)
     errors      relative rounding of the directions, (n,)
-    lengths     |L| of the edges, (N_b,)
     """
 
     directions: sp.csr_array
     extension: Array
     stiffness: Array
     errors: Array
-    lengths: Array
-
-    @classmethod
-    def of(cls, network: Network, coordinates: Array, faces: FaceSprings | None) -> _Springs:
-        L = network.bond_vectors(coordinates)
-        length = np.linalg.norm(L, axis=1)
-        extension = np.einsum("aei,ei->ea", L @ strain_basis(network.dimension)[1], L) / length[:, None]
-        reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
-        errors, directions = EPS * (2 + reach / length), spread_columns(network, L / length[:, None])
-        if faces is None:
-            return cls(directions, extension, network.stiffness, errors, length)
-        A = faces.sides
-        return cls(sp.csr_array(A @ directions), A @ extension, faces.stiffness, A @ errors, length)
-
-    @property
-    def contrast(self) -> float:
-        """Ratio of the largest stiffness and the smallest."""
-        return float(self.stiffness.max() / self.stiffness.min())
 
 
-def _by_groups(springs: _Springs) -> FormAtRest:
-    """By a dense decomposition, for any contrast."""
-    mean, k = float(springs.lengths.mean()), springs.stiffness
+def _springs(network: Network, coordinates: Array, L: Array, length: Array, faces: FaceSprings | None) -> _Springs:
+    extension = np.einsum("aei,ei->ea", L @ strain_basis(network.dimension)[1], L) / length[:, None]
+    reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
+    errors, directions = EPS * (2 + reach / length), spread_columns(network, L / length[:, None])
+    if faces is None:
+        return _Springs(directions, extension, network.stiffness, errors)
+    A = faces.sides
+    return _Springs(sp.csr_array(A @ directions), A @ extension, faces.stiffness, A @ errors)
+
+
+def _by_groups(springs: _Springs, mean: float) -> FormAtRest:
+    """By a dense decomposition, for any contrast and springs of this mean length."""
+    k = springs.stiffness
     found = hierarchical_response(springs.directions.toarray(), springs.extension / mean, k / k.max(), springs.errors)
     unit = mean**2 * k.max()
     return found._replace(form=unit * found.form, errors=unit * found.errors)
@@ -152,11 +145,12 @@ def _by_motions(network: Network, coordinates: Array, springs: _Springs) -> Form
     k, R, extension, spectrum = springs.stiffness, springs.directions, springs.extension, Spectrum(network, coordinates)
     n_stresses = network.n_edges - spectrum.n_coordinates + spectrum.n_motions
     m, largest = extension.shape[1], spectrum.largest_zero()
+    nothing = np.zeros((m, m))
     if spectrum.doubt(largest, spectrum.gap[1]):
         near = max(largest, spectrum.gap[1] if spectrum.gap[1] < CLEAR_GAP * ZERO_MODE else 0.0)
-        return FormAtRest(np.zeros((m, m)), np.zeros((m, m)), n_stresses, largest, near)
+        return FormAtRest(nothing, nothing, n_stresses, largest, near)
     if not n_stresses:
-        return FormAtRest(np.zeros((m, m)), np.zeros((m, m)), 0, largest)
+        return FormAtRest(nothing, nothing, 0, largest)
     blocks = edge_blocks(k, spectrum.bond_vectors / spectrum.lengths[:, None], np.zeros(network.n_edges))
     factor = spectrum.pattern.factorize(blocks, _SHIFT * float(k.max()))
     u, work = np.zeros((R.shape[1], m)), np.full(m, np.inf)

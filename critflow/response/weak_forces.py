@@ -147,8 +147,10 @@ class WeakForces(Record):
     def nonaffinity(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
         """(1/N_v) Σ|du/dγ|² of the displacements u, in units of length squared."""
         state, modes = self._solve(strain, kappa), self._model.modes
-        rate = (self.work + self.growth * state.strain - self._pulled(state)) / (state.kappa * state.resistance)
-        slope = -rate[..., None] * modes.amplitudes(state.s, state.load, 2)
+        moving = modes.amplitudes(state.s, state.load, 2)
+        pulled = np.sum(modes.loads[1] * moving, axis=-1)  # −dΦ/dγ at constant s
+        rate = (self.work + self.growth * state.strain - pulled) / (state.kappa * state.resistance)
+        slope = -rate[..., None] * moving
         slope = slope - modes.amplitudes(state.s, modes.loads[1])
         moved = self._on_vertices(state, self._path.motion + slope @ modes.vectors.T)
         return np.sum(moved**2, axis=(-2, -1)) / self.critical.network.n_vertices
@@ -233,10 +235,6 @@ class WeakForces(Record):
         status = np.where(error > LARGEST_ERROR * x, int(Status.out_of_range), int(Status.ok))
         status = np.where(x < _CLOSEST * self._model.scale, int(Status.unstable), status)
         return WeakState(gamma, kappa, s, load, resistance, error, status)
-
-    def _pulled(self, state: WeakState) -> Array:
-        """−dΦ/dγ at constant s: Σ b ρ/(s + θ)²."""
-        return np.sum(self._model.modes.loads[1] * self._model.modes.amplitudes(state.s, state.load, 2), axis=-1)
 
     def _volume(self, state: WeakState) -> Array:
         """V det F(γ) of the strained network."""

@@ -69,13 +69,11 @@ class Rigidity(Record):
 class ZeroModes(Record):
     """Displacements that change no length to first order, all orthonormal, zero at pins (`FirstOrder`).
 
-    modes                           (N_0 − n_trivial, N_v, d), orthogonal to the trivial ones
-    trivial                         (n_trivial, N_v, d): the translations of a periodic network
+    modes                           (N_0 − n_trivial, N_v, d), orthogonal to the translations of a periodic network
     largest_zero, smallest_nonzero  singular values of R on both sides of the tolerance
     """
 
     modes: Array
-    trivial: Array
     largest_zero: float
     smallest_nonzero: float
 
@@ -191,24 +189,21 @@ def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None
     """
     x = validated_coordinates(network, coordinates)
     d, n_vertices = network.dimension, network.n_vertices
-    n_trivial = 0 if network.pins else d
-    trivial = np.zeros((n_trivial, n_vertices, d))
-    trivial[np.arange(n_trivial), :, np.arange(n_trivial)] = 1 / np.sqrt(n_vertices)
     if note := edge_without_length(np.linalg.norm(network.bond_vectors(x), axis=1)):
-        nothing = ZeroModes(np.zeros((0, n_vertices, d)), trivial, np.nan, np.nan)
+        nothing = ZeroModes(np.zeros((0, n_vertices, d)), np.nan, np.nan)
         return Solution(nothing, Status.singular, Stats("zero modes"), note)
     spectrum = Spectrum(network, x, tolerance)
     _check_size(spectrum.n_motions, spectrum.n_coordinates, "zero modes", "rigidity() counts them")
     motions, gap = spectrum.null_space(spectrum.n_motions, of_stresses=False)
     modes = np.zeros((len(motions), n_vertices, d))
     modes[:, network.free] = motions.reshape(len(motions), len(network.free), d)
-    if n_trivial:
+    if not network.pins:
         # The grounded vertex is arbitrary: without their mean the modes are orthogonal to the translations.
         modes -= modes.mean(axis=1, keepdims=True)
         modes = np.linalg.qr(modes.reshape(len(modes), n_vertices * d).T)[0].T.reshape(modes.shape)
     doubt = spectrum.doubt(*gap)
     status, stats = Status.singular if doubt else Status.ok, Stats("zero modes", 1, residual=gap[0])
-    return Solution(ZeroModes(modes, trivial, *gap), status, stats, doubt)
+    return Solution(ZeroModes(modes, *gap), status, stats, doubt)
 
 
 def _check_size(count: int, size: int, name: str, instead: str) -> None:
