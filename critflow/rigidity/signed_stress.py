@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg
+import scipy
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linprog
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
@@ -117,7 +116,7 @@ def _largest_least(R: sp.csr_array, signs: Array) -> Any:
     """SciPy's result for unknowns (τ, t): maximise t with Rᵀτ = 0, s_α τ_α ≥ t and |τ_α| ≤ 1."""
     n, signed = len(signs), np.flatnonzero(signs)
     at_least = sp.csr_array((-signs[signed], (np.arange(len(signed)), signed)), shape=(len(signed), n))
-    return linprog(
+    return scipy.optimize.linprog(
         np.append(np.zeros(n), -1.0),
         A_ub=sp.hstack([at_least, np.ones((len(signed), 1))]),
         b_ub=np.zeros(len(signed)),
