@@ -70,7 +70,7 @@ class Stiffening(Quantity):
         """That of the partial derivatives, and the error (estimate) of the third derivative for exact bond vectors."""
         energy, terms = self._energy(critical)
         return (
-            super().error(critical) + energy.third_error(terms, energy.third(terms).by_bonds) / critical.network.volume
+            super().error(critical) + energy.third_error(terms, energy.third(terms).by_length) / critical.network.volume
         )
 
     def by_stiffness(self, balance: Balanced) -> Array:

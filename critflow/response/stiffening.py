@@ -11,7 +11,9 @@ Those of dilation are the C_B and C_G of `moduli`, with M = B/(1 + γ)² and so 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import astuple, dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,9 +21,8 @@ from critflow.arguments import checked
 from critflow.critical.backbone import taut_configurations
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.transition import dilation, pure_shear
-from critflow.linalg.saddle import CondensedSaddle, Saddle
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array
 from critflow.precision.residual import exact_displacement
 from critflow.response.tensor import TRUSTED_ERROR
 from critflow.response.third_order import ThirdOrderEnergy, cubed, squared
@@ -138,40 +139,49 @@ def _stiffening(
     if not np.isfinite(balance.remainder):
         return _failed(Status.ill_conditioned, "rounding hides which configuration balances this stress exactly")
 
-    energy, gamma, (value, error), change = _coefficients(
-        network, critical.sigma, balance.bond_vectors, system, law, path
-    )
-    residual = max(response.residual for response in energy.responses)
-    coefficients = (value.C_B, value.C_G, value.C)
-    condition = max(one / max(abs(C), 1e-300) for one, C in zip(change, coefficients, strict=True))
-    stats = Stats("exact", 1, residual=residual, condition=condition, error_bound=error)
+    energy_of = partial(ThirdOrderEnergy, network, critical.sigma, balance.bond_vectors, system, law)
+    return _judged(_coefficients(energy_of, network.volume, path))
+
+
+@dataclass(frozen=True, eq=False)
+class _Coefficients:
+    """Coefficients with their errors and condition, the energy behind them, and the index of γ among its strains."""
+
+    energy: ThirdOrderEnergy
+    gamma: int
+    value: Stiffening
+    error: Stiffening
+    condition: float
+
+
+def _judged(found: _Coefficients) -> StiffeningSolution:
+    """The coefficients with the status that their residual, work and errors allow."""
+    value, responses = found.value, found.energy.responses
+    residual = max(response.residual for response in responses)
+    stats = Stats("exact", 1, residual=residual, condition=found.condition, error_bound=found.error)
     if not residual < CONSISTENT_RESPONSE:
         return _failed(Status.singular, "", stats)
-    work, rounding = energy.responses[gamma].work
+    work, rounding = responses[found.gamma].work
     if not work > NO_WORK * rounding:
         return _failed(
             Status.floppy, "the strain does no work on the self-stress, so nothing resists it to first order"
         )
-    largest = max(abs(value.bulk_0), *(abs(C) for C in coefficients))
-    if not max(astuple(error)) < TRUSTED_ERROR * largest:
+    largest = max(abs(value.bulk_0), abs(value.C_B), abs(value.C_G), abs(value.C))
+    if not max(astuple(found.error)) < TRUSTED_ERROR * largest:
         note = "rounding errors may exceed the coefficients: choose stresses of more similar magnitude"
         return _failed(Status.ill_conditioned, note, stats)
-    loosening = energy.responses[gamma].amplitude < 0
+    loosening = responses[found.gamma].amplitude < 0
     note = "positive strains loosen the network: the coefficients hold at negative ones" if loosening else ""
     return StiffeningSolution(value, Status.ok, stats, note, loosening=loosening)
 
 
 def _coefficients(
-    network: Network, sigma: Array, L: Array, system: Saddle | CondensedSaddle, law: SpringLaw, path: Deformation
-) -> tuple[ThirdOrderEnergy, int, tuple[Stiffening, Stiffening], list[float]]:
-    """The energy, the index of γ among its strains, coefficients with errors, and changes by bond vectors.
-
-    The strains are a dilation δ, a shear ε and the path γ of the strained network, which may be the dilation itself.
-    """
-    d, V, A, shear = network.dimension, network.volume, path.rate(0.0), pure_shear(network.dimension)
+    energy_of: Callable[[list[Array]], ThirdOrderEnergy], volume: float, path: Deformation
+) -> _Coefficients:
+    """Those of a dilation δ, a shear ε and the path γ of the strained network, which may be the dilation itself."""
+    d, V, A, shear = path.dimension, volume, path.rate(0.0), pure_shear(path.dimension)
     gamma = 0 if _dilates(path) else 2
-    strains = [dilation(d), shear] if gamma == 0 else [dilation(d), shear, A]
-    energy = ThirdOrderEnergy(network, sigma, L, system, law, strains)
+    energy = energy_of([dilation(d), shear] if gamma == 0 else [dilation(d), shear, A])
     thirds = [
         squared(0, gamma, (1 / d) * (1 / d - 1) * np.eye(d), A / d),
         squared(1, gamma, 0 * A, shear @ A),
@@ -179,16 +189,20 @@ def _coefficients(
     ]
     found = [energy.third(terms) for terms in thirds]
     third = np.array([one.value for one in found]) / V
-    errors = [energy.third_error(terms, one.by_bonds) for terms, one in zip(thirds, found, strict=True)]
+    errors = [energy.third_error(terms, one.by_length) for terms, one in zip(thirds, found, strict=True)]
     zeroth = np.array([energy.second(a, a) for a in (0, 1, gamma)]) / V
     zeroth_error = np.array([energy.second_error(a, a) for a in (0, 1, gamma)]) / V
     growth = float(np.trace(A))
     half_pressure, pressure_error = 0.5 * energy.second(0, gamma) / V, 0.5 * energy.second_error(0, gamma) / V
-    lengths = np.linalg.norm(L, axis=1)
-    change = [float(np.linalg.norm(one.by_bonds, axis=1) @ lengths) / V for one in found]
-    value = _ordered(zeroth, third - growth * zeroth, -half_pressure)
-    error = _ordered(zeroth_error, np.array(errors) / V + abs(growth) * zeroth_error, pressure_error)
-    return energy, gamma, (value, error), change
+    first = third - growth * zeroth
+    change = np.array([float(np.sum(one.by_length)) for one in found]) / V
+    return _Coefficients(
+        energy,
+        gamma,
+        _ordered(zeroth, first, -half_pressure),
+        _ordered(zeroth_error, np.array(errors) / V + abs(growth) * zeroth_error, pressure_error),
+        condition=float(np.max(change / np.maximum(np.abs(first), 1e-300))),
+    )
 
 
 def _ordered(zeroth: Array, first: Array, correction: float) -> Stiffening:

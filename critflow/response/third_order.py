@@ -85,12 +85,16 @@ class Response:
 
 
 class Derivatives(NamedTuple):
-    """E_abc and its derivatives by σ (N_b,), L (N_b, d) and, for springs of Hooke's law, k (N_b,)."""
+    """E_abc and its derivatives by σ (N_b,), L (N_b, d) and, for springs of Hooke's law, k (N_b,).
+
+    by_length  change per relative error of each bond vector, (N_b,)
+    """
 
     value: float
     by_stress: Array
     by_bonds: Array
     by_stiffness: Array
+    by_length: Array
 
 
 class ThirdOrderEnergy:
@@ -185,10 +189,11 @@ class ThirdOrderEnergy:
             by_s += derivative * (dot(L, AL) - 2 * cs * flexibility)
             by_L += (2 * derivative * s)[:, None] * (AL - (cs / k)[:, None] * L)
             by_k += derivative * cs * s * flexibility / k
-        return Derivatives(float(np.sum(edges)), (by_s - (by_s @ s) * s) / self._norm, by_L, by_k)
+        by_length = np.linalg.norm(by_L, axis=1) * self._lengths
+        return Derivatives(float(np.sum(edges)), (by_s - (by_s @ s) * s) / self._norm, by_L, by_k, by_length)
 
-    def third_error(self, terms: Sequence[Term], by_bonds: Array) -> float:
-        """Error (estimate) of E_abc, with its derivatives by L (N_b, d).
+    def third_error(self, terms: Sequence[Term], by_length: Array) -> float:
+        """Error (estimate) of E_abc, which changes by `by_length` (N_b,) per relative error of the bond vectors.
 
         Sources: rates as differences of vertex velocities, which may exceed them; products; bond vectors; the errors of
         the responses, of second order.
@@ -206,5 +211,4 @@ class ThirdOrderEnergy:
             noise += size * s * (rates[b] * slips[c] + rates[c] * slips[b] + term.curvature_rounding * length**2)
             noise += size * length * (weights[b] * slips[c] + weights[c] * slips[b])
             remaining += 2 * size * float(np.sqrt(responses[b].error * responses[c].error))
-        noise += 2 * np.linalg.norm(by_bonds, axis=1) * length
-        return float(accumulated_rounding(EPS * noise)) + remaining
+        return float(accumulated_rounding(EPS * (noise + 2 * by_length))) + remaining
