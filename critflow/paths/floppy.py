@@ -62,7 +62,7 @@ def _unstressed(course: Course, point: Point, springs: SpringState, strain: floa
     state = SpringState(network, springs.rest_lengths, network.all_coordinates(x), L, springs.law)
     moduli, zero = None, np.zeros((d * (d + 1) // 2,) * 2)
     if course.has_moduli:
-        moduli = Elasticity(zero, zero, np.zeros((d, d)), network.volume, Errors.known(zero, 0.0, 0.0, 0.0))
+        moduli = Elasticity(zero, zero, np.zeros((d, d)), network.volume, Errors(zero, 0.0, 0.0, 0.0))
     end = Step(
         *(cell, state, np.zeros((1, 0))),
         tangent=Tangent(np.zeros_like(x), np.zeros(len(q)), 0.0, 0.0),

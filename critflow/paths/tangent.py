@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from critflow.critical.transition import strain_components
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.response.linear_response import LinearResponse, accumulated_rounding
-from critflow.response.tensor import strain_components
 from critflow.springs.free_cell import stretched
 from critflow.springs.state import SpringState
 

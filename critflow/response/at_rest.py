@@ -5,31 +5,31 @@ With affine extensions e_a = L·E_a L/|L| and the rigidity matrix R,
 to which only the self-stresses contribute, the tensions k (e ε + R u) of the minimum (`SelfStressModuli`).
 Springs on the perimeters of faces have the extensions A e, with the sides A, and likewise for motions.
 
-Small networks, and those of large contrast, are decomposed densely (`hierarchical_response`), which is accurate for any
-stiffnesses; large ones of moderate contrast by the normal equations, refined on their residual: the number of
-self-stresses follows from the inertia of RᵀR, and none of them is computed.
+Springs of moderate contrast are solved by the normal equations, refined on their residual: the number of self-stresses
+is that of `Spectrum`, and none of them is computed.  Those of large contrast, and tissues, are decomposed densely
+(`hierarchical_response`), which is accurate for any stiffnesses.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.critical.manifold import COLLAPSED
 from critflow.linalg.matrices import edge_blocks, spread_columns
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network
 from critflow.response.linear_response import accumulated_rounding
-from critflow.response.stiffness_contrast import hierarchical_response
+from critflow.response.stiffness_contrast import FormAtRest, hierarchical_response
 from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity
 from critflow.result import Solution, Stats, Status
-from critflow.rigidity.spectrum import CLEAR_GAP, ZERO_MODE, Spectrum, rounding_note
+from critflow.rigidity.spectrum import CLEAR_GAP, ZERO_MODE, Spectrum, edge_without_length, rounding_note
 from critflow.springs.face_springs import FaceSprings
 
-# Up to this contrast the normal equations resolve the softest springs next to the stiffest.
+# Up to this contrast the normal equations resolve both the softest springs and the stiffest.
 MODERATE_CONTRAST = 1e6
 # Entries of the rigidity matrix up to which networks of larger contrast are decomposed densely.
 LARGEST_RESPONSE = 6_000_000
@@ -69,125 +69,89 @@ def response_at_rest(
     number is in doubt, or an edge has no length; `Status.ill_conditioned` and NaN where an error exceeds a tenth of the
     tensor, or a large network has a contrast of stiffness beyond the rounding of the normal equations.
     """
-    length = np.linalg.norm(network.bond_vectors(coordinates), axis=1)
-    if length.min() <= COLLAPSED * length.mean():
-        note = f"edge {int(length.argmin())} has no length, so no direction: move its ends apart, or remove it"
-        value, stats = no_elasticity(network.dimension, volume), Stats("self-stress")
-        return ResponseAtRest(value, Status.singular, stats, note, n_self_stresses=0)
-    springs = _Springs.of(network, coordinates, faces)
-    m, n_springs = springs.extension.shape[1], len(springs.stiffness)
-    size = n_springs * network.dimension * len(network.free)
-    if springs.contrast <= MODERATE_CONTRAST and faces is None:
+    d = network.dimension
+
+    def without_value(status: Status, note: str, found: FormAtRest | None = None) -> ResponseAtRest:
+        n_self_stresses, residual = (found.n_self_stresses, found.largest_zero) if found else (0, np.nan)
+        value, stats = no_elasticity(d, volume), Stats("self-stress", 1, residual=residual)
+        return ResponseAtRest(value, status, stats, note, n_self_stresses=n_self_stresses)
+
+    L = network.bond_vectors(coordinates)
+    length = np.linalg.norm(L, axis=1)
+    if note := edge_without_length(length):
+        return without_value(Status.singular, note)
+    springs = _springs(network, coordinates, L, length, faces)
+    contrast = float(springs.stiffness.max() / springs.stiffness.min())
+    if contrast <= MODERATE_CONTRAST and faces is None:
         found = _by_motions(network, coordinates, springs)
-    elif size <= LARGEST_RESPONSE:
-        found = _dense(springs, coordinates)
+    elif len(springs.stiffness) * d * len(network.free) <= LARGEST_RESPONSE:
+        found = _by_groups(springs, float(length.mean()))
     else:
-        note = f"the stiffnesses differ by {springs.contrast:.1e}, too much for so large a network: remove the softest"
-        found = _unknown(m, 0, Status.ill_conditioned, note if faces is None else "the tissue is too large for moduli")
-    return _solution(springs, network.dimension, volume, found)
-
-
-def _solution(springs: _Springs, d: int, volume: float, found: _Found) -> ResponseAtRest:
-    status, note = found.status, found.note
+        note = f"the stiffnesses differ by {contrast:.1e}, too much for so large a network: remove the softest"
+        return without_value(Status.ill_conditioned, note if faces is None else "the tissue is too large for moduli")
+    if np.isfinite(found.doubtful):
+        note = rounding_note(coordinates, length, found.doubtful) or _DOUBTFUL.format(found.doubtful)
+        return without_value(Status.singular, note, found)
     tensor, errors = found.form / volume, (found.errors + found.errors.T) / (2 * volume)
     affine = (springs.extension.T * springs.stiffness) @ springs.extension / volume
+    status, note = Status.ok if found.n_self_stresses else Status.floppy, ""
     if status is Status.ok and errors.max() > TRUSTED_ERROR * np.abs(tensor).max():
-        if springs.contrast * errors.max() <= EPS * np.abs(affine).max():
-            # Self-stresses of small parts, which the boundary does not load: tensors of the size of squared roundings.
-            status, note, tensor = Status.floppy, _LOCAL, np.zeros_like(tensor)
-        else:
-            status, note = Status.ill_conditioned, _ROUNDED
-    value = no_elasticity(d, volume)
-    if status in (Status.ok, Status.floppy):
-        value = Elasticity(tensor, affine, np.zeros((d, d)), volume, Errors.of_tensor(errors, d))
-    stats = Stats("self-stress", 1, residual=found.residual)
+        if contrast * errors.max() > EPS * np.abs(affine).max():
+            return without_value(Status.ill_conditioned, _ROUNDED, found)
+        # Self-stresses of small parts, which the boundary does not load: tensors of the size of squared roundings.
+        status, note, tensor = Status.floppy, _LOCAL, np.zeros_like(tensor)
+    value = Elasticity(tensor, affine, np.zeros((d, d)), volume, Errors.of_tensor(errors, d))
+    stats = Stats("self-stress", 1, residual=found.largest_zero)
     return ResponseAtRest(value, status, stats, note, n_self_stresses=found.n_self_stresses)
 
 
-@dataclass(frozen=True, eq=False)
-class _Springs:
+class _Springs(NamedTuple):
     """Springs at rest.
 
     directions  changes of length by unit motions, (n, d·n_free) sparse
     extension   by the strains of `strain_basis`, (n, m)
     errors      relative rounding of the directions, (n,)
-    lengths     |L| of the edges, (N_b,)
     """
 
     directions: sp.csr_array
     extension: Array
     stiffness: Array
     errors: Array
-    lengths: Array
-
-    @classmethod
-    def of(cls, network: Network, coordinates: Array, faces: FaceSprings | None) -> _Springs:
-        L = network.bond_vectors(coordinates)
-        length = np.linalg.norm(L, axis=1)
-        extension = np.einsum("aei,ei->ea", L @ strain_basis(network.dimension)[1], L) / length[:, None]
-        reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
-        errors, directions = EPS * (2 + reach / length), spread_columns(network, L / length[:, None])
-        if faces is None:
-            return cls(directions, extension, network.stiffness, errors, length)
-        A = faces.sides
-        return cls(sp.csr_array(A @ directions), A @ extension, faces.stiffness, A @ errors, length)
-
-    @property
-    def contrast(self) -> float:
-        """Ratio of the largest stiffness and the smallest."""
-        return float(self.stiffness.max() / self.stiffness.min())
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """V C (m, m) and its errors."""
-
-    form: Array
-    errors: Array
-    n_self_stresses: int
-    status: Status = Status.ok
-    note: str = ""
-    residual: float = np.nan
+def _springs(network: Network, coordinates: Array, L: Array, length: Array, faces: FaceSprings | None) -> _Springs:
+    extension = np.einsum("aei,ei->ea", L @ strain_basis(network.dimension)[1], L) / length[:, None]
+    reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
+    errors, directions = EPS * (2 + reach / length), spread_columns(network, L / length[:, None])
+    if faces is None:
+        return _Springs(directions, extension, network.stiffness, errors)
+    A = faces.sides
+    return _Springs(sp.csr_array(A @ directions), A @ extension, faces.stiffness, A @ errors)
 
 
-def _unknown(m: int, n_self_stresses: int, status: Status, note: str, residual: float = np.nan) -> _Found:
-    return _Found(np.zeros((m, m)), np.zeros((m, m)), n_self_stresses, status, note, residual)
-
-
-def _in_doubt(springs: _Springs, coordinates: Array, near: float, n_self_stresses: int, residual: float) -> _Found:
-    """A number of self-stresses that a singular value near the tolerance leaves open."""
-    note = rounding_note(coordinates, springs.lengths, near) or _DOUBTFUL.format(near)
-    return _unknown(springs.extension.shape[1], n_self_stresses, Status.singular, note, residual)
-
-
-def _dense(springs: _Springs, coordinates: Array) -> _Found:
-    """By a dense decomposition, for any contrast."""
-    mean, k = float(springs.lengths.mean()), springs.stiffness
+def _by_groups(springs: _Springs, mean: float) -> FormAtRest:
+    """By a dense decomposition, for any contrast and springs of this mean length."""
+    k = springs.stiffness
     found = hierarchical_response(springs.directions.toarray(), springs.extension / mean, k / k.max(), springs.errors)
-    if np.isfinite(found.doubtful):
-        return _in_doubt(springs, coordinates, found.doubtful, found.n_self_stresses, found.largest_zero)
-    status = Status.ok if found.n_self_stresses else Status.floppy
-    unit = mean * np.sqrt(k.max())
-    form, errors = unit**2 * (found.factors.T @ found.factors), unit**2 * found.errors
-    return _Found(form, errors, found.n_self_stresses, status, residual=found.largest_zero)
+    unit = mean**2 * k.max()
+    return found._replace(form=unit * found.form, errors=unit * found.errors)
 
 
-def _by_motions(network: Network, coordinates: Array, springs: _Springs) -> _Found:
+def _by_motions(network: Network, coordinates: Array, springs: _Springs) -> FormAtRest:
     """By the motions u that follow the strains, for moderate contrast: V C = rᵀ k r, r = e + R u, Rᵀ k r = 0.
 
     An error of u changes V C by its square, which the work of the last correction estimates.
     """
-    k, length, R, extension = springs.stiffness, springs.lengths, springs.directions, springs.extension
-    L = network.bond_vectors(coordinates)
-    spectrum = Spectrum(network, coordinates, L, length, None)
+    k, R, extension, spectrum = springs.stiffness, springs.directions, springs.extension, Spectrum(network, coordinates)
     n_stresses = network.n_edges - spectrum.n_coordinates + spectrum.n_motions
     m, largest = extension.shape[1], spectrum.largest_zero()
+    nothing = np.zeros((m, m))
     if spectrum.doubt(largest, spectrum.gap[1]):
         near = max(largest, spectrum.gap[1] if spectrum.gap[1] < CLEAR_GAP * ZERO_MODE else 0.0)
-        return _in_doubt(springs, coordinates, near, n_stresses, largest)
+        return FormAtRest(nothing, nothing, n_stresses, largest, near)
     if not n_stresses:
-        return _unknown(m, 0, Status.floppy, "", largest)
-    blocks = edge_blocks(k, L / length[:, None], np.zeros(network.n_edges))
+        return FormAtRest(nothing, nothing, 0, largest)
+    blocks = edge_blocks(k, spectrum.bond_vectors / spectrum.lengths[:, None], np.zeros(network.n_edges))
     factor = spectrum.pattern.factorize(blocks, _SHIFT * float(k.max()))
     u, work = np.zeros((R.shape[1], m)), np.full(m, np.inf)
     for _ in range(_MOST_CORRECTIONS):
@@ -204,4 +168,4 @@ def _by_motions(network: Network, coordinates: Array, springs: _Springs) -> _Fou
     errors = 2 * accumulated_rounding(np.abs(tension).T[:, None] * rounding.T) + 2 * np.sqrt(np.outer(work, work))
     # Sums over the last axis are pairwise, so that their rounding is that of their terms.
     form = np.sum(tension.T[:, None] * (tension / k[:, None]).T, axis=-1)
-    return _Found(form, errors, n_stresses, residual=largest)
+    return FormAtRest(form, errors, n_stresses, largest)

@@ -11,8 +11,8 @@ are proved for bond vectors whose `bond_errors` are; where those are estimates (
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -33,7 +33,11 @@ def elasticity_at_transition(critical: CriticalConfiguration, volume: float, rou
     """
     L = critical.bond_vectors
     flexibility = np.einsum("ad,ad->a", L, L) / critical.network.stiffness
-    errors = Errors(partial(_errors, critical, volume, roundings))
+    error = partial(transition_modulus_error, critical=critical, volume=volume, roundings=roundings)
+    shear = partial(error, pure_shear(L.shape[1])) if L.shape[1] > 1 else np.nan
+    errors = Errors(
+        partial(_tensor_errors, error, critical, volume), partial(error, dilation(L.shape[1])), shear, shear
+    )
     return _of_one_self_stress(critical.sigma, _rates(L), flexibility, L.shape[1], volume, errors)
 
 
@@ -59,16 +63,8 @@ def _of_one_self_stress(
     return Elasticity(tensor[1:, 1:], affine, nothing, volume, errors, float(tensor[0, 0]))  # type: ignore[arg-type]
 
 
-def _errors(critical: CriticalConfiguration, volume: float, roundings: int, name: str) -> Any:
-    """The errors of a name; NaN where the configuration has no error bounds."""
-    d = critical.network.dimension
-
-    def error(strain: Array) -> float:
-        return transition_modulus_error(strain, critical, volume, roundings)
-
-    if name != "tensor":
-        return error(dilation(d) if name == "bulk" else pure_shear(d))
-    basis = strain_basis(d)[1]
+def _tensor_errors(error: Callable[[Array], float], critical: CriticalConfiguration, volume: float) -> Array:
+    basis = strain_basis(critical.network.dimension)[1]
     single = np.array([error(strain) for strain in basis])
     errors = np.diag(single)
     # Products of two components are half the differences of squares of their sums.

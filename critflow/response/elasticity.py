@@ -23,10 +23,9 @@ from critflow.networks.network import Network, validated_coordinates
 from critflow.response.at_rest import ResponseAtRest, response_at_rest
 from critflow.response.at_transition import elasticity_at_transition, tissue_at_transition
 from critflow.response.linear_response import linear_response
-from critflow.response.tensor import Elasticity, total_errors
+from critflow.response.tensor import Elasticity, Errors
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.rigidity.counts import rigidity
-from critflow.rigidity.uniqueness import only_self_stress
+from critflow.rigidity.uniqueness import count_self_stresses
 from critflow.springs.face_springs import FaceSprings
 from critflow.springs.laws import HOOKEAN, SpringLaw
 from critflow.springs.state import SpringState, edge_directions, spring_state
@@ -106,7 +105,7 @@ def _stressed(state: SpringState, tolerance: float) -> bool:
 
 def _at_transition(critical: CriticalConfiguration, volume: float, roundings: int) -> ResponseAtRest:
     """The response of a configuration without slack edges, at rest where it has several self-stresses."""
-    if _one_self_stress(critical):
+    if count_self_stresses(critical) == 1:
         return _of_one_self_stress(elasticity_at_transition(critical, volume, roundings), critical.residual)
     return response_at_rest(critical.network, critical.coordinates, volume)
 
@@ -122,16 +121,6 @@ def _of_tissue(tissue: CriticalTissue, volume: float) -> ResponseAtRest:
 
 def _of_one_self_stress(value: Elasticity, residual: float) -> ResponseAtRest:
     return ResponseAtRest(value, Status.ok, Stats("transition", residual=residual), n_self_stresses=1)
-
-
-def _one_self_stress(critical: CriticalConfiguration) -> bool:
-    if only_self_stress(critical):
-        return True
-    network = critical.network
-    if network.n_edges - network.dimension * len(network.free) > 1:
-        return False
-    counts = rigidity(network, critical.coordinates, vectors=False)
-    return counts.ok and counts.value.n_self_stresses == 1
 
 
 def _of_taut(network: Network, coordinates: ArrayLike, taut: ArrayLike, volume: float) -> ResponseAtRest:
@@ -151,7 +140,7 @@ def _total(parts: Sequence[ResponseAtRest]) -> ResponseAtRest:
     tensor, affine, stress = (
         np.sum([getattr(value, name) for value in values], axis=0) for name in ("tensor", "affine", "stress")
     )
-    errors, bulk = total_errors([value.errors for value in values]), sum(value.bulk for value in values)
+    errors, bulk = Errors.total([value.errors for value in values]), sum(value.bulk for value in values)
     failed = [part for part in parts if not (part.ok or part.status is Status.floppy)]
     worst = (failed or [part for part in parts if part.ok] or parts)[0]
     return ResponseAtRest(

@@ -16,13 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from critflow.critical.transition import strain_components
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network
 from critflow.precision.residual import inverse_norm
-from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity, strain_components, total_errors
+from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.minimum import stability_of
 from critflow.springs.newton import FLOPPY_SHIFT
@@ -77,7 +78,8 @@ def linear_response(
         raise InputError("a shear needs at least two dimensions")
     pattern, strains = pattern or state.pattern(), strains or tuple(range(len(unit_strains(d))))
     # Without negative eigenvalues any factor near the state will do; convergence shows whether it is near enough.
-    found = _responses(state, factor, volume, strains) if factor is not None and _taut(state) else None
+    definite = bool((state.sigma >= 0).all() and (state.edge_stiffness >= 0).all())
+    found = _responses(state, factor, volume, strains) if factor is not None and definite else None
     if factor is None or found is None or not found.converged:
         factor = state.factorize(pattern)
         found = _responses(state, factor, volume, strains) if factor.sound and not factor.n_negative else None
@@ -94,7 +96,7 @@ def linear_response(
     errors: Errors | None = found.elasticity.errors if found.converged else None
     if errors is not None and not exact:
         change = _change_to_equilibrium(state, factor, found, floppy, volume, strains)
-        errors = None if change is None else total_errors([errors, change])
+        errors = None if change is None else Errors.total([errors, change])
     number = state.largest_stiffness * inverse_norm(factor, found.last[0]) if condition else np.nan
     stats = Stats("linear response", 1, residual=found.residual, condition=number)
     relaxations = np.tensordot(basis_change(d)[list(strains)].T, found.relaxations, axes=1)
@@ -121,14 +123,8 @@ def unit_strains(dimension: int) -> Array:
 @cache
 def basis_change(dimension: int) -> Array:
     """T (m, m): the strain a of `strain_basis` is Σ_n T_na `unit_strains`_n."""
-    d = dimension
-    T = np.eye(d * (d + 1) // 2)
-    normal = np.zeros((d, d))
-    normal[0] = 1.0
-    normal[1:, :-1] = np.eye(d - 1)
-    normal[1:, -1] = -1.0
-    T[:d, :d] = normal
-    return T
+    units = np.array([strain_components(E) for E in unit_strains(dimension)])
+    return np.rint(np.linalg.inv(units).T)  # of whole numbers
 
 
 def strains_of(rates: Array) -> tuple[int, ...]:
@@ -174,18 +170,14 @@ def _change_to_equilibrium(
     here = found.elasticity
     apart = np.abs(correction.bond_vectors - state.bond_vectors)
     if not (apart > EPS * state.lengths[:, None]).any():
-        return Errors.known(np.zeros_like(here.tensor), 0.0, 0.0, 0.0)
+        return Errors(np.zeros_like(here.tensor), 0.0, 0.0, 0.0)
     moved = replace(state, bond_vectors=correction.bond_vectors)
     responses = _responses(moved, factor, volume, strains)
     if not responses.converged:
         return None
     there = responses.elasticity
-    return Errors.known(
-        2 * np.abs(there.tensor - here.tensor),
-        2 * abs(there.bulk - here.bulk),
-        2 * abs(there.shear - here.shear),
-        2 * abs(there.shear_stress_corrected - here.shear_stress_corrected),
-    )
+    names = ("tensor", "bulk", "shear", "shear_stress_corrected")
+    return Errors(*(2 * np.abs(getattr(there, name) - getattr(here, name)) for name in names))
 
 
 def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple[int, ...]) -> _Responses:
@@ -208,7 +200,7 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
         stretching = hdot @ tension.T
         form = stretching + stressed.reshape(m, -1) @ rate.reshape(m, -1).T
         direct = direct if refinement else form
-        correction = _solved(factor, force)
+        correction = factor.solve(force.reshape(m, -1).T).T.reshape(force.shape)
         gained = force.reshape(m, -1) @ correction.reshape(m, -1).T
         moved, size = _largest(correction), _largest(force)
         u, scale = u + correction, np.maximum(scale, size)
@@ -237,7 +229,7 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
     tensor = T.T @ form @ T
     rounding = np.abs(T).T @ form_rounding @ np.abs(T) + 4 * EPS * np.abs(tensor)
     rounding += (stress_rounding + 4 * EPS * float(np.abs(stress).max())) * stress_products(d)
-    errors = Errors.known(0.5 * (rounding + rounding.T), bulk_rounding, shear_rounding, corrected_rounding)
+    errors = Errors(0.5 * (rounding + rounding.T), bulk_rounding, shear_rounding, corrected_rounding)
     return _Responses(
         Elasticity(tensor, T.T @ direct @ T / volume, stress, volume, errors, bulk),
         u,
@@ -245,14 +237,6 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
         float((size / np.maximum(scale, 1e-300)).max()),
         small,
     )
-
-
-def _solved(factor: Factor, forces: Array) -> Array:
-    """H⁻¹ f of each of the forces (m, n_free, d)."""
-    solved = np.empty_like(forces)
-    for u, force in zip(solved, forces, strict=True):
-        u[:] = factor.solve(force.ravel()).reshape(force.shape)
-    return solved
 
 
 def _contraction(energy: Array, before: Array) -> float:
@@ -305,11 +289,6 @@ def _at_vertices(network: Network, flow: Array) -> Array:
 def _largest(vectors: Array) -> Array:
     """Largest component of each of the vectors (m, n_free, d), (m,)."""
     return np.abs(vectors).reshape(len(vectors), -1).max(axis=1, initial=0.0)
-
-
-def _taut(state: SpringState) -> bool:
-    """Whether no edge is compressed and no stiffness negative: then no eigenvalue of the Hessian is negative."""
-    return bool((state.sigma >= 0).all() and (state.edge_stiffness >= 0).all())
 
 
 def accumulated_rounding(errors: Array) -> Any:

@@ -71,9 +71,7 @@ def soft_spectrum(critical: CriticalConfiguration) -> SoftSpectrum:
     (9, 29)
     """
     network, sigma, L, d = critical.network, critical.sigma, critical.bond_vectors, critical.network.dimension
-    if slack := int(np.count_nonzero(sigma == 0)):
-        raise InputError(f"{slack} edges are slack: take the spectrum of the taut part, backbone(critical)")
-    require_only_self_stress(critical, "remove edges until one is left")
+    require_floppy_motions(critical, "remove edges until one is left")
     size = d * len(network.free)
     if size * size > LARGEST_DENSE:
         raise InputError(f"the spectrum of {size} coordinates is too large for dense matrices: use soft_eigenvalues")
@@ -82,8 +80,6 @@ def soft_spectrum(critical: CriticalConfiguration) -> SoftSpectrum:
     U, values, V = np.linalg.svd(R, full_matrices=True)
     rank = network.n_edges - 1
     Z, W = V[rank:].T, V[:rank].T
-    if not Z.shape[1]:
-        raise InputError("the network has no floppy motions, so it has no soft band")
     P = sp.csr_array(sp.kron(g.T @ sp.diags_array(sigma) @ g, sp.eye_array(d)))
     soft, modes = np.linalg.eigh(Z.T @ (P @ Z))
     if not soft[0] > 0:
@@ -94,6 +90,24 @@ def soft_spectrum(critical: CriticalConfiguration) -> SoftSpectrum:
     coupling = np.einsum("in,in->n", coupled, scipy.linalg.solve(stiffness, coupled, assume_a="pos"))
     gradient = _gradient(critical, P, Z, soft, (W / values[:rank]) @ U[:, :rank].T)
     return SoftSpectrum(soft, np.linalg.eigvalsh(stiffness), coupling, gradient)
+
+
+def require_floppy_motions(critical: CriticalConfiguration, instead: str) -> None:
+    """Raise `InputError` for unknown configurations, slack edges, several self-stresses, or without floppy motions.
+
+    instead  advice where there are several self-stresses
+    """
+    network = critical.network
+    if not (np.isfinite(critical.sigma).all() and np.isfinite(critical.bond_vectors).all()):
+        raise InputError("the configuration is unknown, it has NaN: look at the status of the solution it comes from")
+    if slack := int(np.count_nonzero(critical.sigma == 0)):
+        raise InputError(
+            f"{slack} of {network.n_edges} edges are slack, and forces on their vertices are not small there: take the "
+            "taut part, backbone(critical).configuration, or relax the whole network with weak_equilibrium()"
+        )
+    require_only_self_stress(critical, instead)
+    if network.dimension * len(network.free) < network.n_edges:
+        raise InputError("the network has no floppy motions, so it has no soft band: use strain_path()")
 
 
 def _gradient(critical: CriticalConfiguration, P: sp.csr_array, Z: Array, soft: Array, inverse: Array) -> Array:

@@ -11,7 +11,7 @@ Those of dilation are the C_B and C_G of `moduli`, with M = B/(1 + γ)² and so 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import astuple, dataclass, replace
 from functools import partial
 
@@ -26,7 +26,7 @@ from critflow.networks.deformation import Deformable, Deformation, deformation_o
 from critflow.networks.network import Array
 from critflow.precision.residual import exact_displacement
 from critflow.response.tensor import TRUSTED_ERROR
-from critflow.response.third_order import ThirdOrderEnergy, Triple
+from critflow.response.third_order import ThirdOrderEnergy, cubed, squared
 from critflow.response.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises
@@ -152,83 +152,75 @@ def _stiffening(
     if not np.isfinite(balance.remainder):
         return _failed(Status.ill_conditioned, "rounding hides which configuration balances this stress exactly")
 
-    found = _coefficients(
-        partial(ThirdOrderEnergy, network, critical.sigma, balance.bond_vectors, system, law), network.volume, path
-    )
-    return _judged(found, network.volume)
-
-
-def _judged(found: _Coefficients, volume: float) -> StiffeningSolution:
-    """The coefficients with the status that their residual, work and errors allow."""
-    energy, value = found.energy, found.value
-    residual = max(response.residual for response in energy.responses)
-    coefficients = (value.C_B, value.C_G, value.C)[: len(energy.third)]
-    condition = max(
-        change / volume / max(abs(C), 1e-300) for change, C in zip(energy.sensitivity, coefficients, strict=True)
-    )
-    stats = Stats("exact", 1, residual=residual, condition=condition, error_bound=found.error)
-    if not residual < CONSISTENT_RESPONSE:
-        return _failed(Status.singular, "", stats)
-    work, rounding = energy.work(found.gamma)
-    if not work > NO_WORK * rounding:
-        return _failed(
-            Status.floppy, "the strain does no work on the self-stress, so nothing resists it to first order"
-        )
-    largest = max(abs(value.bulk_0), *(abs(C) for C in coefficients))
-    if not max(astuple(found.error)) < TRUSTED_ERROR * largest:
-        note = "rounding errors may exceed the coefficients: choose stresses of more similar magnitude"
-        return _failed(Status.ill_conditioned, note, stats)
-    loosening = energy.responses[found.gamma].amplitude < 0
-    note = "positive strains loosen the network: the coefficients hold at negative ones" if loosening else ""
-    return StiffeningSolution(value, Status.ok, stats, note, loosening=loosening)
+    energy_of = partial(ThirdOrderEnergy, network, critical.sigma, balance.bond_vectors, system, law)
+    return _judged(_coefficients(energy_of, network.volume, path))
 
 
 @dataclass(frozen=True, eq=False)
 class _Coefficients:
-    """Coefficients with their errors, the energy behind them, and the index of γ among its strains."""
+    """Coefficients with their errors and condition, the energy behind them, and the index of γ among its strains."""
 
     energy: ThirdOrderEnergy | TissueEnergy
     gamma: int
     value: Stiffening
     error: Stiffening
+    condition: float
+
+
+def _judged(found: _Coefficients) -> StiffeningSolution:
+    """The coefficients with the status that their residual, work and errors allow."""
+    value, responses = found.value, found.energy.responses
+    residual = max(response.residual for response in responses)
+    stats = Stats("exact", 1, residual=residual, condition=found.condition, error_bound=found.error)
+    if not residual < CONSISTENT_RESPONSE:
+        return _failed(Status.singular, "", stats)
+    work, rounding = responses[found.gamma].work
+    if not work > NO_WORK * rounding:
+        return _failed(
+            Status.floppy, "the strain does no work on the self-stress, so nothing resists it to first order"
+        )
+    largest = max(abs(value.bulk_0), abs(value.C_B), abs(value.C_G), abs(value.C))
+    if not max(astuple(found.error)) < TRUSTED_ERROR * largest:
+        note = "rounding errors may exceed the coefficients: choose stresses of more similar magnitude"
+        return _failed(Status.ill_conditioned, note, stats)
+    loosening = responses[found.gamma].amplitude < 0
+    note = "positive strains loosen the network: the coefficients hold at negative ones" if loosening else ""
+    return StiffeningSolution(value, Status.ok, stats, note, loosening=loosening)
 
 
 def _coefficients(
-    energy_of: Callable[[Sequence[Array], Sequence[Triple]], ThirdOrderEnergy | TissueEnergy],
-    volume: float,
-    path: Deformation,
+    energy_of: Callable[[list[Array]], ThirdOrderEnergy | TissueEnergy], volume: float, path: Deformation
 ) -> _Coefficients:
-    """Those of a dilation δ, a shear ε and the path γ of the strained network.
-
-    Where the path is the dilation of the paper its response serves δ too: volumes multiply, so that
-    E_δδγ = E_γγγ + 2 E_γγ.
-    """
+    """Those of a dilation δ, a shear ε and the path γ of the strained network, which may be the dilation itself."""
     d, V, A, shear = path.dimension, volume, path.rate(0.0), pure_shear(path.dimension)
-    dilates, growth = _dilates(path), float(np.trace(A))
-    gamma = 0 if dilates else 2
-    along, sheared = Triple.cubed(gamma, path.second_rate(0.0)), Triple.squared(1, gamma, 0 * A, shear @ A)
-    if dilates:
-        strains, triples, weights = [A, shear], [along, sheared], [growth - 2, growth, growth]
-    else:
-        dilated = Triple.squared(0, gamma, (1 / d) * (1 / d - 1) * np.eye(d), A / d)
-        strains, triples, weights = [dilation(d), shear, A], [dilated, sheared, along], [growth, growth, growth]
-    energy = energy_of(strains, triples)
-    thirds, third_errors = ([*values, values[0]][:3] for values in (energy.third, energy.third_error))
-    bulk_0, shear_0, modulus_0 = zeroth = [energy.second(a, a) / V for a in (0, 1, gamma)]
-    bulk_0_error, shear_0_error, modulus_0_error = errors = [energy.second_error(a, a) / V for a in (0, 1, gamma)]
-    C_B, C_G, C = (third / V - w * value for third, w, value in zip(thirds, weights, zeroth, strict=True))
-    C_B_error, C_G_error, C_error = (
-        third / V + abs(w) * error for third, w, error in zip(third_errors, weights, errors, strict=True)
-    )
-    pressure, pressure_error = 0.5 * energy.second(0, gamma) / V, 0.5 * energy.second_error(0, gamma) / V
+    gamma = 0 if _dilates(path) else 2
+    energy = energy_of([dilation(d), shear] if gamma == 0 else [dilation(d), shear, A])
+    thirds = [
+        squared(0, gamma, (1 / d) * (1 / d - 1) * np.eye(d), A / d),
+        squared(1, gamma, 0 * A, shear @ A),
+        cubed(gamma, path.second_rate(0.0)),
+    ]
+    found = [energy.third(terms) for terms in thirds]
+    third = np.array([one.value for one in found]) / V
+    errors = [energy.third_error(terms, one.by_length) for terms, one in zip(thirds, found, strict=True)]
+    zeroth = np.array([energy.second(a, a) for a in (0, 1, gamma)]) / V
+    zeroth_error = np.array([energy.second_error(a, a) for a in (0, 1, gamma)]) / V
+    growth = float(np.trace(A))
+    half_pressure, pressure_error = 0.5 * energy.second(0, gamma) / V, 0.5 * energy.second_error(0, gamma) / V
+    first = third - growth * zeroth
+    change = np.array([float(np.sum(one.by_length)) for one in found]) / V
     return _Coefficients(
         energy,
         gamma,
-        Stiffening(bulk_0, shear_0, C_B, C_G, C_G - pressure, modulus_0, C),
-        Stiffening(
-            bulk_0_error, shear_0_error, C_B_error, C_G_error, C_G_error + pressure_error, modulus_0_error, C_error
-        ),
+        _ordered(zeroth, first, -half_pressure),
+        _ordered(zeroth_error, np.array(errors) / V + abs(growth) * zeroth_error, pressure_error),
+        condition=float(np.max(change / np.maximum(np.abs(first), 1e-300))),
     )
+
+
+def _ordered(zeroth: Array, first: Array, correction: float) -> Stiffening:
+    (bulk, shear, modulus), (C_B, C_G, C) = zeroth.tolist(), first.tolist()
+    return Stiffening(bulk, shear, C_B, C_G, C_G + correction, modulus, C)
 
 
 def _of_tissue(tissue: CriticalTissue, law: SpringLaw, path: Deformation) -> StiffeningSolution:
@@ -256,7 +248,7 @@ def _of_tissue(tissue: CriticalTissue, law: SpringLaw, path: Deformation) -> Sti
         samples.append(np.abs(np.subtract(astuple(there), astuple(found.value))))
     changes = _SAMPLE_MARGIN * (np.max(samples, axis=0) + EPS * np.abs(astuple(found.value)))
     error = Stiffening(*map(float, changes))
-    return _judged(replace(found, error=error), V)
+    return _judged(replace(found, error=error))
 
 
 def _dilates(path: Deformation) -> bool:

@@ -13,7 +13,7 @@ Motions and strains that a group resists to rounding only count as free of it, a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -33,24 +33,23 @@ _PRODUCT = 8.0
 _CLEAR_STRAIN = 1e3
 
 
-@dataclass(frozen=True, eq=False)
-class Hierarchy:
-    """The tensor V C = factorsᵀ factors, with factors (r, m), and what it is made of.
+class FormAtRest(NamedTuple):
+    """The tensor V C (m, m) of springs at rest, and what it is made of.
 
     errors           of V C (estimate), (m, m)
     n_self_stresses  independent self-stresses of all edges
-    doubtful         a singular value that is neither zero to rounding nor clearly different; NaN without one
     largest_zero     largest singular value that counts as zero
+    doubtful         a singular value that is neither zero to rounding nor clearly different; NaN without one
     """
 
-    factors: Array
+    form: Array
     errors: Array
     n_self_stresses: int
-    doubtful: float
     largest_zero: float
+    doubtful: float = np.nan
 
 
-def hierarchical_response(R: Array, extension: Array, stiffness: Array, row_errors: Array) -> Hierarchy:
+def hierarchical_response(R: Array, extension: Array, stiffness: Array, row_errors: Array) -> FormAtRest:
     """Response of springs with rigidity matrix R (N_b, n), affine extensions (N_b, m) and stiffness k (N_b,).
 
     row_errors  relative errors (N_b,) of the rows, by the rounding of the coordinates
@@ -135,7 +134,7 @@ def _singular_values(matrix: Array) -> tuple[Array, Array, Array]:
     return left, values, right
 
 
-def _solved(basis: _Basis, R: Array, extension: Array, k: Array, row_errors: Array) -> Hierarchy:
+def _solved(basis: _Basis, R: Array, extension: Array, k: Array, row_errors: Array) -> FormAtRest:
     """Least squares in the basis, in units of the stiffness that first resists each motion or strain."""
     group_of_row = np.repeat(np.arange(len(basis.groups)), [g.stop - g.start for g in basis.groups])
     scale = np.sqrt(np.array([k[g.start] for g in basis.groups]))
@@ -170,4 +169,4 @@ def _solved(basis: _Basis, R: Array, extension: Array, k: Array, row_errors: Arr
     mixed = size @ scaled @ turned.T
     total = size @ form @ size.T + mixed + mixed.T + turned @ scaled @ turned.T
     n_self_stresses = len(k) - basis.motions.shape[1]
-    return Hierarchy(factors, total, n_self_stresses, basis.doubtful, basis.largest_zero)
+    return FormAtRest(factors.T @ factors, total, n_self_stresses, basis.largest_zero, basis.doubtful)

@@ -15,16 +15,17 @@ Without stress all three are equal.  Each is relaxed (vertices follow the strain
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from critflow.critical.transition import strain_components
 from critflow.linalg.tolerances import EPS
-from critflow.networks.deformation import AXES, Deformable, deformation_of, strain_basis
+from critflow.networks.deformation import Deformable, deformation_of, strain_basis
 from critflow.networks.network import Array
 from critflow.result import InputError, Record
 
@@ -35,7 +36,7 @@ TRUSTED_ERROR = 0.1
 class Errors:
     """Largest errors of both tensors and their stress corrections, (m, m), and of the moduli; NaN where unknown.
 
-    Each is computed when it is asked for, by a function of its name.
+    Each is given as a value, or as a function of no arguments that is called where the error is asked for.
     """
 
     tensor: Array
@@ -43,40 +44,31 @@ class Errors:
     shear: float
     shear_stress_corrected: float
 
-    def __init__(self, compute: Callable[[str], Any]):
-        self._compute = compute
-
-    @classmethod
-    def known(cls, tensor: Array, bulk: float, shear: float, corrected: float) -> Errors:
-        """Those that are computed with the tensor."""
-        return cls(dict(zip(_ERRORS, (tensor, bulk, shear, corrected), strict=True)).__getitem__)
+    def __init__(self, tensor: Any, bulk: Any, shear: Any, shear_stress_corrected: Any):
+        self._known = {"tensor": tensor, "bulk": bulk, "shear": shear, "shear_stress_corrected": shear_stress_corrected}
 
     @classmethod
     def of_tensor(cls, errors: Array, dimension: int) -> Errors:
         """Those of sums over a tensor with the errors (m, m)."""
         bulk, shear = float(errors[:dimension, :dimension].sum()) / dimension**2, float(errors[-1, -1])
-        return cls.known(errors, bulk, shear, shear)
+        return cls(errors, bulk, shear, shear)
+
+    @classmethod
+    def total(cls, parts: Sequence[Errors]) -> Errors:
+        """Sums of errors."""
+        return cls(
+            *(partial(lambda name: sum(getattr(part, name) for part in parts), name) for name in parts[0]._known)
+        )
 
     def __getattr__(self, name: str) -> Any:
-        if name not in _ERRORS:
+        if name == "_known" or name not in self._known:
             raise AttributeError(name)
-        self.__dict__[name] = self._compute(name)
+        value = self._known[name]
+        self.__dict__[name] = value() if callable(value) else value
         return self.__dict__[name]
 
     def __repr__(self) -> str:
         return f"Errors(bulk={self.bulk:.6g}, shear={self.shear:.6g})"
-
-
-_ERRORS = ("tensor", "bulk", "shear", "shear_stress_corrected")
-
-
-def total_errors(parts: Sequence[Errors]) -> Errors:
-    """Sums of errors."""
-    return Errors(partial(_total, tuple(parts)))
-
-
-def _total(parts: Sequence[Errors], name: str) -> Any:
-    return sum(getattr(part, name) for part in parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +146,7 @@ class Elasticity(Record):
 
         Infinite in soft directions.
         """
-        inverse, soft = self._inverse
+        inverse, soft, _ = self._inverse
         scale = np.outer(_mandel(self.dimension), _mandel(self.dimension))
         with np.errstate(divide="ignore", invalid="ignore"):
             limit = np.where(np.abs(soft) > _UNIT_ROUNDING, np.copysign(np.inf, soft), inverse)
@@ -196,12 +188,8 @@ class Elasticity(Record):
         direction  a vector (d,), or its angle from x in the plane xy
         """
         n = self._tensor_components(self._unit(direction))
-        inverse, soft = self._inverse
-        if not np.isfinite(inverse).all():
-            return np.nan
-        if abs(n @ soft @ n) > _UNIT_ROUNDING:
-            return 0.0
-        return float(1 / (n @ inverse @ n))
+        inverse, soft, _ = self._inverse
+        return 0.0 if abs(n @ soft @ n) > _UNIT_ROUNDING else float(1 / (n @ inverse @ n))
 
     def poisson(self, direction: ArrayLike, transverse: ArrayLike | None = None) -> float:
         """Poisson's ratio −(strain along `transverse`)/(strain along `direction`) under uniaxial stress along the last.
@@ -221,10 +209,9 @@ class Elasticity(Record):
         if abs(along @ across) > 1e-9:
             raise InputError("Poisson's ratio needs a transverse direction orthogonal to the direction of the stress")
         n, t = self._tensor_components(along), self._tensor_components(across)
-        inverse, _ = self._inverse
+        inverse, _, null = self._inverse
         if not np.isfinite(inverse).all():
             return np.nan
-        null = self._null_space
         n_soft, t_soft = null.T @ n, null.T @ t
         if np.linalg.norm(n_soft) <= _UNIT_ROUNDING:
             return float(-(t @ inverse @ n) / (n @ inverse @ n)) if np.linalg.norm(t_soft) <= _UNIT_ROUNDING else np.nan
@@ -244,9 +231,7 @@ class Elasticity(Record):
     def reuss(self) -> tuple[float, float]:
         """Bulk and shear modulus of a random polycrystal by Reuss, at equal stress: not more than any."""
         d, n_deviators = self.dimension, len(self.tensor) - 1
-        one, (inverse, soft) = self._tensor_components(np.eye(d)), self._inverse
-        if not np.isfinite(inverse).all():
-            return np.nan, np.nan
+        one, (inverse, soft, _) = self._tensor_components(np.eye(d)), self._inverse
         compressed = float(one @ soft @ one)
         bulk_compliance = float(one @ inverse @ one)
         bulk = 0.0 if abs(compressed) > _UNIT_ROUNDING else 1 / bulk_compliance
@@ -270,36 +255,24 @@ class Elasticity(Record):
         return self.stress_strain * np.outer(_mandel(self.dimension), _mandel(self.dimension))
 
     @cached_property
-    def _decomposition(self) -> tuple[Array, Array, Array, int]:
-        """Singular value decomposition of the tensor in the orthonormal basis and its rank, −1 if unknown."""
-        left, values, right = np.linalg.svd(self._mandel_tensor)
-        weights = _mandel(self.dimension)
-        error = np.linalg.norm(self.errors.tensor * np.outer(weights, weights)) + 8 * len(values) * EPS * values[0]
-        rank = int(np.count_nonzero(values > error)) if error <= TRUSTED_ERROR * values[0] else -1
-        return left, values, right, rank
+    def _inverse(self) -> tuple[Array, Array, Array]:
+        """Pseudo-inverse in the orthonormal basis, and orthonormal strains without resistance, (m, n).
 
-    @property
-    def _null_space(self) -> Array:
-        """Orthonormal strains without resistance, (m, n)."""
-        _, _, right, rank = self._decomposition
-        return right[rank:].T
-
-    @cached_property
-    def _inverse(self) -> tuple[Array, Array]:
-        """Pseudo-inverse in the orthonormal basis, and the matrix whose product with 1/δ it gains with a resistance δ.
-
-        NaN where the tensor or its errors are not known.
+        Between them the matrix whose product with 1/δ the inverse gains with a resistance δ.  NaN where the tensor or
+        its errors are not known.
         """
-        m = len(self.tensor)
-        unknown = np.full((m, m), np.nan)
-        if not (np.isfinite(self._mandel_tensor).all() and np.isfinite(self.errors.tensor).all()):
-            return unknown, unknown
-        left, values, right, rank = self._decomposition
-        if rank < 0:
-            return unknown, unknown
-        inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+        stiff, weights = self._mandel_tensor, _mandel(self.dimension)
+        errors, unknown = self.errors.tensor * np.outer(weights, weights), np.full_like(stiff, np.nan)
+        if not (np.isfinite(stiff).all() and np.isfinite(errors).all()):
+            return unknown, unknown, unknown
+        left, values, right = np.linalg.svd(stiff)
+        error = float(np.linalg.norm(errors)) + 8 * len(values) * EPS * values[0]
+        if not error <= TRUSTED_ERROR * values[0]:
+            return unknown, unknown, unknown
+        rank = int(np.count_nonzero(values > error))
         null, conjugate = right[rank:].T, left[:, rank:]
-        return inverse, null @ np.linalg.pinv(conjugate.T @ null) @ conjugate.T
+        inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+        return inverse, null @ np.linalg.pinv(conjugate.T @ null) @ conjugate.T, null
 
     def second(self, A: Array, B: Array) -> float:
         """(1/V) ∂²E/∂α∂β of F = 1 + αA + βB."""
@@ -332,7 +305,7 @@ def no_elasticity(dimension: int, volume: float = np.nan, error: float = np.nan)
     """Tensors of NaN, with one error for all."""
     m = dimension * (dimension + 1) // 2
     unknown = np.full((m, m), np.nan)
-    errors = Errors.known(np.full((m, m), error), error, error, error)
+    errors = Errors(np.full((m, m), error), error, error, error)
     return Elasticity(unknown, unknown, np.full((dimension, dimension), np.nan), volume, errors)
 
 
@@ -340,26 +313,7 @@ def no_elasticity(dimension: int, volume: float = np.nan, error: float = np.nan)
 _UNIT_ROUNDING = 1e-7
 
 
-def _engineering(dimension: int) -> Array:
-    """2 for shear components and 1 for normal ones, (m,)."""
-    return np.repeat([1.0, 2.0], [dimension, dimension * (dimension - 1) // 2])
-
-
+@cache
 def _mandel(dimension: int) -> Array:
     """Factors √2 of shear components, (m,), that make an orthonormal basis of symmetric tensors."""
-    return np.sqrt(_engineering(dimension))
-
-
-def strain_components(strain: Array) -> Array:
-    """Components ε_a of a symmetric strain (d, d), engineering shears, (m,)."""
-    rows, cols = _places(len(strain))
-    components = strain[rows, cols]
-    components[len(strain) :] += strain[cols, rows][len(strain) :]
-    return components
-
-
-@cache
-def _places(dimension: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the components of a strain."""
-    places = np.array([[AXES.index(axis) for axis in name] for name in strain_basis(dimension)[0]])
-    return places[:, 0], places[:, 1]
+    return np.sqrt(np.repeat([1.0, 2.0], [dimension, dimension * (dimension - 1) // 2]))

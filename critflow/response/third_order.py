@@ -6,33 +6,33 @@ With σ̂ the unit self-stress, K⁻¹ = |L|²/k, D = σ̂ᵀK⁻¹σ̂ and c_a 
     P̂ u + Rᵀ λ = −gᵀ(σ̂ ∘ A_a L),   R u = c_a K⁻¹ σ̂ − ḣ_a(affine),   L̇_a = A_a L + g u.
 Second and third derivatives of the energy are
     E_ab = c_a c_b D,   E_abc = Σ φ''' ḣ_a ḣ_b ḣ_c + Σ_cyc c_a Σ σ̂ (L̇_b·L̇_c + L·M_bc L),   φ''' = E'''/|L|³ − 3k/|L|⁴.
+With λ times the residual of R u = c K⁻¹σ̂ − ḣ added to it, E_abc is stationary in the responses u and λ: their errors
+enter by their product alone, and its derivatives by σ, L and k are those at fixed u and λ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
+from critflow.critical.quantity import dot
 from critflow.linalg.saddle import CondensedFactor, CondensedSaddle, Saddle, SaddleFactor
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
 from critflow.response.linear_response import accumulated_rounding
 from critflow.springs.laws import SpringLaw, checked_law
 
-# Step, in units of a length, of difference quotients that need two digits.
-_STEP = 1e-5
 # Relative residual of a first solution, which a second one corrects.
 _FIRST = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
-class Term:
-    """One term c_a Σ σ̂ (L̇_b·L̇_c + L·M_bc L) of a third derivative, with the number of equal ones."""
+class Term(NamedTuple):
+    """The terms c_a Σ σ̂ (L̇_b·L̇_c + L·M_bc L) of a third derivative E_abc, as many equal ones as `times`."""
 
-    count: int
+    times: int
     a: int
     b: int
     c: int
@@ -45,22 +45,14 @@ class Term:
         return (1 + (self.b == self.c)) * max(1.0, 4 * size) if size else 0.0
 
 
-@dataclass(frozen=True)
-class Triple:
-    """The strains (a, b, c) of one third derivative, and its terms."""
+def cubed(a: int, curvature: Array) -> list[Term]:
+    """E_aaa, with M_aa."""
+    return [Term(3, a, a, a, curvature)]
 
-    strains: tuple[int, int, int]
-    terms: tuple[Term, ...]
 
-    @classmethod
-    def cubed(cls, a: int, curvature: Array) -> Triple:
-        """E_aaa, with M_aa."""
-        return cls((a, a, a), (Term(3, a, a, a, curvature),))
-
-    @classmethod
-    def squared(cls, a: int, b: int, curvature: Array, mixed: Array) -> Triple:
-        """E_aab, with M_aa and M_ab."""
-        return cls((a, a, b), (Term(1, b, a, a, curvature), Term(2, a, b, a, mixed)))
+def squared(a: int, b: int, curvature: Array, mixed: Array) -> list[Term]:
+    """E_aab, with M_aa and M_ab."""
+    return [Term(1, b, a, a, curvature), Term(2, a, b, a, mixed)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +61,11 @@ class Response:
 
     strain        A (d, d)
     amplitude     c, the strain's amplitude of the self-stress
-    displacement  u (n_free, d), and its bond vectors g u (N_b, d)
+    work          |σ̂·ḣ| of the affine strain, and its rounding error
+    displacement  u (n_free, d)
+    rate          L̇ = A L + g u, (N_b, d)
+    rounded       numbers (N_b,) whose roundings enter L̇: |L̇|, the velocities of both vertices, |L|
+    slip          L·L̇ − c K⁻¹ σ̂, (N_b,), zero but for the error of u, and its derivative by L, (N_b, d)
     multipliers   λ (N_b,) orthogonal to σ̂, along which they are free
     error         product of the remaining errors of u and λ, by which the energy may be off
     residual      relative residual of the first solution
@@ -77,22 +73,34 @@ class Response:
 
     strain: Array
     amplitude: float
+    work: tuple[float, float]
     displacement: Array
-    bond_displacement: Array
+    rate: Array
+    rounded: Array
+    slip: Array
+    slip_by_L: Array
     multipliers: Array
     error: float
     residual: float
 
 
+class Derivatives(NamedTuple):
+    """E_abc and its derivatives by σ (N_b,), L (N_b, d) and, for springs of Hooke's law, k (N_b,).
+
+    by_length  change per relative error of each bond vector, (N_b,)
+    """
+
+    value: float
+    by_stress: Array
+    by_bonds: Array
+    by_stiffness: Array
+    by_length: Array
+
+
 class ThirdOrderEnergy:
     """Second and third derivatives of the energy in the strains A_a (n, d, d), with errors (estimates).
 
-    Each third derivative is stationary in u and λ when λ times the residual of R u = c K⁻¹σ̂ − ḣ is added to it, so the
-    errors of both enter by their product alone, and its derivative by L at fixed u and λ is the effect of errors of
-    the bond vectors.
-
-    responses    to the strains, in their order
-    third        E_abc of each triple
+    responses  to the strains, in their order
     """
 
     def __init__(
@@ -103,140 +111,104 @@ class ThirdOrderEnergy:
         system: Saddle | CondensedSaddle,
         law: SpringLaw,
         strains: Sequence[Array],
-        triples: Sequence[Triple],
     ):
-        self._network, self._L, self._k, self._triples = network, L, network.stiffness, triples
+        self._network, self._L, self._k = network, L, network.stiffness
         self._norm = float(np.linalg.norm(sigma))
         self._s = sigma / self._norm
-        lengths = np.linalg.norm(L, axis=1)
-        checked = checked_law(law, lengths, self._k)
-        self._third_of_law = checked.stiffening(np.zeros_like(lengths), lengths, self._k)
-        self._flexibility = lengths**2 / self._k
+        square = dot(L, L)
+        self._lengths = np.sqrt(square)
+        checked = checked_law(law, self._lengths, self._k)
+        self._third_of_law = checked.stiffening(np.zeros_like(square), self._lengths, self._k)
+        self._flexibility = square / self._k
         self._D = float(self._s**2 @ self._flexibility)
         # The system of σ instead of σ̂: lengths are of order one, so its two kinds of rows then have similar magnitude.
         factor = system.factorize(sigma, L)
         self.responses = tuple(self._respond(A, sigma, factor) for A in strains)
-        self._parts = self._edge_parts(L, [response.amplitude for response in self.responses])
-        self.third = [float(np.sum(edges)) for edges in self._parts]
-
-    @cached_property
-    def _by_bonds(self) -> list[Array]:
-        """Change of each third derivative per relative error of each bond vector, (N_b,) each."""
-        lengths = np.linalg.norm(self._L, axis=1)
-        return [np.linalg.norm(gradient, axis=1) * lengths for gradient in self._gradients()]
-
-    @cached_property
-    def sensitivity(self) -> list[float]:
-        """Change of each E_abc per relative error of the bond vectors."""
-        return [float(np.sum(edges)) for edges in self._by_bonds]
 
     def second(self, a: int, b: int) -> float:
         """E_ab."""
         return self.responses[a].amplitude * self.responses[b].amplitude * self._D
 
-    def work(self, a: int) -> tuple[float, float]:
-        """|σ̂·ḣ_a| of the affine strain, and its rounding error."""
-        response, s = self.responses[a], np.abs(self._s)
-        stretch = np.linalg.norm(self._L @ response.strain.T, axis=1)
-        rounding = accumulated_rounding(2 * EPS * s * np.linalg.norm(self._L, axis=1) * stretch)
-        return abs(response.amplitude) * self._D, rounding
-
     def second_error(self, a: int, b: int) -> float:
         """Error (estimate) of E_ab."""
-        (_, work_a), (_, work_b) = self.work(a), self.work(b)
+        (work_a, work_b) = (self.responses[i].work[1] for i in (a, b))
         c_a, c_b = (abs(self.responses[i].amplitude) for i in (a, b))
         return c_a * work_b + c_b * work_a + 4 * EPS * c_a * c_b * self._D + work_a * work_b / self._D
 
     def _respond(self, A: Array, sigma: Array, factor: SaddleFactor | CondensedFactor) -> Response:
-        network, L, s = self._network, self._L, self._s
+        network, L, s, g = self._network, self._L, self._s, self._network.free_incidence
         affine = L @ A.T
-        hdot = np.einsum("ad,ad->a", L, affine)
+        hdot = dot(L, affine)
         c = float(s @ hdot) / self._D
         goal = c * s * self._flexibility
         pull = -(network.divergence @ (sigma[:, None] * affine))
         u, multiplier, residual = factor.solve(pull, goal - hdot, _FIRST)
-        rate = affine + network.free_incidence @ u
+        rate = affine + g @ u
         force = -(network.divergence @ (sigma[:, None] * rate + multiplier[:, None] * L))
-        rest = goal - np.einsum("ad,ad->a", L, rate)
+        rest = goal - dot(L, rate)
         change, correction, _ = factor.solve(force, rest)
         error = (abs(float(np.vdot(force, change))) + abs(float(rest @ correction))) / self._norm
         u, multiplier = u + change, (multiplier + correction) / self._norm
         multiplier = multiplier - (s @ multiplier) * s
-        return Response(A, c, u, network.free_incidence @ u, multiplier, error, residual)
+        rate, velocity = affine + g @ u, np.zeros(network.n_vertices)
+        velocity[network.free] = np.linalg.norm(u, axis=1)
+        rounded = np.linalg.norm(rate, axis=1) + velocity[network.edges].sum(axis=1) + self._lengths
+        slip, slip_by_L = dot(L, rate) - goal, rate + L @ A - (2 * c * s / self._k)[:, None] * L
+        rounding = accumulated_rounding(2 * EPS * np.abs(s) * self._lengths * np.linalg.norm(affine, axis=1))
+        work = abs(c) * self._D, float(rounding)
+        return Response(A, c, work, u, rate, rounded, slip, slip_by_L, multiplier, error, residual)
 
-    def _edge_parts(self, L: Array, amplitudes: list[float]) -> list[Array]:
-        """Contributions (N_b,) of the edges to each third derivative, at other bond vectors and amplitudes."""
-        s, multipliers = self._s, [response.multipliers for response in self.responses]
-        square = np.einsum("ad,ad->a", L, L)
-        third = self._third_of_law / square**1.5 - 3 * self._k / square**2
-        rates = [L @ response.strain.T + response.bond_displacement for response in self.responses]
-        goals = [amplitude * s * square / self._k for amplitude in amplitudes]
-        rests = [np.einsum("ad,ad->a", L, rate) - goal for rate, goal in zip(rates, goals, strict=True)]
-        parts = []
-        for triple in self._triples:
-            i, j, k = triple.strains
-            part = third * goals[i] * goals[j] * goals[k]
-            for term in triple.terms:
-                b, c = term.b, term.c
-                stretch = np.einsum("ad,ad->a", rates[b], rates[c])
-                if term.curvature.any():
-                    stretch += np.einsum("ad,ad->a", L, L @ term.curvature.T)
-                part += (
-                    term.count
-                    * amplitudes[term.a]
-                    * (s * stretch + multipliers[b] * rests[c] + multipliers[c] * rests[b])
-                )
-            parts.append(part)
-        return parts
+    def third(self, terms: Sequence[Term]) -> Derivatives:
+        """E_abc of the terms, and its derivatives, with those by the amplitudes c_a, which are functions of σ̂, L, k."""
+        s, L, k, flexibility, responses = self._s, self._L, self._k, self._flexibility, self.responses
+        c, m = ([getattr(one, name) for one in responses] for name in ("amplitude", "multipliers"))
+        strains = terms[0][1:4]
+        product = c[strains[0]] * c[strains[1]] * c[strains[2]]
+        # φ''' K⁻³ and its derivative along L, per |L|
+        law = self._third_of_law * self._lengths / k**3
+        cube, slope = law * self._lengths**2 - 3 * flexibility / k, 3 * law - 6 / k**2
+        edges, by_s = product * s**3 * cube, 3 * product * s**2 * cube
+        by_L, by_k = (product * s**3 * slope)[:, None] * L, 6 * product * s**3 * flexibility / k**2
+        by_c, cubes = np.zeros(len(c)), float(np.sum(s**3 * cube))
+        for n, a in enumerate(strains):
+            by_c[a] += cubes * c[strains[n - 1]] * c[strains[n - 2]]
+        for times, a, i, j, curvature in terms:
+            one, other, size, curved = responses[i], responses[j], times * c[a], L @ (0.5 * (curvature + curvature.T))
+            stretch, slipping = dot(one.rate, other.rate) + dot(L, curved), c[i] * m[j] + c[j] * m[i]
+            part = s * stretch + m[i] * other.slip + m[j] * one.slip
+            edges += size * part
+            by_s += size * (stretch - slipping * flexibility)
+            by_L += (size * s)[:, None] * (one.rate @ other.strain + other.rate @ one.strain + 2 * curved)
+            by_L += size * (m[i][:, None] * other.slip_by_L + m[j][:, None] * one.slip_by_L)
+            by_k += size * slipping * s * flexibility / k
+            by_c[a] += times * float(np.sum(part))
+            by_c[i] -= size * float(np.sum(m[j] * s * flexibility))
+            by_c[j] -= size * float(np.sum(m[i] * s * flexibility))
+        for response, derivative in zip(responses, by_c / self._D, strict=True):
+            AL, cs = L @ (0.5 * (response.strain + response.strain.T)), response.amplitude * s
+            by_s += derivative * (dot(L, AL) - 2 * cs * flexibility)
+            by_L += (2 * derivative * s)[:, None] * (AL - (cs / k)[:, None] * L)
+            by_k += derivative * cs * s * flexibility / k
+        by_length = np.linalg.norm(by_L, axis=1) * self._lengths
+        return Derivatives(float(np.sum(edges)), (by_s - (by_s @ s) * s) / self._norm, by_L, by_k, by_length)
 
-    def _gradients(self) -> list[Array]:
-        """Derivatives of the third derivatives by L, (N_b, d) each, directly and through the amplitudes c(L)."""
-        L, amplitudes = self._L, [response.amplitude for response in self.responses]
-        steps = _STEP * np.linalg.norm(L, axis=1)
-        gradients = [np.zeros_like(L) for _ in self._triples]
-        for axis in range(L.shape[1]):
-            ahead = L.copy()
-            ahead[:, axis] += steps
-            for gradient, there, here in zip(gradients, self._edge_parts(ahead, amplitudes), self._parts, strict=True):
-                gradient[:, axis] = (there - here) / steps
-        step = _STEP * sum(abs(c) for c in amplitudes)
-        for a, response in enumerate(self.responses):
-            moved = [c + step * (b == a) for b, c in enumerate(amplitudes)]
-            A, c = 0.5 * (response.strain + response.strain.T), response.amplitude
-            dc = 2 * self._s[:, None] * (L @ A - c * (self._s / self._k)[:, None] * L) / self._D
-            for gradient, there, here in zip(gradients, self._edge_parts(L, moved), self._parts, strict=True):
-                gradient += float(np.sum(there - here)) / step * dc
-        return gradients
-
-    @cached_property
-    def third_error(self) -> list[float]:
-        """Errors (estimates) of the third derivatives.
+    def third_error(self, terms: Sequence[Term], by_length: Array) -> float:
+        """Error (estimate) of E_abc, which changes by `by_length` (N_b,) per relative error of the bond vectors.
 
         Sources: rates as differences of vertex velocities, which may exceed them; products; bond vectors; the errors of
         the responses, of second order.
         """
-        s, length = np.abs(self._s), np.linalg.norm(self._L, axis=1)
-        sizes = [abs(response.amplitude) for response in self.responses]
-        weights = [np.abs(response.multipliers) for response in self.responses]
-        rates, slips = zip(*(self._rates(response) for response in self.responses), strict=True)
-        goals = [size * s * length**2 / self._k for size in sizes]
-        third = np.abs(self._third_of_law) / length**3 + 3 * self._k / length**4
-        errors = []
-        for triple, bonds in zip(self._triples, self._by_bonds, strict=True):
-            i, j, k = triple.strains
-            noise, remaining = 4 * third * goals[i] * goals[j] * goals[k], 0.0
-            for term in triple.terms:
-                b, c, size = term.b, term.c, term.count * sizes[term.a]
-                noise += size * s * (rates[b] * slips[c] + rates[c] * slips[b] + term.curvature_rounding * length**2)
-                noise += size * length * (weights[b] * slips[c] + weights[c] * slips[b])
-                remaining += 2 * size * float(np.sqrt(self.responses[b].error * self.responses[c].error))
-            errors.append(accumulated_rounding(EPS * (noise + 2 * bonds)) + remaining)
-        return errors
-
-    def _rates(self, response: Response) -> tuple[Array, Array]:
-        """|L̇| (N_b,), and the numbers whose roundings enter it: |L̇|, the velocities of both vertices, |L|."""
-        network = self._network
-        velocity = np.zeros(network.n_vertices)
-        velocity[network.free] = np.linalg.norm(response.displacement, axis=1)
-        rate = np.linalg.norm(self._L @ response.strain.T + response.bond_displacement, axis=1)
-        return rate, rate + velocity[network.edges].sum(axis=1) + np.linalg.norm(self._L, axis=1)
+        s, length, k, responses = np.abs(self._s), self._lengths, self._k, self.responses
+        goals = [abs(response.amplitude) * s * self._flexibility for response in responses]
+        weights = [np.abs(response.multipliers) for response in responses]
+        rates = [np.linalg.norm(response.rate, axis=1) for response in responses]
+        slips = [response.rounded for response in responses]
+        _, i, j, l, _ = terms[0]
+        noise = 4 * (np.abs(self._third_of_law) / length**3 + 3 * k / length**4) * goals[i] * goals[j] * goals[l]
+        remaining = 0.0
+        for term in terms:
+            b, c, size = term.b, term.c, term.times * abs(responses[term.a].amplitude)
+            noise += size * s * (rates[b] * slips[c] + rates[c] * slips[b] + term.curvature_rounding * length**2)
+            noise += size * length * (weights[b] * slips[c] + weights[c] * slips[b])
+            remaining += 2 * size * float(np.sqrt(responses[b].error * responses[c].error))
+        return float(accumulated_rounding(EPS * (noise + 2 * by_length))) + remaining

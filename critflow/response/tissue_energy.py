@@ -20,7 +20,7 @@ from critflow.linalg.tolerances import EPS, MOST_REFINEMENTS
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array
 from critflow.response.linear_response import accumulated_rounding
-from critflow.response.third_order import Triple
+from critflow.response.third_order import Derivatives, Term
 from critflow.springs.face_springs import FaceSprings
 from critflow.springs.state import SpringState
 from critflow.springs.tissue import CriticalTissue
@@ -95,24 +95,22 @@ def balanced_system(tissue: CriticalTissue) -> tuple[PerimeterSystem, Array]:
 
 @dataclass(frozen=True, eq=False)
 class _Response:
-    """Amplitude c, rates L̇ (N_b, d), relative residual, and rounding of the work of one strain."""
+    """Amplitude c, work |T·ṗ| with its rounding, rates L̇ (N_b, d) and relative residual of one strain."""
 
     amplitude: float
+    work: tuple[float, float]
     rate: Array
     residual: float
-    work_rounding: float
 
 
 class TissueEnergy:
     """Second and third derivatives of the energy in the strains A_a (n, d, d), as `ThirdOrderEnergy` without errors."""
 
-    def __init__(self, system: PerimeterSystem, strains: Sequence[Array], triples: Sequence[Triple]):
+    def __init__(self, system: PerimeterSystem, strains: Sequence[Array]):
         self._system = system
         self._flexibility = 1 / system.tissue.faces.stiffness
         self._D = float(system.tensions**2 @ self._flexibility)
         self.responses = tuple(self._respond(A) for A in strains)
-        self.third = [self._third(triple) for triple in triples]
-        self.third_error, self.sensitivity = [0.0] * len(triples), [np.nan] * len(triples)
 
     def second(self, a: int, b: int) -> float:
         """E_ab."""
@@ -122,10 +120,6 @@ class TissueEnergy:
         """Zero: errors are those of other bond vectors (`stiffening`)."""
         return 0.0
 
-    def work(self, a: int) -> tuple[float, float]:
-        """|T·ṗ_a| of the affine strain, and its rounding error."""
-        return abs(self.responses[a].amplitude) * self._D, self.responses[a].work_rounding
-
     def _respond(self, A: Array) -> _Response:
         system = self._system
         affine = system.bond_vectors @ A.T
@@ -134,13 +128,19 @@ class TissueEnergy:
         pull = -(system.network.divergence @ (system.sigma[:, None] * system.bent(affine)))
         u, _, residual = system.solve(pull, c * system.tensions * self._flexibility - rates)
         rounding = float(accumulated_rounding(4 * EPS * system.tensions * (system.sides @ norms(affine))))
-        return _Response(c, affine + system.network.free_incidence @ u, residual, rounding)
+        rate = affine + system.network.free_incidence @ u
+        return _Response(c, (abs(c) * self._D, rounding), rate, residual)
 
-    def _third(self, triple: Triple) -> float:
-        system, L = self._system, self._system.bond_vectors
-        found = 0.0
-        for term in triple.terms:
+    def third(self, terms: Sequence[Term]) -> Derivatives:
+        """E_abc, without its derivatives."""
+        system, L, found = self._system, self._system.bond_vectors, 0.0
+        for term in terms:
             b, c = (self.responses[i].rate for i in (term.b, term.c))
             stretch = np.einsum("ad,ad->a", b, system.bent(c)) + np.einsum("ad,ad->a", L, L @ term.curvature.T)
-            found += term.count * self.responses[term.a].amplitude * float(system.sigma @ stretch)
-        return found
+            found += term.times * self.responses[term.a].amplitude * float(system.sigma @ stretch)
+        unknown = np.full(len(L), np.nan)
+        return Derivatives(found, unknown, unknown, unknown, unknown)
+
+    def third_error(self, terms: Sequence[Term], by_length: Array) -> float:
+        """Zero, as of `second_error`."""
+        return 0.0

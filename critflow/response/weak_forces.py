@@ -30,14 +30,11 @@ from critflow.critical.manifold import CriticalConfiguration
 from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation
 from critflow.networks.network import Array
-from critflow.response.soft_spectrum import soft_eigenvalues
-from critflow.response.thermal_model import ThermalModel
-from critflow.response.weak_model import Modes, WeakModel
-from critflow.response.weak_strain import WeakStrain, remainder, turning, weak_strain
-from critflow.response.weak_system import WeakSystem
+from critflow.response.soft_spectrum import require_floppy_motions, soft_eigenvalues
+from critflow.response.weak_model import Modes, ThermalModel, WeakModel
+from critflow.response.weak_system import WeakStrain, WeakSystem
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stabilises
-from critflow.rigidity.uniqueness import require_only_self_stress
 from critflow.springs.weak_energies import Temperature, WeakEnergy, WeakFunction, no_energy, weak_function
 from critflow.springs.weak_equilibrium import fixed_deformation
 
@@ -115,44 +112,45 @@ class WeakForces(Record):
         state, path = self._solve(strain, kappa), self._path
         amplitude, gamma = state.kappa * state.s, state.strain
         weak = path.weak_rate + gamma * path.weak_curvature
-        weak = weak + np.sum(self._modes.loads[1] * self._modes.amplitudes(state.s, state.load), axis=-1)
+        weak = weak + np.sum(self._model.modes.loads[1] * self._model.modes.amplitudes(state.s, state.load), axis=-1)
         value = amplitude * (self.work + self.growth * gamma) + state.kappa * (not self.cubic) * weak
         return self._valid(state, value / self._volume(state))
 
     def modulus(self, strain: ArrayLike, kappa: ArrayLike, deformation: Deformable | None = None) -> Array:
         """(1/V) d²E/dγ² along the path, or (1/V) d²E/dε² of another deformation, with V of the strained network."""
         state = self._solve(strain, kappa)
-        if deformation is None:
-            other, modes = self._path, self._modes
-            load, growth = modes.loads[1], self.deformation.second_rate(0.0)
-            mixed = growth
-        else:
+        volume, other, modes = self._volume(state), self._path, self._model.modes
+        load, growth = modes.loads[1], self.deformation.second_rate(0.0)
+        mixed = growth
+        if deformation is not None:
             path = fixed_deformation(deformation, self.critical.network.dimension)
-            system = self._model.system
-            other = weak_strain(self.critical, system, self._energy, path)
-            modes = self._model.extended(other.weak_load)
-            load, growth, mixed = modes.loads[2], path.second_rate(0.0), other.strain @ self._path.strain
-        volume = self._volume(state)
+            other, growth = WeakStrain(self._model.system, self._energy, path), path.second_rate(0.0)
+            mixed = other.strain @ self._path.strain
         if self._full is not None:
             return self._valid(state, other.work**2 / (state.resistance * volume))
+        if deformation is not None:
+            modes = self._model.extended(other.weak_load)
+            load = modes.loads[2]
         forces = modes.loads[0] - state.strain[..., None] * modes.loads[1]
-        work = other.work + state.strain * turning(other, self._path, self.critical, mixed)
+        work = other.work + state.strain * other.turning(self._path, mixed)
         work = work - np.sum(load * modes.amplitudes(state.s, forces, 2), axis=-1)
         weak = other.weak_curvature - np.sum(load * modes.amplitudes(state.s, load), axis=-1)
-        geometric = state.s * turning(other, other, self.critical, growth) + weak
+        geometric = state.s * other.turning(other, growth) + weak
         return self._valid(state, (work**2 / state.resistance + state.kappa * geometric) / volume)
 
     def displacement(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
         """Displacements (..., N_v, d) of the vertices from F(γ) x_c."""
         state = self._solve(strain, kappa)
-        floppy = self._modes.amplitudes(state.s, state.load) @ self._modes.vectors.T
+        floppy = self._model.modes.amplitudes(state.s, state.load) @ self._model.modes.vectors.T
         return self._on_vertices(state, state.strain[..., None] * self._path.motion + floppy)
 
     def nonaffinity(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
         """(1/N_v) Σ|du/dγ|² of the displacements u, in units of length squared."""
-        state, modes = self._solve(strain, kappa), self._modes
-        rate = (self.work + self.growth * state.strain - self._pulled(state)) / (state.kappa * state.resistance)
-        slope = -rate[..., None] * modes.amplitudes(state.s, state.load, 2)
+        state, modes = self._solve(strain, kappa), self._model.modes
+        moving = modes.amplitudes(state.s, state.load, 2)
+        pulled = np.sum(modes.loads[1] * moving, axis=-1)  # −dΦ/dγ at constant s
+        rate = (self.work + self.growth * state.strain - pulled) / (state.kappa * state.resistance)
+        slope = -rate[..., None] * moving
         slope = slope - modes.amplitudes(state.s, modes.loads[1])
         moved = self._on_vertices(state, self._path.motion + slope @ modes.vectors.T)
         return np.sum(moved**2, axis=(-2, -1)) / self.critical.network.n_vertices
@@ -168,7 +166,7 @@ class WeakForces(Record):
     @property
     def branch_end(self) -> float:
         """τ/κ at which the stiffness τP + κH of a floppy motion vanishes; above it the branch is stable."""
-        return 0.0 if self.cubic else self._model.end
+        return self._model.end
 
     @property
     def cubic(self) -> bool:
@@ -177,19 +175,12 @@ class WeakForces(Record):
 
     # The scalar equation
 
-    @property
-    def _modes(self) -> Modes:
-        return self._model.leading if self.cubic else self._model.modes
-
     def _solve(self, strain: ArrayLike, kappa: ArrayLike) -> WeakState:
         gamma, kappa_ = np.broadcast_arrays(_numbers(strain, "strain"), _numbers(kappa, "kappa"))
         if not (kappa_ > 0).all():
             raise InputError(
                 f"kappa must be positive, the weak energy or temperature, not {kappa_.min()}: leave out zero"
             )
-        if self.cubic:
-            x = self._roots(gamma, kappa_, self._modes, 0.0)
-            return self._state(gamma, kappa_, x, x, self._modes)
         model, closest = self._model, _CLOSEST * self._model.scale
         for _ in range(_MOST_EXTENSIONS):
             x = self._roots(gamma, kappa_, model.modes, model.end)
@@ -245,10 +236,6 @@ class WeakForces(Record):
         status = np.where(x < _CLOSEST * self._model.scale, int(Status.unstable), status)
         return WeakState(gamma, kappa, s, load, resistance, error, status)
 
-    def _pulled(self, state: WeakState) -> Array:
-        """−dΦ/dγ at constant s: Σ b ρ/(s + θ)²."""
-        return np.sum(self._modes.loads[1] * self._modes.amplitudes(state.s, state.load, 2), axis=-1)
-
     def _volume(self, state: WeakState) -> Array:
         """V det F(γ) of the strained network."""
         factors = [np.linalg.det(self.deformation.gradient(strain)) for strain in state.strain.flat]
@@ -279,7 +266,7 @@ def weak_forces(
     The module's docstring has the equations: all constants are exact at the critical configuration, nothing is fitted.
 
     energy       `AngleSprings`, `SoftSprings`, `PointForces`, a function x (N_v, d), F (d, d) → U, ∂U/∂x (N_v, d) and
-                 ∂²U/∂x∂x sparse (d·N_v)², or a list of these; or `Temperature()` alone: κ is T (`thermal_model`)
+                 ∂²U/∂x∂x sparse (d·N_v)², or a list of these; or `Temperature()` alone: κ is T (`ThermalModel`)
     deformation  what `deformation_of` accepts, with a fixed cell
     order        "full", or "cubic": the leading order, D τ³ − c γ τ² − ½κ²F = 0, without H and without growth; of
                  temperature D τ² − c γ τ − ½N_f T = 0
@@ -299,7 +286,7 @@ def weak_forces(
         raise InputError(f"the order of weak forces is 'full' or 'cubic', not {shown(order)}")
     network, sigma = critical.network, critical.sigma
     path = fixed_deformation(deformation, network.dimension)
-    _require_floppy_motions(critical)
+    require_floppy_motions(critical, "remove edges until one is left, or relax all with weak_equilibrium()")
     thermal = isinstance(energy, Temperature)
     U = no_energy if thermal else weak_function(energy, network)
     if (failed := _failure(critical, path)) is not None:
@@ -309,22 +296,19 @@ def weak_forces(
     force = -gradient[network.free].ravel()
     if not (np.isfinite(force).all() and np.isfinite(hessian.data).all()):
         raise InputError("the weak energy has no finite forces at the critical configuration: correct its function")
-    system = WeakSystem(network, sigma, critical.bond_vectors, sp.csr_array(hessian)[rows][:, rows])
-    strain = weak_strain(critical, system, U, path)
-    square = sigma**2 * critical.lengths**2 / network.stiffness
-    if thermal:
-        model: WeakModel | ThermalModel = ThermalModel(critical, system, strain, float(square.sum()))
-    else:
-        model = WeakModel(system, np.array([force, strain.weak_load]), remainder(critical, U, force, system))
+    system = WeakSystem(critical, sp.csr_array(hessian)[rows][:, rows])
+    strain = WeakStrain(system, U, path)
+    loads = np.array([force, strain.weak_load])
+    model: WeakModel | ThermalModel = ThermalModel(system, strain) if thermal else WeakModel(system, loads, U)
     if not np.isfinite(model.end):
         note = "the end of the stable branch was not found: scale the weak energy, or relax it with weak_equilibrium()"
         return _refused(Status.stalled, note, throw)
     model.cover(*(place * model.scale for place in _FIRST_NODES))
-    growth = turning(strain, strain, critical, path.second_rate(0.0))
-    softening = float(np.sum(square * sigma / network.stiffness))
-    value = WeakForces(critical, path, strain.work, float(square.sum()), softening, growth, U, strain, model)
+    growth = strain.turning(strain, path.second_rate(0.0))
+    softening = float(np.sum(sigma**2 * system.flexible_stress / network.stiffness))
+    value = WeakForces(critical, path, strain.work, system.compliance, softening, growth, U, strain, model)
     if order == "cubic":
-        value = replace(value, softening=0.0, growth=0.0, _full=value)
+        value = replace(value, softening=0.0, growth=0.0, _model=model.leading(), _full=value)  # type: ignore[arg-type]
     return Solution(value, Status.ok, Stats("weak forces", len(model.modes.theta)))
 
 
@@ -338,23 +322,6 @@ def _numbers(values: ArrayLike, name: str) -> Array:
     if not np.isfinite(array).all():
         raise InputError(f"{name} must be finite: leave out the values that are not")
     return array
-
-
-def _require_floppy_motions(critical: CriticalConfiguration) -> None:
-    network = critical.network
-    if not (np.isfinite(critical.sigma).all() and np.isfinite(critical.bond_vectors).all()):
-        raise InputError("the configuration is unknown, it has NaN: look at the status of the solution it comes from")
-    slack = int(np.count_nonzero(critical.sigma == 0))
-    if slack:
-        raise InputError(
-            f"{slack} of {network.n_edges} edges are slack, and weak forces on them are not small there: take the taut "
-            "part, backbone(critical).configuration, or relax the whole network with weak_equilibrium()"
-        )
-    require_only_self_stress(critical, "remove edges until one is left, or relax it with weak_equilibrium()")
-    if network.dimension * len(network.free) < network.n_edges:
-        raise InputError(
-            "the network has no floppy motions, so weak forces change nothing to first order: use strain_path"
-        )
 
 
 def _failure(critical: CriticalConfiguration, path: Deformation) -> tuple[Status, str] | None:

@@ -14,11 +14,18 @@ units of κ: with N_v = gᵀ(λ ∘ g v), N_λ = ½|g v|²
     n_1 = ½ Σ λ|g v|²                         the tensions λ of weak forces turn with their edges
     n_2 = ½ N·δz,  M δz = −N                  floppy motions change lengths to second order, with M the bordered matrix
     n_3 = U(x + v) − U + f·v − ½ vᵀH v        the weak energy beyond its Hessian
+
+Temperature T is another model (`ThermalModel`).  Floppy motions under the tension τ have the weight exp(−τ vᵀP v/2T),
+so that
+    ⟨½ vᵀP v⟩ = T ∂/∂τ ½ ln det τP = N_f T/2τ = Φ(s),   s = τ/T,   Φ(s) = N_f/2s
+and the scalar equation of weak forces is D τ² − c γ τ − N_f T/2 = 0, with T in place of κ.  It takes τ at its most
+probable value.  The first terms that it leaves out, as free energies in units of T:
+    n_1 = ½ ln(D + N_f/(2 T s²))     the tension fluctuates; of relative order 1/N_f
+    n_2 = ½ ln det H − ½ N_f ln τ    with the Hessian H of the strained springs: bands couple, and shapes change with τ
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,7 +36,9 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array
-from critflow.response.weak_system import WeakFactor, WeakSystem
+from critflow.response.weak_system import WeakFactor, WeakStrain, WeakSystem
+from critflow.springs.state import spring_state
+from critflow.springs.weak_energies import WeakFunction
 
 NODE_RATIO = 2.0  # of the distances of nodes from the end of the branch: Φ then has ten digits between them
 # Directions of the Krylov space below this part of the largest are rounding of its solutions.
@@ -37,6 +46,7 @@ _INDEPENDENT = 1e-11
 # The first tension, in units of tr H/tr P, grows by this factor until it is on the branch, up to a limit.
 _GROWTH, _LARGEST_START = 4.0, 1e9
 _END_ACCURACY = 1e-9  # relative, of the end of the branch
+_STRAIN = 1e-4  # of the differences of n_2: the tension is small, and H keeps ten digits of the soft band
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +61,12 @@ class _Node:
 class WeakModel:
     """v(s) of loads (n_sources, d·n_free), of which the first is f.
 
-    system     the bordered systems
-    remainder  v (d·n_free,) → U(x + v) − U + f·v − ½ vᵀH v
-    end        s_end, found here by default
+    energy  x (N_v, d), F (d, d) → U and its derivatives
+    end     s_end, found here by default
     """
 
-    def __init__(self, system: WeakSystem, loads: Array, remainder: Callable[[Array], float], end: float | None = None):
-        self.system, self.loads, self.remainder = system, loads, remainder
+    def __init__(self, system: WeakSystem, loads: Array, energy: WeakFunction, end: float | None = None):
+        self.system, self.loads, self._energy = system, loads, energy
         self._nodes: list[_Node] = []
         self.scale = system.scales[1] / system.scales[0] or 1.0
         self.end = self._branch_end() if end is None else end
@@ -110,18 +119,24 @@ class WeakModel:
         return _Node(s, np.array([*(u for u, _ in solved), *slopes]), self._neglected(factor, *solved[0]))
 
     def _neglected(self, factor: WeakFactor, v: Array, multipliers: Array) -> Array:
-        network, system = self.system.network, self.system
-        compliance = system.sigma * system.lengths**2 / network.stiffness
-        # Tensions along the self-stress belong to τ: what remains does no work on its elongations.
-        multipliers = multipliers - (compliance @ multipliers) / (compliance @ system.sigma) * system.sigma
-        turning = np.asarray(network.free_incidence @ v.reshape(-1, network.dimension))
+        system, network, compliance = self.system, self.system.network, self.system.flexible_stress
+
+        def without_self_stress(tensions: Array) -> Array:
+            # Tensions along the self-stress belong to τ: what remains does no work on its elongations.
+            return tensions - (compliance @ tensions) / system.compliance * system.sigma
+
+        multipliers, turns = without_self_stress(multipliers), v.reshape(-1, network.dimension)
+        turning = np.asarray(network.free_incidence @ turns)
         stretch = 0.5 * np.einsum("ad,ad->a", turning, turning)
         force = np.asarray(network.divergence @ (multipliers[:, None] * turning)).ravel()
-        missing = stretch - (system.sigma @ stretch) / (system.sigma @ compliance) * compliance
+        missing = stretch - (system.sigma @ stretch) / system.compliance * compliance
         change, correction = factor.solve(-force, -missing)
-        correction = correction - (compliance @ correction) / (compliance @ system.sigma) * system.sigma
-        second = 0.5 * (float(force @ change) + float(stretch @ correction))
-        return np.array([float(multipliers @ stretch), second, self.remainder(v)])
+        second = 0.5 * (float(force @ change) + float(stretch @ without_self_stress(correction)))
+        x, unit = system.critical.coordinates.copy(), np.eye(network.dimension)
+        x[network.free] += turns
+        beyond = self._energy(x, unit)[0] - self._energy(system.critical.coordinates, unit)[0]
+        beyond += float(self.loads[0] @ v - 0.5 * v @ (system.hessian @ v))
+        return np.array([float(multipliers @ stretch), second, beyond])
 
     @cached_property
     def modes(self) -> Modes:
@@ -151,16 +166,17 @@ class WeakModel:
         distance = np.array([node.s - self.end for node in self._nodes])
         return scipy.interpolate.CubicSpline(np.log(distance), np.array([node.neglected for node in self._nodes]))
 
-    @cached_property
-    def leading(self) -> Modes:
+    def leading(self) -> ExactModel:
         """The model without H: v = (1/s) Z(ZᵀPZ)⁻¹Zᵀf."""
         v = self.system.factorize(1.0, weak=0.0).solve(self.loads[0])[0]
         root = max(float(v @ self.loads[0]), 0.0) ** 0.5
-        return Modes(np.zeros(1), v[:, None] / (root or 1.0), np.array([[root], [0.0]]))
+        return ExactModel(
+            self.system, Modes(np.zeros(1), v[:, None] / (root or 1.0), np.array([[root], [0.0]])), self.scale
+        )
 
     def extended(self, load: Array) -> Modes:
         """Modes that contain the response to a further load (d·n_free,), at the same nodes."""
-        larger = WeakModel(self.system, np.concatenate([self.loads, [load]]), self.remainder, self.end)
+        larger = WeakModel(self.system, np.concatenate([self.loads, [load]]), self._energy, self.end)
         larger.cover(*self.covered)
         return larger.modes
 
@@ -189,3 +205,63 @@ class Modes:
     def work_slope(self, s: Array, load: Array) -> Array:
         """−Φ'(s) = Σ b²/(s + θ)³, (...)."""
         return np.sum(load * self.amplitudes(s, load, 3), axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class ThermalModes(Modes):
+    """No motions of their own, and Φ(s) = N_f/2s."""
+
+    n_floppy: int
+
+    def work(self, s: Array, load: Array) -> Array:
+        return np.asarray(self.n_floppy / (2 * s))
+
+    def work_slope(self, s: Array, load: Array) -> Array:
+        return np.asarray(self.n_floppy / (2 * s**2))
+
+
+class ExactModel:
+    """Modes that hold for all s > 0, without nodes."""
+
+    end, covered = 0.0, (0.0, np.inf)
+
+    def __init__(self, system: WeakSystem, modes: Modes, scale: float):
+        self.system, self.modes, self.coarse, self.scale = system, modes, modes, scale
+
+    def cover(self, low: float, high: float) -> None:
+        """Nothing: there are no nodes."""
+
+
+class ThermalModel(ExactModel):
+    """Φ(s) of temperature in place of a `WeakModel`, for a system without a weak Hessian."""
+
+    def __init__(self, system: WeakSystem, strain: WeakStrain):
+        size = system.rigidity.shape[1]
+        modes = ThermalModes(np.zeros(0), np.zeros((size, 0)), np.zeros((3, 0)), system.n_floppy)
+        super().__init__(system, modes, system.n_floppy / abs(strain.work))  # s at strains of order one below
+        self._slope = self._band_slope(strain)
+
+    def leading(self) -> ExactModel:
+        """The same: temperature has no other Hessian."""
+        return self
+
+    def extended(self, load: Array) -> Modes:
+        """Modes that no load moves."""
+        return self.modes
+
+    def neglected_slopes(self, s: Array, kappa: Array) -> Array:
+        """d/ds of n_1 and n_2, (..., 2), at temperature κ."""
+        n_floppy = self.system.n_floppy
+        fluctuation = -n_floppy / (s * (2 * self.system.compliance * kappa * s**2 + n_floppy))
+        return np.stack([fluctuation, self._slope * kappa], axis=-1)
+
+    def _band_slope(self, strain: WeakStrain) -> float:
+        """dn_2/dτ by differences along the elastic response, τ = rate·γ > 0."""
+        rate, values = strain.work / self.system.compliance, []
+        for gamma in np.array([1.0, 2.0]) * np.copysign(_STRAIN, rate):
+            x, F = strain.moved(float(gamma))
+            state = spring_state(self.system.network.deformed(F), self.system.lengths, x)
+            pivots = state.factorize(state.pattern()).pivots
+            half_log = 0.5 * float(np.sum(np.log(np.abs(pivots))))
+            values.append(half_log - 0.5 * self.system.n_floppy * np.log(rate * gamma))
+        return (values[1] - values[0]) / (abs(rate) * _STRAIN)

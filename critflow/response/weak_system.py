@@ -1,9 +1,14 @@
-"""Bordered systems of weak forces: floppy motions u, R u = e, under the stiffness sP + H of tension and weak forces.
+"""Bordered systems of weak forces, and with them the response of a critical configuration to a strain.
 
+Floppy motions u, R u = e, under the stiffness sP + H of tension and weak forces:
     [[sP + H, Rᵀ], [R, 0]] (u, λ) = (f, e),   P = gᵀ diag(σ) g ⊗ 1,   R = L·g
 Elimination of the multipliers with a small compliance gives sP + H + Rᵀ w R, the sum of three constant matrices: one
 symbolic analysis serves all s.  Iteration on the residuals removes the compliance (`linalg.saddle`).  Without negative
 pivots the stiffness is positive on the floppy motions, up to 1/w.
+
+Along F(ε) the vertices follow x = F(ε) x_c + ε u, where u lets every edge gain tension in proportion to the self-stress
+and is least in the energy of turning edges (`third_order`): R u = (c/D) K⁻¹σ − ḣ with c = Σ σ ḣ, D = Σ σ²|L|²/k.  The
+weak energy U and its forces change along that motion.
 """
 
 from __future__ import annotations
@@ -13,31 +18,46 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.linalg.factor import Entries, Factor, FixedPattern
 from critflow.linalg.matrices import spread_columns
 from critflow.linalg.saddle import CONDENSED_WEIGHT, CONTRACTION, REFINED
 from critflow.linalg.tolerances import MOST_REFINEMENTS
-from critflow.networks.network import Array, Network
+from critflow.networks.deformation import Deformation
+from critflow.networks.network import Array
+from critflow.springs.weak_energies import WeakFunction
+
+# Step of differences of fourth order along a strain: their errors are 1e-12 and, of second derivatives, 1e-9.
+_STEP = 1e-3
+_PLACES = (-2, -1, 1, 2)
 
 
 class WeakSystem:
-    """The systems of one configuration, σ (N_b,) and L (N_b, d), with a weak Hessian H, sparse (d·n_free)².
+    """The systems of one configuration with a weak Hessian H, sparse (d·n_free)².
 
     prestress, hessian, rigidity  P, H and R, sparse
+    flexible_stress, compliance   K⁻¹σ = σ|L|²/k, (N_b,), and D = σᵀK⁻¹σ
     """
 
-    def __init__(self, network: Network, sigma: Array, bond_vectors: Array, hessian: sp.sparray):
+    def __init__(self, critical: CriticalConfiguration, hessian: sp.sparray):
+        network, sigma, self.lengths = critical.network, critical.sigma, critical.lengths
         g, d = network.free_incidence, network.dimension
-        self.network, self.sigma, self.bond_vectors = network, sigma, bond_vectors
+        self.critical, self.network, self.sigma = critical, network, sigma
         self.prestress = sp.csr_array(sp.kron(g.T @ sp.diags_array(sigma) @ g, sp.eye_array(d)))
         self.hessian = sp.csr_array(hessian)
-        self.rigidity = spread_columns(network, bond_vectors)
-        self.lengths = np.linalg.norm(bond_vectors, axis=1)
+        self.rigidity = spread_columns(network, critical.bond_vectors)
+        self.flexible_stress = sigma * self.lengths**2 / network.stiffness
+        self.compliance = float(sigma @ self.flexible_stress)
         unit = sp.csr_array(sp.diags_array(1 / self.lengths) @ self.rigidity)
         parts = [sp.coo_array(part) for part in (self.prestress, self.hessian, unit.T @ unit)]
         entries = [Entries(part.row, part.col, np.full(part.nnz, n), part.data) for n, part in enumerate(parts)]
         self._pattern = FixedPattern(self.rigidity.shape[1], 3, entries)
         self.scales = [float(np.abs(part.diagonal()).mean()) for part in parts[:2]]
+
+    @property
+    def n_floppy(self) -> int:
+        """Number of floppy motions."""
+        return int(self.rigidity.shape[1]) - self.network.n_edges + 1
 
     def factorize(self, s: float, weak: float = 1.0) -> WeakFactor:
         """The factor at sP + weak·H."""
@@ -60,10 +80,6 @@ class WeakFactor:
         """Whether the stiffness is positive on all floppy motions."""
         return self.factor.sound and not self.factor.n_negative
 
-    def multiply(self, u: Array) -> Array:
-        """(sP + H) u."""
-        return np.asarray(self.s * (self.system.prestress @ u) + self.weak * (self.system.hessian @ u))
-
     def solve(self, forces: Array, elongations: Array | None = None) -> tuple[Array, Array]:
         """u (d·n_free,) and λ (N_b,) of forces (d·n_free,) and elongations (N_b,), whose part along σ is ignored."""
         system, R = self.system, self.system.rigidity
@@ -79,7 +95,8 @@ class WeakFactor:
             new_u = u + step
             new_multipliers = multipliers + w * (R @ step - elongation)
             new_elongation = e - R @ new_u
-            new_force = forces - self.multiply(new_u) - R.T @ new_multipliers
+            resisted = self.s * (system.prestress @ new_u) + self.weak * (system.hessian @ new_u)
+            new_force = forces - resisted - R.T @ new_multipliers
             length_scale = float(np.abs(new_u).max(initial=0.0)) * float(system.lengths.mean())
             error = max(
                 float(np.abs(new_force).max()) / max(force_scale, 1e-300),
@@ -91,3 +108,48 @@ class WeakFactor:
             if error < REFINED:
                 break
         return u, multipliers
+
+
+class WeakStrain:
+    """The elastic response of a configuration to a strain A = F'(0), and the rates of the weak energy along it.
+
+    work       c = Σ σ L·A L
+    motion     u (d·n_free,)
+    rate       L̇ = A L + g u, (N_b, d)
+    weak_rate, weak_curvature  dU/dε and d²U/dε² along the motion
+    weak_load  d(∂U/∂x)/dε along the motion, (d·n_free,)
+    """
+
+    def __init__(self, system: WeakSystem, energy: WeakFunction, deformation: Deformation):
+        network, sigma, L = system.network, system.sigma, system.critical.bond_vectors
+        self._critical, self.deformation, self.strain = system.critical, deformation, deformation.rate(0.0)
+        affine = L @ self.strain.T
+        hdot = np.einsum("ad,ad->a", L, affine)
+        self.work = float(sigma @ hdot)
+        pull = -np.asarray(network.divergence @ (sigma[:, None] * affine)).ravel()
+        stretched = self.work / system.compliance * system.flexible_stress
+        self.motion = system.factorize(1.0, weak=0.0).solve(pull, stretched - hdot)[0]
+        self.rate = affine + network.free_incidence @ self.motion.reshape(-1, network.dimension)
+
+        def along(strain: float) -> tuple[float, Array]:
+            value, gradient, _ = energy(*self.moved(strain))
+            return value, gradient[network.free].ravel()
+
+        here = along(0.0)[0]
+        values, gradients = (np.array(each) for each in zip(*(along(n * _STEP) for n in _PLACES), strict=True))
+        slope, curve = np.array([1, -8, 8, -1]) / (12 * _STEP), np.array([-1, 16, 16, -1]) / (12 * _STEP**2)
+        self.weak_rate, self.weak_curvature = float(slope @ values), float(curve @ (values - here))
+        self.weak_load = np.asarray(slope @ gradients)
+
+    def moved(self, strain: float) -> tuple[Array, Array]:
+        """Coordinates F x_c + ε u (N_v, d) after a strain, and F (d, d)."""
+        network, F = self._critical.network, self.deformation.gradient(strain)
+        x = self._critical.coordinates @ F.T
+        x[network.free] += strain * self.motion.reshape(-1, network.dimension)
+        return x, F
+
+    def turning(self, other: WeakStrain, curvature: Array) -> float:
+        """Σ σ (L̇_a·L̇_b + L·M L) of two strains, with M = ∂²F/∂a∂b (d, d): geometric stiffness per tension."""
+        L = self._critical.bond_vectors
+        turned = np.einsum("ad,ad->a", self.rate, other.rate) + np.einsum("ad,ad->a", L, L @ curvature.T)
+        return float(self._critical.sigma @ turned)

@@ -9,6 +9,7 @@ Where edges are slack these are the counts of the taut part, its vertices and ed
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +17,13 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.critical.backbone import Mask, backbone, taut_edges, taut_networks
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.linalg.saddle import Saddle, positive
 from critflow.linalg.tolerances import LARGEST_DENSE
-from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.networks.network import Array, IntArray, Network, validated_coordinates
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.prestress import stable_margin
-from critflow.rigidity.spectrum import ITERATION_ERROR, Spectrum, rounding_note
+from critflow.rigidity.spectrum import ITERATION_ERROR, Spectrum, edge_without_length, rounding_note
 
 # Unbalanced forces below this, relative to the mean tension, are those of a self-stress: configurations from σ leave
 # 1e-15, coordinates of eight digits 1e-8.
@@ -68,13 +69,11 @@ class Rigidity(Record):
 class ZeroModes(Record):
     """Displacements that change no length to first order, all orthonormal, zero at pins (`FirstOrder`).
 
-    modes                           (N_0 − n_trivial, N_v, d), orthogonal to the trivial ones
-    trivial                         (n_trivial, N_v, d): the translations of a periodic network
+    modes                           (N_0 − n_trivial, N_v, d), orthogonal to the translations of a periodic network
     largest_zero, smallest_nonzero  singular values of R on both sides of the tolerance
     """
 
     modes: Array
-    trivial: Array
     largest_zero: float
     smallest_nonzero: float
 
@@ -110,12 +109,13 @@ def rigidity(
     kept = np.ones(network.n_edges, bool) if taut is None else taut_edges(network, taut)
     if not kept.all():
         return _rigidity_of_taut(network, coordinates, tolerance, vectors, kept)
-    x, L, length = _edges(network, coordinates)
+    x = validated_coordinates(network, coordinates)
     n_trivial = 0 if network.pins else network.dimension
-    if length is None:
+    if note := edge_without_length(np.linalg.norm(network.bond_vectors(x), axis=1)):
         nothing = Rigidity(0, 0, np.zeros((0, network.n_edges)), np.nan, np.nan, n_trivial, None)
-        return Solution(nothing, Status.singular, Stats("counts"), _no_length(L))
-    spectrum = Spectrum(network, x, L, length, tolerance)
+        return Solution(nothing, Status.singular, Stats("counts"), note)
+    spectrum = Spectrum(network, x, tolerance)
+    length = spectrum.lengths
     n_stresses = spectrum.n_motions + network.n_edges - spectrum.n_coordinates
     stresses, gap = np.zeros((0, network.n_edges)), spectrum.gap
     if vectors:
@@ -127,7 +127,7 @@ def rigidity(
     stable = None
     if len(stresses) == 1 and not doubt:
         turned = 0.0 if tolerance is None else tolerance / gap[1]
-        stable, stresses = _stabilises(network, stresses[0], L, turned, gap[0])
+        stable, stresses = _stabilises(network, stresses[0], spectrum.bond_vectors, turned, gap[0])
     value = Rigidity(n_stresses, spectrum.n_motions + n_trivial, stresses, *gap, n_trivial, stable)
     status = Status.singular if doubt else Status.floppy if n_stresses == 0 else Status.ok
     near = value.largest_zero if value.largest_zero > ITERATION_ERROR else value.smallest_nonzero
@@ -142,23 +142,7 @@ def _rigidity_of_taut(
     x = validated_coordinates(network, coordinates)
     parts = taut_networks(network, taut)
     found = [rigidity(part, x[vertices], tolerance, vectors) for part, _, vertices in parts]
-    counts = [solution.value for solution in found]
-    stresses, rows = np.zeros((sum(len(count.self_stresses) for count in counts), network.n_edges)), 0
-    for (_, edges, _), count in zip(parts, counts, strict=True):
-        stresses[rows : rows + len(count.self_stresses), edges] = count.self_stresses
-        rows += len(count.self_stresses)
-    stable = [count.prestress_stable for count in counts]
-    value = Rigidity(
-        sum(count.n_self_stresses for count in counts),
-        sum(count.n_zero_modes for count in counts),
-        stresses,
-        max(count.largest_zero for count in counts),
-        min(count.smallest_nonzero for count in counts),
-        sum(count.n_trivial for count in counts),
-        None if None in stable else all(stable),
-        n_slack=int(np.count_nonzero(~taut)),
-        n_unstressed_vertices=network.n_vertices - len(np.unique(network.edges[taut])),
-    )
+    value = _total(network, [(solution.value, edges) for solution, (_, edges, _) in zip(found, parts, strict=True)])
     doubts = [solution.note for solution in found if solution.status is Status.singular]
     status = Status.singular if doubts else Status.ok if value.n_self_stresses else Status.floppy
     note = (
@@ -168,6 +152,27 @@ def _rigidity_of_taut(
     if status is Status.floppy:
         note += ", which has no self-stress, so every modulus is zero"
     return Solution(value, status, Stats("counts", 1, residual=value.largest_zero), doubts[0] if doubts else note)
+
+
+def _total(network: Network, parts: Sequence[tuple[Rigidity, IntArray]]) -> Rigidity:
+    """The counts of connected parts together, each with the indices (n,) of its edges."""
+    counts, edges = zip(*parts, strict=True)
+    stresses, rows = np.zeros((sum(len(count.self_stresses) for count in counts), network.n_edges)), 0
+    for count, places in parts:
+        stresses[rows : rows + len(count.self_stresses), places] = count.self_stresses
+        rows += len(count.self_stresses)
+    stable, taut = [count.prestress_stable for count in counts], np.concatenate(edges)
+    return Rigidity(
+        sum(count.n_self_stresses for count in counts),
+        sum(count.n_zero_modes for count in counts),
+        stresses,
+        max(count.largest_zero for count in counts),
+        min(count.smallest_nonzero for count in counts),
+        sum(count.n_trivial for count in counts),
+        None if None in stable else all(stable),
+        n_slack=network.n_edges - len(taut),
+        n_unstressed_vertices=network.n_vertices - len(np.unique(network.edges[taut])),
+    )
 
 
 @checked
@@ -182,38 +187,23 @@ def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None
     >>> zero_modes(network, network.positions).value.modes.shape
     (3, 8, 2)
     """
-    x, L, length = _edges(network, coordinates)
+    x = validated_coordinates(network, coordinates)
     d, n_vertices = network.dimension, network.n_vertices
-    n_trivial = 0 if network.pins else d
-    trivial = np.zeros((n_trivial, n_vertices, d))
-    trivial[np.arange(n_trivial), :, np.arange(n_trivial)] = 1 / np.sqrt(n_vertices)
-    if length is None:
-        nothing = ZeroModes(np.zeros((0, n_vertices, d)), trivial, np.nan, np.nan)
-        return Solution(nothing, Status.singular, Stats("zero modes"), _no_length(L))
-    spectrum = Spectrum(network, x, L, length, tolerance)
+    if note := edge_without_length(np.linalg.norm(network.bond_vectors(x), axis=1)):
+        nothing = ZeroModes(np.zeros((0, n_vertices, d)), np.nan, np.nan)
+        return Solution(nothing, Status.singular, Stats("zero modes"), note)
+    spectrum = Spectrum(network, x, tolerance)
     _check_size(spectrum.n_motions, spectrum.n_coordinates, "zero modes", "rigidity() counts them")
     motions, gap = spectrum.null_space(spectrum.n_motions, of_stresses=False)
     modes = np.zeros((len(motions), n_vertices, d))
     modes[:, network.free] = motions.reshape(len(motions), len(network.free), d)
-    if n_trivial:
+    if not network.pins:
         # The grounded vertex is arbitrary: without their mean the modes are orthogonal to the translations.
         modes -= modes.mean(axis=1, keepdims=True)
         modes = np.linalg.qr(modes.reshape(len(modes), n_vertices * d).T)[0].T.reshape(modes.shape)
     doubt = spectrum.doubt(*gap)
     status, stats = Status.singular if doubt else Status.ok, Stats("zero modes", 1, residual=gap[0])
-    return Solution(ZeroModes(modes, trivial, *gap), status, stats, doubt)
-
-
-def _edges(network: Network, coordinates: ArrayLike) -> tuple[Array, Array, Array | None]:
-    """Coordinates, bond vectors, and lengths or None where an edge has none.  Raises `InputError` for other shapes."""
-    x = validated_coordinates(network, coordinates)
-    L = network.bond_vectors(x)
-    length = np.linalg.norm(L, axis=1)
-    return x, L, length if length.min() > COLLAPSED * length.mean() else None
-
-
-def _no_length(L: Array) -> str:
-    return f"edge {int(np.linalg.norm(L, axis=1).argmin())} has no length, so no direction"
+    return Solution(ZeroModes(modes, *gap), status, stats, doubt)
 
 
 def _check_size(count: int, size: int, name: str, instead: str) -> None:

@@ -8,12 +8,12 @@ hides singular values of R that are small but not zero, the zero modes themselve
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 
-from critflow.critical.manifold import COLLAPSED
 from critflow.linalg.saddle import Saddle
 from critflow.linalg.tolerances import LARGEST_DENSE, REGULARISATION, STABLE_MARGIN
 from critflow.networks.network import Array, Network
-from critflow.rigidity.spectrum import Spectrum
+from critflow.rigidity.spectrum import Spectrum, edge_without_length
 
 LARGEST_FORM = 2000  # most zero modes whose stiffness under one stress is found by all eigenvalues: some seconds
 
@@ -25,10 +25,9 @@ def stabilises(network: Network, coordinates: Array, L: Array, sigma: Array) -> 
     """
     if (sigma > 0).all() or Saddle(network).stable(sigma, L):
         return True
-    length = np.linalg.norm(L, axis=1)
-    if not length.min() > COLLAPSED * length.mean():
+    if edge_without_length(np.linalg.norm(L, axis=1)):
         return None
-    spectrum = Spectrum(network, coordinates, L, length, None)
+    spectrum = Spectrum(network, coordinates)
     if spectrum.n_motions * spectrum.n_coordinates > LARGEST_DENSE or spectrum.n_motions > LARGEST_FORM:
         return None
     modes, gap = spectrum.null_space(spectrum.n_motions, of_stresses=False)
@@ -36,16 +35,19 @@ def stabilises(network: Network, coordinates: Array, L: Array, sigma: Array) -> 
         return None
     if not len(modes):
         return True
-    least = float(np.linalg.eigvalsh(stiffness_on_modes(network, sigma, modes))[0])
+    form = forms_on_modes(network.free_incidence, sigma[None], modes.reshape(len(modes), -1, network.dimension))[0]
+    least = float(np.linalg.eigvalsh(form)[0])
     margin = STABLE_MARGIN * float(np.mean(np.abs(sigma)))
     return least > 0 if abs(least) > margin else None
 
 
-def stiffness_on_modes(network: Network, sigma: Array, modes: Array) -> Array:
-    """Zᵀ P(σ) Z, (n, n), on orthonormal motions Z (n, d·n_free) of the free vertices."""
-    g, d = network.free_incidence, network.dimension
-    stretch = np.concatenate([np.asarray(g @ modes[:, axis::d].T) for axis in range(d)])
-    return np.asarray(stretch.T @ (np.tile(sigma, d)[:, None] * stretch))
+def forms_on_modes(incidence: sp.csr_array, stresses: Array, modes: Array) -> Array:
+    """Zᵀ P(σ) Z of stresses (n, N_b) on orthonormal motions Z (m, n_vertices, d), (n, m, m).
+
+    incidence  of the edges on the vertices that move, (N_b, n_vertices)
+    """
+    stretch = np.concatenate([np.asarray(incidence @ component.T) for component in np.moveaxis(modes, 2, 0)])
+    return np.stack([stretch.T @ (weights[:, None] * stretch) for weights in np.tile(stresses, modes.shape[2])])
 
 
 def stiffness_error(network: Network, sigma: Array, turned: float) -> float:

@@ -12,6 +12,7 @@ next relaxation proves that none does; where neither is found the answer is None
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
@@ -20,11 +21,12 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.linalg.saddle import Saddle
-from critflow.linalg.tolerances import LARGEST_DENSE
+from critflow.linalg.threads import one_thread
+from critflow.linalg.tolerances import EPS, LARGEST_DENSE
 from critflow.networks.network import Array, Network
 from critflow.result import Record, Solution, Stats, Status
 from critflow.rigidity.counts import Rigidity, rigidity, zero_modes
-from critflow.rigidity.prestress import stable_margin, stiffness_error
+from critflow.rigidity.prestress import forms_on_modes, stable_margin, stiffness_error
 from critflow.rigidity.spectrum import ITERATION_ERROR
 from critflow.solvers.semidefinite import fourth_order_bound, second_order_relaxation
 
@@ -34,9 +36,8 @@ RESISTED = 1e-4  # A mode with more stiffness than this, under a stress that is 
 PROGRAM_MODES = 40  # zero modes in a first semidefinite program; larger ones start from a subspace of half this number
 FOURTH_ORDER_MODES = 8  # zero modes in the relaxation of fourth order, whose size is their fourth power
 LINEAR_PROGRAM = 4_000_000  # entries of the self-stresses up to which a linear program is tried, a limit of time
-
-# Levenberg–Marquardt: initial, smallest and largest damping, and the residual (in units of ZERO) of a solution.
-_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _SOLVED = 1e-3, 1e-14, 1e6, 1e-3
+_ONLY_STRESS = "its only self-stress stabilises it"
+MOST_STEPS = 200  # of the search for an escaping mode from one start
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +130,8 @@ def second_order_rigidity(
         return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.undecided)
     modes = zero_modes(network, coordinates, tolerance).value.modes
     error = max(stiffness_error(network, sigma, turned) for sigma in counts.self_stresses)
-    value = _by_forms(counts, modes, _forms(network, counts.self_stresses, modes), error)
+    with one_thread():
+        value = _by_forms(counts, modes, forms_on_modes(network.incidence, counts.self_stresses, modes), error)
     return _answer(value, Status.undecided if value.second_order_rigid is None else Status.ok)
 
 
@@ -152,16 +154,14 @@ def _by_one_stress(network: Network, counts: Rigidity, L: Array, turned: float) 
     """A stabilising stress from sparse factorisations and a linear program, or None."""
     S = counts.self_stresses
     if len(S) == 1:
-        if not counts.prestress_stable:
-            return None
-        return SecondOrderRigidity(counts, False, True, True, S[0], reason="its only self-stress stabilises it")
+        stable = SecondOrderRigidity(counts, False, True, True, S[0], reason=_ONLY_STRESS)
+        return stable if counts.prestress_stable else None
     # The self-stress nearest to equal force densities often has no compression.
     sigma = S.sum(axis=1) @ S
     if not sigma.min() > max(POSITIVE, turned) * np.abs(sigma).max():
         found = _tension(S) if S.size <= LINEAR_PROGRAM else None
-        if found is None:
-            return None
-        if not Saddle(network).stable(found, L, stable_margin(network, found, turned, counts.largest_zero)):
+        margin = np.nan if found is None else stable_margin(network, found, turned, counts.largest_zero)
+        if found is None or not Saddle(network).stable(found, L, margin):
             return None
         sigma = found
     sigma = sigma / np.linalg.norm(sigma)
@@ -185,22 +185,15 @@ def _tension(S: Array) -> Array | None:
     return np.asarray(answer.x[:n_stresses] @ S)
 
 
-def _forms(network: Network, stresses: Array, modes: Array) -> Array:
-    """Q_I = Zᵀ P(σ_I) Z on the zero modes Z, (N_s, n, n)."""
-    stretch = np.concatenate([np.asarray(network.incidence @ modes[:, :, k].T) for k in range(network.dimension)])
-    weights = np.tile(stresses, network.dimension)
-    return np.stack([stretch.T @ (w[:, None] * stretch) for w in weights])
-
-
 def _by_forms(counts: Rigidity, modes: Array, forms: Array, error: float) -> SecondOrderRigidity:
     """Decide by the quadratic forms of all self-stresses on all zero modes, where they exceed an error of them."""
+    answer = partial(SecondOrderRigidity, counts, False)
     scale = max(float(np.abs(np.linalg.eigvalsh(Q)).max()) for Q in forms)
-    hidden = SecondOrderRigidity(counts, False, None, None, reason="the tolerance hides the stiffness of a zero mode")
+    hidden = answer(None, None, reason="the tolerance hides the stiffness of a zero mode")
     if error and not scale > error:
         return hidden
     if not scale > ZERO * np.abs(counts.self_stresses).max():
-        reason = "no self-stress resists any zero mode"
-        return SecondOrderRigidity(counts, False, False, False, escape=modes[0], reason=reason)
+        return answer(False, False, escape=modes[0], reason="no self-stress resists any zero mode")
     unit = forms / scale
     if len(forms) == 1:
         return _one_stress(counts, modes, unit[0], scale, error / scale)
@@ -210,30 +203,28 @@ def _by_forms(counts: Rigidity, modes: Array, forms: Array, error: float) -> Sec
         return hidden
     if found.least > POSITIVE:
         reason = f"a combination of its {len(forms)} self-stresses stabilises it"
-        sigma = found.multipliers @ counts.self_stresses
-        return SecondOrderRigidity(counts, False, True, True, sigma, None, scale * found.least, reason)
-    z = _common_zero(unit, found.obstruction)
+        return answer(True, True, found.multipliers @ counts.self_stresses, None, scale * found.least, reason)
+    z, X = _common_zero(unit, found.obstruction), found.obstruction
     if z is not None:
-        reason = "a zero mode escapes all self-stresses"
-        return SecondOrderRigidity(counts, False, False, False, escape=np.tensordot(z, modes, 1), reason=reason)
-    X = found.obstruction
+        return answer(False, False, None, np.tensordot(z, modes, 1), reason="a zero mode escapes all self-stresses")
     if X is None or not np.linalg.norm(np.tensordot(unit, X, 2)) < POSITIVE:
         reason = "no self-stress was found that stabilises it, and no zero mode that escapes them all"
-        return SecondOrderRigidity(counts, False, None, None, reason=reason)
+        return answer(None, None, reason=reason)
     if _none_escapes(unit, found.support):
         reason = "no zero mode escapes all self-stresses, as a relaxation of fourth order proves"
-        return SecondOrderRigidity(counts, False, False, True, reason=reason)
-    reason = "no zero mode was found that escapes all self-stresses, nor a proof that none does"
-    return SecondOrderRigidity(counts, False, False, None, reason=reason)
+        return answer(False, True, reason=reason)
+    return answer(
+        False, None, reason="no zero mode was found that escapes all self-stresses, nor a proof that none does"
+    )
 
 
 def _one_stress(counts: Rigidity, modes: Array, Q: Array, scale: float, error: float) -> SecondOrderRigidity:
     """With one self-stress the eigenvalues of its form decide, where they exceed an error of it."""
+    answer = partial(SecondOrderRigidity, counts, False)
     values, vectors = np.linalg.eigh(Q)
-    for sign, least in ((1.0, values[0]), (-1.0, -values[-1])):
+    for sign, least in ((1.0, float(values[0])), (-1.0, -float(values[-1]))):
         if least > max(POSITIVE, error):
-            sigma, reason = sign * counts.self_stresses[0], "its only self-stress stabilises it"
-            return SecondOrderRigidity(counts, False, True, True, sigma, None, scale * float(least), reason)
+            return answer(True, True, sign * counts.self_stresses[0], None, scale * least, _ONLY_STRESS)
     nearest = int(np.abs(values).argmin())
     if not error and abs(values[nearest]) < ZERO:
         z, reason = vectors[:, nearest], "its only self-stress does not resist some zero mode"
@@ -242,9 +233,8 @@ def _one_stress(counts: Rigidity, modes: Array, Q: Array, scale: float, error: f
         z, reason = z / np.linalg.norm(z), "its only self-stress pushes some zero modes and pulls others"
     else:
         reason = f"the least stiffness of a zero mode, {scale * abs(values[nearest]):.1e}, is zero to rounding or not"
-        return SecondOrderRigidity(counts, False, None, None, reason=reason)
-    escape = np.tensordot(z, modes, 1)
-    return SecondOrderRigidity(counts, False, False, False, escape=escape, reason=reason)
+        return answer(None, None, reason=reason)
+    return answer(False, False, escape=np.tensordot(z, modes, 1), reason=reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +262,7 @@ def _program(forms: Array) -> _Search:
     # Initial guess: the stress with the largest sum of stiffnesses over all modes.
     best, least = np.trace(forms, axis1=1, axis2=2), -np.inf
     best = best / (np.linalg.norm(best) or 1.0)
-    W = np.eye(n) if n <= PROGRAM_MODES else _softest(forms, best, PROGRAM_MODES // 2)
+    W = np.eye(n) if n <= PROGRAM_MODES else np.linalg.eigh(np.tensordot(best, forms, 1))[1][:, : PROGRAM_MODES // 2]
     while True:
         relaxed = second_order_relaxation(np.einsum("ik,aij,jl->akl", W, forms, W, optimize=True))
         a, X = relaxed.multipliers, W @ relaxed.moments @ W.T
@@ -288,11 +278,6 @@ def _program(forms: Array) -> _Search:
         if W.shape[1] > 2 * PROGRAM_MODES:
             return _Search(best, least, None, a)
         W = np.linalg.qr(np.hstack([W, vectors[:, :5]]))[0]
-
-
-def _softest(forms: Array, a: Array, count: int) -> Array:
-    """The modes of least stiffness under the stress with multipliers a, (n, count)."""
-    return np.linalg.eigh(np.tensordot(a, forms, 1))[1][:, :count]
 
 
 def _none_escapes(forms: Array, support: Array) -> bool:
@@ -332,26 +317,18 @@ def _common_zero(forms: Array, X: Array | None, n_starts: int = 40) -> Array | N
     return None
 
 
-def _descend(forms: Array, start: Array, max_steps: int = 200) -> Array | None:
-    """A unit z with zᵀQ_I z = 0 near a start, by Levenberg–Marquardt iteration on the sphere, or None."""
-    norm = float(np.linalg.norm(start))
+def _descend(forms: Array, start: Array) -> Array | None:
+    """A unit z with zᵀQ_I z = 0 near a start, by Levenberg–Marquardt iteration, or None."""
+    norm, (count, n) = float(np.linalg.norm(start)), forms.shape[:2]
     if norm < ZERO:
         return None
-    z, damping = start / norm, _DAMPING
-    q = forms @ z @ z
-    for _ in range(max_steps):
-        size = float(np.linalg.norm(q))
-        if size < _SOLVED * ZERO:
-            break
-        jacobian = 2 * (forms @ z - np.outer(q, z))
-        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(len(q)), q)
-        trial = (z - step) / np.linalg.norm(z - step)
-        trial_q = forms @ trial @ trial
-        if np.linalg.norm(trial_q) < size:
-            z, q, damping = trial, trial_q, 0.1 * damping
-        else:
-            damping *= 10
-        if damping > _MOST_DAMPING:
-            break
-        damping = max(damping, _LEAST_DAMPING)
-    return z if np.linalg.norm(q) < ZERO else None
+    # The algorithm needs as many equations as unknowns.
+    empty = max(n - count - 1, 0)
+    z = scipy.optimize.least_squares(
+        lambda z: np.concatenate([forms @ z @ z, [z @ z - 1], np.zeros(empty)]),
+        start / norm,
+        lambda z: np.concatenate([2 * forms @ z, [2 * z], np.zeros((empty, n))]),
+        method="lm", ftol=EPS, xtol=EPS, gtol=EPS, max_nfev=MOST_STEPS,
+    ).x  # fmt: skip
+    z = z / np.linalg.norm(z)
+    return z if np.linalg.norm(forms @ z @ z) < ZERO else None

@@ -193,17 +193,9 @@ def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stabilit
             Status.undecided,
             "the stiffness of a flex under this stress, or the count of flexes, is rounding",
         )
-    return Stability(
-        value=critical,
-        status=status,
-        stats=Stats("inertia", 1, residual=critical.residual),
-        note=note,
-        n_negative=n_negative,
-        n_null=n_null,
-        n_affine=len(affine),
-        prestress_stable=stable,
-        super_stable=best,
-    )
+    counts = {"n_negative": n_negative, "n_null": n_null, "n_affine": len(affine)}
+    stats = Stats("inertia", 1, residual=critical.residual)
+    return Stability(critical, status, stats, note, **counts, prestress_stable=stable, super_stable=best)
 
 
 def _checked(network: Network, coordinates: ArrayLike, signs: ArrayLike) -> tuple[Array, Array]:
@@ -235,26 +227,17 @@ def _affine_maps(network: Network, coordinates: Array) -> Array:
 
     A cell admits none.
     """
-    if not network.pins:
-        return np.zeros((0, network.dimension))
-    if network.cell is not None and network.offsets.any():
+    if not network.pins or (network.cell is not None and network.offsets.any()):
         return np.zeros((0, network.dimension))
     pins = np.array(list(network.pins.values()))
     centre = pins.mean(axis=0)
-    across = _complement(pins - centre, network.dimension)
+    across = scipy.linalg.null_space(pins - centre, rcond=RANK).T
     # Directions across the pins in which no vertex lies, either, are no part of the affine span.
     reach = (coordinates - centre) @ across.T
     values, right = np.linalg.svd(reach, full_matrices=False)[1:]
     size = max(float(np.abs(pins - centre).max()), float(np.abs(coordinates - centre).max()))
     spanned = int(np.count_nonzero(values > RANK * size))
     return right[:spanned] @ across
-
-
-def _complement(vectors: Array, dimension: int) -> Array:
-    """An orthonormal basis of the directions orthogonal to vectors (n, d), of at most d rows."""
-    _, values, right = np.linalg.svd(vectors, full_matrices=True)
-    rank = int(np.count_nonzero(values > RANK * max(float(values.max(initial=0.0)), 1e-300)))
-    return right[rank:dimension]
 
 
 def _lengths_fix(affine: Array, critical: CriticalConfiguration) -> bool:

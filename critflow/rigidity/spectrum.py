@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
+from critflow.critical.manifold import COLLAPSED
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
 from critflow.linalg.threads import one_thread
@@ -49,6 +50,7 @@ class Spectrum:
     coordinates  (N_v, d), with the rounding errors that R inherits
     tolerance    values below count as zero; None: `ZERO_MODE`, and they must be zero to rounding
 
+    bond_vectors, lengths     L (N_b, d) and |L| (N_b,)
     n_coordinates, n_motions  number of free coordinates, and of zero modes among them
     gap                       largest value that counts as zero and the smallest that does not, or limits of them
     pattern                   of RᵀR
@@ -56,10 +58,12 @@ class Spectrum:
     Raises `InputError` for a tolerance that is not positive, or too small for a large network.
     """
 
-    def __init__(self, network: Network, coordinates: Array, L: Array, length: Array, tolerance: float | None):
+    def __init__(self, network: Network, coordinates: Array, tolerance: float | None = None):
         self._tolerance = ZERO_MODE if tolerance is None else tolerance
         if not self._tolerance > 0:
             raise InputError(f"the tolerance must be positive, not {self._tolerance}: 1e-6 separates most networks")
+        self.bond_vectors = network.bond_vectors(coordinates)
+        self.lengths = length = np.linalg.norm(self.bond_vectors, axis=1)
         self._dense = network.n_edges <= DENSE_EDGES
         self._largest_rounding = np.inf
         if tolerance is None:
@@ -68,7 +72,7 @@ class Spectrum:
             rounding = EPS * float(np.linalg.norm(np.sqrt(2) * (1 + reach / length)))
             self._largest_rounding = max(ROUNDING_MARGIN * rounding, 0.0 if self._dense else ITERATION_ERROR)
         self.n_coordinates = network.dimension * len(network.free)
-        unit = L / length[:, None]
+        unit = self.bond_vectors / length[:, None]
         self._R = spread_columns(network, unit)
         self._network = network
         if self._dense:
@@ -183,15 +187,17 @@ class Spectrum:
 
     def _filter(self, shift: float, of_stresses: bool) -> Callable[[Array], Array]:
         """The map shift/(s² + shift) of the singular values s, on tensions or on motions (n, count)."""
-        factor = self.pattern.factorize(self._values, shift)
+        factor, R = self.pattern.factorize(self._values, shift), self._R
+        if of_stresses:
+            return lambda v: v - np.asarray(R @ factor.solve(np.asarray(R.T @ v)))
+        return lambda v: shift * factor.solve(v)
 
-        def on_stresses(v: Array) -> Array:
-            return v - np.asarray(self._R @ factor.solve(np.asarray(self._R.T @ v)))
 
-        def on_motions(v: Array) -> Array:
-            return shift * factor.solve(v)
-
-        return on_stresses if of_stresses else on_motions
+def edge_without_length(lengths: Array) -> str:
+    """A sentence where an edge is so short that it has no direction, else an empty string."""
+    if lengths.min() > COLLAPSED * lengths.mean():
+        return ""
+    return f"edge {int(lengths.argmin())} has no length, so no direction: move its ends apart, or remove it"
 
 
 def rounding_note(coordinates: Array, lengths: Array, singular_value: float) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, critical_configuration
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array
 from critflow.result import InputError, Record, Solution, Stats
@@ -35,13 +35,8 @@ class StressSpace(Record):
 
     @property
     def dimension(self) -> int:
-        """N_s: independent stresses that give this configuration."""
+        """N_s: independent stresses that give this configuration; one where σ → configuration is one-to-one."""
         return len(self.basis)
-
-    @property
-    def one_to_one(self) -> bool:
-        """Whether no other stress, but for its scale, gives this configuration."""
-        return self.dimension == 1
 
     def distance(self, sigma: ArrayLike) -> float:
         """Sine of the angle between a stress (N_b,) and the space: 0 if it gives this configuration."""
@@ -50,13 +45,6 @@ class StressSpace(Record):
         if size == 0:
             raise InputError("sigma is zero on every edge: give a stress with a non-zero entry")
         return float(np.linalg.norm(stress - (self.basis @ stress) @ self.basis)) / size
-
-    def walk(self, amplitudes: ArrayLike) -> CriticalConfiguration:
-        """The same configuration under the stress Σ a_m basis_m, for amplitudes a (N_s,) not all zero."""
-        a = np.asarray(amplitudes, dtype=float)
-        if a.shape != (self.dimension,) or not np.isfinite(a).all() or not a.any():
-            raise InputError(f"a stress needs {self.dimension} finite amplitudes, not all zero, of shape {a.shape}")
-        return critical_configuration(self.critical.network, a @ self.basis, self.critical.coordinates)
 
 
 @checked

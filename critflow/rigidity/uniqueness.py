@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from critflow.critical.manifold import CriticalConfiguration, require_one_self_stress
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Status
 from critflow.rigidity.counts import rigidity
@@ -29,94 +29,73 @@ def require_only_self_stress(critical: CriticalConfiguration, instead: str) -> N
 
     instead  advice for the message
     """
-    require_one_self_stress(critical.network, instead)
-    if only_self_stress(critical):
-        return
-    counts = rigidity(critical.network, critical.coordinates)
-    several = counts.value.n_self_stresses
-    if counts.status is Status.singular:
+    several = count_self_stresses(critical)
+    if several is None:
         raise InputError(f"this requires one self-stress and rounding hides their number: {instead}")
     if several > 1:
-        raise InputError(f"this requires one self-stress and the configuration has {several}: {instead}")
+        raise InputError(f"this requires one self-stress and the configuration has {several} or more: {instead}")
+
+
+def count_self_stresses(critical: CriticalConfiguration) -> int | None:
+    """Number of self-stresses, or a lower bound above one that counting coordinates gives; None: rounding hides it."""
+    network = critical.network
+    certain = network.n_edges - network.dimension * len(network.free)
+    if certain > 1:
+        return certain
+    if only_self_stress(critical):
+        return 1
+    counted = rigidity(network, critical.coordinates, vectors=False)
+    return None if counted.status is Status.singular else counted.value.n_self_stresses
 
 
 def only_self_stress(critical: CriticalConfiguration) -> bool:
     """Whether the directions of the edges alone prove that σ is the only self-stress; False: undecided."""
-    network, sigma, length = critical.network, critical.sigma, critical.lengths
+    network, length = critical.network, critical.lengths
     tail, head = network.edges.T
     free = np.ones(network.n_vertices, bool)
-    free[list(network.pins or {})] = False
+    free[list(network.pins)] = False
     # The stress of an edge between pins, or from a vertex to an image of it, is not restricted by balance.
-    if not (length > 0).all() or (tail == head).any() or not (free[tail] | free[head]).all():
+    if not (critical.sigma.all() and (length > 0).all() and (tail != head).all() and (free[tail] | free[head]).all()):
         return False
     errors = critical.bond_errors / length
-    directions = _Directions(
-        network, critical.bond_vectors / length[:, None], np.where(np.isfinite(errors), errors, UNKNOWN_ERROR)
-    )
-    known = sigma != 0
-    freedom = directions.freedom(None)
-    if known.all():
-        return bool((freedom[free] <= 1).all()) and _joined(network, free, known)
-    stressed = np.zeros(network.n_vertices, bool)
-    stressed[network.edges[known]] = True
-    stressed &= free
-    if not ((freedom[stressed] <= 1).all() and _joined(network, stressed, known)):
-        return False
-    # An edge that is unstressed in σ has no stress in any self-stress where it meets a stressed vertex, nor where the
-    # remaining edges of a vertex have independent directions.
-    open_edges = ~(stressed[tail] | stressed[head])
-    while open_edges.any():
-        settled = free & (directions.freedom(open_edges) == 0)
-        closed = open_edges & (settled[tail] | settled[head])
-        if not closed.any():
-            return False
-        open_edges &= ~closed
-    return True
+    errors = np.where(np.isfinite(errors), errors, UNKNOWN_ERROR)
+    freedom = _freedom(network, critical.bond_vectors / length[:, None], errors)
+    return bool((freedom[free] <= 1).all()) and _joined(network, free)
 
 
-def _joined(network: Network, vertices: NDArray[np.bool_], edges: NDArray[np.bool_]) -> bool:
-    """Whether the subgraph of these vertices, with these edges, is connected."""
-    tail, head = network.edges[edges & vertices[network.edges].all(axis=1)].T
+def _joined(network: Network, free: NDArray[np.bool_]) -> bool:
+    """Whether the edges between free vertices connect all of these."""
+    tail, head = network.edges[free[network.edges].all(axis=1)].T
     graph = sp.coo_array((np.ones(len(tail)), (tail, head)), shape=(network.n_vertices,) * 2)
     n_parts = connected_components(graph, directed=False)[0]
-    return bool(n_parts - np.count_nonzero(~vertices) == 1)
+    return bool(n_parts - np.count_nonzero(~free) == 1)
 
 
-class _Directions:
-    """Unit vectors (N_b, d) of the edges, and relative errors of them (N_b,)."""
+def _freedom(network: Network, units: Array, errors: Array) -> NDArray[np.int64]:
+    """z − r at each vertex, (N_v,), from unit vectors (N_b, d) of the edges and relative errors of them (N_b,).
 
-    def __init__(self, network: Network, units: Array, errors: Array):
-        self._network, self._units, self._errors = network, units, errors
-
-    def freedom(self, edges: NDArray[np.bool_] | None) -> NDArray[np.int64]:
-        """z − r at each vertex, of these edges only (None: all), (N_v,).
-
-        Error bound (proof): never less than in exact arithmetic, if the errors are bounds.
-        """
-        network, units, errors = self._network, self._units, self._errors
-        ends = network.edges
-        if edges is not None:
-            ends, units, errors = ends[edges], units[edges], errors[edges]
-        n, d = network.n_vertices, network.dimension
-        tail, head = ends.T
-        vertex = np.concatenate([tail, head])
-        met = np.bincount(vertex, minlength=n)
-        if d == 2:
-            # Rank 2 where some edge is not parallel to an arbitrary one of the vertex.
-            one = np.zeros(n, int)
-            one[tail] = one[head] = np.arange(len(ends))
-            x, y = units.T
-            apart = []
-            for end in (tail, head):
-                other = one[end]
-                cross = np.abs(x * y[other] - y * x[other])
-                apart.append(cross > DIRECTION_MARGIN * (errors + errors[other]) + DIRECTION_ROUNDING)
-            rank = np.minimum(met, 1) + (np.bincount(vertex, np.concatenate(apart), n) > 0)
-            return met - rank
-        spread, wrong = np.zeros((n, d, d)), np.zeros(n)
+    Error bound (proof): never less than in exact arithmetic, if the errors are bounds.
+    """
+    n, d = network.n_vertices, network.dimension
+    tail, head = network.edges.T
+    vertex = network.edges.T.ravel()
+    met = np.bincount(vertex, minlength=n)
+    if d == 2:
+        # Rank 2 where some edge is not parallel to an arbitrary one of the vertex.
+        one = np.zeros(n, int)
+        one[tail] = one[head] = np.arange(network.n_edges)
+        x, y = units.T
+        apart = []
         for end in (tail, head):
-            np.add.at(spread, end, units[:, :, None] * units[:, None, :])
-            np.add.at(wrong, end, errors)
-        # Eigenvalues are squares of the singular values of the directions, so half of the digits remain.
-        rounding = 2 * DIRECTION_MARGIN * wrong + DIRECTION_ROUNDING * met
-        return met - (np.linalg.eigvalsh(spread) > rounding[:, None]).sum(axis=1)
+            other = one[end]
+            cross = np.abs(x * y[other] - y * x[other])
+            apart.append(cross > DIRECTION_MARGIN * (errors + errors[other]) + DIRECTION_ROUNDING)
+        rank = np.minimum(met, 1) + (np.bincount(vertex, np.concatenate(apart), n) > 0)
+        return met - rank
+    spread, wrong = np.zeros((n, d, d)), np.zeros(n)
+    for end in (tail, head):
+        np.add.at(spread, end, units[:, :, None] * units[:, None, :])
+        np.add.at(wrong, end, errors)
+    # Eigenvalues are squares of the singular values of the directions, so half of the digits remain.
+    rounding = 2 * DIRECTION_MARGIN * wrong + DIRECTION_ROUNDING * met
+    return met - (np.linalg.eigvalsh(spread) > rounding[:, None]).sum(axis=1)

@@ -96,7 +96,7 @@ def chain_force(n, length, T):
 # Longer and colder chains lose the digits of the transform.
 @pytest.mark.parametrize(("n", "T"), [(3, 1e-4), (3, 1e-5), (5, 1e-4)])
 def test_chains_pull_as_exact_averages_say_within_the_stated_errors(n, T):
-    # Beside the floppy motions all others vary, and all orders of the energy count.
+    # All motions vary, not the floppy ones alone, and all orders of the energy count.
     leading, weak = (weak_forces(chain(n), Temperature(), ALONG, order=order).value for order in ("cubic", "full"))
     counted = 0
     for place in (-0.5, 0.0, 0.5, 2.0, 4.0):

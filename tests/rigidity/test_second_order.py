@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frameworks import chain, star
 from problems import dense_free, dense_rigidity, random_stress, relabelled, triangular_lattice, voronoi_3d
 
 from critflow import CriticalManifold, Network, Status, lattice, rigidity, three_bar_linkage, voronoi_network
@@ -61,15 +62,6 @@ def decide(network, x, expected):
     return solution
 
 
-def chain(signed_lengths, dimension=2, shift=0.0):
-    """Bars in a row along x from the origin, each of a signed length; between pins, displaced by `shift`."""
-    places = np.concatenate([[0.0], np.cumsum(signed_lengths)])
-    x = np.zeros((len(places), dimension))
-    x[:, 0], x[:, 1] = places, shift
-    n = len(signed_lengths)
-    return Network(np.stack([np.arange(n), np.arange(1, n + 1)], 1), pins={0: x[0], n: x[-1]}), x
-
-
 def joined(*parts):
     """The union of pinned networks as one network."""
     edges, pins, places, start = [], {}, [], 0
@@ -79,13 +71,6 @@ def joined(*parts):
         places.append(x)
         start += len(x)
     return Network(np.concatenate(edges), pins=pins), np.concatenate(places)
-
-
-def star(pins, dimension=2):
-    """One vertex at the origin, joined to pins on the x axis."""
-    x = np.zeros((1 + len(pins), dimension))
-    x[1:, 0] = pins
-    return Network([[0, i + 1] for i in range(len(pins))], pins={i + 1: p for i, p in enumerate(x[1:])}), x
 
 
 def saddle_of_two_stresses():
@@ -226,8 +211,8 @@ def test_second_order_rigidity_without_prestress_stability():
     assert "fourth order" in value.reason
     # Next to a long string stabilised by its self-stress, only the two modes remain to be proved.
     network, x = chain(np.ones(9), 3, shift=3.0)
-    beside = joined(saddle_of_two_stresses(), (network, x))
-    assert decide(*beside, "second order").value.counts.n_zero_modes == 18
+    both = joined(saddle_of_two_stresses(), (network, x))
+    assert decide(*both, "second order").value.counts.n_zero_modes == 18
     # Next to a chain at a branch point a mode escapes.
     decide(*joined(saddle_of_two_stresses(), chain([4, 1, -2], 3, shift=3.0)), "flexible")
 

@@ -13,9 +13,7 @@ from critflow import (
     lattice,
     optimize,
     self_stresses,
-    stiffening,
     three_bar_linkage,
-    voronoi_network,
 )
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.transition import pure_shear, transition_modulus
@@ -58,7 +56,6 @@ def test_generic_underconstrained_networks_are_one_to_one(name):
     assert found.value.dimension == expected
     # Pinned, these two are overconstrained: 5 edges at one vertex, 24 at nine vertices of the plane.
     assert expected == {"pinned star": 5 - 2, "pinned grid": 24 - 18}.get(name, 1)
-    assert found.value.one_to_one == (expected == 1)
     np.testing.assert_allclose(found.value.basis[0], critical.sigma / np.linalg.norm(critical.sigma), atol=1e-9)
 
 
@@ -80,10 +77,6 @@ def test_many_stresses_of_one_configuration(name):
         assert space.distance(other) < 1e-11
         there = manifold.configuration(other)
         np.testing.assert_allclose(there.bond_vectors, critical.bond_vectors, rtol=0, atol=1e-10)
-    there = space.walk(rng.standard_normal(space.dimension))
-    assert there.coordinates is critical.coordinates
-    assert there.residual < 1e-12
-    assert np.sum(there.sigma**2) == pytest.approx(network.n_edges, rel=1e-13)
     # A step out of the space changes the configuration in proportion.
     away = rng.standard_normal(network.n_edges)
     away -= (space.basis @ away) @ space.basis
@@ -135,24 +128,14 @@ def test_modulus_is_the_maximum_over_the_space(name):
     flexibility = np.sum(L**2, axis=1) / network.stiffness
     best = np.linalg.solve((space.basis * flexibility) @ space.basis.T, space.basis @ hdot)
     modulus = transition_modulus(network, pure_shear(network.dimension))
-    most = modulus.evaluate(at(network, space.walk(best).sigma, L))[0]
+    most = modulus.evaluate(at(network, best @ space.basis, L))[0]
     assert most == pytest.approx(elasticity(network, critical.coordinates).value.shear, rel=1e-9)
     rng = np.random.default_rng(2)
     for _ in range(20):
-        assert modulus.evaluate(at(network, space.walk(rng.standard_normal(space.dimension)).sigma, L))[0] <= most * (
-            1 + 1e-12
-        )
+        other = rng.standard_normal(space.dimension) @ space.basis
+        assert modulus.evaluate(at(network, other, L))[0] <= most * (1 + 1e-12)
     one = CriticalConfiguration(network, critical.sigma, critical.coordinates, L)
     assert modulus.evaluate(at(network, one.sigma, L))[0] < 0.9 * most
-
-
-def test_modulus_of_a_unique_stress():
-    network = voronoi_network(40, seed=1)
-    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
-    assert self_stresses(critical).value.one_to_one
-    assert elasticity(critical).value.bulk == pytest.approx(
-        elasticity(network, critical.coordinates).value.bulk, rel=1e-9
-    )
 
 
 def test_edge_between_pins_has_any_stress():
@@ -183,9 +166,6 @@ def test_bad_input():
         space.distance(np.zeros(6))
     with pytest.raises(InputError, match="edge"):
         space.distance(np.ones(5))
-    for amplitudes in ([0.0], [np.nan], [1.0, 2.0]):
-        with pytest.raises(InputError, match="finite"):
-            space.walk(amplitudes)
 
 
 # Several self-stresses: moduli of one stress are undefined
@@ -193,13 +173,8 @@ def test_bad_input():
 
 def test_coefficients_of_several_self_stresses_raise():
     network = lattice("triangular", 4, 4)
-    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
-    for ask in (
-        lambda: stiffening(critical),
-        lambda: optimize(network, "shear_modulus"),
-    ):
-        with pytest.raises(InputError, match="one self-stress"):
-            ask()
+    with pytest.raises(InputError, match="one self-stress"):
+        optimize(network, "shear_modulus")
 
 
 def test_stiffest_overconstrained_configuration():
