@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Quantity
@@ -23,7 +25,8 @@ class Properties(Record):
 
     values
     errors        of the values (estimate)
-    by_stress     dO/dσ at constant k; orthogonal to σ, whose scale changes nothing
+    by_stress     dO/dσ at constant k; orthogonal to σ, whose scale changes nothing.  NaN where edges are slack: a small
+                  stress on them would move vertices that nothing holds
     by_stiffness  dO/dk at constant σ
     """
 
@@ -55,6 +58,8 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
     balance = CriticalManifold(critical.network).balance(critical.sigma)
     evaluated = {name: one.evaluate(critical) for name, one in parsed.items()}
     rows = balance.pull_backs([partials for _, partials in evaluated.values()])
+    if not critical.sigma.all():
+        rows = np.full_like(rows, np.nan)
     return Properties(
         {name: float(value) for name, (value, _) in evaluated.items()},
         {name: one.error(critical) for name, one in parsed.items()},

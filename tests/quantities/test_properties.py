@@ -9,6 +9,7 @@ from problems import random_stress, with_random_stiffness
 from critflow import (
     CriticalManifold,
     InputError,
+    critical_from_lengths,
     lattice,
     properties,
     stiffening,
@@ -85,6 +86,16 @@ def test_errors_are_those_of_sixty_digits_or_larger():
         for name, value in exact.items():
             error = abs(MP.mpf(found.values[name]) - value)
             assert error <= found.errors[name] < 1e4 * np.finfo(float).eps * max(1.0, abs(float(value))), name
+
+
+def test_slack_edges_have_no_gradient():
+    # The value is that of the taut part; P is singular, and its solutions are no gradients.
+    network = voronoi_network(100, seed=1)
+    lengths = np.exp(0.3 * np.random.default_rng(0).standard_normal(network.n_edges))
+    slack = critical_from_lengths(network, lengths, throw=False).value
+    found = properties(slack, ["B_0", "C_B"])
+    assert (slack.sigma == 0).any() and found.values["B_0"] > 0
+    assert all(np.isnan(gradient).all() for gradient in found.by_stress.values())
 
 
 @pytest.mark.parametrize(
