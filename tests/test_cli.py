@@ -172,10 +172,12 @@ def test_a_figure_that_fails_does_not_stop_the_claims(here, capsys):
 
 def test_list_names_studies_and_those_that_do_not_load(here, capsys):
     (here / "workflows" / "broken.py").write_text("1 / 0")
+    (here / "workflows" / "peer.py").write_text("import a_missing_package")
     assert main(["list"]) == 0
     out, err = capsys.readouterr()
     assert "tiny: A study without physics (4 seeds × 2 populations)" in out.splitlines()
     assert "ZeroDivisionError" in err
+    assert "peer needs a_missing_package: pip install" in err
 
 
 def test_list_begins_with_the_study_of_the_readme_and_ends_with_benchmarks(here, capsys):

@@ -218,8 +218,11 @@ def list_studies(
         try:
             known = load_study(name).study
         except CritflowError as error:
-            reason = error.__cause__ if isinstance(error.__cause__, CritflowError) else error
-            unavailable.append(f"{name} is not available: {reason}")
+            inner = error.__cause__ if isinstance(error.__cause__, CritflowError) else error
+            if isinstance(missing := inner.__cause__, ModuleNotFoundError):
+                unavailable.append(f"{name} needs {missing.name}: pip install '.[peers]' in a copy of the repository")
+            else:
+                unavailable.append(f"{name} is not available: {inner}")
             continue
         sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in known.axes)
         print(f"{name}: {known.title} ({sizes})")
