@@ -11,7 +11,17 @@ from problems import (
     random_stress,
 )
 
-from critflow import CriticalManifold, InputError, Status, elasticity, optimize, upper_bound, voronoi_network
+from critflow import (
+    CriticalManifold,
+    InputError,
+    Network,
+    SolveError,
+    Status,
+    elasticity,
+    optimize,
+    upper_bound,
+    voronoi_network,
+)
 from critflow.critical.derivatives import evaluate
 from critflow.critical.transition import pure_shear
 from critflow.design.optimize import objective_of
@@ -169,3 +179,12 @@ def test_the_gap_to_the_bound():
     assert best.gap == 1 - best.objective / best.bound
     assert abs(best.objective - best.bound) <= best.objective_error + 1e-14
     assert np.isnan(optimize(NETWORK, "tension_variance").gap)
+
+
+def test_without_equal_lengths_the_cone_program_ends_with_a_status():
+    # Equal lengths put the vertex on the mirror axis of two pins, above the third, to which its edge is then slack.
+    star = Network([[0, 3], [1, 3], [2, 3]], pins={0: [0.0, 0.0], 1: [1.0, 0.0], 2: [0.5, 0.05]})
+    found = optimize(star, "length_variance", "conic", throw=False)
+    assert not found.ok and found.note
+    with pytest.raises(SolveError):
+        optimize(star, "length_variance", "conic")

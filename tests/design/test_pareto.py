@@ -92,3 +92,10 @@ def test_bad_input_raises_one_sentence():
             pareto(MANIFOLD, objectives, n)
     stopped = pareto(MANIFOLD, {"B_0": "largest", "V_L": "smallest"}, 3, max_steps=2, throw=False)
     assert stopped.status is Status.step_limit and not stopped.ok
+
+
+def test_the_front_of_a_soft_network_is_that_of_a_stiff_one(stiff_and_equal):
+    network = MANIFOLD.network
+    soft = CriticalManifold(network.with_stiffness(1e-8 * network.stiffness))
+    front = pareto(soft, {"B_0": "largest", "V_L": "smallest"}, 4)
+    np.testing.assert_allclose(front.achieved, stiff_and_equal.achieved * [1e-8, 1.0], rtol=1e-6, atol=1e-15)

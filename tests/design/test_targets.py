@@ -19,6 +19,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.design.limits import LIMITED, EdgeLimits
+from critflow.design.result import cosines
 
 MANIFOLD = CriticalManifold(voronoi_network(n_vertices=60, seed=1))
 NETWORK = MANIFOLD.network
@@ -173,3 +174,30 @@ def test_gradients_of_limits_of_edges_agree_with_differences(name):
     rows = limits.rows(MANIFOLD.balance(sigma), edges)
     values = lambda s: limits.values(MANIFOLD.balance(s))[edges]  # noqa: E731
     assert_derivative(values, lambda direction: rows @ direction, sigma, [change], 1e-4, 1e-9, 1e-11)
+
+
+def test_a_gradient_of_zero_is_independent_of_none():
+    gram, sine = cosines(np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0], [4.0, 3.0, 0.0]]))
+    np.testing.assert_allclose(gram, [[1.0, 0.0, 0.96], [0.0, 0.0, 0.0], [0.96, 0.0, 1.0]], rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(sine, [0.28, 0.0, 0.28], rtol=1e-12)
+
+
+def test_bounds_exclude_targets_of_soft_networks():
+    soft = CriticalManifold(NETWORK.with_stiffness(1e-8 * NETWORK.stiffness))
+    largest = upper_bound(soft, "B_0")
+    assert largest < 1e-8
+    found = design(soft, {"B_0": 1.001 * largest}, throw=False)
+    assert found.status is Status.infeasible and "bound for every stress" in found.note
+
+
+@pytest.mark.parametrize(("part", "refused"), [(0.98, False), (1.02, True)])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_modulus_leaves_the_sign_of_its_stress_free(axis, part, refused):
+    """The modulus of pure shear and S_xx or S_yy of the largest stress along one axis: S_xx − S_yy has either sign."""
+    form = np.diag([upper_bound(MANIFOLD, "C_xxxx"), upper_bound(MANIFOLD, "C_yyyy")])
+    form[0, 1] = form[1, 0] = 2 * upper_bound(MANIFOLD, "B_0") - 0.5 * np.trace(form)
+    S = part * form[axis] / np.sqrt(form[axis, axis])
+    along = ("S_xx", "S_yy")[axis]
+    values = {"modulus[pure_shear]": (S[0] - S[1]) ** 2, along: 0.999 * S[axis] * np.sqrt(NETWORK.volume)}
+    note = design(MANIFOLD, values, max_steps=0, throw=False).note
+    assert ("bound" in note) is refused

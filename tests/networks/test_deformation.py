@@ -61,3 +61,8 @@ def test_free_components():
     assert names == ("xx", "yy", "zz", "yz", "xz", "xy")
     assert np.linalg.matrix_rank(strains.reshape(6, 9)) == 6
     assert strain_basis(2)[0] == ("xx", "yy", "xy") and strain_basis(1)[0] == ("xx",)
+
+
+@pytest.mark.parametrize(("plane", "name"), [("xy", "pure_shear"), ("xz", "pure_shear_xz"), ("yz", "pure_shear_yz")])
+def test_a_pure_shear_names_its_plane_but_for_the_first(plane, name):
+    assert Deformation.pure_shear(3, plane).name == name

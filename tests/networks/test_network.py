@@ -233,3 +233,9 @@ def test_edges_are_removed_and_added():
     assert again.stiffness[-1] == 8 and again.faces is None
     linkage = three_bar_linkage().with_volume(2.0).with_edge(0, 2)
     assert linkage.volume == 2 and not linkage.offsets.any()
+
+
+@pytest.mark.parametrize("vertex", [-1, 3])
+def test_a_pin_of_no_vertex_names_those_that_exist(vertex):
+    with pytest.raises(NetworkError, match=f"pin {vertex} is not a vertex: vertices run from 0 to 2$"):
+        Network([[0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: [1.0, 0.0], vertex: [2.0, 0.0]})

@@ -198,3 +198,15 @@ def test_bad_quantities_are_refused():
         transition_modulus(network, np.eye(3))
     with pytest.raises(InputError, match="rest_lengths"):
         optimize(network, "onset[simple_shear]")
+
+
+def test_extreme_values_of_a_product_of_stresses():
+    """C_xxyy = S_xx S_yy/(V D) over the ellipse that the bounds of C_xxxx, C_yyyy and B_0 define."""
+    manifold = MANIFOLDS["oblique"]
+    xx, yy, bulk = (upper_bound(manifold, name) for name in ("C_xxxx", "C_yyyy", "B_0"))
+    half = np.linalg.cholesky([[xx, 2 * bulk - 0.5 * (xx + yy)], [2 * bulk - 0.5 * (xx + yy), yy]])
+    angle = np.linspace(0, np.pi, 20001)
+    products = np.prod(half @ [np.cos(angle), np.sin(angle)], axis=0)
+    low, high = quantity(manifold.network, "C_xxyy").extreme(manifold, False)
+    assert (low, high) == pytest.approx((products.min(), products.max()), rel=1e-6)
+    assert quantity(manifold.network, "C_xxyy").extreme(manifold, True) == pytest.approx((0.0, high), rel=1e-12)

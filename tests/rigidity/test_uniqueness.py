@@ -1,5 +1,7 @@
 """Uniqueness of the self-stress by directions around vertices, against counts by singular values."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from problems import NETWORKS, random_stress
@@ -90,3 +92,12 @@ def test_ambiguous_count_has_a_status():
     assert elasticity(blurred).status is Status.singular
     with pytest.raises(InputError, match="rounding"):
         stiffening(blurred)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.6, 0.8)])
+def test_parallel_edges_without_errors_are_not_taken_apart(direction):
+    # Two springs to one pin and one to the other, on a line: two self-stresses.
+    line = Network([[0, 1], [0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: list(direction)})
+    critical = replace(CriticalManifold(line).configuration(np.ones(3)), bond_errors=np.zeros(3))
+    assert rigidity(line, critical.coordinates).value.n_self_stresses == 2
+    assert not only_self_stress(critical)

@@ -5,7 +5,7 @@ import pytest
 from problems import Analytic, quadratic
 
 from critflow import Status
-from critflow.solvers.minimize import LBFGS, minimise
+from critflow.solvers.minimize import LBFGS, Newton, minimise
 from critflow.solvers.saddles import minimise_past_saddles, negative_curvature_direction, step_off_saddle
 
 
@@ -85,3 +85,18 @@ def test_steps_are_limited_over_all_descents():
     function, _ = saddle(1.0)
     end, saddles = minimise_past_saddles(function, descent(function), np.zeros(12), 2, stationary=1e-8)
     assert (end.status, end.steps, saddles) == (Status.step_limit, 2, 1)
+
+
+@pytest.mark.parametrize("limit", [8, 10])
+def test_the_descent_to_a_saddle_counts_in_the_limit(limit):
+    function, v = saddle(1.0)
+    # Without a component in the hidden direction the first descent ends at the saddle, after several steps.
+    start = np.ones(12) - v * np.sum(v)
+    granted = []
+
+    def descend(x, steps):
+        granted.append(steps)
+        return minimise(function, Newton(), x, 1e-10, steps)
+
+    minimise_past_saddles(function, descend, start, limit, stationary=1e-8)
+    assert len(granted) == 2 and granted[1] < limit
