@@ -319,3 +319,20 @@ def test_failures_are_statuses(monkeypatch):
     assert found.status is Status.floppy and found.value is None
     with pytest.raises(SolveError, match="no work"):
         weak_forces(critical, AngleSprings(1.9), "simple_shear")
+
+
+def test_the_neglected_energies_have_slopes_between_the_nodes():
+    forces = weak_forces(CRITICAL, near_angles()).value
+    forces.error(np.linspace(-1e-2, 1e-2, 9), 1e-3)
+    model = forces._model
+    nodes = sorted(model._nodes, key=lambda node: node.s)
+    s = np.array([node.s for node in nodes])
+    change = np.diff([node.neglected for node in nodes], axis=0) / np.diff(s)[:, None]
+    # The mean slope between two nodes, by Simpson's rule on the slopes in log(s − end).
+    distance = s - model.end
+    middle = np.sqrt(distance[:-1] * distance[1:])
+    slopes = [model.neglected_slopes(d + model.end, np.array(1e-3)) for d in (distance[:-1], middle, distance[1:])]
+    weighted = [slope * d[:, None] for slope, d in zip(slopes, (distance[:-1], middle, distance[1:]), strict=True)]
+    mean = (weighted[0] + 4 * weighted[1] + weighted[2]) / 6
+    expected = change * (np.diff(s) / np.diff(np.log(distance)))[:, None]
+    np.testing.assert_allclose(mean, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
