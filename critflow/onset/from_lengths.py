@@ -27,9 +27,8 @@ from critflow.precision.geometry import ExtendedGeometry
 from critflow.result import Solution, Stats, Status
 from critflow.solvers.cone import fit_lengths
 
-EVEN = (
-    0.16  # spread of log ℓ above which networks of 1,000 vertices have slack edges, in the mean (study `percolation`)
-)
+# Spread of log ℓ above which most networks of 1,000 vertices have slack edges (study `percolation`).
+EVEN = 0.16
 SOLVED = 1e-6  # relative residual of a Newton step that determines the error of its start
 
 
@@ -69,12 +68,12 @@ def critical_from_lengths(
     """
     manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
-    solution = _by_cone(manifold, lengths)
+    solution = _configuration_of(manifold, lengths)
     return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution
 
 
-def _by_cone(manifold: CriticalManifold, lengths: Array) -> FromLengths:
-    """The critical configuration by the cone program and Newton's method on the stressed edges.
+def _configuration_of(manifold: CriticalManifold, lengths: Array) -> FromLengths:
+    """The critical configuration by the iteration or the cone program, and Newton's method on the stressed edges.
 
     1. Where all edges may be stressed, the iteration of `length_iteration`; else, or if the next step fails from
        there, the program min t, |L| ≤ t ℓ.
