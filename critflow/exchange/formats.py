@@ -48,7 +48,7 @@ class Format:
 
 
 _SOLID = ("size", "radius", "by_stiffness")
-# All formats; whoever adds one enters it here (docs/extending/programs.md).
+# All formats; whoever adds one enters it here (docs/extending.md).
 FORMATS = [
     Format("tables", (".csv", ".txt", ".tsv"), read_tables, write_tables),
     Format("tables", (".xlsx",), read_tables, write_tables, ("openpyxl",)),

@@ -16,7 +16,7 @@ from lxml import html
 from workflows.pages.paper import EQUATIONS
 
 ROOT = Path(__file__).parents[2]
-PAGES_OF_SITE = 54
+PAGES_OF_SITE = 43
 SIGNS_OF_TEX = re.compile(r"\$|\\[a-z]+\b|[_^]\{|\\[_*|]")
 
 
@@ -86,7 +86,7 @@ def test_symbols_are_typeset_in_headings_and_docstrings(site):
 
 
 def test_each_page_of_the_reference_begins_with_an_example_and_a_table(site):
-    first = {"networks": "Network", "critical": "CriticalManifold", "rigidity": "rigidity", "design": "optimize"}
+    first = {"networks": "Network", "critical": "CriticalManifold", "rigidity": "rigidity", "response": "elasticity"}
     for name, function in first.items():
         page = article(site[f"reference/{name}"])
         blocks = page.xpath(".//div[contains(@class, 'highlight-python')] | .//table | .//dl[contains(@class, 'py')]")
