@@ -12,7 +12,7 @@ import critflow as cf
 from critflow.workflow import Claim, Study
 
 from .shared.checks import voronoi_check
-from .shared.figures import panels, signed
+from .shared.figures import lettered, panels, signed
 from .shared.reports import MISSED, PAPER, parameters, series
 from .shared.tables import networks, numbers, outcomes
 
@@ -43,12 +43,13 @@ def figure(ds):
     """Moduli against strain."""
     figure, (left, right) = panels(
         2,
-        f"One topology and one $B_0$ = {MODULUS:g} k, three designed $C_B$: "
-        f"$N_v$ = {parameters(ds)['n_vertices']}, {ds.sizes['seed']} networks",
+        f"{ds.sizes['seed']} networks ($N_v$ = {parameters(ds)['n_vertices']}), each designed three times: "
+        f"one topology, one $B_0$ = {MODULUS:g} k, three $C_B$",
     )
+    low, high = 100 * np.nanquantile(ds.bulk_modulus.values / MODULUS - 1, (0, 1))
     for axes, name, label, title in (
-        (left, "bulk_modulus", "$B$  [k]", "the bulk modulus differs by design"),
-        (right, "shear_modulus", "$G$  [k]", "the shear modulus hardly does"),
+        (left, "bulk_modulus", "$B$  [k]", f"$B$ changes by {signed(round(low))} to +{high:.0f} %"),
+        (right, "shear_modulus", "$G$  [k]", "$G$ grows alike"),
     ):
         for n, (kind, growth) in enumerate(GROWTH.items()):
             color, legend = series(n)["color"], f"{kind}: $C_B$ = {signed(growth)} k"
@@ -57,6 +58,7 @@ def figure(ds):
         axes.set(xlabel="dilation $\\gamma$", ylabel=label, xlim=(0, None), title=title)
     left.axhline(MODULUS, color="0.5", linewidth=0.8, linestyle=":")
     left.legend(fontsize=9, frameon=False, loc="lower left")
+    lettered(left, right)
     return figure
 
 

@@ -15,7 +15,7 @@ from critflow.result import StudyError
 from critflow.workflow import Claim, Study
 
 from .shared.checks import check_network
-from .shared.figures import panels
+from .shared.figures import lettered, panels
 from .shared.reports import PAPER, parameters, series
 from .shared.tables import networks, numbers, outcomes, padded, stacked
 
@@ -97,6 +97,7 @@ def figure(ds):
     row[0].plot([0, 1], [0, -0.5], color="k", lw=1.6, label="$C_B = -B_0/2$")
     for axes in row:
         axes.legend(fontsize=8, frameon=False, loc="upper left")
+    lettered(*row)
     return figure
 
 

@@ -9,7 +9,7 @@ import critflow as cf
 from critflow.workflow import Claim, Coordinate, Study
 
 from .shared.checks import voronoi_check
-from .shared.figures import draw_segments, segments, signed
+from .shared.figures import draw_cell, draw_segments, lettered, segments, signed
 from .shared.reports import PAPER, parameters, series, spread, status_counts
 from .shared.tables import networks, numbers, outcomes, seconds, stacked, timed
 
@@ -56,6 +56,7 @@ def figure(ds):
     panels = pictures.subplots(1, max(len(met), 1), squeeze=False)[0]
     for n, axes in zip(met, panels, strict=False):
         title = f"$C_B$ = {signed(targets[n])} k"
+        draw_cell(axes, parameters(ds)["n_vertices"])
         draw_segments(axes, one.lines.values[n], title, colors=series(n)["color"], linewidths=1.0)
     growth, reach = plots.subplots(1, 2)
     for n in met:
@@ -70,8 +71,7 @@ def figure(ds):
         xlabel="change of log lengths (r.m.s.)", ylabel="$C_G$, energy  [k]", xlim=(0, None),
         title=f"cost, and $C_G$ that follows: {ds.sizes['seed']} networks",
     )  # fmt: skip
-    for axes in (growth, reach):
-        axes.spines[["top", "right"]].set_visible(False)
+    lettered(growth, reach)
     figure.suptitle(
         "One force network, one $B_0$ and $G_0$: isogonal changes of the lengths design how it stiffens  "
         f"($N_v$ = {parameters(ds)['n_vertices']})",

@@ -13,7 +13,7 @@ import critflow as cf
 from critflow.workflow import Claim, Study
 
 from .shared.checks import voronoi_check
-from .shared.figures import legend_below, panels, signed
+from .shared.figures import legend_below, lettered, panels, signed
 from .shared.reports import PAPER, parameters, series
 from .shared.tables import networks, numbers, outcomes, seconds, stacked, timed
 
@@ -75,6 +75,7 @@ def figure(ds):
         xlabel="$B_0$ at the isotropic transition  [k]", ylabel="onset $\\gamma_c$ in simple shear",
         title="onsets at given $B_0$",
     )  # fmt: skip
+    lettered(left, right)
     return figure
 
 

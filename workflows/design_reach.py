@@ -17,7 +17,7 @@ from critflow.result import StudyError
 from critflow.workflow import Claim, Study
 
 from .shared.checks import voronoi_check
-from .shared.figures import legend_below, panels
+from .shared.figures import legend_below, lettered, panels
 from .shared.reports import PAPER, finite, parameters, series
 from .shared.structure import scaled_stress
 from .shared.tables import networks, numbers, outcomes, stacked
@@ -122,6 +122,7 @@ def figure(ds):
         title="largest $B_0$ for each ratio",
     )  # fmt: skip
     legend_below(figure, left, ncols=3)
+    lettered(left, middle, right)
     return figure
 
 

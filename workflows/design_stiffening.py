@@ -15,7 +15,7 @@ from critflow.result import StudyError
 from critflow.workflow import Claim, Study, stable_rng
 
 from .shared.checks import voronoi_check
-from .shared.figures import legend_below, panels
+from .shared.figures import legend_below, lettered, panels
 from .shared.populations import LABELS, PAPER_POPULATIONS, configuration
 from .shared.reports import MISSED, PAPER, duration, parameters, series
 from .shared.tables import networks, numbers, outcomes, seconds, stacked, timed
@@ -101,6 +101,7 @@ def figure(ds):
     left.set(xlabel="$B_0$  [k]", ylabel="$C_B$  [k]", title="growth of the bulk modulus")
     legend_below(figure, left, ncols=4)
     middle.set(xlabel="$B_0$  [k]", ylabel="$C_G$, energy  [k]", title="growth of the shear modulus")
+    lettered(left, middle)
     return figure
 
 

@@ -16,7 +16,7 @@ from critflow.result import NetworkError, StudyError
 from critflow.workflow import Claim, Study
 
 from .shared.checks import voronoi_check
-from .shared.figures import draw_segments, segments
+from .shared.figures import draw_cell, draw_segments, segments
 from .shared.measurements import known_moduli
 from .shared.reports import PAPER, finite, parameters, series, spread, status_counts
 from .shared.tables import networks, numbers, outcomes, padded, stacked
@@ -126,7 +126,7 @@ def figure(ds):
     """Pictures of one network, and measures against the number of cuts: a column a measure, a row a path."""
     figure = Figure(figsize=(11, 7.6), dpi=130, layout="constrained")
     pictures, plots = figure.subfigures(2, 1, height_ratios=(1, 1.75))
-    draw_pictures(pictures, ds.isel(seed=0))
+    draw_pictures(pictures, ds.isel(seed=0), parameters(ds)["n_vertices"])
     panels = plots.subplots(len(PATHS), len(MEASURES), sharex=True, squeeze=False)
     for row, title in enumerate(PATHS.values()):
         for axes, (name, label) in zip(panels[row], MEASURES.items(), strict=True):
@@ -161,9 +161,11 @@ def draw_curve(axes, values, n, label):
         axes.plot(cuts[-1], mean[-1], "x", color=colour, markersize=9, markeredgewidth=2.5)
 
 
-def draw_pictures(figure, one):
-    """One network at the start and after some cuts by each law, in simple shear."""
+def draw_pictures(figure, one, n_vertices):
+    """One network at the start and after some cuts by each law, in simple shear, with its cell."""
+    strains = one.critical_strain.values[list(PATHS).index("simple_shear")]
     for n, axes in enumerate(figure.subplots(1, one.sizes["picture"])):
+        draw_cell(axes, n_vertices, strains[max(n - 1, 0), int(one.pictured_cuts[n])])
         lines, tension = one.segments.values[n], one.segment_tension.values[n]
         taut, slack = tension > 0, tension <= 0
         title = f"after {int(one.pictured_cuts[n])} cuts: {list(LAWS.values())[n - 1]}" if n else "before the first cut"

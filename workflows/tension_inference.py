@@ -12,7 +12,7 @@ import critflow as cf
 from critflow.workflow import Claim, Coordinate, Study
 
 from .shared.checks import voronoi_check
-from .shared.figures import panels
+from .shared.figures import lettered, panels
 from .shared.reports import parameters, series
 from .shared.tables import networks, numbers, outcomes
 
@@ -53,12 +53,15 @@ def inferred(manifold, planted, model, level, noise):
 def figure(ds):
     """Errors against the noise of positions, and their ratio to the stated errors."""
     noises = np.array(parameters(ds)["noises"])
-    made, (left, right) = panels(2, f"{ds.sizes['seed']} networks, $N_v$ = {parameters(ds)['n_vertices']}")
+    count = f"{ds.sizes['seed']} networks, $N_v$ = {parameters(ds)['n_vertices']}"
+    made, (left, right) = panels(2, f"Tensions inferred from positions with errors: medians and 80 % of {count}")
     for n, model in enumerate(MODELS):
         error = ds.error.values[:, n]
         left.loglog(noises, np.median(error, axis=0), label=model, **series(n))
         left.fill_between(noises, *np.quantile(error, [0.1, 0.9], axis=0), color=series(n)["color"], alpha=0.2)
-    left.set(xlabel="error of positions / mean length", ylabel="relative error of σ")
+    left.set(
+        xlabel="error of positions / mean length", ylabel="relative error of σ", title="errors of positions are amplified"
+    )
     left.legend(fontsize=8.5, frameon=False)
     for n in range(2):
         ratio = np.sqrt(ds.deviation.values[:, n])
@@ -66,6 +69,8 @@ def figure(ds):
         right.loglog(noises, np.median(ratio, axis=0), **series(n))
     right.axhline(1, color="0.5", linewidth=0.8, linestyle=":")
     right.set(xlabel="error of positions / mean length", ylabel="error / stated error", ylim=(0.1, 10))
+    right.set_title("ratio to the stated errors")
+    lettered(left, right)
     return made
 
 

@@ -81,7 +81,7 @@ def response_figure(ds):
         f"{ds.sizes['seed']} networks. Dark, wide edges carry the most tension and far ones fade. Red lines: no change "
         "with strain. $G_0$: shear of $x$ and $y$; below "
         f"{LEAST_SHOWN:g} drawn there.\nmin $V_L$: equal lengths on all stressed edges. min $V_\\tau$ is not attained: "
-        "values of near configurations. Undefined: slack edges leave vertices loose.",
+        "values of near configurations. ↑: values beyond the axis.",
         fontsize=8.5, color="0.25",
     )  # fmt: skip
     return figure

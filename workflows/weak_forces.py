@@ -18,7 +18,7 @@ from critflow.springs.weak_equilibrium import weak_equilibrium
 from critflow.workflow import Claim, Coordinate, Study
 
 from .shared.checks import voronoi_check
-from .shared.figures import legend_below, panels
+from .shared.figures import legend_below, lettered, panels
 from .shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration
 from .shared.reports import PAPER, parameters, series, spread
 from .shared.tables import networks, numbers, outcomes
@@ -116,7 +116,12 @@ def figure(ds):
     for n, kappa in enumerate(kappas):
         t = (ds.relaxed / ds.unit).values[:, n]
         left.plot(
-            PLACES, np.nanmedian(t, axis=0), linestyle="none", markersize=4, label=f"κ = {kappa:.0e}", **series(n)
+            PLACES,
+            np.nanmedian(t, axis=0),
+            linestyle="none",
+            markersize=4,
+            label=f"κ = $10^{{{np.log10(kappa):.3g}}}$",
+            **series(n),
         )
     left.set(xlabel="$g = \\gamma/\\gamma_\\times$", ylabel="$t = \\tau/T$", title="relaxed energies, scaled")
     for n, name in enumerate(("cubic", "full")):
@@ -134,6 +139,7 @@ def figure(ds):
     right.set(xscale="log", xlabel="κ", ylabel="apparent exponent", title="exponents, and those of κ → 0")
     right.legend(fontsize=8.5, frameon=False, loc="center left", bbox_to_anchor=(0, 0.62))
     legend_below(made, left, len(kappas) + 1)
+    lettered(left, middle, right)
     return made
 
 
@@ -147,6 +153,8 @@ def population_figure(ds):
     left.legend(fontsize=8.5, frameon=False)
     right.loglog(STRAINS, ds.band_deviation.T, color=series(0)["color"], linewidth=0.6)
     right.set(xlabel="volumetric strain", ylabel="largest deviation from $\\tau$ eig $P$", title="soft band")
+    left.set_title("modulus at the transition")
+    lettered(left, right)
     return made
 
 

@@ -83,7 +83,9 @@ def surface_figure(ds):
         points, normals = one.surface_point.values[n][order], one.surface_normal.values[n][order]
         style = {"color": COLOURS[n % len(COLOURS)], "label": LABELS[population]}
         whole.plot(100 * points[:, 0], 100 * points[:, 1], "-", linewidth=1.5, **style)
-        taut.plot(angle, 100 * one.surface_taut.values[n][order], ".-", linewidth=1.2, markersize=4, **style)
+        # Curves that agree stay visible below each other.
+        width = 0.6 * (len(PAPER_POPULATIONS) - n)
+        taut.plot(angle, 100 * one.surface_taut.values[n][order], linewidth=width, **style)
         if n == 0:
             unit = normals / np.linalg.norm(normals, axis=1)[:, None]
             whole.quiver(
@@ -96,8 +98,8 @@ def surface_figure(ds):
     whole.margins(0.06, 0.25)
     whole.legend(fontsize=8.5, frameon=False, loc="lower center", ncols=2)
     taut.set(xlabel="direction: 0° pure shear, 90° dilation  [°]", ylabel="taut edges at the onset  [%]")
-    taut.set_xticks([-90, -45, 0, 45, 90, 135, 180, 225, 270])
-    taut.set_ylim(0, 105)
+    taut.set_xticks([-45, 0, 45, 90, 135, 180, 225])
+    taut.set(xlim=(-50, 230), ylim=(0, 105))
     lettered(whole, taut)
     excess = parameters(ds)["excess"]
     figure.suptitle(

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from critflow.workflow import Claim
 
+from ..shared.figures import lettered
 from ..shared.reports import finite, series, status_counts
 
 
@@ -133,6 +134,7 @@ def curves(ds):
     _factor(left, ds)
     _tension(middle, ds)
     _pruned(right, ds)
+    lettered(left, middle, right)
     return figure
 
 
@@ -167,7 +169,9 @@ def _tension(axes, ds):
             axes.loglog(x[0], y[0], ms=4, lw=0.8, label=name.removeprefix("tension_"), **series(n))
     ends = np.array([1e-6, 1e-5])
     axes.loglog(ends, 0.5 * ends, color="k", lw=0.8, ls=":", label="$\\propto T$ (Lee, Merkel)")
-    axes.set(xlabel="isotropic tension $T$", ylabel="shear modulus $G - G_c$", title="dilation past the transition")
+    axes.set(
+        xlabel="isotropic tension $T$  [k]", ylabel="shear modulus $G - G_c$  [k]", title="dilation past the transition"
+    )
     axes.legend(fontsize=7)
 
 
@@ -176,7 +180,8 @@ def _pruned(axes, ds):
         x, y = _curves(ds, "auxetic")
         for each, ratio in zip(x, y, strict=True):
             axes.plot(each, ratio, lw=0.8, color=series(0)["color"])
-    for limit in (-1, 1 / 3):
+    for limit, name in ((-1, "lower bound, −1"), (1 / 3, "whole lattice, 1/3")):
         axes.axhline(limit, color="k", lw=0.8, ls=":")
-    axes.invert_xaxis()
+        axes.annotate(name, (5, limit), (0, 3), textcoords="offset points", fontsize=7, ha="center")
+    axes.margins(y=0.1)
     axes.set(xlabel="coordination $z$", ylabel="Poisson's ratio $\\nu$", title="pruned triangular lattices")

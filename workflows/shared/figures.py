@@ -18,9 +18,11 @@ def panels(n, title, height=3.6):
 
 
 def lettered(*panels):
-    """Name panels A, B, … and remove the upper and right spines."""
+    """Name panels A, B, … before their titles, and remove the upper and right spines."""
     for axes, letter in zip(panels, "ABCDEFGH", strict=False):
-        axes.set_title(letter, loc="left", fontweight="bold")
+        title = axes.get_title()
+        axes.set_title("")
+        axes.set_title(f"$\\bf{{{letter}}}$   {title}".rstrip(), loc="left", fontsize=11)
         axes.spines[["top", "right"]].set_visible(False)
 
 
@@ -42,6 +44,12 @@ def segments(critical):
     tail = critical.coordinates[network.edges[:, 0]]
     tail = (tail @ np.linalg.inv(network.cell) % 1.0) @ network.cell
     return np.stack([tail, tail + critical.bond_vectors], axis=1)
+
+
+def draw_cell(axes, n_vertices, shear=0.0):
+    """The square cell of a generated network of n vertices, V = N_v, after a simple shear."""
+    corners = np.sqrt(n_vertices) * np.array([[0, 0], [1, 0], [1 + shear, 1], [shear, 1], [0, 0]])
+    axes.plot(*corners.T, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
 
 
 def draw_segments(axes, lines, title, **style):

@@ -55,7 +55,7 @@ def ascent_figure(ds):
         _draw(axes, one.isel(step=place), width=0.9)
         value = float(one.shear_modulus[place])
         axes.set_title(
-            f"{letter}   step {int(one.step[place])}: $G_0$ = {value:.2g} $k$, "
+            f"$\\bf{{{letter}}}$   step {int(one.step[place])}: $G_0$ = {value:.2g} $k$, "
             f"{100 * value / float(one.bound):.0f} % of the bound",
             fontsize=9.5,
         )
@@ -167,7 +167,7 @@ def ascent_ends(ds, name):
 def compression_figure(ds):
     """Number and total length of compressed edges against size."""
     ds = detailed(ds)
-    figure = Figure(figsize=(9.8, 4.4), dpi=120, layout="constrained")
+    figure = Figure(figsize=(9.8, 5.0), dpi=120, layout="constrained")
     for axes, name, label, expected in zip(
         figure.subplots(1, 2),
         ("compressed_edges", "compressed_length"),
@@ -177,10 +177,11 @@ def compression_figure(ds):
     ):
         _draw_compressed(axes, ds, name, expected)
         axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel=label)
-        axes.legend(fontsize=8, frameon=False, loc="upper left", title="exponent [95 %]", title_fontsize=8)
-        low, high = axes.get_ylim()
-        axes.set_ylim(low, high * 12)
-        axes.spines[["top", "right"]].set_visible(False)
+        axes.legend(
+            fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2,
+            title="exponent [95 %]", title_fontsize=8,
+        )  # fmt: skip
+    lettered(*figure.axes)
     figure.suptitle(
         f"Few but long: compressed edges on the way to the largest shear modulus ({ds.sizes['seed']} networks a size; "
         "medians, bars hold two thirds)",
@@ -218,7 +219,7 @@ def _draw_compressed(axes, ds, name, expected):
 
 def scaling_figure(ds):
     """G_0 against size by population, against the threshold by size with its allowed stresses, and against starts."""
-    figure = Figure(figsize=(13, 4.4), dpi=110, layout="constrained")
+    figure = Figure(figsize=(13, 5.0), dpi=110, layout="constrained")
     by_size, by_threshold, by_start = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
     _draw_sizes(by_size, ds)
     _draw_thresholds(by_threshold, detailed(ds))
@@ -248,11 +249,9 @@ def _draw_sizes(axes, ds):
     axes.plot(sizes, middle * sizes[-1] / sizes, color="0.5", linestyle=":", zorder=0)
     axes.text(0.03, 0.03, "dotted: $\\propto 1/N_v$", color="0.35", transform=axes.transAxes)
     axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="shear modulus $G_0$  [$k$]")
-    low, high = axes.get_ylim()
-    axes.set_ylim(low / 3, high * 150)
     axes.legend(
-        fontsize=8, frameon=False, loc="upper right", ncols=2, columnspacing=1.0, handletextpad=0.2,
-        title="exponent [95 %]", title_fontsize=8,
+        fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, columnspacing=1.0,
+        handletextpad=0.2, title="exponent [95 %]", title_fontsize=8,
     )  # fmt: skip
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from critflow.figures.plot import COLOURS
-from critflow.result import Status
 
 from .figures import CURVE, chart_lines, frame, span_of, title
 
@@ -67,19 +66,18 @@ def curvature_figure(ds):
     """Curvature over the chart and along a line in it."""
     figure = Figure(figsize=(11.6, 4.6), dpi=120, layout="constrained")
     left, right = figure.subfigures(1, 2, wspace=0.03)
-    chart = ds.sel(grid="chart")
-    inside = (np.sum(chart.s.values**2, axis=-1) < 4.1) & (chart.outcome.values == Status.ok)
-    _draw_curvature(left, ds, chart, inside)
+    _draw_curvature(left, ds)
     _draw_cut(right.add_subplot(), ds)
     title(right, "B", "principal curvatures along s₂ = 0")
     return figure
 
 
-def _draw_curvature(part, ds, chart, inside):
-    """Logarithm of the Gaussian curvature over the chart, in one colour scale for each sign."""
-    axes, s = part.add_subplot(), chart.s.values
-    kappa = np.where(inside[..., None], chart.principal_curvature.values, np.nan) * span_of(ds) ** 2
-    gauss = kappa.prod(axis=-1)
+def _draw_curvature(part, ds):
+    """Logarithm of the Gaussian curvature over the chart in closed form, in one colour scale for each sign."""
+    axes = part.add_subplot()
+    fine = np.linspace(-2.1, 2.1, 421)
+    s = np.stack(np.meshgrid(fine, fine), axis=-1)
+    gauss = np.where(np.sum(s**2, axis=-1) < 4.1, _closed_on_chart(ds, s)[0] * span_of(ds) ** 4, np.nan)
     low, high = -3, 5
     for sign, name, colours in ((1, "elliptic, K > 0", "Oranges"), (-1, "saddle, K < 0", "Blues")):
         shown = np.where(sign * gauss > 0, np.log10(np.maximum(np.abs(gauss), 1e-300)), np.nan)
@@ -92,13 +90,19 @@ def _draw_curvature(part, ds, chart, inside):
     title(part, "A", "Gaussian curvature: rigid is elliptic, a branch point a saddle")
 
 
-def _draw_cut(axes, ds):
+def _closed_on_chart(ds, s):
+    """Gaussian and mean curvature in closed form at points s (..., 2) of the chart."""
     span, (pole, basis) = span_of(ds), frame(ds)
-    s_1 = np.linspace(-2.1, 2.1, 4001)
-    sigma = (s_1[:, None] * basis[:, 0] + (1 - s_1[:, None] ** 2 / 4) * pole) / (1 + s_1[:, None] ** 2 / 4)
+    quarter = np.sum(s**2, axis=-1, keepdims=True) / 4
+    sigma = (s @ basis.T + (1 - quarter) * pole) / (1 + quarter)
     with np.errstate(divide="ignore", invalid="ignore"):
-        r = span / sigma / np.sum(1 / sigma, axis=1, keepdims=True)
-        gauss, mean = _closed_curvatures(r, sigma, span)
+        return _closed_curvatures(span / sigma / np.sum(1 / sigma, axis=-1, keepdims=True), sigma, span)
+
+
+def _draw_cut(axes, ds):
+    span, s_1 = span_of(ds), np.linspace(-2.1, 2.1, 4001)
+    gauss, mean = _closed_on_chart(ds, np.stack([s_1, 0 * s_1], axis=-1))
+    with np.errstate(invalid="ignore"):
         root = np.sqrt(np.maximum(mean**2 - gauss, 0))
     for sign in (1, -1):
         curve = (mean + sign * root) * span**2

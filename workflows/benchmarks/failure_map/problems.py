@@ -368,16 +368,16 @@ DIFFICULTIES = {
             _spread, (*CONFIGURATION, "equilibrium_newton", "linear_response"),
         ),
         Difficulty(
-            "faint_edge", "one edge at σ = 10^−x", (2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 30, 50, 100, 150, 200, 300),
+            "faint_edge", "one edge at σ = $10^{-x}$", (2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 30, 50, 100, 150, 200, 300),
             _one_edge(-1), (*CONFIGURATION, "equilibrium_newton", "linear_response"),
         ),
         Difficulty(
-            "faint_cut", "two vertices joined at σ = 10^−x",
+            "faint_cut", "two vertices joined at σ = $10^{-x}$",
             (2, 4, 6, 8, 10, 12, 13, 14, 15, 16, 18, 20, 50, 100, 200, 300),
             _faint_cut, (*CONFIGURATION, "equilibrium_newton", "linear_response"),
         ),
         Difficulty(
-            "short_edge", "one edge at σ = 10^x", (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 18, 20, 100),
+            "short_edge", "one edge at σ = $10^x$", (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 18, 20, 100),
             _one_edge(1), (*CONFIGURATION, *SPRINGS, *LENGTHS),
         ),
         Difficulty(
@@ -411,7 +411,7 @@ DIFFICULTIES = {
             _soft_edges, ("elastic_moduli",),
         ),
         Difficulty(
-            "extra_edges", "edges beyond 2(N_v − 1)", (-6, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 6, 8, 10), _extra_edges,
+            "extra_edges", "edges beyond $2(N_v - 1)$", (-6, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 6, 8, 10), _extra_edges,
             (*CONFIGURATION, "elastic_moduli", "length_variance_auto", "bulk_modulus_auto", "shear_modulus_auto"),
         ),
         Difficulty(

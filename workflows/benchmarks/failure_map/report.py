@@ -11,6 +11,7 @@ from critflow.figures.plot import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ...shared.figures import lettered
 from ...shared.reports import parameters
 from .outcomes import Outcome, Violation
 from .problems import DIFFICULTIES, METHODS, OBJECTIVES
@@ -21,7 +22,7 @@ CELLS = {
     Outcome.exact: ("#0B3C6F", "", "correct to rounding"),
     Outcome.bounded: ("#4F93C4", "", "correct within its claimed bound"),
     Outcome.tolerated: ("#B8D9EF", "", "correct within tolerance, no bound claimed"),
-    Outcome.refused: ("#E3E3E3", "r", "refused with the reason"),
+    Outcome.refused: ("#CBBFD6", "r", "refused with the reason"),
     Outcome.reported: ("#E3E3E3", "s", "status with the reason"),
     Outcome.unknown: ("#FFFFFF", "?", "reference fails"),
     Outcome.violation: ("#D55E00", "✗", "SILENT WRONG ANSWER"),
@@ -147,6 +148,7 @@ def bound_figure(ds):
     for axes, (difficulty, quantity) in zip(row, present, strict=True):
         _draw_bounds(axes, ds, difficulty, quantity)
     row[0].legend(fontsize=8, frameon=False, loc="upper left")
+    lettered(*row)
     wrong = (ds.violation == Violation.above_bound).any()
     relation = "is not always" if wrong else "is always"
     figure.suptitle(
@@ -186,7 +188,7 @@ def _draw_bounds(axes, ds, difficulty, quantity):
     shown = steps[:: max(1, n // 5)]
     axes.set_xticks(shown, [_number(strengths[s]) for s in shown], fontsize=8)
     axes.set(yscale="log", xlim=(-0.5, n - 0.5), ylim=(floor / 3, 1e2), xlabel=DIFFICULTIES[difficulty].label)
-    axes.set_title(f"{quantity.replace('_', ' ')}", loc="left", fontsize=10, fontweight="bold")
+    axes.set_title(quantity.replace("_", " "))
     axes.set_ylabel("relative error" if axes.get_subplotspec().is_first_col() else "")
     axes.spines[["top", "right"]].set_visible(False)
 

@@ -23,6 +23,8 @@ FIRST = ("strain_step", "moduli", "length_variance")
 FLOOR = 1e-17
 # Width of a page of print [inches]; text is 7.5 to 10 points there.
 _WIDTH, _RESOLUTION, _SMALL, _TEXT = 7.2, 160, 7.5, 8.5
+# Height of a line of a legend [inches].
+_LINE = 0.16
 _PEER_COLOURS = (*COLOURS[2:6], "#8C510A", "#666666", "#000000")
 _PEER_MARKERS, _OWN_MARKERS = "sPXDdhp", "^v<>*8H"
 
@@ -33,9 +35,14 @@ def overview_figure(ds):
     shown = {word: shown[word] for word in FIRST if word in shown}
     if not shown:
         return nothing()
-    figure = Figure(figsize=(_WIDTH, 6.0), dpi=_RESOLUTION, layout="constrained")
-    panels = figure.subplots(2, len(shown), squeeze=False, height_ratios=(1.3, 1))
-    titles = [fill(_capital(TASKS[word].title), 26) for word in shown]
+    # The legends have the height of the longest one.
+    high, low = 3.4, _LINE * (1.5 + max(len(curves) for _, curves, _ in shown.values()))
+    figure = Figure(figsize=(_WIDTH, high + low), dpi=_RESOLUTION, layout="constrained")
+    panels = figure.subplots(2, len(shown), squeeze=False, height_ratios=(high - 0.6, low))
+    titles = [
+        fill(f"$\\bf{{{letter}}}$  {_capital(TASKS[word].title)}", 40)
+        for letter, word in zip("ABC", shown, strict=False)
+    ]
     lines = max(title.count("\n") for title in titles)
     for (word, (_, curves, default)), title, axes, below in zip(shown.items(), titles, *panels, strict=True):
         styles = _styles(curves, default)
