@@ -167,7 +167,7 @@ def ascent_ends(ds, name):
 def compression_figure(ds):
     """Number and total length of compressed edges against size."""
     ds = detailed(ds)
-    figure = Figure(figsize=(9.8, 5.0), dpi=120, layout="constrained")
+    figure = Figure(figsize=(9.8, 5.8), dpi=120, layout="constrained")
     for axes, name, label, expected in zip(
         figure.subplots(1, 2),
         ("compressed_edges", "compressed_length"),
@@ -178,7 +178,7 @@ def compression_figure(ds):
         _draw_compressed(axes, ds, name, expected)
         axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel=label)
         axes.legend(
-            fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2,
+            fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14),
             title="exponent [95 %]", title_fontsize=8,
         )  # fmt: skip
     lettered(*figure.axes)
@@ -271,7 +271,7 @@ def _draw_thresholds(axes, ds):
     axes.set_xticks([0.01, 0.03, 0.1, 0.3, 0.7], ["0.01", "0.03", "0.1", "0.3", "0.7"])
     axes.minorticks_off()
     axes.legend(fontsize=8.5, frameon=False, loc="center right")
-    _draw_allowed(axes.inset_axes((0.16, 0.42, 0.4, 0.42)))
+    _draw_allowed(axes.inset_axes((0.16, 0.38, 0.4, 0.42)))
 
 
 def _draw_allowed(axes):

@@ -36,7 +36,7 @@ def overview_figure(ds):
     if not shown:
         return nothing()
     # The legends have the height of the longest one.
-    high, low = 3.4, _LINE * (1.5 + max(len(curves) for _, curves, _ in shown.values()))
+    high, low = 3.4, _LINE * (2.2 + max(len(curves) for _, curves, _ in shown.values()))
     figure = Figure(figsize=(_WIDTH, high + low), dpi=_RESOLUTION, layout="constrained")
     panels = figure.subplots(2, len(shown), squeeze=False, height_ratios=(high - 0.6, low))
     titles = [
