@@ -122,7 +122,7 @@ def _table(claims: dict[str, list[dict]]) -> str:
         "## The paper, number by number",
         "",
         "Functions are in `critflow` unless their folder is named, tests in `tests/`. Equations and figures have the",
-        "numbers that the paper prints.",
+        "numbers that the paper prints; its claims stand in the tables of the studies.",
         "",
         "| paper | meaning | where | checked by | verdict |",
         "|---|---|---|---|---|",
@@ -132,12 +132,6 @@ def _table(claims: dict[str, list[dict]]) -> str:
         command, table = f"`critflow run {figure.study}`", f"[claims](reference/{figure.study}/claims.md)"
         label = printed(figure.label) if figure.label else "(beyond the paper)"
         lines.append(_row(label, figure.meaning, command, table, _holding(claims[figure.study])))
-    for study, its_claims in claims.items():
-        for claim in its_claims:
-            verdict = f"{claim['verdict']}: {claim['because']}" if claim["because"] else claim["verdict"]
-            lines.append(
-                _row(printed(claim["key"]), claim["statement"], f"`critflow run {study}`", claim["value"], verdict)
-            )
     return "\n".join([*lines, ""])
 
 
