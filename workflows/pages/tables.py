@@ -236,9 +236,10 @@ def failures(reference: Path) -> str:
     counts = summary["outcomes"].values()
     points = sum(sum(kinds.values()) for kinds in counts)
     correct = sum(kinds.get(kind, 0) for kinds in counts for kind in ("exact", "bounded", "tolerated"))
+    refused = sum(kinds.get(kind, 0) for kinds in counts for kind in ("reported", "refused"))
     lines = [
         f"Of {points:,} points (all quantities at all strengths of all difficulties) {correct:,} are correct within",
-        "the claimed bound or tolerance; the others return a status or an error message with the reason.",
+        f"the claimed bound or tolerance; {refused:,} return a status or an error message with the reason.",
         f"Silent wrong answers: {summary['violations']}.",
         "",
     ]
