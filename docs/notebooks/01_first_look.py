@@ -14,6 +14,15 @@ import xarray as xr
 from critflow.command.example_data import ensemble_path
 
 ensemble = xr.open_dataset(ensemble_path())
+LABELS = {
+    "length_variance": "min $V_L$",
+    "tension_variance": "min $V_\\tau$",
+    "bulk_modulus": "max $B_0$",
+    "shear_modulus": "max $G_0$",
+    "random_lengths": "random $\\ell$",
+    "random_stress": "random $\\sigma$",
+    "random_lengths_wide": "random $\\ell$, wide",
+}
 print(ensemble)
 
 # %% [markdown]
@@ -112,6 +121,26 @@ print(
 )
 
 # %% [markdown]
+# ## Error bounds
+#
+# A variable with the attribute `ancillary_variables` has a bound on its error next to it. It is the error of the
+# computation, and says nothing about the spread between networks. With it one can ask whether a value differs from
+# zero, or two values from each other, by more than rounding.
+
+# %%
+bounds = {
+    name: variable.attrs["ancillary_variables"]
+    for name, variable in ensemble.data_vars.items()
+    if "ancillary_variables" in variable.attrs
+}
+for name, bound in bounds.items():
+    print(f"{name:32s} error at most {float(ensemble[bound].max()):.0e}")
+G_0, error = ensemble.shear_modulus_0, ensemble[bounds["shear_modulus_0"]]
+print(
+    f"G_0 > 0 by more than its error in {int((G_0 > error).sum())} of {int(G_0.count())} configurations"
+)
+
+# %% [markdown]
 # ## A distribution and a plane
 #
 # Left: the bulk modulus at the transition. Right: C_B, its derivative with respect to strain. Populations with
@@ -150,10 +179,12 @@ for index, name in enumerate(names):
         color=colour,
         markersize=4,
         alpha=0.8,
-        label=name.replace("_", " "),
+        label=LABELS[name],
     )
 left.set_xticks(
-    range(len(names)), [name.replace("_", "\n") for name in names], fontsize=7
+    range(len(names)),
+    [LABELS[name].replace(" ", "\n", 1) for name in names],
+    fontsize=8,
 )
 left.set_ylabel("bulk modulus at the transition $B_0$  [$k$]")
 right.axhline(0, color="0.7", linewidth=0.8, zorder=0)
@@ -175,7 +206,7 @@ change = (
     .dropna("population")
 )
 fig, axes = plt.subplots(figsize=(6.5, 3.6), layout="constrained")
-for name in change.population.values:
+for name in map(str, change.population.values):
     colour = COLOURS[names.index(name) % len(COLOURS)]
     curve = [0.0, *change.sel(population=name).values]
     axes.plot(
@@ -185,7 +216,7 @@ for name in change.population.values:
         color=colour,
         markersize=3,
         linewidth=1,
-        label=name.replace("_", " "),
+        label=LABELS[name],
     )
 axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
 axes.set_xlabel("volumetric strain past the transition $\\gamma$")

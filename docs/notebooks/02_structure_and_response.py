@@ -18,6 +18,15 @@ from critflow.command.example_data import ensemble_path
 
 ensemble = xr.open_dataset(ensemble_path())
 names = [str(name) for name in ensemble.population.values]
+LABELS = {
+    "length_variance": "min $V_L$",
+    "tension_variance": "min $V_\\tau$",
+    "bulk_modulus": "max $B_0$",
+    "shear_modulus": "max $G_0$",
+    "random_lengths": "random $\\ell$",
+    "random_stress": "random $\\sigma$",
+    "random_lengths_wide": "random $\\ell$, wide",
+}
 STRUCTURE = {
     "length_variance": "$V_L$",
     "tension_variance": "$V_\\tau$",
@@ -60,7 +69,7 @@ for row, response in zip(grid, RESPONSE, strict=True):
                 color=colour,
                 markersize=2.5,
                 alpha=0.7,
-                label=name,
+                label=LABELS[name],
             )
         if structure.endswith("variance"):
             # Some variances are zero to rounding: they are at the left border.
@@ -73,7 +82,7 @@ for axes, label in zip(grid[-1], STRUCTURE.values(), strict=True):
 for axes, label in zip(grid[:, 0], RESPONSE.values(), strict=True):
     axes.set_ylabel(f"{label}  [$k$]")
 handles, labels = grid[0, 0].get_legend_handles_labels()
-fig.legend(handles, [label.replace("_", " ") for label in labels], loc="outside upper center", ncols=4, fontsize=8,
+fig.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=8,
            frameon=False, markerscale=2)  # fmt: skip
 plt.show()
 
@@ -192,7 +201,7 @@ for colour, name in zip(COLOURS, names, strict=False):
         "o",
         color=colour,
         markersize=3.5,
-        label=name.replace("_", " "),
+        label=LABELS[name],
     )
 ends = [float(np.nanmin(guess)), float(np.nanmax(guess))]
 axes.plot(ends, ends, color="0.5", linewidth=0.8, zorder=0)

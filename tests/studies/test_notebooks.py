@@ -43,8 +43,8 @@ def execute(monkeypatch, folder):
 def test_there_are_four_and_none_is_a_study():
     assert [name[:2] for name in NAMES] == ["01", "02", "03", "04"]
     assert not set(NAMES) & set(named_studies())
-    text = (FOLDER / "index.md").read_text(encoding="utf-8")
-    assert all(f"({name}.py)" in text for name in NAMES)
+    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert all(f"(notebooks/{name}.py)" in text for name in NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)
