@@ -60,7 +60,9 @@ def figure(ds):
         left.loglog(noises, np.median(error, axis=0), label=model, **series(n))
         left.fill_between(noises, *np.quantile(error, [0.1, 0.9], axis=0), color=series(n)["color"], alpha=0.2)
     left.set(
-        xlabel="error of positions / mean length", ylabel="relative error of σ", title="errors of positions are amplified"
+        xlabel="error of positions / mean length",
+        ylabel="relative error of σ",
+        title="errors of positions are amplified",
     )
     left.legend(fontsize=8.5, frameon=False)
     for n in range(2):

@@ -25,10 +25,12 @@ class Equation(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """One figure: its content, and the study and pictures that reproduce it; no label and number beyond the paper."""
+    """One figure: its content, what is seen, and the study and pictures that reproduce it; no label and number beyond
+    the paper."""
 
     meaning: str
     study: str
+    seen: str = ""
     label: str = ""
     number: str = ""
     pictures: tuple[str, ...] = ()

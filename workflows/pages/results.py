@@ -92,7 +92,7 @@ def _overview(claims: dict[str, list[dict]], runs: dict[str, dict], reference: P
 
 
 def _study(study: str, its_claims: list[dict], reference: Path) -> str:
-    """Its pictures in the order of the paper, each with its number and content, and those that are not listed last."""
+    """Its pictures in the order of the paper, each with its number and content, and links to those not listed."""
     claims, folder = f"reference/{study}/claims.md", reference / study / "figures"
     older = f"; this run is older than the kinds of claims: {_count(its_claims)} hold" if _older(its_claims) else ""
     lines = [f"## {study}", "", f"- `critflow run {study}`; claims in [{claims}]({claims}){older}"]
@@ -105,11 +105,17 @@ def _study(study: str, its_claims: list[dict], reference: Path) -> str:
             for kind in ("png", "gif")
             if (folder / f"{name}.{kind}").is_file()
         ]
-        lines += ["", *(_picture(study, file, caption) for file in files), "", f"*{caption}.*"]
+        lines += [
+            "",
+            *(_picture(study, file, caption) for file in files),
+            "",
+            f"*{caption}. {figure.seen}".rstrip() + "*",
+        ]
         shown += files
     others = sorted({file.name for kind in ("png", "gif") for file in folder.glob(f"*.{kind}")} - set(shown))
     if others:
-        lines += ["", *(_picture(study, file, f"{study}: {Path(file).stem}") for file in others)]
+        links = (f"[{Path(file).stem}](reference/{study}/figures/{file})" for file in others)
+        lines += ["", f"More pictures: {', '.join(links)}."]
     return "\n".join([*lines, ""])
 
 
