@@ -323,6 +323,7 @@ NETWORKS = {
     "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=3), 9)),
     "sheared": lambda: sheared(voronoi_network(40, seed=4), 0.8),
     "tiny": lambda: voronoi_network(12, seed=6),
+    "other names and images": lambda: relabelled(rewrapped(voronoi_network(40, seed=5), 1), 2)[0],
     "pinned star": lambda: pinned_star()[0],
     "pinned grid": pinned_grid,
 }
