@@ -26,7 +26,6 @@ from critflow import (
 )
 from critflow.critical.manifold import critical_configuration
 from critflow.linalg.factor import FixedPattern
-from critflow.networks.faces import planar_faces
 from critflow.solvers.minimize import Function, Point
 from workflows.benchmarks import reference
 
@@ -247,12 +246,6 @@ def length_variance(critical: CriticalConfiguration) -> float:
 def tension_variance(critical: CriticalConfiguration) -> float:
     """V_τ by its definition."""
     return np.var(critical.tensions) / np.mean(critical.tensions) ** 2
-
-
-def with_faces(network: Network, bond_vectors: np.ndarray) -> Network:
-    """The planar network with the faces of that embedding."""
-    faces = planar_faces(network.edges, bond_vectors, network.n_vertices)
-    return Network(network.edges, network.offsets, network.cell, network.stiffness, faces=faces)
 
 
 def face_areas(faces, bond_vectors: np.ndarray) -> np.ndarray:
