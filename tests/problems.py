@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from hashlib import sha256
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,7 +26,6 @@ from critflow import (
 )
 from critflow.critical.manifold import critical_configuration
 from critflow.linalg.factor import FixedPattern
-from critflow.networks.faces import planar_faces
 from critflow.solvers.minimize import Function, Point
 from workflows.benchmarks import reference
 
@@ -168,7 +168,7 @@ def relabelled(network: Network, seed: int) -> tuple[Network, np.ndarray, np.nda
     edges, offsets = vertex[network.edges[order]], network.offsets[order] * sign[:, None]
     edges = np.where(sign[:, None] < 0, edges[:, ::-1], edges)
     pins = {int(vertex[i]): p for i, p in network.pins.items()}
-    copy = Network(edges, offsets, network.cell, network.stiffness[order], pins)
+    copy = Network(edges, offsets, network.cell, network.stiffness[order], pins, n_vertices=network.n_vertices)
     return copy, vertex, order, sign
 
 
@@ -248,10 +248,11 @@ def tension_variance(critical: CriticalConfiguration) -> float:
     return np.var(critical.tensions) / np.mean(critical.tensions) ** 2
 
 
-def with_faces(network: Network, bond_vectors: np.ndarray) -> Network:
-    """The planar network with the faces of that embedding."""
-    faces = planar_faces(network.edges, bond_vectors, network.n_vertices)
-    return Network(network.edges, network.offsets, network.cell, network.stiffness, faces=faces)
+def face_areas(faces, bond_vectors: np.ndarray) -> np.ndarray:
+    """Areas of the faces by the shoelace formula, of corners from the first one on."""
+    walks = [slice(*ends) for ends in pairwise(faces.starts)]
+    corners = [np.cumsum(faces.signs[walk, None] * bond_vectors[faces.edges[walk]], axis=0) for walk in walks]
+    return np.array([0.5 * np.sum(c[:-1, 0] * c[1:, 1] - c[:-1, 1] * c[1:, 0]) for c in corners])
 
 
 class Analytic(Function):
@@ -323,6 +324,7 @@ NETWORKS = {
     "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=3), 9)),
     "sheared": lambda: sheared(voronoi_network(40, seed=4), 0.8),
     "tiny": lambda: voronoi_network(12, seed=6),
+    "other names and images": lambda: relabelled(rewrapped(voronoi_network(40, seed=5), 1), 2)[0],
     "pinned star": lambda: pinned_star()[0],
     "pinned grid": pinned_grid,
 }

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from random import Random
 
 import numpy as np
-from problems import triangular_lattice
+import problems
 
 from critflow import CritflowError, CriticalManifold, Network, lattice, three_bar_linkage, voronoi_network
 
@@ -109,7 +109,7 @@ def a_lattice(random: Random, scale: float) -> Network:
             lambda: lattice("honeycomb", random.randint(1, 3), random.randint(1, 3)),
             lambda: lattice("kagome", random.randint(1, 2), random.randint(1, 2)),
             lambda: lattice("square", random.randint(1, 3), random.randint(2, 3)),
-            lambda: triangular_lattice(random.randint(1, 3), random.randint(2, 3))[0],
+            lambda: problems.triangular_lattice(random.randint(1, 3), random.randint(2, 3))[0],
             lambda: lattice("cubic", 1, random.randint(1, 2), 2),
             lambda: three_bar_linkage(),
         ]
@@ -150,20 +150,10 @@ def unimodular(random: Random, d: int) -> np.ndarray:
 
 def relabelled(random: Random, network: Network) -> tuple[Network, np.ndarray]:
     """Other numbers and images of the vertices, order and direction of the edges; also the order of the edges."""
-    n, d = network.n_vertices, network.dimension
-    vertex, order = (
-        np.array(random.sample(range(n), n)),
-        np.array(random.sample(range(network.n_edges), network.n_edges)),
-    )
-    offsets = network.offsets
     if network.cell is not None and not network.pins:
-        image = np.array([[random.randint(-2, 2) for _ in range(d)] for _ in range(n)])
-        offsets = offsets + image[network.edges[:, 0]] - image[network.edges[:, 1]]
-    edges, offsets = vertex[network.edges[order]], offsets[order]
-    flip = np.array([random.random() < 0.5 for _ in order])
-    edges[flip], offsets[flip] = edges[flip, ::-1], -offsets[flip]
-    pins = {int(vertex[i]): p for i, p in network.pins.items()}
-    return Network(edges, offsets, network.cell, network.stiffness[order], pins, n_vertices=n), order
+        network = problems.rewrapped(network, random.randint(0, 99))
+    copy, _, order, _ = problems.relabelled(network, random.randint(0, 99))
+    return copy, order
 
 
 def translated(random: Random, network: Network) -> Network:

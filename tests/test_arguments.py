@@ -20,7 +20,6 @@ NETWORK = square_octagon()
 MANIFOLD = CriticalManifold(NETWORK)
 CRITICAL = MANIFOLD.configuration(np.ones(6))
 HEXAGONS = lattice("honeycomb", 2, 2)
-LATTICE = lattice("triangular", 2, 2)
 
 # Right arguments by the name of the parameter, and where a function gives a name another meaning.
 RIGHT = {

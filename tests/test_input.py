@@ -137,6 +137,7 @@ CASES = {
     "positions ragged": (lambda: Network(EDGES, OFFSETS, CELL, positions=[[0, 1], [1]]), "positions.*length"),
     "deformation a word": (lambda: NETWORK.deformed("shear"), "deformation.*numbers"),
     "pin no vertex": (lambda: Network([[0, 1], [1, 2]], pins={0: [0, 0], 7: [1, 0]}), "pin 7"),
+    "pin before the first": (lambda: Network([[0, 1], [1, 2]], pins={0: [0, 0], -1: [1, 0]}), "pin -1.*from 0 to 2"),
     "pin NaN": (lambda: Network([[0, 1], [1, 2]], pins={0: [0, 0], 2: [np.nan, 0]}), "pin 2"),
     "pins of two dimensions": (lambda: Network([[0, 1], [1, 2]], pins={0: [0, 0], 2: [1, 0, 0]}), "dimension"),
     "positions wrongly sized": (lambda: Network(EDGES, OFFSETS, CELL, positions=np.ones((3, 2))), "positions"),

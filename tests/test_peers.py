@@ -1,16 +1,11 @@
 """Comparisons with other packages: LAMMPS relaxes the same springs, matscipy has the same elasticity tensors, PyRigi
 counts the same stresses and flexes.
 
-LAMMPS's `harmonic` bonds are Hookean; its `class2` bonds, K2 e² + K3 e³ + K4 e⁴, are power laws of exponent four.
-
 The optional extra `peers` installs these packages (`pip install -e '.[test,peers]'`); without it the tests are skipped.
 """
 
-import ctypes
-import sys
-from contextlib import contextmanager
+from contextlib import ExitStack, closing
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +26,6 @@ from critflow import (
     spring_state,
     strain_path,
     voronoi_network,
-    write_network,
 )
 from critflow.design.stiffnesses import isotropic_targets
 from critflow.networks.deformation import strain_basis
@@ -39,79 +33,28 @@ from critflow.response.soft_spectrum import soft_spectrum
 from critflow.rigidity.counts import zero_modes
 from critflow.rigidity.second_order import second_order_rigidity
 from critflow.springs.hessian import geometric_split
+from workflows.benchmarks.lammps import Lammps
 
 # SymPy before 1.15 calls a function that mpmath 1.4 deprecates.
 pytestmark = pytest.mark.filterwarnings("ignore:bitcount function is deprecated:DeprecationWarning")
 
 
-def lammps_module():
-    # The wheel links to the MPI of the package `mpich`, next to the interpreter.
-    for library in Path(sys.prefix, "lib").glob("libmpi.so.12"):
-        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
-    return pytest.importorskip("lammps")
+@pytest.fixture
+def lammps():
+    """Function from a spring state to LAMMPS with its springs."""
+    pytest.importorskip("lammps")
+    with ExitStack() as programs:
+        yield lambda state: programs.enter_context(closing(Lammps(state)))
 
 
-@pytest.fixture(scope="module")
-def lammps_run(tmp_path_factory):
-    """Function from a spring state to LAMMPS with its springs, and a folder of its files."""
-    module = lammps_module()
-    folder = tmp_path_factory.mktemp("lammps")
-
-    @contextmanager
-    def start(state):
-        network, side, d = state.network, float(state.network.cell[0, 0]), state.network.dimension
-        x = np.zeros((len(state.coordinates), 3))
-        x[:, :d] = np.mod(state.coordinates, side)
-        lines = ["springs", "", f"{len(x)} atoms", f"{network.n_edges} bonds", "1 atom types"]
-        lines += [f"{network.n_edges} bond types", "", f"0 {side!r} xlo xhi", f"0 {side!r} ylo yhi"]
-        lines += ["-1 1 zlo zhi" if d == 2 else f"0 {side!r} zlo zhi"]
-        lines += ["", "Masses", "", "1 1.0", "", "Bond Coeffs", ""]
-        springs = enumerate(zip(network.stiffness.tolist(), state.rest_lengths.tolist(), strict=True))
-        if state.law == PowerLaw(4):
-            style = "class2"
-            lines += [f"{e + 1} {r!r} {k / 2!r} {k / (3 * r)!r} {k / (12 * r**2)!r}" for e, (k, r) in springs]
-        else:
-            assert state.law == Hookean()
-            style = "harmonic"
-            lines += [f"{e + 1} {k / 2!r} {r!r}" for e, (k, r) in springs]
-        lines += ["", "Atoms", ""] + [f"{i + 1} 1 1 {a!r} {b!r} {c!r}" for i, (a, b, c) in enumerate(x.tolist())]
-        lines += ["", "Bonds", ""] + [f"{e + 1} {e + 1} {i + 1} {j + 1}" for e, (i, j) in enumerate(network.edges)]
-        data = folder / "springs.data"
-        data.write_text("\n".join(lines) + "\n")
-        run = module.lammps(cmdargs=["-log", "none", "-screen", "none"])
-        try:
-            run.commands_string(
-                f"""units lj
-                dimension {d}
-                atom_style bond
-                atom_modify map array
-                bond_style {style}
-                pair_style zero 5.0
-                read_data {data}
-                pair_coeff * *
-                {"fix plane all enforce2d" if d == 2 else ""}
-                thermo_style custom pe press
-                thermo_modify norm no"""
-            )
-            yield run, folder
-        finally:
-            run.close()
-
-    return start
-
-
-@pytest.fixture(scope="module")
-def lammps(lammps_run):
+@pytest.fixture
+def relaxed(lammps):
     """Function from a spring state to its relaxation by LAMMPS: wrapped coordinates, energy, pressure −dE/dV."""
 
     def relax(state):
-        with lammps_run(state) as (run, _):
-            run.commands_string("""min_style cg
-                min_modify line quadratic dmax 0.05
-                minimize 0.0 1e-12 20000 200000""")
-            energy, pressure = run.get_thermo("pe"), run.get_thermo("press")
-            x = np.array(run.gather_atoms("x", 1, 3)).reshape(-1, 3)
-        return x[:, : state.network.dimension], energy, pressure
+        springs = lammps(state)
+        x, *_ = springs.relax("cg", "line quadratic dmax 0.05", 1e-12, 20_000)
+        return x, springs.energy, springs.program.get_thermo("press")
 
     return relax
 
@@ -126,13 +69,13 @@ def coordinate_error(x, state):
 
 @pytest.mark.parametrize("law, strain", [(Hookean(), 0.01), (PowerLaw(4), 0.01), (PowerLaw(4), 0.3)], ids=str)
 @pytest.mark.parametrize("objective", ["length_variance", "bulk_modulus", "shear_modulus"])
-def test_lammps_reaches_the_same_equilibrium(lammps, objective, law, strain):
+def test_lammps_reaches_the_same_equilibrium(relaxed, objective, law, strain):
     network = voronoi_network(200, seed=5)
     critical = optimize(network, objective).value
     ours = strain_path(critical, [strain], law=law).value.states[0]
     # LAMMPS starts from the affine state.
     start = type(ours)(network, critical.lengths, critical.coordinates, critical.bond_vectors, law)
-    x, energy, pressure = lammps(start.deformed(np.sqrt(1 + strain) * np.eye(2)))
+    x, energy, pressure = relaxed(start.deformed(np.sqrt(1 + strain) * np.eye(2)))
     # Conjugate gradients stop where the energy no longer changes: half the digits of the positions.
     assert coordinate_error(x, ours) < 1e-6
     assert energy == pytest.approx(ours.energy, rel=1e-11)
@@ -140,14 +83,14 @@ def test_lammps_reaches_the_same_equilibrium(lammps, objective, law, strain):
     assert -pressure == pytest.approx(dE_dV, rel=1e-8)
 
 
-def test_lammps_reaches_the_same_equilibrium_in_three_dimensions(lammps):
+def test_lammps_reaches_the_same_equilibrium_in_three_dimensions(relaxed):
     network = foam_network(100, seed=5)
     critical = optimize(network, "bulk_modulus").value
     # Other rest lengths, so that the equilibrium is not affine.
     rest = critical.lengths * (1 + 0.05 * np.sin(np.arange(network.n_edges)))
     start = spring_state(network, rest, critical.coordinates).deformed(1.05 * np.eye(3))
     ours = equilibrium(start).value
-    x, energy, pressure = lammps(start)
+    x, energy, pressure = relaxed(start)
     assert np.abs(ours.coordinates - start.coordinates).max() > 0.01
     assert coordinate_error(x, ours) < 1e-6
     assert energy == pytest.approx(ours.energy, rel=1e-11)
@@ -155,34 +98,33 @@ def test_lammps_reaches_the_same_equilibrium_in_three_dimensions(lammps):
 
 
 @pytest.mark.parametrize("law", [Hookean(), PowerLaw(4)], ids=str)
-def test_lammps_pressures_give_the_bulk_modulus(lammps, law):
+def test_lammps_pressures_give_the_bulk_modulus(relaxed, law):
     network = voronoi_network(100, seed=2)
     critical = optimize(network, "tension_variance", throw=False).value
     path = strain_path(critical, [0.0199, 0.02, 0.0201], law=law).value
-    pressures = [lammps(state)[2] for state in path.states]
+    pressures = [relaxed(state)[2] for state in path.states]
     # B = −V dP/dV by central differences of a step 1e-4 of the volume.
     volumes = [state.network.volume for state in path.states]
     derivative = -(pressures[2] - pressures[0]) / (volumes[2] - volumes[0])
     assert volumes[1] * derivative == pytest.approx(path.bulk_modulus[1], rel=1e-6)
 
 
-def test_lammps_finds_the_designed_modulus(lammps):
+def test_lammps_finds_the_designed_modulus(relaxed):
     network, ratio, step = delaunay_network(24, seed=1), -0.5, 1e-6
     rest = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
     at_rest = spring_state(network, rest, network.positions)
     start = design(at_rest, isotropic_targets(2, 1.0, ratio), change="stiffness").value
-    energy = lammps(start.deformed((1 + step) * np.eye(2)))[1]
+    energy = relaxed(start.deformed((1 + step) * np.eye(2)))[1]
     # E = ½ V B (dV/V)², with B = E_Young/(2(1 − ν)) in the plane.
     assert energy / (2 * network.volume * step**2) == pytest.approx(1 / (2 * (1 - ratio)), rel=1e-4)
 
 
-def test_lammps_finds_the_bands_of_strained_networks(lammps_run):
+def test_lammps_finds_the_bands_of_strained_networks(lammps, tmp_path):
     critical, strain = optimize(voronoi_network(40, seed=2), "bulk_modulus").value, 1e-4
     state, network = strain_path(critical, [strain]).value.states[0], critical.network
-    with lammps_run(state) as (run, folder):
-        # Central differences of forces: truncation and rounding are both 1e-10.
-        run.commands_string(f"dynamical_matrix all regular 1e-5 file {folder / 'matrix'} binary yes")
-        matrix = np.fromfile(folder / "matrix").reshape(network.n_vertices, 3, network.n_vertices, 3)
+    # Central differences of forces: truncation and rounding are both 1e-10.
+    lammps(state).program.command(f"dynamical_matrix all regular 1e-5 file {tmp_path / 'matrix'} binary yes")
+    matrix = np.fromfile(tmp_path / "matrix").reshape(network.n_vertices, 3, network.n_vertices, 3)
     theirs = matrix[np.ix_(network.free, (0, 1), network.free, (0, 1))].reshape(2 * len(network.free), -1)
     theirs = np.linalg.eigvalsh(0.5 * (theirs + theirs.T))
     ours = np.linalg.eigvalsh(geometric_split(state).hessian.toarray())
@@ -313,35 +255,17 @@ def test_complete_graph_of_four_collinear_vertices():
 
 
 @pytest.mark.parametrize("law", ["contracted", "stretched"])
-def test_lammps_reads_written_networks_and_finds_their_energy_and_forces(tmp_path, law):
-    module = lammps_module()
+def test_lammps_reads_written_networks_and_finds_their_energy_and_forces(lammps, law):
     network = voronoi_network(n_vertices=64, seed=4).deformed([[1.0, 0.3], [0.0, 1.2]])
     network = network.with_stiffness(np.linspace(1, 2, 96))
     x = network.positions
     rest = (0.9 if law == "stretched" else 1.1) * np.linalg.norm(network.bond_vectors(x), axis=1)
-    write_network(network, tmp_path / "n.data", rest_lengths=rest)
-    run = module.lammps(cmdargs=["-screen", "none", "-log", "none"])
-    try:
-        run.commands_string(
-            f"""units lj
-            dimension 2
-            atom_style molecular
-            atom_modify map array
-            bond_style harmonic
-            pair_style zero 5.0
-            read_data {tmp_path / "n.data"}
-            pair_coeff * *
-            thermo_modify norm no
-            run 0"""
-        )
-        energy, forces = run.get_thermo("pe"), np.array(run.numpy.extract_atom("f"))[:64, :2]
-        forces = forces[np.argsort(run.numpy.extract_atom("id")[:64])]
-    finally:
-        run.close()
     state = spring_state(network, rest, x)
-    assert energy == pytest.approx(state.energy, rel=1e-12)
+    springs = lammps(state)
+    springs.program.command("run 0")
+    assert springs.energy == pytest.approx(state.energy, rel=1e-12)
     ours = -np.asarray(network.incidence.T @ (state.sigma[:, None] * state.bond_vectors))
-    np.testing.assert_allclose(forces, ours, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(springs.per_vertex("f"), ours, rtol=0, atol=1e-12)
 
 
 # Elasticity tensors

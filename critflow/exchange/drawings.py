@@ -9,6 +9,7 @@ import numpy as np
 
 from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
 from critflow.exchange.packages import optional
+from critflow.networks.periodic_cell import BORDER, images_in_cell
 
 
 def write_svg(
@@ -70,21 +71,14 @@ def clipped_segments(data: NetworkData) -> tuple[Array, IntArray]:
     L = bond_vectors_of(data)
     if data.cell is None:
         return np.stack([start, start + L], axis=1), np.arange(data.n_edges)
-    inverse = np.linalg.inv(data.cell)
-    tail = start @ inverse
-    tail, step = tail - np.floor(tail), L @ inverse
-    low, high = np.minimum(tail, tail + step).min(axis=0), np.maximum(tail, tail + step).max(axis=0)
-    pieces, edges = [], []
-    for image in product(*(range(-int(np.floor(h)), 1 - int(np.floor(w))) for w, h in zip(low, high, strict=True))):
-        a = tail + image
-        # Liang and Barsky: the part of the line inside the unit cell; a direction without extent is inside or not.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            first, last = np.sort([-a / step, (1 - a) / step], axis=0)
-        outside = (step == 0) & ((a < 0) | (a > 1))
-        enter = np.maximum(np.where(step == 0, np.where(outside, np.inf, 0), first).max(axis=1), 0)
-        leave = np.minimum(np.where(step == 0, 1, last).min(axis=1), 1)
-        inside = leave > enter + 1e-12
-        ends = np.stack([a + enter[:, None] * step, a + leave[:, None] * step], axis=1)[inside]
-        pieces.append(ends @ data.cell)
-        edges.append(np.flatnonzero(inside))
-    return np.concatenate(pieces), np.concatenate(edges)
+    ends, edges = images_in_cell(np.stack([start, start + L], axis=1) @ np.linalg.inv(data.cell))
+    tail, step = ends[:, 0], ends[:, 1] - ends[:, 0]
+    flat = np.abs(step) < 2 * BORDER
+    # Liang and Barsky: the part of the line inside the unit cell; in a direction without extent all of it is inside.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, last = np.sort([-tail / step, (1 - tail) / step], axis=0)
+    enter = np.maximum(np.where(flat, 0, first).max(axis=1), 0)
+    leave = np.minimum(np.where(flat, 1, last).min(axis=1), 1)
+    pieces = np.stack([tail + enter[:, None] * step, tail + leave[:, None] * step], axis=1) @ data.cell
+    inside = leave > enter + 1e-12
+    return pieces[inside], edges[inside]

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array, IntArray
+from critflow.networks.periodic_cell import images_in_cell
 
 # Okabe and Ito's colours, distinct for all common kinds of colour vision.
 COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F")
@@ -122,20 +123,9 @@ def periodic_segments(
 ) -> tuple[Array, IntArray]:
     """All images of the edges that touch the cell: end points (n, 2, 2), and the edge of each (n,)."""
     edges, offsets, cell = np.asarray(edges), np.asarray(offsets), np.asarray(cell, dtype=float)
-    fraction = np.asarray(coordinates) @ np.linalg.inv(cell)
-    # An edge starts at the image of its tail in the cell; its head may lie outside.
-    tail = fraction[edges[:, 0]]
-    start = tail - np.floor(tail)
-    end = start + fraction[edges[:, 1]] - tail + offsets
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    images = [range(int(-np.floor(high[:, k].max())), int(1 - np.floor(low[:, k].min()))) for k in range(2)]
-    touching = [{i: (high[:, k] + i > 0) & (low[:, k] + i < 1) for i in images[k]} for k in range(2)]
-    pieces, owners = [], []
-    for i, j in product(*images):
-        owner = np.flatnonzero(touching[0][i] & touching[1][j])
-        pieces.append(np.stack([start[owner], end[owner]], axis=1) + np.array([i, j]))
-        owners.append(owner)
-    return (np.concatenate(pieces).reshape(-1, 2) @ cell).reshape(-1, 2, 2), np.concatenate(owners)
+    tail, head = (np.asarray(coordinates) @ np.linalg.inv(cell))[edges.T]
+    segments, owners = images_in_cell(np.stack([tail, head + offsets], axis=1))
+    return segments @ cell, owners
 
 
 def face_polygons(faces: Faces, edges: ArrayLike, coordinates: ArrayLike, bond_vectors: ArrayLike) -> list[Array]:

@@ -1,4 +1,4 @@
-"""Periodic cells of any shape: short vectors of a lattice, and the images of points near a cell."""
+"""Periodic cells of any shape: short vectors of a lattice, and images of points near and of lines in a cell."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from critflow.result import InputError
 FLAT = 1e-10
 # Images of points beyond this number do not fit into memory.
 MOST_IMAGES = 20_000_000
+# Lines nearer to a border, in units of the cell, lie along it.
+BORDER = 1e-12
 
 
 def short_cell(cell: Array) -> tuple[Array, IntArray]:
@@ -50,3 +52,17 @@ def near_images(points: Array, cell: Array, margin: float) -> tuple[IntArray, In
         ids.append(near)
         images.append(np.broadcast_to(image, (len(near), points.shape[1])))
     return np.concatenate(ids), np.concatenate(images)
+
+
+def images_in_cell(ends: Array) -> tuple[Array, IntArray]:
+    """Images that touch the cell of lines, ends (n, 2, d) in its units: ends (m, 2, d), and the line of each (m,)."""
+    ends = ends - np.floor(ends[:, :1])
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    first, last = -np.floor(high.max(axis=0) + BORDER).astype(int), -np.floor(low.min(axis=0)).astype(int)
+    pieces, lines = [], []
+    for image in product(*(range(a, b + 1) for a, b in zip(first, last, strict=True))):
+        # A line along a border is drawn at the lower one of both.
+        within = (low + image < 1 - BORDER) & ((high + image > BORDER) | (low + image > -BORDER))
+        lines.append(np.flatnonzero(within.all(axis=1)))
+        pieces.append(ends[lines[-1]] + image)
+    return np.concatenate(pieces), np.concatenate(lines)

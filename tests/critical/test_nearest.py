@@ -99,11 +99,6 @@ def test_the_limits_of_a_descent_have_a_status():
     assert found.status is Status.edge_collapse and "zero length" in found.note
 
 
-def test_a_honeycomb_has_equal_stresses():
-    found = nearest_critical(network := lattice("honeycomb", 4, 4), network.positions)
-    np.testing.assert_allclose(found.value.sigma, 1, rtol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [

@@ -136,9 +136,12 @@ def drawn_length(path):
     return len(ends), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
 
 
-@pytest.mark.parametrize(("name", "copies"), [("voronoi", 1), ("sheared", 2)])
-def test_drawings_have_the_requested_size(tmp_path, name, copies):
-    network = NETWORKS[name]
+@pytest.mark.parametrize(
+    ("network", "copies"),
+    [(NETWORKS["voronoi"], 1), (NETWORKS["sheared"], 2), (lattice("kagome", 7, 5), 1)],
+    ids=["voronoi", "sheared", "edges along the border"],
+)
+def test_drawings_have_the_requested_size(tmp_path, network, copies):
     write_network(network, tmp_path / "n.svg", size=50.0, width=0.4, copies=copies)
     root = ET.parse(tmp_path / "n.svg").getroot()
     assert max(float(root.get(side).removesuffix("mm")) for side in ("width", "height")) == pytest.approx(50.8)

@@ -72,6 +72,12 @@ def test_periodic_images_cover_every_edge(name, moved):
     assert (fraction.max(axis=1) > 0).all() and (fraction.min(axis=1) < 1).all()
 
 
+def test_edges_along_the_border_are_drawn_once():
+    network = lattice("kagome", 3, 3)
+    _, edge = periodic_segments(*of_network(network), network.positions)
+    np.testing.assert_array_equal(np.sort(edge), np.arange(network.n_edges))
+
+
 def test_tensions_at_unit_pressure():
     critical = configuration("voronoi")
     tension = unit_pressure_tensions(critical.sigma, critical.lengths, critical.network.volume)

@@ -46,19 +46,6 @@ def test_the_cone_program_of_lengths_is_that_of_one_edge_a_face():
     np.testing.assert_allclose(faces.face_tensions, springs.tensions / springs.tensions.mean(), rtol=1e-8)
 
 
-def test_two_cables_between_pins_by_hand():
-    # One free vertex on a line between pins at 0 and 1, with targets 1 and 3: L = t ℓ gives t = 1/4 and x = 1/4.
-    incidence = sp.csr_array(np.array([[1.0], [-1.0]]))
-    offsets = np.array([[0.0, 0.0], [1.0, 0.0]])
-    found = fit_lengths(incidence, offsets, np.array([1.0, 3.0]), 1e-12)
-    assert found.solved
-    assert found.stressed.all()
-    assert found.ratio == pytest.approx(0.25, rel=1e-8)
-    np.testing.assert_allclose(found.coordinates, [[0.25, 0.0]], rtol=0, atol=1e-6)
-    # Equal tensions in series.
-    assert found.multipliers[0] == pytest.approx(found.multipliers[1], rel=1e-6)
-
-
 def test_a_long_cable_is_slack():
     # Two cables in parallel from the free vertex to the pin at 1, of targets 1 and 3: only the shorter one is tight.
     incidence = sp.csr_array(np.array([[1.0], [-1.0], [-1.0]]))

@@ -1,7 +1,6 @@
 """The gallery study end to end, small: thirteen panels whose arrays bear out what the figure and the claims say."""
 
 import json
-import shutil
 
 import matplotlib
 import numpy as np
@@ -116,11 +115,8 @@ def test_a_part_of_the_panels_makes_a_figure_too(dataset):
     assert len(titles) == 2 and "stalled" in titles[1]
 
 
-def test_verify_finds_what_does_not_belong(folder, dataset, tmp_path, capsys):
-    copy = tmp_path / "copy"
-    shutil.copytree(folder, copy)
-    assert main(["verify", str(copy)]) == 0
-    capsys.readouterr()
+def test_verify_finds_what_does_not_belong(folder, dataset):
+    assert main(["verify", str(folder)]) == 0
     verify = load_study("gallery").study.verify
     assert verify(dataset) == []
     for name, factor in (("length", 1.001), ("tension", 1.001), ("bulk_modulus_0", 1.001), ("shear_modulus_0", 1.01),

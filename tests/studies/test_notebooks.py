@@ -47,21 +47,6 @@ def test_there_are_four_and_none_is_a_study():
     assert all(f"(notebooks/{name}.py)" in text for name in NAMES)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_the_text_is_cells(name):
-    text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
-    head, *cells = re.split(r"^# %%", text, flags=re.M)
-    assert head == ""
-    kinds = [cell.split("\n", 1)[0].strip() for cell in cells]
-    assert set(kinds) == {"", "[markdown]"} and kinds[0] == "[markdown]"
-    for kind, cell in zip(kinds, cells, strict=True):
-        lines = cell.split("\n")[1:]
-        if kind:
-            assert all(line == "" or line.startswith("#") for line in lines), "prose is comments"
-        else:
-            compile("\n".join(lines), name, "exec")
-
-
 def test_a_first_look(execute):
     names, pictures, said = execute("01_first_look")
     assert len(pictures) == 2

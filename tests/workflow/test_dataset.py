@@ -82,12 +82,6 @@ def test_volatile_variables_are_marked(tmp_path, run, source):
     assert [name for name in ds if "comment" in ds[name].attrs] == ["residual"]
 
 
-def test_the_date_in_the_history_can_be_set(tmp_path, run, monkeypatch):
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
-    assert run(tmp_path, "seeds=0") == 0
-    assert xr.load_dataset(tmp_path / "tiny.nc").attrs["history"].startswith("1970-01-01T00:00:00Z critflow run")
-
-
 def test_fewer_variables_equal_those_of_the_whole(tmp_path, run):
     assert run(tmp_path) == 0
     whole, before = contents_of(tmp_path / "tiny.nc"), stamps_of(tmp_path)

@@ -1,21 +1,11 @@
 """Parts of a run: several processes share one folder, each computes its part of the seeds, the last one merges."""
 
-import subprocess
-import sys
-
 import pytest
 from filelock import FileLock
 
-from critflow.command.main import main
 from critflow.workflow import folder
 
-TINY = "tests/workflow/tiny_study.py"
 FILES = ("tiny.nc", "claims.md", "claims.json", "summary.json", "study.json")
-
-
-def part(out, word, *settings):
-    sets = [word for setting in settings for word in ("--set", setting)]
-    return main(["run", TINY, "--workers", "0", "--out", str(out), "--part", word, *sets])
 
 
 @pytest.fixture(autouse=True)
@@ -23,7 +13,13 @@ def fixed_date(monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
 
 
-def test_parts_in_any_order_give_the_bytes_of_one_run(tmp_path, run, capsys):
+@pytest.fixture
+def part(run):
+    """`part(folder, "i/n", *settings)` runs a part of the tiny study."""
+    return lambda out, word, *settings: run(out, *settings, more=("--part", word))
+
+
+def test_parts_in_any_order_give_the_bytes_of_one_run(tmp_path, run, part, capsys):
     assert run(tmp_path / "one") == 0
     parts = tmp_path / "parts"
     for word in ("3/3", "1/3"):
@@ -36,18 +32,15 @@ def test_parts_in_any_order_give_the_bytes_of_one_run(tmp_path, run, capsys):
     assert shards == {path.name for path in (tmp_path / "one" / "shards").iterdir()}
 
 
-def test_parts_at_the_same_time_merge_once(tmp_path, run):
+def test_parts_at_the_same_time_merge_once(tmp_path, run, start):
     assert run(tmp_path / "one") == 0
-    command = [sys.executable, "-m", "critflow", "run", TINY, "--workers", "0", "--out", str(tmp_path / "parts")]
-    processes = [subprocess.Popen([*command, "--part", f"{i}/2"], stderr=subprocess.PIPE) for i in (1, 2)]
+    processes = [start(tmp_path / "parts", more=("--part", f"{i}/2")) for i in (1, 2)]
     assert [process.wait(120) for process in processes] == [0, 0], [p.stderr.read() for p in processes]
-    for process in processes:
-        process.stderr.close()
     for name in FILES:
         assert (tmp_path / "parts" / name).read_bytes() == (tmp_path / "one" / name).read_bytes(), name
 
 
-def test_a_failed_case_is_told_by_its_part_and_by_the_last(tmp_path, capsys):
+def test_a_failed_case_is_told_by_its_part_and_by_the_last(tmp_path, part, capsys):
     settings = ("trouble=1-random", "how=raise")
     assert part(tmp_path, "2/2", *settings) == 3
     assert "seed1-random" in capsys.readouterr().err
@@ -55,7 +48,7 @@ def test_a_failed_case_is_told_by_its_part_and_by_the_last(tmp_path, capsys):
     assert (tmp_path / "tiny.nc").exists()
 
 
-def test_a_part_and_a_run_of_the_whole_exclude_each_other(tmp_path, run, capsys, monkeypatch):
+def test_a_part_and_a_run_of_the_whole_exclude_each_other(tmp_path, run, part, capsys, monkeypatch):
     monkeypatch.setattr(folder, "_PATIENCE", 0.1)
     assert part(tmp_path, "1/2") == 0
     for held, attempt, code in (
@@ -69,7 +62,7 @@ def test_a_part_and_a_run_of_the_whole_exclude_each_other(tmp_path, run, capsys,
 
 
 @pytest.mark.parametrize("word", ["0/2", "3/2", "2", "a/b", "1/0"])
-def test_a_part_that_is_none_is_refused(tmp_path, word, capsys):
+def test_a_part_that_is_none_is_refused(tmp_path, part, word, capsys):
     assert part(tmp_path / "out", word) == 2
     assert "--part" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

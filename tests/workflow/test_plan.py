@@ -2,7 +2,6 @@
 
 from decimal import Decimal
 
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -171,9 +170,3 @@ words = st.lists(st.text(max_size=8), max_size=3)
 def test_different_names_give_different_generators(one, other):
     draws = [stable_rng(entropy, *names).integers(0, 2**63, 2).tolist() for entropy, names in (one, other)]
     assert (draws[0] == draws[1]) == (one == other)
-
-
-def test_the_global_generator_is_not_used():
-    before = np.random.get_state()[1].tobytes()  # noqa: NPY002 (the subject of the test)
-    stable_rng(3, "a").random()
-    assert np.random.get_state()[1].tobytes() == before  # noqa: NPY002

@@ -46,13 +46,6 @@ def test_any_number_of_workers_gives_the_same_bytes(tmp_path, run, serial, worke
     assert os.environ["OPENBLAS_NUM_THREADS"] == "2"
 
 
-def test_any_order_and_more_values_give_the_same_bytes(tmp_path, run, serial):
-    assert run(tmp_path, "parts=middle,right,left", "seeds=5,3,1", study="algebra") == 0
-    here, there = numbers_of(tmp_path), numbers_of(serial)
-    assert len(here.keys() & there.keys()) == 2 * 2 * 4
-    assert all(here[key] == there[key] for key in here.keys() & there.keys())
-
-
 def test_two_runs_differ_in_the_listed_attributes_only(tmp_path, run, monkeypatch):
     """Stored cases agree to the last byte; datasets agree in everything but `history`."""
     assert run(tmp_path / "one") == 0
@@ -65,6 +58,7 @@ def test_two_runs_differ_in_the_listed_attributes_only(tmp_path, run, monkeypatc
     attributes = [xr.load_dataset(folder / "tiny.nc").attrs for folder in (one, two)]
     assert attributes[0]["volatile_attributes"] == "history"
     assert [name for name in attributes[0] if attributes[0][name] != attributes[1][name]] == ["history"]
+    assert attributes[1]["history"].startswith("2001-09-09T01:46:40Z critflow run")
 
 
 def test_more_values_compute_only_the_new_cases(tmp_path, run, capsys):
