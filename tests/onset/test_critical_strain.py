@@ -72,6 +72,15 @@ def test_the_onset_on_a_path(name):
         assert onset.strain > critical_strain(NETWORK, LENGTHS, "uniaxial").strain
 
 
+def test_a_free_shear_delays_a_shear_as_long_as_it_can():
+    onset = critical_strain(NETWORK, LENGTHS, Deformation.simple_shear(2).freeing("xy"))
+    check(onset, LENGTHS)
+    for part, floppy in ((0.97, True), (1.03, False)):
+        shears = np.linspace(onset.free[0] - 0.5, onset.free[0] + 0.5, 11)
+        cells = [[[1, q / 2], [q / 2, 1]] @ np.array([[1, part * onset.strain], [0, 1]]) for q in shears]
+        assert (min(ratio(NETWORK, LENGTHS, F) for F in cells) < 1) == floppy
+
+
 @pytest.mark.parametrize("name", ["simple_shear", "pure_shear", "matrix"])
 def test_negative_strains_are_those_of_the_reversed_path(name):
     path = deformation_of(PATHS[name], 2)
