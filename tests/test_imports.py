@@ -58,6 +58,7 @@ def imported(tree: ast.AST) -> set[str]:
     return names
 
 
+ARRAYS = {"Array", "IntArray", "Mask", "NDArray", "Extended"}
 TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in SOURCES.items()}
 IMPORTS = {name: imported(tree) for name, tree in TREES.items()}
 
@@ -159,6 +160,11 @@ def test_every_public_name_is_there():
         critflow.nonsense  # noqa: B018
 
 
+def words(node: ast.AST) -> set[str]:
+    """The names within an annotation."""
+    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+
+
 def statements(node: ast.AST) -> Iterator[ast.stmt]:
     """All statements within a node, without their expressions, which are most of a tree."""
     for part in ("body", "orelse", "finalbody", "handlers"):
@@ -210,3 +216,15 @@ def test_studies_name_their_neighbours_relatively():
     # In the wheel they are critflow.studies, and no package is called workflows.
     for file in sorted((Path(__file__).parents[1] / "workflows").rglob("*.py")):
         assert "from workflows" not in file.read_text(encoding="utf-8"), file
+
+
+@pytest.mark.parametrize("name", sorted(name for name in SOURCES if name != "critflow.explore.view"))
+def test_results_do_not_change_and_arrays_are_not_compared(name):
+    # == of arrays has no truth value, so that a class that holds them compares by identity.
+    for node in (node for node in ast.walk(TREES[name]) if isinstance(node, ast.ClassDef)):
+        options = next((text for text in map(ast.unparse, node.decorator_list) if text.startswith("dataclass")), None)
+        if options is None:
+            continue
+        kinds = {text for field in node.body if isinstance(field, ast.AnnAssign) for text in words(field.annotation)}
+        assert "frozen=True" in options, node.name
+        assert "eq=False" in options or not kinds & ARRAYS, node.name

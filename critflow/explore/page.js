@@ -58,6 +58,13 @@ const MEANING = {
   V_L: "variance of the lengths over their squared mean",
   V_τ: "variance of the tensions over their squared mean",
   bound: "no stress of this network has a larger B₀",
+  residual: "largest force on a vertex over the mean tension",
+  "self-stresses": "independent stresses in balance at this configuration",
+  "zero modes": "independent motions that change no length to first order",
+  "B(γ)": "bulk modulus at the strain γ",
+  "G(γ)": "shear modulus at the strain γ, energy convention",
+  "M(γ)": "modulus along the deformation at the strain γ",
+  "force(γ)": "largest force on a vertex at the strain γ",
 };
 const HINT =
   "Click an edge and drag it up or down, choose a population, or move γ past the transition. Every number below is exact to its error.";
@@ -136,6 +143,7 @@ function receive(buffer) {
       offset += 4 * drawing.n;
       panels[name] = drawing;
     }
+    header.values = new Float32Array(buffer, offset, header.values);
     state = header;
   } else for (const key of ["edge", "face"]) if (key in header) state[key] = header[key];
   if (header.welcome) greet(header.welcome);
@@ -197,7 +205,7 @@ function numbers(header) {
       const head = document.createElement("th");
       head.scope = "row";
       head.textContent = LABELS[number.key] || number.key;
-      head.title = MEANING[number.key] || "";
+      head.title = MEANING[number.key];
       row.append(head, document.createElement("td"), document.createElement("td"));
       row.cells[1].append(digitsOf(number.key));
       const after = [...body.rows].find((other) => ROWS.indexOf(other.dataset.key) > ROWS.indexOf(number.key));
@@ -382,24 +390,38 @@ function openPoint(item) {
 const tool = () => document.querySelector("input[name=tool]:checked").value;
 for (const name of ["network", "forces"]) {
   const canvas = get(name);
-  canvas.onwheel = (event) => {
-    event.preventDefault();
+  const fingers = new Map();
+  // Midpoint and distance of two fingers.
+  const spread = () => {
+    const [[x, y], [u, v]] = fingers.values();
+    return [(x + u) / 2, (y + v) / 2, Math.hypot(x - u, y - v) || 1];
+  };
+  const magnify = (factor, x, y) => {
     const box = canvas.getBoundingClientRect(),
       z = zoom[name],
-      f = Math.max(1, Math.min(200, z.k * 1.002 ** -event.deltaY)) / z.k;
-    const px = event.clientX - box.left,
-      py = event.clientY - box.top;
+      f = Math.max(1, Math.min(200, z.k * factor)) / z.k;
+    const px = x - box.left,
+      py = y - box.top;
     Object.assign(
       z,
       f * z.k === 1 ? { k: 1, x: 0, y: 0 } : { k: f * z.k, x: px - f * (px - z.x), y: py - f * (py - z.y) },
     );
     drawPanels();
   };
+  canvas.onwheel = (event) => {
+    event.preventDefault();
+    magnify(1.002 ** -event.deltaY, event.clientX, event.clientY);
+  };
   canvas.ondblclick = () => {
     Object.assign(zoom[name], { k: 1, x: 0, y: 0 });
     drawPanels();
   };
   canvas.onpointerdown = (event) => {
+    fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    if (fingers.size > 1) {
+      drag = { pinch: true };
+      return;
+    }
     if (event.shiftKey || event.button === 1) {
       canvas.setPointerCapture(event.pointerId);
       drag = { pan: true };
@@ -409,10 +431,22 @@ for (const name of ["network", "forces"]) {
       [x, y] = panels[name].view.inverse(event.clientX - box.left, event.clientY - box.top);
     canvas.setPointerCapture(event.pointerId);
     const kind = name === "forces" && tool() === "face" ? "edge" : tool();
-    drag = kind === "cut" ? null : { kind, y: event.clientY, moved: false, from: null };
-    send({ do: "pick", panel: name, x, y, tool: kind });
+    drag = { kind, y: event.clientY, moved: false, from: null };
+    // A cut waits for the release: the finger may be the first of two.
+    if (kind === "cut") drag.cut = { do: "pick", panel: name, x, y, tool: kind };
+    else send({ do: "pick", panel: name, x, y, tool: kind });
   };
   canvas.onpointermove = (event) => {
+    if (!event.buttons) describe(canvas, event);
+    const before = fingers.size > 1 && spread();
+    if (fingers.has(event.pointerId)) fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    if (before) {
+      const [x, y, size] = spread();
+      zoom[name].x += x - before[0];
+      zoom[name].y += y - before[1];
+      magnify(size / before[2], x, y);
+      return;
+    }
     if (drag && drag.pan) {
       zoom[name].x += event.movementX;
       zoom[name].y += event.movementY;
@@ -435,8 +469,13 @@ for (const name of ["network", "forces"]) {
         drag.from + (drag.kind === "edge" ? up / 50 : (up / 120) * (up > 0 ? item.high : -item.low)),
       );
   };
-  canvas.onpointerup = () => {
-    drag = null;
+  canvas.onpointerup = (event) => {
+    if (drag && drag.cut) send(drag.cut);
+    canvas.onpointercancel(event);
+  };
+  canvas.onpointercancel = (event) => {
+    fingers.delete(event.pointerId);
+    if (!fingers.size) drag = null;
   };
   canvas.onkeydown = (event) => {
     const kind = tool() === "face" ? "face" : "edge",
@@ -450,6 +489,26 @@ for (const name of ["network", "forces"]) {
     else return;
     event.preventDefault();
   };
+}
+// The tooltip of a picture: the edge below the pointer, and the value that colours it.
+const NEAR = 6;
+function describe(canvas, event) {
+  const { view, segments, edges, n } = panels[canvas.id],
+    box = canvas.getBoundingClientRect(),
+    [x, y] = view.inverse(event.clientX - box.left, event.clientY - box.top);
+  let near = (NEAR / view.s) ** 2,
+    edge = null;
+  for (let i = 0; i < n; i++) {
+    const x0 = segments[4 * i] - x,
+      y0 = segments[4 * i + 1] - y,
+      u = segments[4 * i + 2] - x - x0,
+      v = segments[4 * i + 3] - y - y0;
+    const part = Math.max(0, Math.min(1, -(x0 * u + y0 * v) / (u * u + v * v || 1))),
+      square = (x0 + part * u) ** 2 + (y0 + part * v) ** 2;
+    if (square < near) [near, edge] = [square, edges[i]];
+  }
+  const words = edge === null ? "" : `edge ${edge}: ${state.scale.name}: ${state.values[edge].toPrecision(4)}`;
+  if (canvas.title !== words) canvas.title = words;
 }
 function move(kind, item, value) {
   requested = [kind, item.number, Math.min(item.high, Math.max(item.low, value))];

@@ -15,6 +15,7 @@ from critflow.explore.model import POPULATIONS
 from critflow.explore.picture import QUANTITIES, Drawing, edge_values, network_drawing, periodic_drawing, shades_of
 from critflow.explore.session import Session, State
 from critflow.explore.sliders import Picked
+from critflow.networks.network import Array
 
 # Vertices beyond which a change takes longer than 50 ms.
 _LIVE = 3000
@@ -29,10 +30,11 @@ _TRAIL = 60
 
 @dataclass
 class Reply:
-    """An answer to the page: a header of plain values, and drawings by panel."""
+    """An answer to the page: a header of plain values, drawings by panel, and what colours each edge, (N_b,)."""
 
     header: dict[str, Any]
     drawings: dict[str, Drawing] = field(default_factory=dict)
+    values: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class View:
@@ -77,7 +79,7 @@ class View:
             "bound": _bound(model.bulk_bound),
             **self.picked.sliders(session, exact=False),
         }
-        return Reply(header, self.drawings)
+        return Reply(header, self.drawings, values)
 
     def refine(self) -> Reply | None:
         """The next stage, or None when everything is shown."""
@@ -174,7 +176,7 @@ def _sizes(state: State) -> str:
 
 
 def packed(reply: Reply) -> bytes:
-    """A reply as bytes: the length of the header, the header, and the segments of all drawings as floats."""
+    """A reply as bytes: the length of the header, the header, all drawings and values as floats."""
     drawings, arrays = {}, []
     for panel, drawing in reply.drawings.items():
         shade, first = np.unique(drawing.shades, return_index=True)
@@ -186,6 +188,7 @@ def packed(reply: Reply) -> bytes:
         }
         arrays.append(drawing.segments.astype("<f4").tobytes())
         arrays.append(drawing.edges.astype("<f4").tobytes())
-    header = json.dumps({**reply.header, "drawings": drawings}, allow_nan=False).encode()
+    arrays.append(reply.values.astype("<f4").tobytes())
+    header = json.dumps({**reply.header, "drawings": drawings, "values": len(reply.values)}, allow_nan=False).encode()
     header += b" " * (-len(header) % 4)
     return len(header).to_bytes(4, "little") + header + b"".join(arrays)

@@ -48,10 +48,12 @@ class BoundaryPath:
         """Indices of the free components that the balance of cables determines, others follow from inequalities.
 
         Where a normal stress Σσ L_i² vanishes and σ ≥ 0, stressed edges have no component along that axis: the boundary
-        then moves along it, and in shear with it, without any change of their lengths.
+        then moves along it, and in shear of two such axes, without any change of their lengths.  A shear of one such
+        axis turns the edges off the other one, and they are shortest without it.
         """
         unstressed = {name[0] for name in self.deformation.free if name[0] == name[1]}
-        return np.array([m for m, name in enumerate(self.deformation.free) if unstressed.isdisjoint(name)], dtype=int)
+        names = enumerate(self.deformation.free)
+        return np.array([m for m, name in names if not set(name) <= unstressed], dtype=int)
 
     @cached_property
     def has_free_sides(self) -> bool:

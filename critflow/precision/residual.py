@@ -22,10 +22,11 @@ from critflow.precision.geometry import exact_bond_vectors, exact_forces
 from critflow.precision.refinement import UNSEEN
 
 MOST_CORRECTIONS = 10  # corrections of an equilibrium after which it counts as not convergent
+ROUNDED_FORCE = 8 * EPS  # largest force, relative to the largest tension, that the roundings of σ leave at a vertex
 CONTRACTION = 0.5  # each correction must shrink by this factor
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Displacement:
     """Displacement D = x* − x (n_free, d) to the exact equilibrium, and its bond vectors L* (N_b, d).
 
@@ -75,8 +76,9 @@ def exact_displacement(
             break
         compliance = max(compliance, size / float(np.abs(forces).max()))
         if not size / before < CONTRACTION:
-            # Corrections of the size of rounding do not shrink.
-            remainder = 2 * size if size <= max(noise, enough) else np.inf
+            # Corrections of the size of rounding do not shrink; those of soft modes are small by the shift alone.
+            rounded = float(np.abs(forces).max()) <= ROUNDED_FORCE * float(np.abs(sigma * L.high.T).max())
+            remainder = 2 * size if size <= max(noise, enough) and (rounded or not regularised) else np.inf
             break
         D = D + correction
         # A first correction may shrink faster than those after it, so the remainder is never below half of it.

@@ -97,7 +97,7 @@ class CriticalTissue(Record):
         return self.perimeters / np.sqrt(self.network.volume / len(self.face_tensions))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PerimeterFit(Solution[CriticalTissue]):
     """A critical configuration of given perimeter ratios.
 

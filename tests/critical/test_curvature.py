@@ -224,6 +224,7 @@ def test_curvature_at_singular_stresses_raises():
     for sigma, status in (([2, 2, -1], Status.singular), ([1e-10, 1, 1], Status.edge_collapse)):
         found = principal_curvatures(manifold, sigma, throw=False)
         assert found.status is status and np.isnan(found.value.curvatures).all()
+        assert found.value.radii.shape == (2,) and found.value.directions.shape == (2, 3)
         with pytest.raises(SolveError, match="move"):
             principal_curvatures(manifold, sigma)
 

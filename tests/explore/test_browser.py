@@ -2,6 +2,7 @@
 
 import asyncio
 
+import numpy as np
 import pytest
 
 from critflow import strain_path, upper_bound
@@ -181,6 +182,69 @@ def test_the_wheel_zooms_about_the_pointer_and_a_double_click_shows_all(browser)
         assert await tab.run(point) == pytest.approx(before, abs=1e-9)
         await tab.run("get('network').dispatchEvent(new MouseEvent('dblclick'))")
         assert await pixels(tab) == first
+
+    browser(check())
+
+
+def fingers(kind, *places):
+    """Pointer events (kind, number, x, y) on the picture of the network."""
+    options = "pointerType: 'touch', bubbles: true, cancelable: true, buttons: 1"
+    events = [
+        f"new PointerEvent('{kind}', {{ pointerId: {n}, clientX: {x}, clientY: {y}, {options} }})" for n, x, y in places
+    ]
+    return "get('network').setPointerCapture = () => {}; " + "; ".join(
+        f"get('network').dispatchEvent({e})" for e in events
+    )
+
+
+def test_two_fingers_zoom_and_move_and_cut_nothing(browser):
+    async def check():
+        tab = await browser.tab()
+        x, y = map(round, await place(tab))
+        await tab.run("document.querySelector('input[value=cut]').click()")
+        box = "get('network').getBoundingClientRect()"
+        point = f"(() => {{ const r = {box}; return panels.network.view.inverse(%s - r.left, %s - r.top); }})()"
+        before, scale = await tab.run(point % (x, y)), await tab.run("panels.network.view.s")
+        await tab.run(fingers("pointerdown", (1, x - 20, y), (2, x + 20, y)))
+        await tab.run(fingers("pointermove", (1, x - 50, y + 30), (2, x + 70, y + 30)))
+        assert await tab.run("panels.network.view.s") == pytest.approx(3 * scale)
+        # What lay between the fingers stays there.
+        assert await tab.run(point % (x + 10, y + 30)) == pytest.approx(before, abs=1e-9)
+        await tab.run(fingers("pointerup", (1, x - 50, y + 30), (2, x + 70, y + 30)))
+        await tab.until(SETTLED)
+        page = await browser.page_of(tab)
+        assert page.session.state.model.network.n_edges == 96
+        await tab.run(fingers("pointerdown", (3, x, y)) + "; " + fingers("pointerup", (3, x, y)))
+        await tab.until(SETTLED)
+        assert page.session.state.model.network.n_edges == 95 and tab.problems == []
+
+    browser(check())
+
+
+def test_edges_and_symbols_say_what_they_are(browser):
+    async def check():
+        tab = await browser.tab()
+        page = await browser.page_of(tab)
+        for quantity in ("tension", "length"):
+            await choose(tab, "colour", quantity)
+            drawing = page.view.drawings["network"]
+            segment = int(np.argmax(np.linalg.norm(drawing.segments[:, 1] - drawing.segments[:, 0], axis=1)))
+            edge, (u, v) = int(drawing.edges[segment]), drawing.segments[segment].mean(axis=0)
+            x, y = await tab.run(
+                "(() => { const r = get('network').getBoundingClientRect(), w = panels.network.view;"
+                f" return [r.left + w.x({u}), r.top + w.y({v})]; }})()"
+            )
+            await tab.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+            critical = page.session.state.critical
+            value = {"tension": critical.tensions / critical.tensions.mean(), "length": critical.lengths}[quantity][
+                edge
+            ]
+            words = await tab.until("get('network').title")
+            assert words.startswith(f"edge {edge}: {quantity}") and words.endswith(f": {value:#.4g}")
+        await slide(tab, "gamma", 0.02)
+        assert await tab.run(f"{ROWS}.length > 11 && {ROWS}.every(row => row.cells[0].title.length > 10)")
+        symbols = "[...document.querySelectorAll('label[for], #scalename, #plane')].every(e => e.title.length > 10)"
+        assert await tab.run(symbols) and tab.problems == []
 
     browser(check())
 

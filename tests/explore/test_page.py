@@ -40,7 +40,10 @@ def test_a_reply_has_all_that_is_shown(page):
     read = json.loads(packed(reply)[4 : 4 + size])
     assert read["sizes"] == "64 vertices, 96 edges, 32 faces"
     n = sum(5 * drawing["n"] for drawing in read["drawings"].values())
-    assert len(packed(reply)) == 4 + size + 4 * n
+    assert len(packed(reply)) == 4 + size + 4 * (n + 96)
+    tensions = page.session.state.critical.tensions
+    sent = np.frombuffer(packed(reply)[-4 * 96 :], "<f4")
+    np.testing.assert_allclose(sent, tensions / tensions.mean(), rtol=1e-6)
     stages = [page.refine().header for _ in range(3)]
     assert page.refine() is None
     shown = {number["key"] for part in stages for number in part["numbers"]}

@@ -72,6 +72,27 @@ def test_the_onset_on_a_path(name):
         assert onset.strain > critical_strain(NETWORK, LENGTHS, "uniaxial").strain
 
 
+def test_a_free_shear_delays_a_shear_as_long_as_it_can():
+    onset = critical_strain(NETWORK, LENGTHS, Deformation.simple_shear(2).freeing("xy"))
+    check(onset, LENGTHS)
+    for part, floppy in ((0.97, True), (1.03, False)):
+        shears = np.linspace(onset.free[0] - 0.5, onset.free[0] + 0.5, 11)
+        cells = [[[1, q / 2], [q / 2, 1]] @ np.array([[1, part * onset.strain], [0, 1]]) for q in shears]
+        assert (min(ratio(NETWORK, LENGTHS, F) for F in cells) < 1) == floppy
+
+
+@pytest.mark.parametrize("name", ["uniaxial", "pure_shear", "dilation"])
+def test_a_free_shear_beside_a_free_side_changes_nothing(name):
+    # The taut chain runs along x, so that a shear of the cell would only lengthen it: γ_c is where F_xx = ℓ/W.
+    path = deformation_of(name, 2)
+    side = critical_strain(NETWORK, LENGTHS, path.freeing("yy"))
+    onset = critical_strain(NETWORK, LENGTHS, path.freeing("yy", "xy"))
+    assert onset.ok and all(onset.proven) and onset.lower < onset.strain < onset.upper < onset.lower + 1e-9
+    assert onset.strain == pytest.approx(side.strain, rel=1e-10) and abs(onset.free[1]) < 1e-12
+    chain = LENGTHS[onset.taut].sum() / NETWORK.cell[0, 0]
+    assert path.gradient(onset.strain)[0, 0] == pytest.approx(chain, rel=1e-10)
+
+
 @pytest.mark.parametrize("name", ["simple_shear", "pure_shear", "matrix"])
 def test_negative_strains_are_those_of_the_reversed_path(name):
     path = deformation_of(PATHS[name], 2)

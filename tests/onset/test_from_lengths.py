@@ -10,6 +10,7 @@ from problems import NETWORKS, dense_free, voronoi_3d
 
 from critflow import (
     CriticalManifold,
+    Network,
     SolveError,
     Status,
     critical_from_lengths,
@@ -39,6 +40,13 @@ def test_uniqueness_on_any_network(seed, n_cells):
     np.testing.assert_allclose(solution.value.sigma, configuration.sigma, rtol=1e-8)
     np.testing.assert_allclose(solution.value.lengths, configuration.lengths, rtol=1e-11)
     assert np.ptp(solution.value.lengths / configuration.lengths) < 1e-11 and not len(solution.slack_edges)
+
+
+def test_a_solution_without_rounding_has_no_error():
+    cross = Network([[0, 4], [1, 4], [2, 4], [3, 4]], pins={0: [1, 0], 1: [-1, 0], 2: [0, 1], 3: [0, -1]})
+    found = critical_from_lengths(cross, np.ones(4))
+    np.testing.assert_array_equal(found.value.coordinates[4], [0.0, 0.0])
+    assert found.ok and found.stats.error_bound < 1e-15
 
 
 SLACK = {

@@ -172,6 +172,15 @@ def test_edges_without_length_are_named(contrast):
     assert found.status is Status.singular and "edge 0" in found.note and np.isnan(found.value.bulk)
 
 
+def test_three_vertices_at_one_place_have_no_moduli():
+    # With the same neighbours, at equal stresses; the edges between them have no length, and self-stresses are several.
+    pins = {0: [3.7, 2.8], 1: [0.3, 2.0], 2: [3.0, 1.0], 3: [3.1, 1.2]}
+    edges = [[pin, vertex] for vertex in (4, 5, 6) for pin in pins] + [[4, 5], [5, 6]]
+    network = Network(edges, pins=pins).with_volume(6.0)
+    found = elasticity(CriticalManifold(network).configuration(np.ones(14)))
+    assert found.status is Status.singular and "edge 12" in found.note and np.isnan(found.value.tensor).all()
+
+
 def pinned_lattice():
     """A triangular lattice with two of its vertices held."""
     network = diluted(lattice("triangular", 16, 16), 4.2, 1)

@@ -151,6 +151,19 @@ def test_no_error_is_known_where_bond_vectors_may_be_off_by_their_lengths():
     assert np.isnan(plain.error_bound) and np.isnan(elasticity(plain).value.errors.bulk)
 
 
+def test_errors_do_not_depend_on_the_unit_of_stress():
+    # Large errors of bond vectors, so that the terms of second order count.
+    exactly = CriticalManifold(with_random_stiffness(voronoi_network(20, seed=1), 2)).configuration(
+        random_stress(30, 1)
+    )
+    exactly = replace(exactly, bond_errors=0.1 * exactly.lengths)
+    errors = elasticity(exactly).value.errors.tensor
+    assert np.isfinite(errors).all()
+    for unit in (0.25, 16.0):
+        there = elasticity(replace(exactly, sigma=unit * exactly.sigma)).value.errors.tensor
+        np.testing.assert_allclose(there, errors, rtol=1e-12)
+
+
 def test_vanishing_modulus_has_a_second_order_error():
     found = elasticity(CriticalManifold(lattice("honeycomb", 3, 3)).configuration(np.ones(27))).value
     assert 0 <= found.shear <= found.errors.shear < 1e-30

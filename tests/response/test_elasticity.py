@@ -22,6 +22,7 @@ from critflow import (
     InputError,
     Network,
     PowerLaw,
+    SpringLaw,
     Status,
     WormLike,
     critical_from_perimeters,
@@ -317,6 +318,30 @@ def test_weakly_compressed_chains_are_unstable(compression):
     chain = Network([[0, 1], [1, 2], [2, 3], [3, 0]], [[0, 0]] * 3 + [[1, 0]], 4 * np.eye(2), positions=corners)
     found = linear_response(spring_state(chain, np.full(4, 1 + compression), corners), 16.0)
     assert found.status is Status.unstable and np.isnan(found.value.shear)
+
+
+def test_softening_springs_under_tension_are_unstable():
+    class Softening(SpringLaw):
+        """E = ½ k e² (1 − e²/2): E'' < 0 from e = 1/√3 on."""
+
+        def energy(self, extension, rest, k):
+            return 0.5 * k * extension**2 * (1 - extension**2 / 2)
+
+        def tension(self, extension, rest, k):
+            return k * extension * (1 - extension**2)
+
+        def stiffness(self, extension, rest, k):
+            return k * (1 - 3 * extension**2)
+
+        def stiffening(self, extension, rest, k):
+            return -6 * k * extension
+
+    line = Network([[0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: [3.3, 0.0]}).with_volume(1.0)
+    for length, status in ((1.1, Status.ok), (0.99, Status.unstable)):
+        # With a factor given, as on a path, whose corrections shrink whatever its inertia.
+        state = spring_state(line, [length, length], [[0.0, 0.0], [1.65, 0.0], [3.3, 0.0]], Softening())
+        assert (state.sigma > 0).all()
+        assert linear_response(state, 1.0, factor=state.factorize(state.pattern())).status is status
 
 
 # Errors under stress

@@ -353,3 +353,11 @@ def test_singular_values_above_rounding_are_in_doubt():
     found = second_order_rigidity(network, x)
     assert found.status is Status.undecided and found.value.counts.largest_zero == pytest.approx(6.3e-13, rel=0.05)
     assert rigidity(network, x).status is Status.singular
+
+
+def test_self_stresses_beyond_memory_leave_it_open(monkeypatch):
+    network = lattice("kagome", 2, 2)
+    monkeypatch.setattr(second_order, "LARGEST_DENSE", 2 * network.n_edges)
+    found = second_order_rigidity(network, network.positions)
+    assert found.status is Status.undecided and found.value.second_order_rigid is None
+    assert "self-stresses are more than fit in memory" in found.note

@@ -14,6 +14,7 @@ from problems import (
 )
 
 from critflow import (
+    Cable,
     CriticalManifold,
     Hookean,
     InputError,
@@ -115,6 +116,17 @@ def test_start_beyond_the_range_raises(method):
     assert equilibrium(worms, method, throw=False).status is Status.stalled
     with pytest.raises(SolveError, match="smaller"):
         equilibrium(worms, method)
+
+
+@pytest.mark.parametrize("stretch", [2e-16, 1e-15, 1e-14, 1e-13])
+def test_soft_modes_beside_floppy_ones_have_no_small_error(stretch):
+    # Two taut cables in a line, a little off the straight one: stiffness 2σ across.  Two slack ones beside them.
+    network = Network([[0, 1], [1, 2], [0, 3], [2, 3]], pins={0: [0.0, 0.0], 2: [2.0, 0.0]})
+    for off in (1e-14, 1e-13, 1e-12, 1e-11):
+        x = [[0.0, 0.0], [1.0, off], [2.0, 0.0], [1.0, 1.0]]
+        found = equilibrium(spring_state(network, [1 - stretch] * 2 + [3.0] * 2, x, Cable()), throw=False)
+        error = abs(found.value.coordinates[1, 1])
+        assert error <= found.stats.error_bound if found.ok else np.isinf(found.stats.error_bound)
 
 
 def test_newton_converges_to_the_exact_equilibrium():

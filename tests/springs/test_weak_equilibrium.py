@@ -66,6 +66,21 @@ def test_a_network_with_slack_edges_has_equilibria():
     assert found.ok and (found.value.stress > 0).all() and np.diff(found.value.stress)[0] > 0
 
 
+def test_a_branch_is_followed_from_tension_downwards():
+    # A load along a line of two springs of rest length 1, −κ y²/2 across it: stable where 2 (1 − 1/(1 + γ)) > κ.
+    def pushed(x, F):
+        across = np.zeros_like(x)
+        across[0, 1] = 1.0
+        return -0.5 * float(x[0, 1]) ** 2, -across * x, -np.diag(across.ravel())
+
+    network = Network([[1, 0], [0, 2]], pins={1: [-1.0, 0.0], 2: [1.0, 0.0]}).with_volume(1.0)
+    critical = CriticalManifold(network).configuration([1.0, 1.0])
+    strains = np.array([0.005, 0.02, 0.012])
+    found = weak_equilibrium(critical, pushed, strains, 0.02, [[1.0, 0.0], [0.0, 0.0]], throw=False).value
+    np.testing.assert_array_equal(found.status == Status.ok, [False, True, True])
+    np.testing.assert_allclose(found.tension[1:], strains[1:], rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("change", "word"),
     [
