@@ -57,14 +57,21 @@ class FixedPattern:
 
     size       number of rows n
     n_sources  number of values
-    in_space   whether it is the Laplacian of a network in three dimensions, where multigrid is the fastest
+    in_space   whether the network has three dimensions
+    laplacian  whether it is its Laplacian, where multigrid is the fastest in space
 
     Multigrid serves positive values alone and has no inertia.  By its name it refuses everything else; chosen by
     "auto" it leaves everything else to elimination.
     """
 
     def __init__(
-        self, size: int, n_sources: int, entries: Iterable[Entries], backend: str = "auto", in_space: bool = False
+        self,
+        size: int,
+        n_sources: int,
+        entries: Iterable[Entries],
+        backend: str = "auto",
+        in_space: bool = False,
+        laplacian: bool = False,
     ):
         parts = [_upper(*np.broadcast_arrays(*part)) for part in entries]
         rows, cols, sources, coefficients = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -83,8 +90,8 @@ class FixedPattern:
         self._transposed = self._matrix.T
         # The diagonal ends each column of an upper triangle.
         self._diagonal = self._matrix.indptr[1:] - 1
-        self.backend = choose_backend(backend, len(places), in_space)
-        self._elimination = choose_backend("auto", len(places)) if self.backend == MULTIGRID else self.backend
+        self.backend = choose_backend(backend, len(places), in_space, laplacian)
+        self._elimination = choose_backend("auto", len(places), in_space) if self.backend == MULTIGRID else self.backend
         self._only_multigrid = backend == MULTIGRID
         # Solvers and the factors whose numbers they contain; the first one belongs to the newest factor.
         self._solvers: list[Backend] = []
