@@ -28,9 +28,10 @@ ALLOWED = {
     *("__future__", "abc", "collections", "copy", "dataclasses", "difflib", "enum"),
     *("functools", "inspect", "itertools", "re", "types", "typing", "weakref"),
 }
-# Modules that may import a solver package or, for the C library MKL, search the disk.
+# Modules that may import a solver package, guard it from other threads or, for the C library MKL, search the disk.
 SOLVERS = {
     "critflow.linalg.backends": {"pymetis", "qdldl"},
+    "critflow.linalg.factor": {"threading"},
     "critflow.linalg.multigrid": {"importlib"},
     "critflow.linalg.pardiso": {"ctypes", "os", "pathlib", "sys", "sysconfig"},
     "critflow.linalg.threads": {"threadpoolctl"},

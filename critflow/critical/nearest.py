@@ -338,7 +338,7 @@ def _step_pattern(network: Network) -> FixedPattern:
         for end, sign in zip(free_ends(network).T, (-1.0, 1.0), strict=True):
             edge = np.flatnonzero(end >= 0)
             entries.append(Entries(stresses + edge, multipliers + d * end[edge] + axis, m * (1 + axis) + edge, sign))
-    return FixedPattern(2 * n * d + m, m * (1 + d), entries)
+    return FixedPattern(2 * n * d + m, m * (1 + d), entries, in_space=d > 2)
 
 
 def _best_balance(manifold: CriticalManifold, x: Array) -> Array:

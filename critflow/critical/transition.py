@@ -8,7 +8,7 @@ The configuration does not depend on k, and ∂D/∂k = −σ²|L|²/k².
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -272,9 +272,15 @@ class TensorComponent(Quantity):
 
 def strain_components(A: Array) -> Array:
     """The components (m,) of a symmetric strain A (d, d) in `strain_basis`: engineering shears are doubled."""
-    _, strains = strain_basis(len(A))
+    return np.asarray(_component_weights(len(A)) @ A.ravel())
+
+
+@cache
+def _component_weights(dimension: int) -> Array:
+    """The matrix (m, d²) from the entries of a strain to its components."""
+    strains = strain_basis(dimension)[1]
     doubled = np.where(np.einsum("nii->n", strains) > 0, 1, 2)
-    return np.asarray(np.einsum("nij,ij->n", strains, A) * doubled)
+    return np.asarray(strains.reshape(len(strains), -1) * doubled[:, None])
 
 
 def dilation(dimension: int) -> Array:

@@ -43,6 +43,10 @@ IntArray = NDArray[np.int32]
 #   pardiso 24,000, 9,000 and 40,000;  metis 120,000, 90,000 and 170,000;  superlu 180,000, 100,000 and 170,000.
 # Per vertex in two dimensions the Laplacian has 2.5 entries, the others 9 and 12.5.
 CROSSOVERS = {"pardiso": 20_000, "metis": 120_000, "superlu": 150_000}
+# In space factors fill in faster, as N^(4/3).  Measured likewise on foams of 60 to 8,000 vertices the crossovers of the
+# Laplacian, 3 entries a vertex, and of the Hessian and the saddle matrix, 24 and 23, are
+#   pardiso 2,000, 5,000 and 6,000;  metis 5,000, 9,000 and 10,000;  superlu 6,000, 11,000 and 10,000.
+CROSSOVERS_IN_SPACE = {"pardiso": 3_000, "metis": 8_000, "superlu": 9_000}
 # Entries of a Laplacian in space, 3 a vertex of a foam, from which multigrid is faster than each of them for one matrix
 # and three solves: 0.27 against 0.12, 0.41 and 1.2 s at 20,000 vertices, 0.8 against 0.7 and 2.2 s at 50,000.
 MULTIGRID = "pyamg"
@@ -185,19 +189,21 @@ def available_backends() -> tuple[str, ...]:
     return *eliminating_backends(), *([MULTIGRID] if multigrid.INSTALLED else [])
 
 
-def choose_backend(backend: str, n_entries: int, in_space: bool = False) -> str:
+def choose_backend(backend: str, n_entries: int, in_space: bool = False, laplacian: bool = False) -> str:
     """The name itself if it is installed, or for "auto" the fastest for that many entries (see `CROSSOVERS`).
 
-    in_space  whether the matrix is the Laplacian of a network in three dimensions (`MULTIGRID_CROSSOVERS`)
+    in_space   whether the network has three dimensions (`CROSSOVERS_IN_SPACE`)
+    laplacian  whether the matrix is its Laplacian, where multigrid is the fastest in space (`MULTIGRID_CROSSOVERS`)
 
     Raises `InputError` for a name that is unknown or not installed.
     """
     installed = available_backends()
     if backend == "auto":
-        larger = next(name for name in CROSSOVERS if name in installed)
-        if in_space and multigrid.INSTALLED and n_entries > MULTIGRID_CROSSOVERS[larger]:
+        crossovers = CROSSOVERS_IN_SPACE if in_space else CROSSOVERS
+        larger = next(name for name in crossovers if name in installed)
+        if in_space and laplacian and multigrid.INSTALLED and n_entries > MULTIGRID_CROSSOVERS[larger]:
             return MULTIGRID
-        return larger if n_entries > CROSSOVERS[larger] else "qdldl"
+        return larger if n_entries > crossovers[larger] else "qdldl"
     if backend in installed:
         return backend
     raise InputError(

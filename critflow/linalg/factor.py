@@ -8,6 +8,7 @@ from unstable configurations.  The solver depends on the size and on the install
 A `Factor` owns its numbers.  Solvers overwrite their L and D in place, so the pattern gives its first solver to the
 newest factor; an older factor in use again eliminates its own matrix once more, in a second solver that stays with it.
 One factor at a time thus needs one analysis and the memory of one L, and any number of factors are valid together.
+Threads may share a pattern: they wait for each other.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterable
 from functools import partial
+from threading import RLock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,14 +57,21 @@ class FixedPattern:
 
     size       number of rows n
     n_sources  number of values
-    in_space   whether it is the Laplacian of a network in three dimensions, where multigrid is the fastest
+    in_space   whether the network has three dimensions
+    laplacian  whether it is its Laplacian, where multigrid is the fastest in space
 
     Multigrid serves positive values alone and has no inertia.  By its name it refuses everything else; chosen by
     "auto" it leaves everything else to elimination.
     """
 
     def __init__(
-        self, size: int, n_sources: int, entries: Iterable[Entries], backend: str = "auto", in_space: bool = False
+        self,
+        size: int,
+        n_sources: int,
+        entries: Iterable[Entries],
+        backend: str = "auto",
+        in_space: bool = False,
+        laplacian: bool = False,
     ):
         parts = [_upper(*np.broadcast_arrays(*part)) for part in entries]
         rows, cols, sources, coefficients = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -81,12 +90,21 @@ class FixedPattern:
         self._transposed = self._matrix.T
         # The diagonal ends each column of an upper triangle.
         self._diagonal = self._matrix.indptr[1:] - 1
-        self.backend = choose_backend(backend, len(places), in_space)
-        self._elimination = choose_backend("auto", len(places)) if self.backend == MULTIGRID else self.backend
+        self.backend = choose_backend(backend, len(places), in_space, laplacian)
+        self._elimination = choose_backend("auto", len(places), in_space) if self.backend == MULTIGRID else self.backend
         self._only_multigrid = backend == MULTIGRID
         # Solvers and the factors whose numbers they contain; the first one belongs to the newest factor.
         self._solvers: list[Backend] = []
         self._owners: list[Callable[[], Factor | None]] = []
+        # Solvers and the matrix are overwritten, and solvers release Python's own lock.
+        self._lock = RLock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without solvers, which a copy makes at its first use, and without the lock."""
+        return self.__dict__ | {"_solvers": [], "_owners": [], "_lock": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _lock=RLock())
 
     def factorize(self, values: Array, shift: float | Array = 0.0) -> Factor:
         """L D Lᵀ of A + shift·1, with values (n_sources,) and a shift for all or for each of the rows (n,)."""
@@ -94,15 +112,16 @@ class FixedPattern:
         if np.ndim(shift) or shift:
             data[self._diagonal] += shift
         factor = Factor(self, data)
-        if self.backend == MULTIGRID:
-            self._matrix.data = data
-            if multigrid.serves(self._matrix):
-                factor._multigrid = multigrid.Multigrid(self._matrix)
-                return factor
-            self._refuse("mixed signs or other matrices")
-        if not self._solvers:
-            self._add(eliminating_backends()[self._elimination](self._model()))
-        self._eliminate(factor, 0)
+        with self._lock:
+            if self.backend == MULTIGRID:
+                self._matrix.data = data
+                if multigrid.serves(self._matrix):
+                    factor._multigrid = multigrid.Multigrid(self._matrix)
+                    return factor
+                self._refuse("mixed signs or other matrices")
+            if not self._solvers:
+                self._add(eliminating_backends()[self._elimination](self._model()))
+            self._eliminate(factor, 0)
         return factor
 
     def _refuse(self, call: str) -> None:
@@ -145,8 +164,9 @@ class FixedPattern:
         return sp.csc_matrix((data, indices, indptr), shape=self._matrix.shape)
 
     def _multiply(self, factor: Factor, x: Array) -> Array:
-        self._matrix.data = self._transposed.data = factor._data
-        return multiply(self._matrix, self._transposed, x)
+        with self._lock:
+            self._matrix.data = self._transposed.data = factor._data
+            return multiply(self._matrix, self._transposed, x)
 
     def _solver_of(self, factor: Factor) -> Backend:
         """The solver that contains the numbers of a factor, after another elimination if they are overwritten."""
@@ -229,7 +249,8 @@ class Factor:
         return changes
 
     def _solved(self, right_side: Array) -> Array:
-        return _by_columns(self._pattern._solver_of(self).solve, right_side)
+        with self._pattern._lock:
+            return _by_columns(self._pattern._solver_of(self).solve, right_side)
 
     def _refined(self, right_side: Array) -> Array:
         """Iterative refinement, which removes the shift."""
@@ -253,7 +274,8 @@ class Factor:
         if self._pivots is None:
             if self._multigrid:
                 self._pattern._refuse("pivots and determinants")
-            self._pivots = self._pattern._solver_of(self).pivots()
+            with self._pattern._lock:
+                self._pivots = self._pattern._solver_of(self).pivots()
         return self._pivots
 
     @property

@@ -22,7 +22,7 @@ BALANCE_SHIFT = 1e-13
 def laplacian(network: Network, backend: str = "auto") -> FixedPattern:
     """P = gᵀ diag(σ) g over the free vertices, (n_free, n_free), from σ (N_b,) (`PrestressMatrix`)."""
     entries = [Entries(*pair) for pair in end_pairs(network)]
-    return FixedPattern(len(network.free), network.n_edges, entries, backend, network.dimension > 2)
+    return FixedPattern(len(network.free), network.n_edges, entries, backend, network.dimension > 2, laplacian=True)
 
 
 def end_pairs(network: Network) -> Iterator[tuple[IntArray, IntArray, IntArray, float]]:
@@ -42,7 +42,7 @@ def block_laplacian(network: Network, backend: str = "auto") -> FixedPattern:
     The values are `edge_blocks(...)`: with C_α = K_α L_α L_αᵀ + σ_α 1 this is the elastic Hessian.
     """
     d = network.dimension
-    return FixedPattern(d * len(network.free), n_block_values(network), block_entries(network), backend)
+    return FixedPattern(d * len(network.free), n_block_values(network), block_entries(network), backend, d > 2)
 
 
 def n_block_values(network: Network) -> int:
@@ -92,7 +92,7 @@ def pair_laplacian(
                 inside = (i >= 0) & (j >= 0)
                 yield Entries(d * i[inside] + row, d * j[inside] + col, source[inside], signs[end] * signs[other])
 
-    return FixedPattern(d * len(network.free), len(first) * d * d, entries(), backend)
+    return FixedPattern(d * len(network.free), len(first) * d * d, entries(), backend, d > 2)
 
 
 def free_ends(network: Network) -> NDArray[np.int64]:

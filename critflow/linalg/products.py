@@ -19,8 +19,10 @@ def product(matrix: sp.csr_array | sp.csc_matrix, x: Array) -> Array:
     rows, cols = matrix.shape
     one, several = _KERNELS[matrix.format]
     y = np.zeros((rows, *x.shape[1:]))
+    # Of a transposed array `ravel` alone takes longer than the product.
+    x = np.ascontiguousarray(x)
     if x.ndim == 1:
-        one(rows, cols, matrix.indptr, matrix.indices, matrix.data, np.ascontiguousarray(x), y)
+        one(rows, cols, matrix.indptr, matrix.indices, matrix.data, x, y)
     else:
         several(rows, cols, x.shape[1], matrix.indptr, matrix.indices, matrix.data, x.ravel(), y.ravel())
     return y

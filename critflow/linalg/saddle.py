@@ -57,7 +57,7 @@ class Saddle:
                     edge = np.flatnonzero(end >= 0)
                     yield Entries(d * end[edge] + axis, n_coordinates + edge, n_edges * (1 + axis) + edge, sign)
 
-        self.pattern = FixedPattern(n_coordinates + n_edges, n_edges * (1 + d), entries(), backend)
+        self.pattern = FixedPattern(n_coordinates + n_edges, n_edges * (1 + d), entries(), backend, d > 2)
 
     def factorize(
         self,

@@ -357,7 +357,7 @@ def attempt(course: Course, point: Point, strain: float) -> Step:
 
 def _measured(course: Course, end: Step, factor: Factor | None) -> Step:
     """The end of a step with moduli and velocity, or refused where its response is not determined."""
-    springs, rates = end.state, course.rates(end.cell)
+    springs, rates, moduli = end.state, course.rates(end.cell), None
     if not course.has_moduli:
         along = course.tangent(springs, rates, factor)
     else:
@@ -367,10 +367,14 @@ def _measured(course: Course, end: Step, factor: Factor | None) -> Step:
         if not response.ok:
             return end.failed(response.status, response.reason)
         along = tangent_of_response(response, *rates)
-        end = replace(end, moduli=response.value, elasticity=response.value if strains is None else None)
-    if along is None:
-        return end
-    return replace(end, velocity=end.cell.velocity(along), tangent=along if course.measure != "energy" else None)
+        moduli = response.value
+    return replace(
+        end,
+        moduli=moduli,
+        elasticity=moduli if course.measure == "tensors" else None,
+        velocity=None if along is None else end.cell.velocity(along),
+        tangent=None if course.measure == "energy" else along,
+    )
 
 
 def _departure(course: Course, point: Point, strain: float) -> Point:

@@ -85,8 +85,10 @@ class ExtendedGeometry:
 
 def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Array:
     """−gᵀ(σ ∘ L), (n_free, d), with the rounding of σ and of the result alone."""
-    pull = two_product(sigma[:, None], bond_vectors.high)
-    return -exact_sums(network.divergence, Extended(pull.high, pull.low + sigma[:, None] * bond_vectors.low))
+    # One stress for each component: NumPy is several times slower where it repeats them in every product.
+    stress = np.repeat(sigma, bond_vectors.high.shape[1]).reshape(bond_vectors.high.shape)
+    pull = two_product(stress, bond_vectors.high)
+    return -exact_sums(network.divergence, Extended(pull.high, pull.low + stress * bond_vectors.low))
 
 
 def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.0) -> Array:

@@ -15,19 +15,20 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from critflow.critical.transition import strain_components
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array
 from critflow.precision.residual import inverse_norm
 from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.minimum import stability_of
 from critflow.springs.newton import FLOPPY_SHIFT
-from critflow.springs.state import SpringState
+from critflow.springs.state import SpringState, times
 
 # Corrections of a relaxation below this part of it have converged; largest number of corrections.
 _CONVERGED, _MOST_CORRECTIONS = 0.05, 4
@@ -97,9 +98,9 @@ def linear_response(
     if errors is not None and not exact:
         change = _change_to_equilibrium(state, factor, found, floppy, volume, strains)
         errors = None if change is None else Errors.total([errors, change])
-    number = state.largest_stiffness * inverse_norm(factor, found.last[0]) if condition else np.nan
+    number = state.largest_stiffness * inverse_norm(factor, found.last[0].T) if condition else np.nan
     stats = Stats("linear response", 1, residual=found.residual, condition=number)
-    relaxations = np.tensordot(basis_change(d)[list(strains)].T, found.relaxations, axes=1)
+    relaxations = np.einsum("nm,ndi->mid", basis_change(d)[list(strains)], found.relaxations)
     value, status, note = found.elasticity, Status.ok, ""
     trusted = TRUSTED_ERROR * max(abs(value.bulk), abs(value.shear))
     if errors is None or max(errors.bulk, errors.shear, errors.shear_stress_corrected) > trusted:
@@ -150,7 +151,7 @@ class _Responses:
     """Responses to all strains, from one factor.
 
     elasticity         with rounding errors
-    relaxations, last  u (m, n_free, d) under `unit_strains` and its last correction
+    relaxations, last  u (m, d, n_free) under `unit_strains` and its last correction
     """
 
     elasticity: Elasticity
@@ -187,20 +188,20 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
     """
     network, sigma, square = state.network, state.sigma, state.lengths**2
     d, m, n = network.dimension, len(strains), network.n_edges
-    # Arrays over edges have the edges last: NumPy is several times slower where the last axis is short.
-    L = np.ascontiguousarray(state.bond_vectors.T)
+    # Edges and vertices are the last axis: NumPy is several times slower where that is short.
+    L, K = np.ascontiguousarray(state.bond_vectors.T), state.modified_stiffness
     affine = (unit_strains(d)[list(strains)].reshape(m * d, d) @ L).reshape(m, d, n)
     rate, direct, least = affine, np.zeros((m, m)), _NO_RELAXATION * state.length_scale
-    u, scale, energy = np.zeros((m, *state.forces.shape)), np.zeros(m), np.zeros(m)
+    u, scale, energy = np.zeros((m, d, len(network.free))), np.zeros(m), np.zeros(m)
     for refinement in range(_MOST_CORRECTIONS + 1):
         hdot = np.einsum("ie,aie->ae", L, rate)
-        tension = state.resistance(hdot)
+        tension = times(K, hdot)
         stressed = sigma * rate
-        force = -_at_vertices(network, tension[:, None] * L + stressed)
+        force = -_sums(network.divergence, tension[:, None] * L + stressed)
         stretching = hdot @ tension.T
         form = stretching + stressed.reshape(m, -1) @ rate.reshape(m, -1).T
         direct = direct if refinement else form
-        correction = factor.solve(force.reshape(m, -1).T).T.reshape(force.shape)
+        correction = np.array([factor.solve(np.ascontiguousarray(pull.T).ravel()).reshape(-1, d).T for pull in force])
         gained = force.reshape(m, -1) @ correction.reshape(m, -1).T
         moved, size = _largest(correction), _largest(force)
         u, scale = u + correction, np.maximum(scale, size)
@@ -210,10 +211,10 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
         unfinished = energy * _contraction(energy, before)
         if refinement and small and (unfinished <= 4 * EPS * stretching.diagonal()).all():
             break
-        rate = affine + _at_edges(network, u)
+        rate = affine + _sums(network.free_incidence, u)
     form = (form - gained) / volume
     speed = np.sqrt(np.einsum("aie,aie->ae", rate, rate))
-    noise, first = _rounding(state, speed, u, tension)
+    noise, first = _rounding(state, speed, u.swapaxes(1, 2), tension)
     unfinished = np.sqrt(np.outer(unfinished, unfinished))
     form_rounding = (noise + unfinished) / volume + 4 * EPS * np.abs(form)
 
@@ -272,22 +273,14 @@ def _accumulated_products(one: Array, other: Array) -> Array:
     return np.asarray(3 * np.sqrt(one**2 @ (other**2).T) + 0.25 * one @ other.T)
 
 
-def _at_edges(network: Network, u: Array) -> Array:
-    """g u of motions u (m, n_free, d), (m, d, N_b)."""
-    m, n, d = u.shape
-    rates = product(network.free_incidence, np.moveaxis(u, 0, 1).reshape(n, m * d))
-    return np.ascontiguousarray(rates.T).reshape(m, d, -1)
-
-
-def _at_vertices(network: Network, flow: Array) -> Array:
-    """gᵀ f of edge vectors f (m, d, N_b), (m, n_free, d)."""
-    m, d, n = flow.shape
-    sums = product(network.divergence, flow.reshape(m * d, n).T)
-    return np.ascontiguousarray(np.moveaxis(sums.reshape(-1, m, d), 1, 0))
+def _sums(matrix: sp.csr_array, vectors: Array) -> Array:
+    """The products of a matrix (k, n) with vectors (m, d, n), (m, d, k)."""
+    sums = product(matrix, vectors.reshape(-1, vectors.shape[2]).T)
+    return np.ascontiguousarray(sums.T).reshape(*vectors.shape[:2], -1)
 
 
 def _largest(vectors: Array) -> Array:
-    """Largest component of each of the vectors (m, n_free, d), (m,)."""
+    """Largest component of each of the vectors (m, d, n_free), (m,)."""
     return np.abs(vectors).reshape(len(vectors), -1).max(axis=1, initial=0.0)
 
 

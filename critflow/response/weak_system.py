@@ -51,7 +51,7 @@ class WeakSystem:
         unit = sp.csr_array(sp.diags_array(1 / self.lengths) @ self.rigidity)
         parts = [sp.coo_array(part) for part in (self.prestress, self.hessian, unit.T @ unit)]
         entries = [Entries(part.row, part.col, np.full(part.nnz, n), part.data) for n, part in enumerate(parts)]
-        self._pattern = FixedPattern(self.rigidity.shape[1], 3, entries)
+        self._pattern = FixedPattern(self.rigidity.shape[1], 3, entries, in_space=d > 2)
         self.scales = [float(np.abs(part.diagonal()).mean()) for part in parts[:2]]
 
     @property

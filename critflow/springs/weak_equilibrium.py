@@ -69,7 +69,8 @@ class WeakSpringState(SpringState):
     def pattern(self) -> FixedPattern:
         H, start = sp.coo_array(self._weak[2]), n_block_values(self.network)
         weak = Entries(H.row, H.col, start + np.arange(H.nnz), 1.0)
-        return FixedPattern(H.shape[0], start + H.nnz, [*block_entries(self.network), weak])
+        entries, in_space = [*block_entries(self.network), weak], self.network.dimension > 2
+        return FixedPattern(H.shape[0], start + H.nnz, entries, in_space=in_space)
 
     def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
         springs = self.blocks(self.modified_stiffness, self.sigma)

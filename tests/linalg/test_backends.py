@@ -6,7 +6,13 @@ from problems import random_stress
 
 from critflow import CriticalManifold, InputError, voronoi_network
 from critflow.linalg import backends
-from critflow.linalg.backends import CROSSOVERS, available_backends, choose_backend, eliminating_backends
+from critflow.linalg.backends import (
+    CROSSOVERS,
+    CROSSOVERS_IN_SPACE,
+    available_backends,
+    choose_backend,
+    eliminating_backends,
+)
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, laplacian
 
@@ -164,12 +170,13 @@ def extras(request, monkeypatch):
     return request.param
 
 
-def test_the_choice_by_size(extras):
+@pytest.mark.parametrize(("in_space", "crossovers"), [(False, CROSSOVERS), (True, CROSSOVERS_IN_SPACE)])
+def test_the_choice_by_size(extras, in_space, crossovers):
     assert set(eliminating_backends()) == {"qdldl", "superlu"} | extras
     best = "pardiso" if "pardiso" in extras else "metis" if "metis" in extras else "superlu"
     for n_entries in np.logspace(0, 8, 200).astype(int):
-        chosen = choose_backend("auto", n_entries)
-        assert chosen == ("qdldl" if n_entries <= CROSSOVERS[best] else best)
+        chosen = choose_backend("auto", n_entries, in_space)
+        assert chosen == ("qdldl" if n_entries <= crossovers[best] else best)
     for name in available_backends():
         assert choose_backend(name, 5) == choose_backend(name, 10**8) == name
 

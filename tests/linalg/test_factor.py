@@ -1,6 +1,8 @@
 """Factors of matrices with a fixed pattern: each owns its numbers, and tells a singular matrix from a lost pivot."""
 
 import gc
+import pickle
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -37,6 +39,23 @@ def test_every_live_factor_keeps_its_numbers(backend):
             np.testing.assert_array_equal(factor.pivots, alone.pivots)
     for factor, answer in zip(factors, answers, strict=False):
         np.testing.assert_array_equal(factor.solve(RIGHT), answer)
+
+
+@pytest.mark.parametrize("backend", eliminating_backends())
+def test_threads_share_a_pattern(backend):
+    pattern, sigmas = laplacian(NETWORK, backend), stresses(24)
+    expected = [laplacian(NETWORK, backend).factorize(sigma).solve(RIGHT) for sigma in sigmas]
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(lambda sigma: pattern.factorize(sigma).solve(RIGHT), sigmas))
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("backend", eliminating_backends())
+def test_a_factor_is_sent_to_another_process_without_its_solver(backend):
+    factor = laplacian(NETWORK, backend).factorize(stresses(1)[0])
+    sent = pickle.loads(pickle.dumps(factor))
+    np.testing.assert_array_equal(sent.solve(RIGHT), factor.solve(RIGHT))
+    np.testing.assert_array_equal(sent.multiply(RIGHT), factor.multiply(RIGHT))
 
 
 def counting(pattern, monkeypatch):
