@@ -29,6 +29,8 @@ MOST_STEPS = 300  # of one solve; 20 to 100 suffice where stresses span up to fo
 # Of stresses over four decades this halves the steps; with all of them strong or weak alike it makes no difference.
 _STRONG = 0.01
 _DAMPING = np.float32(0.8)  # of Jacobi: from 0.7 to 0.9 the number of steps varies by one in twenty
+# Of the prolongation: weights by the rows, where those by the largest eigenvalue start from random numbers.
+_SMOOTHED = ("jacobi", {"weighting": "local", "filter_entries": True})
 _COARSEST = 300  # vertices of a level that is solved by its dense inverse
 
 Array = NDArray[np.float64]
@@ -60,7 +62,7 @@ class Multigrid:
         self._A, self._scale = _scaled(A, 1 / roots, 1 / roots), 1 / roots
         # 0.2 s, and only large networks in space need it.  The smooth errors are constant before scaling.
         solver = import_module("pyamg").smoothed_aggregation_solver
-        options = {"symmetry": "symmetric", "improve_candidates": None, "max_coarse": _COARSEST}
+        options = {"symmetry": "symmetric", "improve_candidates": None, "max_coarse": _COARSEST, "smooth": _SMOOTHED}
         with np.errstate(all="ignore"):
             levels = solver(self._A, roots[:, None], strength=("symmetric", {"theta": _STRONG}), **options).levels
             scales = [1 / np.sqrt(level.A.diagonal()) for level in levels]

@@ -17,13 +17,14 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
+import scipy.sparse as sp
 
 from critflow.linalg.factor import Factor
 from critflow.linalg.multigrid import REDUCED
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network
-from critflow.precision.double_double import Extended, add, extended, multiply, two_sum
+from critflow.precision.double_double import Extended, add, extended, two_sum
 from critflow.precision.geometry import ExtendedGeometry
 
 # Error of a residual in double-double arithmetic, relative to the sizes of its terms: 4 roundings of about 2⁻¹⁰⁶.
@@ -31,9 +32,8 @@ EXTENDED_ROUNDING = 4 * EPS**2
 # Part of a rounding below which an error is invisible: refinement of a configuration stops there, relative to the
 # shortest edge, and corrections of an equilibrium, relative to the coordinates.
 UNSEEN = 0.05
-# Reduction of a residual for a comparison vector, whose product with P only has to be positive, and the least one of a
-# correction, where the solver iterates.
-COMPARED = 1e-6
+COMPARED = 1e-6  # reduction of a residual, where the solver iterates, for a y whose P y only has to be positive
+LEAST_REDUCTION = 0.01  # of a residual by one correction, where the solver iterates
 MOST_STEPS = 40  # most steps of a refinement; each must halve the error, so that 40 span 12 digits
 # Largest error of a refined configuration, relative to its coordinates.  Convergent refinement ends far below, near
 # the rounding of doubles.
@@ -78,7 +78,10 @@ class Refinement:
     def __init__(self, network: Network):
         self._geometry = ExtendedGeometry(network)
         self._g, self._divergence, self._b = network.free_incidence, network.divergence, network.boundary_vectors
-        self._ends, self._spread = abs(self._g), abs(self._divergence)
+        self._ends, self._spread = (
+            sp.csr_array((np.abs(matrix.data), matrix.indices, matrix.indptr), matrix.shape)
+            for matrix in (self._g, self._divergence)
+        )
         self._reach = float(np.abs(self._b).max())
         # Roundings in a sum of edge forces around a vertex.
         self._roundings = EPS * (4 + int(np.diff(self._spread.indptr).max()))
@@ -98,13 +101,11 @@ class Refinement:
         while True:
             step += 1
             L = self._geometry.bond_vectors(at, self._b)
-            force = self._geometry.divergence(multiply(factors, L))
+            force = self._geometry.tension_forces(factors, L)
             size = float(np.abs(at.high).max()) + self._reach
             goal = UNSEEN * EPS * float(_largest(L.high).min())
-            correction = -factor.solve_roughly(force.high, bound.reduction(force.high, goal))
-            change = self._g @ correction
-            # The force after a correction of this size needs no extended precision.
-            left = force.high + self._divergence @ (stress * change) + force.low
+            correction, change, left = self._correction(bound, factor, force.high, goal)
+            left += force.low
             errors = self._errors(bound, left, L, change, size)
             at = add(at, extended(correction))
             error = float(errors.max())
@@ -114,17 +115,29 @@ class Refinement:
         if error > goal:
             errors = self._errors(bound, left, L, change, size, sharply=True)
             error = float(errors.max())
-        rounded = two_sum(L.high, L.low + change)
-        rough = np.abs(rounded.low) + EPS * (np.abs(L.low) + np.abs(change)) + EXTENDED_ROUNDING * size
         certain = bool(error < LOST * size)
+        del force, correction, left  # 100 MB at 10⁶ vertices in space
+        shifted: Array | float = 0.0
         if factors.low.any():
             shift, more = self._shift_by_rounding(bound, factor, factors.low, L.high, goal)
-            rough, errors = rough + np.abs(self._g @ shift), errors + more
+            shifted, errors = np.abs(self._g @ shift), errors + more
             error = float((_largest(shift) + errors).max())
+        rounded = two_sum(L.high, L.low + change)
+        rough = np.abs(rounded.low) + EPS * (np.abs(L.low) + np.abs(change)) + EXTENDED_ROUNDING * size
+        rough += shifted
         rough += self._ends @ errors
         L_errors = np.sqrt(np.einsum("ad,ad->a", rough, rough))
         total = float(np.abs(at.low).max()) + error
         return Refined(at.high, rounded.high, total, L_errors, bound.condition, step, certain)
+
+    def _correction(self, bound: _Bound, factor: Factor, force: Array, goal: float) -> tuple[Array, Array, Array]:
+        """A correction (n_free, d) by a force (n_free, d), its change of the bond vectors, and the force that is left.
+
+        The force after a correction of this size needs no extended precision.
+        """
+        correction = -factor.solve_roughly(force, bound.reduction(force, goal))
+        change = self._g @ correction
+        return correction, change, force + self._divergence @ (bound.stress * change)
 
     def _shift_by_rounding(
         self, bound: _Bound, factor: Factor, low: Array, L: Array, goal: float
@@ -133,12 +146,9 @@ class Refinement:
 
         The forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L) are small, so that one solve in doubles has all digits that count.
         """
-        force = -self._divergence @ (low * L)
-        shift = -factor.solve_roughly(force, bound.reduction(force, goal))
-        change = self._g @ shift
-        left = _largest(force + self._divergence @ (bound.stress * change))
+        shift, change, left = self._correction(bound, factor, -self._divergence @ (low * L), goal)
         rounding = self.sum_of_sizes(bound.stress, change) + self.sum_of_sizes(low, L)
-        forces = left + self._roundings * rounding
+        forces = _largest(left) + self._roundings * rounding
         errors = bound(forces)
         return shift, bound(forces, sharply=True) if errors.max() > goal else errors
 
@@ -239,7 +249,7 @@ class _Bound:
         if not self.proof:
             return REDUCED
         error = float(self(_largest(forces)).max())
-        return float(np.clip(0.1 * goal / error, REDUCED, COMPARED)) if error else COMPARED
+        return float(np.clip(0.1 * goal / error, REDUCED, LEAST_REDUCTION)) if error else LEAST_REDUCTION
 
     def __call__(self, forces: Array, sharply: bool = False) -> Array:
         """Bounds (n_free, 1) for forces of at most these sizes (n_free, 1); sharper ones by one more solve."""
