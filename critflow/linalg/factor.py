@@ -32,7 +32,6 @@ from critflow.result import InputError
 # Shift δ in units of the mean value.  A matrix with the same inertia at ±δ counts as regular; the shift is far above
 # the rounding of pivots.
 INERTIA_SHIFT = 1e-9
-CORRECTED = 1e-6  # reduction of a residual by multigrid in one of several corrections
 REFINED_SOLVES = 20  # most refinements of a solve with A + δ.  Each reduces the error by δ over the smallest eigenvalue
 
 Array = NDArray[np.float64]
@@ -224,15 +223,14 @@ class Factor:
 
     def solve(self, right_side: Array) -> Array:
         """x of A x = r, for r of shape (n,) or (n, d)."""
-        x = self._iterated(right_side, multigrid.REDUCED)
+        return self.solve_roughly(right_side, multigrid.REDUCED)
+
+    def solve_roughly(self, right_side: Array, reduction: float) -> Array:
+        """As `solve`, with the residual reduced by this factor only, where the solver iterates."""
+        x = self._iterated(right_side, reduction)
         if x is None:
             x = self._refined(right_side) if self._shift else self._solved(right_side)
         return x
-
-    def solve_roughly(self, right_side: Array) -> Array:
-        """As `solve`, with the digits that a correction needs where the solver iterates."""
-        x = self._iterated(right_side, CORRECTED)
-        return self.solve(right_side) if x is None else x
 
     def _iterated(self, right_side: Array, reduction: float) -> Array | None:
         """x by multigrid, up to a reduced residual; None where elimination serves."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -16,9 +18,13 @@ _KERNELS = {"csr": (csr_matvec, csr_matvecs), "csc": (csc_matvec, csc_matvecs)}
 
 def product(matrix: sp.csr_array | sp.csc_matrix, x: Array) -> Array:
     """A x for x (n,) or (n, d) of floats: the bits of `matrix @ x`."""
+    return add_product(matrix, x, np.zeros((matrix.shape[0], *x.shape[1:])))
+
+
+def add_product(matrix: sp.csr_array | sp.csc_matrix, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
+    """y + A x in place of y (n,) or (n, d), all of the same precision."""
     rows, cols = matrix.shape
     one, several = _KERNELS[matrix.format]
-    y = np.zeros((rows, *x.shape[1:]))
     # Of a transposed array `ravel` alone takes longer than the product.
     x = np.ascontiguousarray(x)
     if x.ndim == 1:

@@ -7,6 +7,8 @@ of the largest of all terms, which is enough for the forces of springs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -14,7 +16,9 @@ from numpy.typing import NDArray
 from critflow.linalg.matrices import free_ends
 from critflow.linalg.products import product
 from critflow.networks.network import Array, IntArray, Network
-from critflow.precision.double_double import Extended, two_product, two_sum
+from critflow.precision.double_double import Extended, multiply, part, two_product, two_sum
+
+BLOCK = 1 << 16  # rows of an array of d columns in one step: its temporaries are then some megabytes
 
 
 def edge_differences(tail: IntArray, head: IntArray, x: Extended, b: Array) -> Extended:
@@ -53,34 +57,52 @@ class ExtendedGeometry:
         degree = np.bincount(ends[order], minlength=len(free))
         first = np.cumsum(degree) - degree
         place = np.arange(len(order)) - np.repeat(first, degree)
-        # Entry 2 N_b of the doubled list of edge forces is a zero.
-        self._around: NDArray[np.int64] = np.full((int(degree.max()), len(free)), 2 * network.n_edges)
-        self._around[place, ends[order]] = order
+        # Edges around each vertex, one array of all vertices after the other, with the signs of their forces on it.
+        self._around: list[tuple[NDArray[np.int64], Array]] = []
+        for number in range(int(degree.max())):
+            row = (place == number).nonzero()[0]
+            edges, signs = np.zeros(len(free), np.int64), np.zeros((len(free), 1))
+            edges[ends[order[row]]] = order[row] % network.n_edges
+            signs[ends[order[row]], 0] = np.where(order[row] < network.n_edges, -1.0, 1.0)
+            self._around.append((edges, signs))
 
     def bond_vectors(self, x: Extended, b: Array) -> Extended:
         """L (N_b, d) from free coordinates x (n_free, d) and boundary vectors b (N_b, d), to 32 digits of those."""
         zero = np.zeros((1, x.high.shape[1]))
         padded = Extended(np.concatenate([x.high, zero]), np.concatenate([x.low, zero]))
-        return edge_differences(self._tail, self._head, padded, b)
+        return _in_blocks(lambda rows: edge_differences(self._tail[rows], self._head[rows], padded, b[rows]), b.shape)
+
+    def tension_forces(self, sigma: Extended, L: Extended) -> Extended:
+        """gᵀ(σ ∘ L) over the free vertices, (n_free, d), of σ (N_b, 1) and L (N_b, d), to 32 digits of those."""
+        return self.divergence(_in_blocks(lambda rows: multiply(part(sigma, rows), part(L, rows)), L.high.shape))
 
     def divergence(self, edge_vectors: Extended) -> Extended:
         """gᵀ v over the free vertices, (n_free, d), of edge vectors v (N_b, d), to 32 digits of those."""
-        return self._sums(Extended(-edge_vectors.high, -edge_vectors.low), edge_vectors)
+        return self._sums(edge_vectors, self._around)
 
     def spread(self, edge_vectors: Extended) -> Extended:
         """|g|ᵀ v over the free vertices, likewise: what each edge adds to both of its ends."""
-        return self._sums(edge_vectors, edge_vectors)
+        return self._sums(edge_vectors, [(edges, np.abs(signs)) for edges, signs in self._around])
 
-    def _sums(self, at_tails: Extended, at_heads: Extended) -> Extended:
-        zero = np.zeros((1, at_tails.high.shape[1]))
-        high = np.concatenate([at_tails.high, at_heads.high, zero])
-        low = np.concatenate([at_tails.low, at_heads.low, zero])
-        total, rest = high[self._around[0]], low[self._around[0]]
-        for around in self._around[1:]:
-            total, rounding = two_sum(total, high[around])
-            rest += low[around]
-            rest += rounding
-        return two_sum(total, rest)
+    def _sums(self, v: Extended, around: list[tuple[NDArray[np.int64], Array]]) -> Extended:
+        def of(rows: slice) -> Extended:
+            total, rest = 0.0, 0.0
+            for edges, signs in around:
+                at, sign = edges[rows], signs[rows]
+                total, rounding = two_sum(total, sign * v.high.take(at, 0))
+                rest = rest + sign * v.low.take(at, 0) + rounding
+            return two_sum(total, rest)
+
+        return _in_blocks(of, (len(around[0][0]), v.high.shape[1]))
+
+
+def _in_blocks(of: Callable[[slice], Extended], shape: tuple[int, ...]) -> Extended:
+    """An extended array from blocks of its rows, whose temporary arrays are small enough for the cache."""
+    result = Extended(np.empty(shape), np.empty(shape))
+    for start in range(0, shape[0], BLOCK):
+        rows = slice(start, start + BLOCK)
+        result.high[rows], result.low[rows] = of(rows)
+    return result
 
 
 def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Array:

@@ -17,12 +17,14 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
+import scipy.sparse as sp
 
 from critflow.linalg.factor import Factor
+from critflow.linalg.multigrid import REDUCED
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network
-from critflow.precision.double_double import Extended, add, extended, multiply, two_sum
+from critflow.precision.double_double import Extended, add, extended, two_sum
 from critflow.precision.geometry import ExtendedGeometry
 
 # Error of a residual in double-double arithmetic, relative to the sizes of its terms: 4 roundings of about 2⁻¹⁰⁶.
@@ -30,6 +32,8 @@ EXTENDED_ROUNDING = 4 * EPS**2
 # Part of a rounding below which an error is invisible: refinement of a configuration stops there, relative to the
 # shortest edge, and corrections of an equilibrium, relative to the coordinates.
 UNSEEN = 0.05
+COMPARED = 1e-6  # reduction of a residual, where the solver iterates, for a y whose P y only has to be positive
+LEAST_REDUCTION = 0.01  # of a residual by one correction, where the solver iterates
 MOST_STEPS = 40  # most steps of a refinement; each must halve the error, so that 40 span 12 digits
 # Largest error of a refined configuration, relative to its coordinates.  Convergent refinement ends far below, near
 # the rounding of doubles.
@@ -74,7 +78,10 @@ class Refinement:
     def __init__(self, network: Network):
         self._geometry = ExtendedGeometry(network)
         self._g, self._divergence, self._b = network.free_incidence, network.divergence, network.boundary_vectors
-        self._ends, self._spread = abs(self._g), abs(self._divergence)
+        self._ends, self._spread = (
+            sp.csr_array((np.abs(matrix.data), matrix.indices, matrix.indptr), matrix.shape)
+            for matrix in (self._g, self._divergence)
+        )
         self._reach = float(np.abs(self._b).max())
         # Roundings in a sum of edge forces around a vertex.
         self._roundings = EPS * (4 + int(np.diff(self._spread.indptr).max()))
@@ -94,30 +101,43 @@ class Refinement:
         while True:
             step += 1
             L = self._geometry.bond_vectors(at, self._b)
-            force = self._geometry.divergence(multiply(factors, L))
-            correction = -factor.solve_roughly(force.high)
-            change = self._g @ correction
-            # The force after a correction of this size needs no extended precision.
-            left = force.high + self._divergence @ (stress * change) + force.low
+            force = self._geometry.tension_forces(factors, L)
             size = float(np.abs(at.high).max()) + self._reach
             goal = UNSEEN * EPS * float(_largest(L.high).min())
-            errors = self._errors(bound, left, L, change, size, goal)
+            correction, change, left = self._correction(bound, factor, force.high, goal)
+            left += force.low
+            errors = self._errors(bound, left, L, change, size)
             at = add(at, extended(correction))
             error = float(errors.max())
             if error <= goal or not error < 0.5 * last or step == MOST_STEPS:
                 break
             last = error
-        rounded = two_sum(L.high, L.low + change)
-        rough = np.abs(rounded.low) + EPS * (np.abs(L.low) + np.abs(change)) + EXTENDED_ROUNDING * size
+        if error > goal:
+            errors = self._errors(bound, left, L, change, size, sharply=True)
+            error = float(errors.max())
         certain = bool(error < LOST * size)
+        del force, correction, left  # 100 MB at 10⁶ vertices in space
+        shifted: Array | float = 0.0
         if factors.low.any():
             shift, more = self._shift_by_rounding(bound, factor, factors.low, L.high, goal)
-            rough, errors = rough + np.abs(self._g @ shift), errors + more
+            shifted, errors = np.abs(self._g @ shift), errors + more
             error = float((_largest(shift) + errors).max())
+        rounded = two_sum(L.high, L.low + change)
+        rough = np.abs(rounded.low) + EPS * (np.abs(L.low) + np.abs(change)) + EXTENDED_ROUNDING * size
+        rough += shifted
         rough += self._ends @ errors
         L_errors = np.sqrt(np.einsum("ad,ad->a", rough, rough))
         total = float(np.abs(at.low).max()) + error
         return Refined(at.high, rounded.high, total, L_errors, bound.condition, step, certain)
+
+    def _correction(self, bound: _Bound, factor: Factor, force: Array, goal: float) -> tuple[Array, Array, Array]:
+        """A correction (n_free, d) by a force (n_free, d), its change of the bond vectors, and the force that is left.
+
+        The force after a correction of this size needs no extended precision.
+        """
+        correction = -factor.solve_roughly(force, bound.reduction(force, goal))
+        change = self._g @ correction
+        return correction, change, force + self._divergence @ (bound.stress * change)
 
     def _shift_by_rounding(
         self, bound: _Bound, factor: Factor, low: Array, L: Array, goal: float
@@ -126,22 +146,23 @@ class Refinement:
 
         The forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L) are small, so that one solve in doubles has all digits that count.
         """
-        force = -self._divergence @ (low * L)
-        shift = -factor.solve_roughly(force)
-        change = self._g @ shift
-        left = _largest(force + self._divergence @ (bound.stress * change))
+        shift, change, left = self._correction(bound, factor, -self._divergence @ (low * L), goal)
         rounding = self.sum_of_sizes(bound.stress, change) + self.sum_of_sizes(low, L)
-        return shift, bound(left + self._roundings * rounding, goal)
+        forces = _largest(left) + self._roundings * rounding
+        errors = bound(forces)
+        return shift, bound(forces, sharply=True) if errors.max() > goal else errors
 
-    def _errors(self, bound: _Bound, left: Array, L: Extended, change: Array, size: float, goal: float) -> Array:
+    def _errors(
+        self, bound: _Bound, left: Array, L: Extended, change: Array, size: float, sharply: bool = False
+    ) -> Array:
         """Bounds (n_free, 1) on the errors of coordinates of a size, by the forces that are left, (n_free, d)."""
         stress, weight = bound.stress, bound.weight
         rounding, lost = self._roundings * self.sum_of_sizes(stress, change), EXTENDED_ROUNDING * size
         if bound.proof:
             # P⁻¹ gᵀ(σ ∘ η) is then a mean, over spanning trees, of sums of η along a path to a fixed vertex.
             rounding += EPS * self._roundings * self.sum_of_sizes(stress, L.high)
-            return bound(_largest(left) + rounding, goal) + len(weight) * lost
-        return bound(_largest(left) + rounding + lost * weight, goal)
+            return bound(_largest(left) + rounding, sharply) + len(weight) * lost
+        return bound(_largest(left) + rounding + lost * weight, sharply)
 
     def product(self, stress: Array, vector: Array) -> Array:
         """P v, (n_free, 1), by differences along the edges, which nearly equal entries do not spoil."""
@@ -215,18 +236,28 @@ class _Bound:
 
     def _comparison(self, forces: Array) -> tuple[Array, Array]:
         """y near P⁻¹ times the forces, all positive, and a lower bound of P y; not positive where it proves nothing."""
-        y = self._sign * self._factor.solve(forces)
-        if not (np.isfinite(y).all() and (y > 0).all()):
-            return y, np.zeros_like(forces)
-        return y, self._sign * self._refinement.product(self.stress, y) - self._refinement.rounding(self.stress, y)
+        for reduction in (COMPARED, REDUCED):
+            y = self._sign * self._factor.solve_roughly(forces, reduction)
+            if np.isfinite(y).all() and (y > 0).all():
+                Py = self._sign * self._refinement.product(self.stress, y) - self._refinement.rounding(self.stress, y)
+                if (Py > 0).all():
+                    return y, Py
+        return y, np.zeros_like(forces)
 
-    def __call__(self, forces: Array, goal: float) -> Array:
-        """Bounds (n_free, 1) for forces of at most these sizes (n_free, 1); sharper ones where they exceed the goal."""
+    def reduction(self, forces: Array, goal: float) -> float:
+        """The reduction of forces (n_free, d) after which the bound is well below the goal."""
+        if not self.proof:
+            return REDUCED
+        error = float(self(_largest(forces)).max())
+        return float(np.clip(0.1 * goal / error, REDUCED, LEAST_REDUCTION)) if error else LEAST_REDUCTION
+
+    def __call__(self, forces: Array, sharply: bool = False) -> Array:
+        """Bounds (n_free, 1) for forces of at most these sizes (n_free, 1); sharper ones by one more solve."""
         relative = float((forces / self.weight).max())
         if not self.proof:
             return np.full_like(self.weight, SAFETY * self.condition * relative)
         errors = self._y * float((forces / self._Py).max())
-        if errors.max() > goal:
+        if sharply:
             forces = forces + 1e-6 * relative * self.weight
             y, Py = self._comparison(forces)
             if (Py > 0).all():
