@@ -9,6 +9,7 @@ from problems import (
     modulus_by_formula,
     random_start,
     random_stress,
+    voronoi_3d,
 )
 
 from critflow import (
@@ -188,3 +189,8 @@ def test_without_equal_lengths_the_cone_program_ends_with_a_status():
     assert not found.ok and found.note
     with pytest.raises(SolveError):
         optimize(star, "length_variance", "conic")
+
+
+def test_slack_edges_of_equal_lengths_are_a_status():
+    found = optimize(voronoi_3d(), "length_variance", method="conic", throw=False)
+    assert found.status is Status.slack_edges and len(found.slack_edges) > 0
