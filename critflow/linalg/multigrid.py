@@ -30,7 +30,7 @@ MOST_STEPS = 300  # of one solve; 20 to 100 suffice where stresses span up to fo
 _STRONG = 0.01
 _DAMPING = np.float32(0.8)  # of Jacobi: from 0.7 to 0.9 the number of steps varies by one in twenty
 # Of the prolongation: weights by the rows, where those by the largest eigenvalue start from random numbers.
-_SMOOTHED = ("jacobi", {"weighting": "local", "filter_entries": True})
+_SMOOTHED = ("jacobi", {"weighting": "local"})
 _COARSEST = 300  # vertices of a level that is solved by its dense inverse
 
 Array = NDArray[np.float64]

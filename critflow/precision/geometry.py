@@ -7,7 +7,7 @@ of the largest of all terms, which is enough for the forces of springs.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import scipy.sparse as sp
@@ -85,22 +85,29 @@ class ExtendedGeometry:
         return self._sums(edge_vectors, [(edges, np.abs(signs)) for edges, signs in self._around])
 
     def _sums(self, v: Extended, around: list[tuple[NDArray[np.int64], Array]]) -> Extended:
+        shape = (len(around[0][0]), v.high.shape[1])
+
         def of(rows: slice) -> Extended:
-            total, rest = 0.0, 0.0
+            total = np.zeros((len(around[0][0][rows]), shape[1]))
+            rest = np.zeros_like(total)
             for edges, signs in around:
                 at, sign = edges[rows], signs[rows]
                 total, rounding = two_sum(total, sign * v.high.take(at, 0))
                 rest = rest + sign * v.low.take(at, 0) + rounding
             return two_sum(total, rest)
 
-        return _in_blocks(of, (len(around[0][0]), v.high.shape[1]))
+        return _in_blocks(of, shape)
+
+
+def blocks(n_rows: int) -> Iterator[slice]:
+    """Rows of an array in parts, whose temporary arrays are small enough for the cache."""
+    return (slice(start, start + BLOCK) for start in range(0, n_rows, BLOCK))
 
 
 def _in_blocks(of: Callable[[slice], Extended], shape: tuple[int, ...]) -> Extended:
-    """An extended array from blocks of its rows, whose temporary arrays are small enough for the cache."""
+    """An extended array from parts of its rows."""
     result = Extended(np.empty(shape), np.empty(shape))
-    for start in range(0, shape[0], BLOCK):
-        rows = slice(start, start + BLOCK)
+    for rows in blocks(shape[0]):
         result.high[rows], result.low[rows] = of(rows)
     return result
 

@@ -25,7 +25,7 @@ from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, add, extended, two_sum
-from critflow.precision.geometry import ExtendedGeometry
+from critflow.precision.geometry import ExtendedGeometry, blocks
 
 # Error of a residual in double-double arithmetic, relative to the sizes of its terms: 4 roundings of about 2⁻¹⁰⁶.
 EXTENDED_ROUNDING = 4 * EPS**2
@@ -117,18 +117,21 @@ class Refinement:
             error = float(errors.max())
         certain = bool(error < LOST * size)
         del force, correction, left  # 100 MB at 10⁶ vertices in space
-        shifted: Array | float = 0.0
+        shifted = np.zeros_like(change)
         if factors.low.any():
             shift, more = self._shift_by_rounding(bound, factor, factors.low, L.high, goal)
             shifted, errors = np.abs(self._g @ shift), errors + more
             error = float((_largest(shift) + errors).max())
-        rounded = two_sum(L.high, L.low + change)
-        rough = np.abs(rounded.low) + EPS * (np.abs(L.low) + np.abs(change)) + EXTENDED_ROUNDING * size
-        rough += shifted
-        rough += self._ends @ errors
-        L_errors = np.sqrt(np.einsum("ad,ad->a", rough, rough))
+        at_ends = self._ends @ errors
+        bonds, L_errors = np.empty_like(change), np.empty(len(change))
+        for rows in blocks(len(change)):
+            bonds[rows], rest = two_sum(L.high[rows], L.low[rows] + change[rows])
+            rough = np.abs(rest) + EPS * (np.abs(L.low[rows]) + np.abs(change[rows])) + EXTENDED_ROUNDING * size
+            rough += shifted[rows]
+            rough += at_ends[rows]
+            L_errors[rows] = np.sqrt(np.einsum("ad,ad->a", rough, rough))
         total = float(np.abs(at.low).max()) + error
-        return Refined(at.high, rounded.high, total, L_errors, bound.condition, step, certain)
+        return Refined(at.high, bonds, total, L_errors, bound.condition, step, certain)
 
     def _correction(self, bound: _Bound, factor: Factor, force: Array, goal: float) -> tuple[Array, Array, Array]:
         """A correction (n_free, d) by a force (n_free, d), its change of the bond vectors, and the force that is left.

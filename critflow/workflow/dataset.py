@@ -30,6 +30,7 @@ _COMMENT = (
     "Attributes named in volatile_attributes, and variables with such a comment, differ from run to run; shards_sha256 "
     "adds up, modulo 2**256, the SHA-256 of a line for each case: its name and its shard's checksum."
 )
+SMALL = 2**29  # bytes of a dataset that may be in memory as a whole
 _PIECE = 2**26  # bytes of a dataset in memory at once
 
 
@@ -150,7 +151,8 @@ def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
         raise StudyError(f"there is no dataset {path}: run the study first")
     try:
         verified_checksum(path)
-        dataset = xr.open_dataset(path, engine="netcdf4")
+        # All variables of a large dataset, read one after the other, may not fit in memory together.
+        dataset = xr.open_dataset(path, engine="netcdf4", cache=path.stat().st_size < SMALL)
     except IntegrityError as error:
         raise IntegrityError(f"{error}: {REWRITE}") from error
     except (OSError, RuntimeError, ValueError) as error:

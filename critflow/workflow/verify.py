@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from critflow.result import IntegrityError, StudyError
-from critflow.workflow.dataset import REWRITE, Assembly, opened_dataset
+from critflow.workflow.dataset import REWRITE, SMALL, Assembly, opened_dataset
 from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, Folder
 from critflow.workflow.report import text_parts
 from critflow.workflow.store import shard_path
@@ -18,7 +18,6 @@ from critflow.workflow.study import Study
 
 # Attributes that state the data of a file, and their origin; others state the present code.
 _COMPARED = ("study", "study_version", "schema_version", "axes", "parameters")
-_SMALL = 2**29  # bytes of a dataset that is read at once
 _ORIGINS = ("cases_code", "cases_environment", "shards_sha256")
 
 
@@ -44,7 +43,7 @@ def verify_folder(folder: Folder) -> Verification:
     problems = [f"{shard_path(folder.shards, case)} is {state}: {reason}" for case, state, reason in bad]
     try:
         with opened_dataset(path) as opened:
-            dataset = opened.load() if opened.nbytes < _SMALL else opened
+            dataset = opened.load() if opened.nbytes < SMALL else opened
             if not problems:  # damaged shards can be compared with nothing
                 assembly = Assembly(selection, folder.shards, [case.id for case, state, _ in states if state == FAILED])
                 problems += [f"{path}: {line}: {REWRITE}" for line in _differences(assembly, dataset)]

@@ -75,6 +75,14 @@ def test_cases_that_disagree_about_shared_arrays_or_sizes_are_an_error(tmp_path,
     assert not (tmp_path / "tiny.nc").exists()
 
 
+def test_the_variables_of_a_large_dataset_do_not_stay_in_memory(tmp_path, run, monkeypatch):
+    assert run(tmp_path) == 0
+    for most, kept in ((dataset_module.SMALL, True), (0, False)):
+        monkeypatch.setattr(dataset_module, "SMALL", most)
+        with dataset_module.opened_dataset(tmp_path / "tiny.nc") as ds:
+            assert np.shares_memory(ds.sigma.values, ds.sigma.values) == kept
+
+
 def test_volatile_variables_are_marked(tmp_path, run, source):
     path = source('long_name="residual")', 'long_name="residual", volatile=True)')
     assert run(tmp_path / "out", "seeds=0", study=path) == 0
