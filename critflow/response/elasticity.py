@@ -32,6 +32,9 @@ from critflow.springs.state import SpringState, edge_directions, spring_state
 from critflow.springs.tissue import CriticalTissue
 
 SLACK_FACE = 1e-9  # tension of a face without any, relative to the largest
+# Force left on a vertex, relative to the largest tension, below which tensions are in balance: those of rounding are
+# not, and tensions of 1e-13 near the transition are.
+BALANCED = 1e-2
 
 
 @checked
@@ -51,7 +54,8 @@ def elasticity(
     rest_lengths  ℓ (N_b,) of a network; None: the springs are at rest
     taut          (N_b,) bool, the edges of a network at rest that resist; the others are slack cables.  None: all
     volume        V of a pinned network, whose pins move with the strain: the tensor is a stiffness per unit of V
-    tolerance     of forces and stresses in units of the stiffness; smaller ones are rounding of springs at rest
+    tolerance     of forces and stresses in units of the stiffness; smaller stresses out of balance are rounding of
+                  springs at rest
 
     At the transition V C = S ⊗ S/D with S = Σ σ L ⊗ L and D = Σ σ²|L|²/k (`BulkModulus`, `ShearModulus`).  At rest any
     number of self-stresses contributes (`response_at_rest`); without any the network is floppy: zeros and
@@ -100,7 +104,8 @@ def _stressed(state: SpringState, tolerance: float) -> bool:
         raise InputError(
             f"the springs are not in equilibrium, a force of {state.max_force:.2g} is left: call equilibrium() first"
         )
-    return bool((np.abs(state.sigma) > tolerance * state.edge_stiffness).any())
+    balanced = state.max_force < BALANCED * float(np.abs(state.sigma * state.lengths).max())
+    return balanced or bool((np.abs(state.sigma) > tolerance * state.edge_stiffness).any())
 
 
 def _at_transition(critical: CriticalConfiguration, volume: float, roundings: int) -> ResponseAtRest:
