@@ -51,17 +51,12 @@ def rendered(reference: Path = REFERENCE) -> str:
     runs = json.loads((reference / "runs.json").read_text(encoding="utf-8"))
     claims = {study: _claims(reference, study) for study in studies()}
     overview = _overview(claims, runs, reference)
-    parts = [HEAD, overview, *(_study(study, claims[study], reference) for study in studies()), _table(claims)]
+    parts = [HEAD, overview, *(_study(study, reference) for study in studies()), _table(claims)]
     return "\n".join(parts)
 
 
 def _claims(reference: Path, study: str) -> list[dict]:
     return json.loads((reference / study / "claims.json").read_text(encoding="utf-8"))
-
-
-def _older(claims: list[dict]) -> bool:
-    """Whether the run is older than kinds and criteria of claims."""
-    return any("kind" not in claim for claim in claims)
 
 
 def _count(claims: list[dict]) -> str:
@@ -71,8 +66,6 @@ def _count(claims: list[dict]) -> str:
 
 def _holding(claims: list[dict]) -> str:
     """The claims that hold, by kind."""
-    if _older(claims):
-        return f"{_count(claims)} claims of an older run hold"
     counts = {kind: _count([claim for claim in claims if claim["kind"] == kind]) for kind in KINDS}
     return "; ".join(f"{KINDS[kind]}: {count} hold" for kind, count in counts.items() if count)
 
@@ -84,18 +77,17 @@ def _overview(claims: dict[str, list[dict]], runs: dict[str, dict], reference: P
         run = runs.get(study, {})
         seconds = f"{run['seconds']:.0f}" if run.get("seconds") else ""
         made_by = f"{run.get('source', '')} {run.get('commit', '')[:7]}".strip()
-        counts = [_count([claim for claim in its_claims if claim.get("kind") == kind]) for kind in KINDS]
+        counts = [_count([claim for claim in its_claims if claim["kind"] == kind]) for kind in KINDS]
         cells = [f"[{count}](reference/{study}/claims.md)" if count else "" for count in counts]
         lines.append(_row(f"[{study}](#{study})", f"`critflow run {study}`", seconds, *cells, made_by))
     text = ["", "The columns count the claims that hold, of those tested.", "", claim_counts(reference), ""]
     return "\n".join([*lines, *text])
 
 
-def _study(study: str, its_claims: list[dict], reference: Path) -> str:
+def _study(study: str, reference: Path) -> str:
     """Its pictures in the order of the paper, each with its number and content, and links to those not listed."""
     claims, folder = f"reference/{study}/claims.md", reference / study / "figures"
-    older = f"; this run is older than the kinds of claims: {_count(its_claims)} hold" if _older(its_claims) else ""
-    lines = [f"## {study}", "", f"- `critflow run {study}`; claims in [{claims}]({claims}){older}"]
+    lines = [f"## {study}", "", f"- `critflow run {study}`; claims in [{claims}]({claims})"]
     shown: list[str] = []
     for figure in (figure for figure in FIGURES if figure.study == study):
         caption = f"{printed(figure.label) or 'Beyond the paper'}: {figure.meaning}"

@@ -122,31 +122,23 @@ def ensemble_claims(reference: Path) -> str:
 
 
 def _claim_rows(statement: str, claims: list[dict]) -> list[str]:
-    """A table of claims, without the columns that older runs lack."""
-    titles = {"statement": statement, "criterion": "criterion", "value": "measured", "sample": "sample"}
-    columns = {name: title for name, title in titles.items() if name in claims[0]} | {"verdict": "verdict"}
+    """A table of claims."""
+    columns = ("statement", "criterion", "value", "sample", "verdict")
     rows = (_row(*(claim[name].replace("|", "\\|") for name in columns)) for claim in claims)
-    return [*_head(*columns.values()), *rows]
+    return [*_head(statement, "criterion", "measured", "sample", "verdict"), *rows]
 
 
 def claim_counts(reference: Path) -> str:
-    """Verdicts of all studies by kind of claim; runs older than kinds and criteria are named below the table."""
-    verdicts, older = {kind: Counter() for kind in KINDS}, {}
+    """Verdicts of all studies by kind of claim."""
+    verdicts = {kind: Counter() for kind in KINDS}
     for file in sorted(reference.glob("*/claims.json")):
         for claim in json.loads(file.read_text(encoding="utf-8")):
-            if "kind" in claim:
-                verdicts[claim["kind"]][claim["verdict"]] += 1
-            elif claim["verdict"] != "measured":
-                older.setdefault(file.parent.name, []).append(claim["verdict"] == "holds")
+            verdicts[claim["kind"]][claim["verdict"]] += 1
     counted = (
         f"{KINDS[kind]}: {', '.join(f'{count[verdict]} {verb}' for verdict, verb in VERBS.items())}"
         for kind, count in verdicts.items()
     )
-    text = f"Verdicts of all studies. {'; '.join(counted).capitalize()}."
-    if older:
-        runs = ", ".join(f"`{study}` ({sum(held)} of {len(held)} hold)" for study, held in older.items())
-        text += f" Not counted are runs older than kinds and criteria of claims: {runs}."
-    return text
+    return f"Verdicts of all studies. {'; '.join(counted).capitalize()}."
 
 
 # Speed, size and failure
