@@ -144,7 +144,7 @@ study = Study(
     ),
     parameters={
         "contestants": METHODS,
-        "levels": tuple(range(14)),
+        "levels": tuple(range(17)),
         "repeats": 15,
         "patience": 1.5,
         "budget": 10.0,
