@@ -192,9 +192,11 @@ class DescentMonitor:
     def _status(self, point: Point) -> Status | None:
         sigma, L = point.state.balance.sigma, point.state.balance.bond_vectors
         length = np.sqrt(np.einsum("ad,ad->a", L, L))
-        tension = sigma * length
         if length.min() > SOUND * length.mean() and sigma.min() > SOUND**2:
+            # Far from all limits below.
             self.last_sound = point.x
+            return None
+        tension = sigma * length
         # An edge tends to its limit if the value decreases in that direction; a bad start may lie there without reason.
         gradient = point.gradient
         fading = (sigma < FADED) & (gradient > 0)
