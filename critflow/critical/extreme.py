@@ -16,6 +16,11 @@ from critflow.networks.network import Array, Network
 ISOTROPIC = 1e-14  # anisotropy of a strain that is a dilation up to rounding
 
 
+def is_dilation(A: Array) -> bool:
+    """Whether a strain A (d, d) is a dilation up to rounding."""
+    return bool(np.abs(A - A[0, 0] * np.eye(len(A))).max() <= ISOTROPIC * np.abs(A).max())
+
+
 def largest_value(manifold: CriticalManifold, A: Array) -> float:
     """The largest modulus for the symmetric strain A (d, d), over all stresses of any sign."""
     F, moment = force_map(manifold.network, manifold.balance(manifold.network.stiffness).bond_vectors, A)
@@ -25,6 +30,8 @@ def largest_value(manifold: CriticalManifold, A: Array) -> float:
 def force_map(network: Network, L_star: Array, A: Array) -> tuple[Array, Array]:
     """F = A + W of the best force network T = kFL*, and the moments M = Σ k L*L*ᵀ: F M is symmetric."""
     M = (network.stiffness[:, None] * L_star).T @ L_star
+    if is_dilation(A):
+        return A, M
     W = scipy.linalg.solve_sylvester(M, M, M @ A - A @ M)
     return A + 0.5 * (W - W.T), M
 

@@ -8,7 +8,7 @@ stresses of that scale.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -189,12 +189,12 @@ def _closed_form(problem: _Problem) -> Optimum:
         return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
     _, residual = _stationarity(manifold, goal, optimum.value)
     if problem.is_bulk:
-        error = transition_modulus_error(dilation(manifold.network.dimension), optimum.value)
+        error = partial(transition_modulus_error, dilation(manifold.network.dimension), optimum.value)
     else:
         # Value and bound are both rounded, and the value is at most the exact bound.
         rounding = EPS * manifold.network.n_edges * optimum.bound
-        error = abs(optimum.bound - optimum.objective) + rounding
-    return replace(optimum, stats=replace(optimum.stats, residual=residual), objective_error=error)
+        error = partial(float, abs(optimum.bound - optimum.objective) + rounding)
+    return replace(optimum, stats=replace(optimum.stats, residual=residual), error_of=error)
 
 
 def _closed_form_pays(problem: _Problem) -> bool:
@@ -218,7 +218,7 @@ def _cone_program(problem: _Problem) -> Optimum:
         note=found.note,
         objective=variance,
         # The least variance is zero.
-        objective_error=variance,
+        error_of=partial(float, variance),
         slack_edges=found.slack_edges,
     )
 
@@ -244,7 +244,11 @@ def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
             found = manifold.solve(balance.sigma, balance=balance)
             stats = Stats("iteration", step, residual, found.stats.condition, found.stats.error_bound)
             return Optimum(
-                value=found.value, status=found.status, stats=stats, objective=here.value, objective_error=here.value
+                value=found.value,
+                status=found.status,
+                stats=stats,
+                objective=here.value,
+                error_of=partial(float, here.value),
             )
     return None
 

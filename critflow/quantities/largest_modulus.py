@@ -17,7 +17,7 @@ import scipy
 import scipy.sparse as sp
 
 from critflow.arguments import checked
-from critflow.critical.extreme import ISOTROPIC, force_map, vanishes
+from critflow.critical.extreme import force_map, is_dilation, vanishes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity, dot
 from critflow.critical.transition import TransitionModulus, transition_modulus
@@ -68,7 +68,7 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     network, k = manifold.network, manifold.network.stiffness
     A, shortest = transition_modulus(network, strain).symmetric, 1.0
     found: Solution[CriticalConfiguration] | None = None
-    if np.allclose(A, A[0, 0] * np.eye(len(A)), rtol=0, atol=ISOTROPIC * np.abs(A).max()):
+    if is_dilation(A):
         # F = A is isotropic: the configuration is L* itself.
         found = manifold.solve(k)
     elif network.dimension != 2:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +25,7 @@ class Optimum(Solution[CriticalConfiguration]):
     Numbers that do not apply are NaN or None, lists are empty.
 
     objective         value of the objective; where the optimum is not attained, the limit of the value
-    objective_error   |objective − optimum|, where the optimum is known in closed form.  Error bound (proof), except
-                      for moduli other than B_0, where the rounding of the bound is an estimate
+    error_of          function that computes `objective_error`, where the optimum is known
     uncertainty       |objective − limit| where the optimum is not attained.  Error bound (estimate)
     bound             largest value over all stresses in closed form (moduli without a penalty)
     collapsed_edges   edges whose length is zero at an optimum that is attained, or tends to zero
@@ -39,7 +40,7 @@ class Optimum(Solution[CriticalConfiguration]):
     """
 
     objective: float
-    objective_error: float = np.nan
+    error_of: Callable[[], float] | None = field(default=None, repr=False)
     uncertainty: float = np.nan
     bound: float = np.nan
     collapsed_edges: NDArray[np.intp] = field(default_factory=_no_edges)
@@ -50,6 +51,14 @@ class Optimum(Solution[CriticalConfiguration]):
     crossings: tuple[int, ...] = ()
     nearest_singular: float = np.nan
     negative_pivots: int | None = None
+
+    @cached_property
+    def objective_error(self) -> float:
+        """|objective − optimum| where the optimum is known, else NaN; computed at its first use.
+
+        Error bound (proof), except for moduli other than B_0, where the rounding of the bound is an estimate.
+        """
+        return self.error_of() if self.error_of else np.nan
 
     @property
     def gap(self) -> float:
