@@ -37,9 +37,12 @@ from critflow.workflow import stable_rng
 from ..timing import Answer, Method, Task, installed, peer
 
 SIZES = (100, 1_000, 10_000)
-TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
+TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 # Closely spaced tolerances, where runs are short and for methods with gradients alone.
-FINE = (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, *(10.0**-n for n in range(7, 15)))
+FINE = (
+    *(1e-2, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5, 5e-6, 2e-6, 1e-6, 5e-7, 2e-7),
+    *(10.0**-n for n in range(7, 15)),
+)
 SHORT = 1_000
 CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 STEPS = (30.0, 100.0, 300.0, 1_000.0, 3_000.0, 10_000.0)
