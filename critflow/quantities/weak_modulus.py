@@ -50,7 +50,9 @@ class WeakModulus(Quantity):
         sigma, L = balance.sigma, balance.bond_vectors
         nothing = np.nan, (np.full_like(sigma, np.nan), np.full_like(L, np.nan))
         solved = balance.manifold.solve(sigma)
-        found = weak_forces(solved.value, self.energy, self.deformation, throw=False) if solved.ok else solved
+        if not solved.ok:
+            return nothing
+        found = weak_forces(solved.value, self.energy, self.deformation, throw=False)
         if not found.ok or np.isnan(value := float(found.value.modulus(self.strain, self.kappa))):
             return nothing
         by_sigma, by_L, by_x = found.value.modulus_derivatives(self.strain, self.kappa)

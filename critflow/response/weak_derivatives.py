@@ -79,7 +79,9 @@ class WeakDerivatives:
         moved, flexible = self._turn(a), system.lengths**2 / k
         hdot, twice, amplitude = _dot(L, L @ A.T), L @ (A + A.T), path.work / system.compliance
         share = float(nu @ system.flexible_stress) / system.compliance
-        by_sigma = share * (hdot - 2 * amplitude * sigma * flexible) + amplitude * nu * flexible - _dot(moved, path.rate)
+        by_sigma = (
+            share * (hdot - 2 * amplitude * sigma * flexible) + amplitude * nu * flexible - _dot(moved, path.rate)
+        )
         by_L = (share * sigma - nu)[:, None] * twice - sigma[:, None] * (moved @ A)
         by_L += (2 * amplitude * sigma * (nu - share * sigma) / k)[:, None] * L
         by_L -= path.multipliers[:, None] * moved + nu[:, None] * self._turn(path.motion)

@@ -148,7 +148,7 @@ class WeakForces(Record):
             raise InputError("derivatives of the modulus are those of the full equation: choose order='full'")
         here = self._solve(strain, kappa)
         reach = float(kappa * here.resistance * (here.s - self.branch_end) / abs(self.work))
-        strains = strain + STEP * reach * PLACES
+        strains = np.asarray(strain + STEP * reach * PLACES, dtype=float)
         derivatives = WeakDerivatives(self._model.system, self._path, self._energy, kappa)
         by_sigma, by_L, by_x = derivatives.second(strains, self._solve(strains, kappa).s)
         volume = float(self._volume(here))
