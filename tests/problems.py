@@ -74,6 +74,14 @@ def taut_rows(n: int = 3) -> CriticalConfiguration:
     return critical_configuration(network, horizontal.astype(float), network.positions)
 
 
+def hung_ring(n=8):
+    """A ring of vertices, hung on pins by chains of two edges: one self-stress, without a cell."""
+    angles, i = 2 * np.pi * np.arange(n) / n, np.arange(n)
+    places = 3 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    edges = np.concatenate([np.stack(pair, axis=1) for pair in ((i, (i + 1) % n), (i, n + i), (n + i, 2 * n + i))])
+    return Network(edges, pins={int(2 * n + j): places[j] for j in i}).with_volume(20.0)
+
+
 def voronoi_3d(n_cells: int = 8, seed: int = 5) -> Network:
     """A periodic Voronoi network in three dimensions: four edges at every vertex."""
     return voronoi_network(points=np.random.default_rng(seed).random((n_cells, 3)))

@@ -31,6 +31,7 @@ from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation
 from critflow.networks.network import Array
 from critflow.response.soft_spectrum import require_floppy_motions, soft_eigenvalues
+from critflow.response.weak_derivatives import PLACES, STEP, WeakDerivatives
 from critflow.response.weak_model import Modes, ThermalModel, WeakModel
 from critflow.response.weak_system import WeakStrain, WeakSystem
 from critflow.result import InputError, Record, Solution, Stats, Status
@@ -137,6 +138,21 @@ class WeakForces(Record):
         weak = other.weak_curvature - np.sum(load * modes.amplitudes(state.s, load), axis=-1)
         geometric = state.s * other.turning(other, growth) + weak
         return self._valid(state, (work**2 / state.resistance + state.kappa * geometric) / volume)
+
+    def modulus_derivatives(self, strain: float, kappa: float) -> tuple[Array, Array, Array]:
+        """Derivatives of `modulus` along the path by σ (N_b,), L (N_b, d) and the free coordinates (n_free, d).
+
+        Each is at constant others (`weak_derivatives`), with a relative error of about 1e-9.
+        """
+        if self._full is not None:
+            raise InputError("derivatives of the modulus are those of the full equation: choose order='full'")
+        here = self._solve(strain, kappa)
+        reach = float(kappa * here.resistance * (here.s - self.branch_end) / abs(self.work))
+        strains = np.asarray(strain + STEP * reach * PLACES, dtype=float)
+        derivatives = WeakDerivatives(self._model.system, self._path, self._energy, kappa)
+        by_sigma, by_L, by_x = derivatives.second(strains, self._solve(strains, kappa).s)
+        volume = float(self._volume(here))
+        return by_sigma / volume, by_L / volume, by_x / volume
 
     def displacement(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
         """Displacements (..., N_v, d) of the vertices from F(γ) x_c."""

@@ -114,7 +114,7 @@ class WeakStrain:
     """The elastic response of a configuration to a strain A = F'(0), and the rates of the weak energy along it.
 
     work       c = Σ σ L·A L
-    motion     u (d·n_free,)
+    motion     u (d·n_free,), and its multipliers μ (N_b,)
     rate       L̇ = A L + g u, (N_b, d)
     weak_rate, weak_curvature  dU/dε and d²U/dε² along the motion
     weak_load  d(∂U/∂x)/dε along the motion, (d·n_free,)
@@ -128,7 +128,7 @@ class WeakStrain:
         self.work = float(sigma @ hdot)
         pull = -np.asarray(network.divergence @ (sigma[:, None] * affine)).ravel()
         stretched = self.work / system.compliance * system.flexible_stress
-        self.motion = system.factorize(1.0, weak=0.0).solve(pull, stretched - hdot)[0]
+        self.motion, self.multipliers = system.factorize(1.0, weak=0.0).solve(pull, stretched - hdot)
         self.rate = affine + network.free_incidence @ self.motion.reshape(-1, network.dimension)
 
         def along(strain: float) -> tuple[float, Array]:

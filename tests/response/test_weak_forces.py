@@ -6,6 +6,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from problems import (
     dense_incidence,
+    hung_ring,
     partly_compressed,
     random_stress,
     slack_lattice,
@@ -43,14 +44,6 @@ def near_angles():
     """Rest angles around 120 degrees."""
     rng = np.random.default_rng(1)
     return AngleSprings(np.clip(2 * np.pi / 3 + 0.3 * rng.standard_normal(180), 0, np.pi))
-
-
-def hung_ring(n=8):
-    """A ring of vertices, hung on pins by chains of two edges: one self-stress, without a cell."""
-    angles, i = 2 * np.pi * np.arange(n) / n, np.arange(n)
-    places = 3 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    edges = np.concatenate([np.stack(pair, axis=1) for pair in ((i, (i + 1) % n), (i, n + i), (n + i, 2 * n + i))])
-    return Network(edges, pins={int(2 * n + j): places[j] for j in i}).with_volume(20.0)
 
 
 def ring():

@@ -1,0 +1,61 @@
+"""The modulus under weak forces as a quantity with an exact gradient: the stiffest network at given κ can be designed.
+
+The full equation of `weak_forces` gives the value, `weak_derivatives` its derivatives by σ, L and x.  With P y = ∂O/∂x
+that by x is a derivative by bond vectors, σ ∘ g y, which the pull-back needs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from critflow.critical.quantity import Balanced, Partials, Quantity
+from critflow.networks.deformation import Deformable, Deformation
+from critflow.response.weak_forces import weak_forces
+from critflow.result import InputError
+from critflow.springs.weak_energies import WeakEnergy
+
+
+@dataclass(frozen=True, eq=False)
+class WeakModulus(Quantity):
+    """(1/V) d²E/dγ² under a weak energy κU, along a deformation and at a strain γ counted from the transition.
+
+    energy, deformation  as for `weak_forces`; `Temperature()` alone: κ is T
+    kappa                κ > 0
+
+    The value is `weak_forces(...).value.modulus(strain, kappa)`, NaN where the theory ends.
+    """
+
+    energy: WeakEnergy
+    kappa: float
+    strain: float = 0.0
+    deformation: Deformable = "dilation"
+
+    maximise: ClassVar[bool] = True
+    one_self_stress: ClassVar[bool] = True
+    elastic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.strain) and 0 < self.kappa < np.inf):
+            raise InputError(f"kappa must be positive and the strain finite, not {self.kappa} and {self.strain}")
+
+    @property
+    def name(self) -> str:
+        path = self.deformation.name if isinstance(self.deformation, Deformation) else self.deformation
+        return f"modulus[{path}] at kappa {self.kappa:g}, strain {self.strain:g}"
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        sigma, L = balance.sigma, balance.bond_vectors
+        nothing = np.nan, (np.full_like(sigma, np.nan), np.full_like(L, np.nan))
+        solved = balance.manifold.solve(sigma)
+        if not solved.ok:
+            return nothing
+        found = weak_forces(solved.value, self.energy, self.deformation, throw=False)
+        if not found.ok or np.isnan(value := float(found.value.modulus(self.strain, self.kappa))):
+            return nothing
+        by_sigma, by_L, by_x = found.value.modulus_derivatives(self.strain, self.kappa)
+        y = balance.manifold.prestress.factorize(sigma).solve(by_x)
+        by_sigma = by_sigma * np.linalg.norm(solved.value.sigma) / np.linalg.norm(sigma)
+        return value, (by_sigma, by_L + sigma[:, None] * (balance.network.free_incidence @ y))
