@@ -1,4 +1,4 @@
-"""The modulus under weak forces as a quantity with an exact gradient: the stiffest network at given κ can be designed.
+"""The modulus under weak forces as a quantity with its gradient: the stiffest network at given κ can be designed.
 
 The full equation of `weak_forces` gives the value, `weak_derivatives` its derivatives by σ, L and x.  With P y = ∂O/∂x
 that by x is a derivative by bond vectors, σ ∘ g y, which the pull-back needs.

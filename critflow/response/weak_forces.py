@@ -142,7 +142,7 @@ class WeakForces(Record):
     def modulus_derivatives(self, strain: float, kappa: float) -> tuple[Array, Array, Array]:
         """Derivatives of `modulus` along the path by σ (N_b,), L (N_b, d) and the free coordinates (n_free, d).
 
-        Each is at constant others (`weak_derivatives`), with a relative error of about 1e-9.
+        Each is at constant others (`weak_derivatives`), with errors of about 1e-7 of the largest.
         """
         if self._full is not None:
             raise InputError("derivatives of the modulus are those of the full equation: choose order='full'")
