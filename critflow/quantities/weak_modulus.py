@@ -11,11 +11,16 @@ from typing import ClassVar
 
 import numpy as np
 
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.quantity import Balanced, Partials, Quantity
 from critflow.networks.deformation import Deformable, Deformation
-from critflow.response.weak_forces import weak_forces
+from critflow.networks.network import Array
+from critflow.response.weak_forces import WeakForces, weak_forces
 from critflow.result import InputError
 from critflow.springs.weak_energies import WeakEnergy
+
+# Relative error of the modulus, from differences along a strain and from interpolation between tensions.
+_ACCURACY = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +30,9 @@ class WeakModulus(Quantity):
     energy, deformation  as for `weak_forces`; `Temperature()` alone: κ is T
     kappa                κ > 0
 
-    The value is `weak_forces(...).value.modulus(strain, kappa)`, NaN where the theory ends.
+    The value is `weak_forces(...).value.modulus(strain, kappa)`, NaN where the theory ends; its error is that of the
+    numbers, and `WeakForces.error` that of the theory.  Angle springs of fixed stiffness are stiff without limit where
+    edges shrink, so that a largest value may not exist: `design` for a value.
     """
 
     energy: WeakEnergy
@@ -48,14 +55,31 @@ class WeakModulus(Quantity):
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         sigma, L = balance.sigma, balance.bond_vectors
-        nothing = np.nan, (np.full_like(sigma, np.nan), np.full_like(L, np.nan))
-        solved = balance.manifold.solve(sigma)
-        if not solved.ok:
-            return nothing
-        found = weak_forces(solved.value, self.energy, self.deformation, throw=False)
-        if not found.ok or np.isnan(value := float(found.value.modulus(self.strain, self.kappa))):
-            return nothing
-        by_sigma, by_L, by_x = found.value.modulus_derivatives(self.strain, self.kappa)
+        weak = self._weak(balance)
+        if weak is None:
+            return np.nan, (np.full_like(sigma, np.nan), np.full_like(L, np.nan))
+        by_sigma, by_L, by_x, _ = weak.modulus_derivatives(self.strain, self.kappa)
         y = balance.manifold.prestress.factorize(sigma).solve(by_x)
-        by_sigma = by_sigma * np.linalg.norm(solved.value.sigma) / np.linalg.norm(sigma)
+        by_sigma = by_sigma * np.linalg.norm(weak.critical.sigma) / np.linalg.norm(sigma)
+        value = float(weak.modulus(self.strain, self.kappa))
         return value, (by_sigma, by_L + sigma[:, None] * (balance.network.free_incidence @ y))
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        """∂O/∂k (N_b,)."""
+        weak = self._weak(balance)
+        return (
+            np.full_like(balance.sigma, np.nan)
+            if weak is None
+            else weak.modulus_derivatives(self.strain, self.kappa)[3]
+        )
+
+    def error(self, critical: CriticalConfiguration) -> float:
+        return super().error(critical) + _ACCURACY * abs(self.evaluate(critical)[0])
+
+    def _weak(self, balance: Balanced) -> WeakForces | None:
+        """The weak forces of the balance where they have a modulus."""
+        solved = balance.manifold.solve(balance.sigma)
+        if not solved.ok:
+            return None
+        found = weak_forces(solved.value, self.energy, self.deformation, throw=False)
+        return found.value if found.ok and np.isfinite(found.value.modulus(self.strain, self.kappa)) else None

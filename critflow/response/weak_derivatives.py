@@ -32,7 +32,7 @@ _TURN = 0.02  # largest change of a bond vector in a step of T₂, relative to i
 
 
 class WeakDerivatives:
-    """Sums over strains of the derivatives of E by σ (N_b,), L (N_b, d), free coordinates x and response u.
+    """Sums over strains of the derivatives of E by σ (N_b,), L (N_b, d), free coordinates x, k (N_b,) and response u.
 
     system, path, energy  of the configuration
     kappa                 κ
@@ -42,8 +42,8 @@ class WeakDerivatives:
         self._system, self._path, self._energy, self._kappa = system, path, energy, kappa
         self._force = -self._gradient(0.0, np.zeros_like(path.motion))
 
-    def second(self, strains: Array, s: Array) -> tuple[Array, Array, Array]:
-        """d²/dγ² of dE/dσ (N_b,), dE/dL (N_b, d) and dE/dx (n_free, d) at the middle of `strains` (7,), equidistant.
+    def second(self, strains: Array, s: Array) -> tuple[Array, Array, Array, Array]:
+        """d²/dγ² of the derivatives of E by σ, L, x (n_free, d) and k at the middle of `strains` (7,), equidistant.
 
         s  τ/κ there, (7,)
         """
@@ -56,6 +56,7 @@ class WeakDerivatives:
         hdot, turned = _dot(L, L @ A.T), _dot(path.rate, path.rate) + _dot(L, L @ curvature.T)
         by_sigma = linear * hdot + square * turned - compliant * sigma * flexible
         by_sigma -= 1.5 * softened * sigma**2 * flexible / k
+        by_k = (0.5 * compliant + softened * sigma / k) * sigma**2 * flexible / k
         by_L = linear * L @ (A + A.T) + square * (2 * path.rate @ A + L @ (curvature + curvature.T))
         by_L = sigma[:, None] * (by_L - (compliant * sigma / k + softened * (sigma / k) ** 2)[:, None] * L)
         by_u = 2 * square * np.asarray(system.network.divergence @ (sigma[:, None] * path.rate)).ravel()
@@ -69,10 +70,10 @@ class WeakDerivatives:
             at_x, at_u = self._taylor(float(gamma), v)
             by_x, by_u = by_x + weight * kappa * at_x, by_u + weight * kappa * at_u
         changed = self._by_response(by_u)
-        return by_sigma + changed[0], by_L + changed[1], by_x.reshape(-1, L.shape[1])
+        return by_sigma + changed[0], by_L + changed[1], by_x.reshape(-1, L.shape[1]), by_k + changed[2]
 
-    def _by_response(self, by_u: Array) -> tuple[Array, Array]:
-        """The change of u with σ and L, times dE/du (d·n_free,)."""
+    def _by_response(self, by_u: Array) -> tuple[Array, Array, Array]:
+        """The change of u with σ, L and k, times dE/du (d·n_free,)."""
         system, path = self._system, self._path
         sigma, L, k, A = system.sigma, system.critical.bond_vectors, system.network.stiffness, self._path.strain
         a, nu = system.factorize(1.0, weak=0.0).solve(by_u)
@@ -85,7 +86,7 @@ class WeakDerivatives:
         by_L = (share * sigma - nu)[:, None] * twice - sigma[:, None] * (moved @ A)
         by_L += (2 * amplitude * sigma * (nu - share * sigma) / k)[:, None] * L
         by_L -= path.multipliers[:, None] * moved + nu[:, None] * self._turn(path.motion)
-        return by_sigma, by_L
+        return by_sigma, by_L, amplitude * sigma * flexible * (share * sigma - nu) / k
 
     def _taylor(self, gamma: float, v: Array) -> tuple[Array, Array]:
         """∂T₂/∂x and ∂T₂/∂u, (d·n_free,), at (γ, v): second-order polynomials of Fᵀ∂U/∂x and γ ∂U/∂x."""

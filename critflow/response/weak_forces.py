@@ -139,8 +139,8 @@ class WeakForces(Record):
         geometric = state.s * other.turning(other, growth) + weak
         return self._valid(state, (work**2 / state.resistance + state.kappa * geometric) / volume)
 
-    def modulus_derivatives(self, strain: float, kappa: float) -> tuple[Array, Array, Array]:
-        """Derivatives of `modulus` along the path by σ (N_b,), L (N_b, d) and the free coordinates (n_free, d).
+    def modulus_derivatives(self, strain: float, kappa: float) -> tuple[Array, ...]:
+        """Derivatives of `modulus` along the path by σ (N_b,), L (N_b, d), free coordinates (n_free, d) and k (N_b,).
 
         Each is at constant others (`weak_derivatives`), with errors of about 1e-7 of the largest.
         """
@@ -150,9 +150,8 @@ class WeakForces(Record):
         reach = float(kappa * here.resistance * (here.s - self.branch_end) / abs(self.work))
         strains = np.asarray(strain + STEP * reach * PLACES, dtype=float)
         derivatives = WeakDerivatives(self._model.system, self._path, self._energy, kappa)
-        by_sigma, by_L, by_x = derivatives.second(strains, self._solve(strains, kappa).s)
         volume = float(self._volume(here))
-        return by_sigma / volume, by_L / volume, by_x / volume
+        return tuple(each / volume for each in derivatives.second(strains, self._solve(strains, kappa).s))
 
     def displacement(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
         """Displacements (..., N_v, d) of the vertices from F(γ) x_c."""

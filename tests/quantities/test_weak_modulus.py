@@ -12,6 +12,7 @@ from critflow import (
     Temperature,
     foam_network,
     optimize,
+    properties,
     voronoi_network,
     weak_forces,
 )
@@ -59,6 +60,27 @@ def test_gradient_is_that_of_differences(name, energy, strain):
     assert abs(gradient @ sigma) < 1e-7 * np.linalg.norm(gradient) * np.linalg.norm(sigma)
 
 
+@pytest.mark.parametrize(("name", "strain"), [("Voronoi", 1e-3), ("pinned", 0.0)])
+def test_derivatives_by_stiffness_are_those_of_differences(name, strain):
+    network, deformation = NETWORKS[name]
+    energy, sigma = AngleSprings(ANGLES if name == "pinned" else None), random_stress(network.n_edges, 3)
+
+    def modulus(stiffness):
+        critical = CriticalManifold(network.with_stiffness(stiffness)).configuration(sigma)
+        return weak_forces(critical, energy, deformation).value.modulus(strain, 1e-4)
+
+    k = random_stress(network.n_edges, 4) + 0.5
+    objective = WeakModulus(energy, 1e-4, strain, deformation)
+    critical = CriticalManifold(network.with_stiffness(k)).configuration(sigma)
+    found = properties(critical, objective)
+    u = np.random.default_rng(1).standard_normal(len(k))
+    difference = np.array([1, -8, 8, -1]) @ [modulus(k + n * 1e-3 * u) for n in (-2, -1, 1, 2)] / 12e-3
+    row = found.by_stiffness[objective.name]
+    assert row @ u == pytest.approx(difference, rel=0, abs=1e-6 * np.linalg.norm(row))
+    # The value has the digits of its differences along a strain.
+    assert 1e-9 < found.errors[objective.name] / found.values[objective.name] < 1e-7
+
+
 def test_a_design_is_stiffer_than_the_largest_bulk_modulus_also_by_relaxed_energies():
     network, energy, kappa, step = voronoi_network(20, seed=1), AngleSprings(), 1e-3, 2e-4
     start = optimize(network, "B_0").value
@@ -71,6 +93,12 @@ def test_a_design_is_stiffer_than_the_largest_bulk_modulus_also_by_relaxed_energ
         assert weak_forces(critical, energy).value.modulus(0.0, kappa) == pytest.approx(relaxed, rel=0.05)
         moduli.append(relaxed)
     assert moduli[1] > 1.05 * moduli[0]
+
+
+def test_values_beyond_the_theory_are_nan():
+    objective = WeakModulus(AngleSprings(), 1e-6, -0.2)
+    found = properties(optimize(voronoi_network(20, seed=1), "B_0").value, objective)
+    assert np.isnan(found.values[objective.name]) and np.isnan(found.by_stiffness[objective.name]).all()
 
 
 def test_kappa_must_be_positive_and_the_equation_full():
