@@ -24,15 +24,20 @@ from critflow.figures.plot import (
     add_edges,
     colour_limits,
     draw_in_depth,
+    face_polygons,
     periodic_segments,
+    shade_faces,
 )
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
+from critflow.springs.state import SpringState
 
 # Colour of edges without values.
 _PLAIN = "0.35"
 # Edges with less than this part of the mean |tension| carry none.
 _NO_TENSION = 1e-9
+# Colours of faces, of which a part on each side of the middle is pale enough for edges to stand out.
+_FACE_MAP, _PALE = "RdBu_r", 0.3
 # Largest part of the axes that discs of all vertices may cover.
 _DISC_AREA = 0.2
 
@@ -55,14 +60,15 @@ def draw(
     vertices  values (N_v,) drawn as discs, the largest value as the largest disc: the part in floppy motions, say
     width     line width in points
 
-    Compressed edges are orange and dashed, edges without tension thin and grey, fixed vertices black squares.
+    Compressed edges are orange and dashed, edges without tension thin and grey, fixed vertices black squares.  Faces
+    have the colours of their pressures, or of the tensions of their perimeters: red above zero, blue below.
     Raises `InputError` for a network without positions.
 
     >>> import critflow as cf
     >>> axes = cf.draw(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus'))
     >>> axes.figure.clear()
     """
-    network, x, tensions = _parts(thing)
+    network, x, tensions, of_faces = _parts(thing)
     values = tensions if color is None else np.asarray(color, dtype=float)
     if values is not None and values.shape != (network.n_edges,):
         raise InputError(f"color must have one value per edge, shape ({network.n_edges},), not {values.shape}")
@@ -80,16 +86,23 @@ def draw(
         title = f"{title} (seen along y)" if title else "seen along y"
     else:
         _draw_plane(ax, network, x, values, cmap, width)
+        if of_faces is not None and network.faces is not None and len(of_faces) == network.faces.n_faces:
+            shade = matplotlib.colormaps[_FACE_MAP](0.5 + _PALE * of_faces / (np.abs(of_faces).max() or 1.0))
+            polygons = face_polygons(network.faces, network.edges, x, network.bond_vectors(x))
+            shade_faces(ax, polygons, network.cell, shade)
         if vertices is not None:
             _discs(ax, network, x, np.asarray(vertices, dtype=float))
     ax.set_title(title, fontsize=10)
     return ax
 
 
-def _parts(thing: Any) -> tuple[Network, Array, Array | None]:
-    """Network, coordinates and tensions, if any."""
+def _parts(thing: Any) -> tuple[Network, Array, Array | None, Array | None]:
+    """Network, coordinates, and tensions and values of faces, if any."""
     if isinstance(thing, Solution):
         thing = thing.value
+    of_faces = getattr(thing, "pressures", getattr(thing, "face_tensions", None))
+    if isinstance(thing, SpringState) and thing.faces is not None:
+        of_faces = thing.tension
     thing = getattr(thing, "configuration", thing)
     network = thing if isinstance(thing, Network) else getattr(thing, "network", None)
     if not isinstance(network, Network):
@@ -101,7 +114,7 @@ def _parts(thing: Any) -> tuple[Network, Array, Array | None]:
     for vertex, position in network.pins.items():
         x[vertex] = position
     tensions = None if thing is network else np.asarray(thing.sigma) * np.asarray(thing.lengths)
-    return network, x, tensions
+    return network, x, tensions, of_faces
 
 
 def _draw_plane(ax: Axes, network: Network, x: Array, values: Array | None, cmap: str | Colormap, width: float) -> None:

@@ -151,13 +151,21 @@ def polygon_images(polygon: Array, cell: Array) -> list[Array]:
     return [polygon + np.array(shift) @ cell for shift in shifts]
 
 
-def shade_faces(axes: Axes, polygons: Sequence[Array], cell: ArrayLike, colour: str = SHADE) -> PolyCollection:
-    """Fill faces of a periodic network behind its edges, in all images that touch the cell and cut at its border."""
-    cell = np.asarray(cell, dtype=float)
-    pieces = [image for polygon in polygons for image in polygon_images(polygon, cell)]
-    shading = PolyCollection(pieces, facecolors=colour, edgecolors="none", zorder=0)
+def shade_faces(
+    axes: Axes, polygons: Sequence[Array], cell: ArrayLike | None, colours: str | Array = SHADE
+) -> PolyCollection:
+    """Fill faces behind the edges, of a periodic network in all images that touch the cell and cut at its border.
+
+    colours  one, or one a face (N_f, 4)
+    """
+    images = [[one] if cell is None else polygon_images(one, np.asarray(cell, dtype=float)) for one in polygons]
+    if not isinstance(colours, str):
+        colours = np.repeat(colours, [len(pieces) for pieces in images], axis=0)
+    shading = PolyCollection([piece for pieces in images for piece in pieces], edgecolors="none", zorder=0)
+    shading.set_facecolor(colours)  # type: ignore[arg-type]
     axes.add_collection(shading)
-    shading.set_clip_path(Polygon(_CORNERS @ cell, closed=True, transform=axes.transData))
+    if cell is not None:
+        shading.set_clip_path(Polygon(_CORNERS @ np.asarray(cell), closed=True, transform=axes.transData))
     return shading
 
 
