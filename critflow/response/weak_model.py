@@ -163,8 +163,10 @@ class WeakModel:
 
     @cached_property
     def _splines(self) -> scipy.interpolate.CubicSpline:
+        """Of the neglected energies times distance³, over log distance: as such they vary little between two nodes."""
         distance = np.array([node.s - self.end for node in self._nodes])
-        return scipy.interpolate.CubicSpline(np.log(distance), np.array([node.neglected for node in self._nodes]))
+        scaled = np.array([node.neglected for node in self._nodes]) * distance[:, None] ** 3
+        return scipy.interpolate.CubicSpline(np.log(distance), scaled)
 
     def leading(self) -> ExactModel:
         """The model without H: v = (1/s) Z(ZᵀPZ)⁻¹Zᵀf."""
@@ -181,9 +183,14 @@ class WeakModel:
         return larger.modes
 
     def neglected_slopes(self, s: Array, kappa: Array) -> Array:
-        """d/ds of the neglected energies, (..., 3), the same for all κ."""
-        distance = np.clip(s - self.end, *self.covered)
-        return np.asarray(self._splines(np.log(distance), 1) / distance[..., None])
+        """d/ds of the neglected energies, (..., 3), the same for all κ.
+
+        Where an energy has an extremum its slope vanishes but not its effect, of higher order: the size of a slope is
+        at least that of the energy over the distance from the end of the branch.
+        """
+        distance = np.clip(s - self.end, *self.covered)[..., None]
+        scaled, rate = (self._splines(np.log(distance[..., 0]), n) for n in (0, 1))
+        return np.maximum(np.abs(rate - 3 * scaled), np.abs(scaled)) / distance**4
 
 
 @dataclass(frozen=True, eq=False)
