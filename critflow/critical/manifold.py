@@ -82,8 +82,12 @@ class CriticalConfiguration(Record):
 
     @cached_property
     def manifold(self) -> CriticalManifold:
-        """The manifold of the network, made at its first use."""
+        """The manifold that made the configuration, or one of its network, made at its first use."""
         return CriticalManifold(self.network)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the manifold, which a copy makes at its first use."""
+        return {name: value for name, value in vars(self).items() if name != "manifold"}
 
     @property
     def tensions(self) -> Array:
@@ -294,6 +298,7 @@ class CriticalManifold:
         if status is not Status.ok:
             x[:] = np.nan
         value = CriticalConfiguration(self.network, sigma, x, refined.L, refined.error, refined.L_errors)
+        vars(value)["manifold"] = self
         stats = Stats(
             "force density",
             refined.steps,

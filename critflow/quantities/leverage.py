@@ -93,7 +93,7 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
         raise InputError(
             "edges without stress change nothing when they are cut: use the configuration of the taut part"
         )
-    manifold = CriticalManifold(network)
+    manifold = critical.manifold
     solved, factor = manifold.solve(sigma), manifold.prestress.factorize_signed(sigma)
     L, m = solved.value.bond_vectors, network.n_edges
     kept, (after, errors, bypass, bypass_errors) = np.ones(m, bool), np.full((4, m), np.nan)
