@@ -98,12 +98,14 @@ def claims(ds):
             "DesignIsogonalTargets",
             "targets of C_B above the least one of each family are met to 1e-9, with edges of at least ⟨L⟩/20",
             "all", f"largest error {error:.1g}, outcomes {counts}, median {time:.2g} s each", error < 1e-9 and every,
-            "some are missed", criterion="1e-9, every target", kind="check",
+            "some are missed", f"{int((~met & (ds.target <= ds.least + 0.005)).sum())} targets are below the least one "
+            "that a descent finds, or less than 0.005 k above it", criterion="1e-9, every target that is 0.005 k above "
+            "the least one", sample=f"{ds.target_error.size} targets", kind="check",
         ),
         Claim.tested(
             "DesignIsogonalReach", "no member of a family softens more than C_B = −B_0/2", "≥ −1/2",
             f"least C_B/B_0 found in each family {spread(low)}, least {low.min():.4g}",
-            bool((low >= -0.5 - 1e-9).all()), "some do", criterion="C_B/B_0 ≥ −1/2 to 1e-9",
+            bool((low >= -0.5 - 1e-9).all()), "some do", criterion="C_B/B_0 ≥ −1/2 to 1e-9", kind="check",
         ),
     ]  # fmt: skip
 
