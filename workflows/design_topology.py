@@ -17,7 +17,7 @@ from critflow.result import NetworkError, StudyError
 from critflow.workflow import Claim, Study
 
 from .shared.checks import voronoi_check
-from .shared.figures import draw_cell, draw_segments, segments
+from .shared.figures import draw_in_cell, heading, segments
 from .shared.measurements import known_moduli
 from .shared.reports import PAPER, finite, parameters, series, spread, status_counts
 from .shared.tables import networks, numbers, outcomes, padded, stacked
@@ -129,13 +129,13 @@ def figure(ds):
     pictures, plots = figure.subfigures(2, 1, height_ratios=(1, 1.75))
     draw_pictures(pictures, ds.isel(seed=0), parameters(ds)["n_vertices"])
     panels = plots.subplots(len(PATHS), len(MEASURES), sharex=True, squeeze=False)
-    for row, title in enumerate(PATHS.values()):
+    for row, (letter, title) in enumerate(zip("BC", PATHS.values(), strict=True)):
         for axes, (name, label) in zip(panels[row], MEASURES.items(), strict=True):
             for n, law in enumerate(LAWS.values()):
                 draw_curve(axes, ds[name].values[:, row, n], n, law)
             axes.set(ylabel=label, ylim=(0, None))
             axes.spines[["top", "right"]].set_visible(False)
-        panels[row, 0].set_title(f"strained by {title}", loc="left", fontweight="bold", fontsize=10.5)
+        panels[row, 0].set_title(f"$\\bf{{{letter}}}$   strained by {title}", loc="left", fontsize=11)
     for axes in panels[-1]:
         axes.set_xlabel("edges cut")
     handles, labels = panels[0, 0].get_legend_handles_labels()
@@ -166,14 +166,15 @@ def draw_pictures(figure, one, n_vertices):
     """One network at the start and after some cuts by each law, in simple shear, with its cell."""
     strains = one.critical_strain.values[list(PATHS).index("simple_shear")]
     for n, axes in enumerate(figure.subplots(1, one.sizes["picture"])):
-        draw_cell(axes, n_vertices, strains[max(n - 1, 0), int(one.pictured_cuts[n])])
-        lines, tension = one.segments.values[n], one.segment_tension.values[n]
-        taut, slack = tension > 0, tension <= 0
+        shear = strains[max(n - 1, 0), int(one.pictured_cuts[n])]
+        tension = one.segment_tension.values[n]
+        lines, tension = one.segments.values[n][np.isfinite(tension)], tension[np.isfinite(tension)]
         title = f"after {int(one.pictured_cuts[n])} cuts: {list(LAWS.values())[n - 1]}" if n else "before the first cut"
         colour = series(n - 1)["color"] if n else "0.15"
-        draw_segments(axes, lines[slack], title, colors="0.75", linewidths=0.8)
-        draw_segments(axes, lines[taut], title, colors=colour, linewidths=0.4 + 3.5 * tension[taut])
-    figure.supxlabel("simple shear to the onset; width: tension; grey: slack", fontsize=10)
+        for some, width, shade in ((tension <= 0, 0.8, "0.75"), (tension > 0, 0.4, colour)):
+            draw_in_cell(axes, lines[some], width + 3.5 * tension[some], n_vertices, shear, colors=shade)
+        axes.set_title(title, fontsize=10)
+    heading(figure, "A", "simple shear to the onset; width: tension; grey: slack")
 
 
 def after(ds, name, path, law, cut):
