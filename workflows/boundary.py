@@ -122,9 +122,9 @@ def boundary_figure(ds):
         axes[0, 0].plot([], [], color=colour, linewidth=2.4, label=label)[0]
         for colour, label in (
             (INTERIOR, "edges within the cell, b = 0"),
-            (COPY_INTERIOR, "their copies"),
+            (COPY_INTERIOR, "copies of the former"),
             (CROSSING, "edges across its boundary, b ≠ 0"),
-            (COPY_CROSSING, "their copies"),
+            (COPY_CROSSING, "copies of the latter"),
         )
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=10, frameon=False)
@@ -171,7 +171,7 @@ def _draw_collapsed(axes, one, cell, b):
     for image, count in zip(images, counts, strict=True):
         if not image.any():
             axes.plot(*middle, "o", color="k", markersize=9, zorder=5)
-            place = middle + 0.29 * cell[0] * [1, 1] - 0.17 * cell[1]
+            place = middle + 0.24 * cell[0] - 0.17 * cell[1]
             axes.annotate(
                 f"{count} edges\nwith b = 0", middle, place, fontsize=9, ha="center", va="center", color=INTERIOR,
                 fontweight="bold", bbox=box, zorder=6,

@@ -95,8 +95,9 @@ def figure(ds):
         convention = ", energy" * (name == "C_G")
         axes.set(xlabel="$B_0 / \\max B_0$", ylabel=f"${name} / \\max B_0${convention}", yscale="symlog")
     row[0].plot([0, 1], [0, -0.5], color="k", lw=1.6, label="$C_B = -B_0/2$")
-    for axes in row:
-        axes.legend(fontsize=8, frameon=False, loc="upper left")
+    row[0].legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(0, 0.5))
+    row[1].legend(fontsize=8, frameon=False, loc="upper left")
+    row[1].set_yscale("linear")
     lettered(*row)
     return figure
 

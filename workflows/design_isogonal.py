@@ -9,7 +9,7 @@ import critflow as cf
 from critflow.workflow import Claim, Coordinate, Study
 
 from .shared.checks import voronoi_check
-from .shared.figures import draw_cell, draw_segments, lettered, segments, signed
+from .shared.figures import draw_in_cell, heading, lettered, segments, signed
 from .shared.reports import PAPER, parameters, series, spread, status_counts
 from .shared.tables import networks, numbers, outcomes, seconds, stacked, timed
 
@@ -55,9 +55,10 @@ def figure(ds):
     met = np.flatnonzero(one.design_status.values == cf.Status.ok)
     panels = pictures.subplots(1, max(len(met), 1), squeeze=False)[0]
     for n, axes in zip(met, panels, strict=False):
-        title = f"$C_B$ = {signed(targets[n])} k"
-        draw_cell(axes, parameters(ds)["n_vertices"])
-        draw_segments(axes, one.lines.values[n], title, colors=series(n)["color"], linewidths=1.0)
+        lines = one.lines.values[n]
+        draw_in_cell(axes, lines, np.ones(len(lines)), parameters(ds)["n_vertices"], colors=series(n)["color"])
+        axes.set_title(f"$C_B$ = {signed(targets[n])} k", fontsize=10)
+    heading(pictures, "A", "one network")
     growth, reach = plots.subplots(1, 2)
     for n in met:
         modulus = np.array([float(one.bulk), *one.modulus.values[n]])
@@ -71,7 +72,7 @@ def figure(ds):
         xlabel="change of log lengths (r.m.s.)", ylabel="$C_G$, energy  [k]", xlim=(0, None),
         title=f"cost, and $C_G$ that follows: {ds.sizes['seed']} networks",
     )  # fmt: skip
-    lettered(growth, reach)
+    lettered(growth, reach, letters="BC")
     figure.suptitle(
         "One force network, one $B_0$ and $G_0$: isogonal changes of the lengths design how it stiffens  "
         f"($N_v$ = {parameters(ds)['n_vertices']})",
@@ -98,12 +99,14 @@ def claims(ds):
             "DesignIsogonalTargets",
             "targets of C_B above the least one of each family are met to 1e-9, with edges of at least ⟨L⟩/20",
             "all", f"largest error {error:.1g}, outcomes {counts}, median {time:.2g} s each", error < 1e-9 and every,
-            "some are missed", criterion="1e-9, every target", kind="check",
+            "some are missed", f"{int((~met & (ds.target <= ds.least + 0.005)).sum())} targets are below the least one "
+            "that a descent finds, or less than 0.005 k above it", criterion="1e-9, every target that is 0.005 k above "
+            "the least one", sample=f"{ds.target_error.size} targets", kind="check",
         ),
         Claim.tested(
             "DesignIsogonalReach", "no member of a family softens more than C_B = −B_0/2", "≥ −1/2",
             f"least C_B/B_0 found in each family {spread(low)}, least {low.min():.4g}",
-            bool((low >= -0.5 - 1e-9).all()), "some do", criterion="C_B/B_0 ≥ −1/2 to 1e-9",
+            bool((low >= -0.5 - 1e-9).all()), "some do", criterion="C_B/B_0 ≥ −1/2 to 1e-9", kind="check",
         ),
     ]  # fmt: skip
 

@@ -177,6 +177,7 @@ def claims(ds):
             "ν > 0 for σ > 0",
             f"ν from {stretched.min():.2g} to {stretched.max():.2g} for σ > 0, from {signed.min():.2g} otherwise",
             bool(stretched.min() > 0 and signed.min() < 0), "the signs differ", criterion="every σ > 0, some other",
+            kind="check",
         ),
     ]  # fmt: skip
 

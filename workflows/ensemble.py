@@ -22,7 +22,7 @@ from .shared.measurements import DRAWN, planar_member, table, verify
 from .shared.own_network import check_own, own_network, with_digest
 from .shared.panels import Drawing, Panel, gallery_figure, panel_figure
 from .shared.population_reports import counts, described, of, percolation_claims, population_claims, summary
-from .shared.populations import LABELS, NAMES, PAPER_POPULATIONS, POPULATIONS, SPREADS
+from .shared.populations import LABELS, MEANING, NAMES, PAPER_POPULATIONS, POPULATIONS, SPREADS
 from .shared.reports import PAPER, parameters
 
 
@@ -56,26 +56,25 @@ RESPONSE = {
     "shear_modulus_0": "shear modulus at the transition $G_0$  [$k$]",
     "C_G_stress_corrected_exact": "its growth with strain $C_G$, stress-corrected  [$k$]",
 }
-
+# Quantities on logarithmic axes, and the least value that is drawn.
+LEAST_DRAWN = {"length_variance": 1e-3, "tension_variance": 1e-3, "shear_modulus_0": 1e-12}
 
 _DRAWINGS = "Drawings: medians of the highest and lowest population; dark, wide edges carry the most tension."
 
 
 def structure_figure(ds):
     """`StructuralMetrics`: lengths and faces, tensions and force triangles."""
-    log = {"tension_variance"}
-    panels = [_panel(ds, name, label, name in log) for name, label in STRUCTURE.items()]
-    note = f"{_DRAWINGS} "
-    return panel_figure(panels, _labels(ds), "Structure of critical configurations", f"{note} {_wide_note(ds)}")
+    panels = [_panel(ds, name, label, least=LEAST_DRAWN.get(name)) for name, label in STRUCTURE.items()]
+    note = f"{_DRAWINGS} $V_L$ of min $V_L$ vanishes to rounding and stands at {LEAST_DRAWN['length_variance']:g}."
+    return panel_figure(panels, _names(ds), "Structure of critical configurations", f"{note} {_random_note(ds)}")
 
 
 def response_figure(ds):
     """`ResponseMetrics`: moduli at the transition and how they grow past it."""
-    log = {"shear_modulus_0"}
-    panels = [_panel(ds, name, label, name in log, name.startswith("C_")) for name, label in RESPONSE.items()]
-    note = f"Red lines: no change with strain{_deformation_note(ds)}. {_DRAWINGS}"
+    panels = [_panel(ds, name, label, name.startswith("C_"), LEAST_DRAWN.get(name)) for name, label in RESPONSE.items()]
+    note = f"Red lines: no change with strain{_deformation_note(ds)}. Undefined: edges shrink to zero length. {_DRAWINGS}"
     return panel_figure(
-        panels, _labels(ds), "Mechanical response of critical configurations", f"{note} {_wide_note(ds)}"
+        panels, _names(ds), "Mechanical response of critical configurations", f"{note} {_random_note(ds)}"
     )
 
 
@@ -99,25 +98,21 @@ def gallery(ds):
 _NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 7: "seven"}
 
 
-def _label(ds, population):
-    if population in SPREADS:
-        return f"{LABELS['random_lengths']}\n$s={parameters(ds)[SPREADS[population]]:g}$"
-    return LABELS[population]
+def _names(ds):
+    return [LABELS[str(population)].replace(", ", ",\n") for population in ds.population.values]
 
 
-def _labels(ds):
-    return [_label(ds, str(population)) for population in ds.population.values]
+def _random_note(ds):
+    """The spreads of the rest lengths, and what the wide one leaves slack."""
+    given = {p: parameters(ds)[key] for p, key in SPREADS.items() if p in ds.population}
+    text = "; ".join(f"{LABELS[p]}: rest lengths of spread $s$ = {spread:g}" for p, spread in given.items())
+    if "random_lengths_wide" in given:
+        stressed = float(ds.stressed_fraction.sel(population="random_lengths_wide").mean())
+        text += f" as printed in the paper, where {100 * stressed:.0f} % of the edges are stressed"
+    return f"{text}." if text else ""
 
 
-def _wide_note(ds):
-    if "random_lengths_wide" not in ds.population:
-        return ""
-    stressed = float(ds.stressed_fraction.sel(population="random_lengths_wide").mean())
-    printed = parameters(ds)["spread_wide"]
-    return f"At the printed spread s = {printed:g} only {100 * stressed:.0f} % of the edges are stressed."
-
-
-def _panel(ds, name, label, log=False, zero_line=False):
+def _panel(ds, name, label, zero_line=False, least=None):
     values = ds[name].transpose("population", "seed")
     medians = values.median("seed")
     drawings = []
@@ -125,18 +120,19 @@ def _panel(ds, name, label, log=False, zero_line=False):
         for word, population in (("high", medians.idxmax()), ("low", medians.idxmin())):
             of_population = values.sel(population=population)
             seed = np.abs(of_population - of_population.median()).idxmin()
-            shown = f"{float(of_population.sel(seed=seed)):.2g}"
+            value = float(of_population.sel(seed=seed))
+            shown = f"{value:.2g}" if abs(value) > 1e-15 else "0"
             drawings.append(_drawing(ds.sel(population=population, seed=seed), f"{word}: {shown}\n{{name}}"))
-    return Panel(label, list(values.values), drawings, log, zero_line)
+    groups = list(values.values if least is None else np.maximum(values.values, least))
+    return Panel(label, groups, drawings, least is not None, zero_line)
 
 
 def _drawing(one, caption):
     """One configuration with its caption, which may contain the {name} of its population."""
     sigma, lengths, cell = one.sigma.values, one.length.values, one.cell.values
     tensions = unit_pressure_tensions(sigma, lengths, float(abs(np.linalg.det(cell))))
-    name = _label(one, str(one.population.values)).replace("\n", ", ")
     return Drawing(
-        caption.replace("{name}", name), one.edges.values, one.offsets.values, cell, one.coordinates.values, tensions
+        caption.replace("{name}", LABELS[str(one.population.values)]), one.edges.values, one.offsets.values, cell, one.coordinates.values, tensions
     )
 
 
@@ -198,7 +194,7 @@ study = Study(
     references=PAPER,
     axes=(
         Axis("seed", range(100), "seed of the network", noun="networks"),
-        Axis("population", POPULATIONS, "population of critical configurations"),
+        Axis("population", POPULATIONS, MEANING),
     ),
     parameters={
         "n_vertices": 1000,

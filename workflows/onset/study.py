@@ -78,13 +78,13 @@ def against_coordination(parameters, family, seed):
             if all(onset.value.proven):
                 strain[row, column], gap[row, column] = onset.strain, onset.upper - onset.lower
                 taut[row, column] = onset.taut.mean()
-    return {"critical_strain": strain, "strain_gap": gap, "taut_fraction": taut, "strain_status": status}
+    return {"critical_strain": strain, "critical_strain_error_bound": gap, "taut_fraction": taut, "strain_status": status}
 
 
 def empty_surfaces(parameters):
     """Undefined surfaces."""
     shape = len(PAPER_POPULATIONS), parameters["n_directions"]
-    sizes = {"surface_strain": (), "surface_taut": (), "surface_point": (2,), "surface_normal": (2,)}
+    sizes = {"surface_strain": (), "surface_strain_error_bound": (), "surface_taut": (), "surface_point": (2,), "surface_normal": (2,)}
     return {name: np.full((*shape, *size), np.nan) for name, size in sizes.items()}
 
 
@@ -99,6 +99,7 @@ def fill_surfaces(found, parameters, seed):
         lengths = (1 + parameters["excess"]) * critical.lengths
         surface = rigidity_surface(manifold.network, lengths, directions)
         found["surface_strain"][n] = surface.strains
+        found["surface_strain_error_bound"][n] = surface.error_bounds
         found["surface_taut"][n] = np.where(surface.found, surface.taut / len(lengths), np.nan)
         found["surface_point"][n] = _plane(surface.points)
         found["surface_normal"][n] = _plane(surface.normals)
@@ -126,10 +127,11 @@ def table():
         return Variable(name, (*case, *dims), dtype, long_name=long_name, **more)
 
     yield variable("critical_strain", path, "strain at which the network becomes rigid")
-    yield variable("strain_gap", path, "distance of the bounds on it")
+    yield variable("critical_strain_error_bound", path, "distance of the bounds on it")
     yield variable("taut_fraction", path, "part of the edges that are taut there")
     yield variable("strain_status", path, "outcome by z and deformation", "i1", flags=Status)
     yield variable("surface_strain", surface, "distance of the rigidity surface along each direction")
+    yield variable("surface_strain_error_bound", surface, "distance of the bounds on it")
     yield variable("surface_point", (*surface, "component"), "its pure shear and dilation")
     yield variable("surface_normal", (*surface, "component"), "its normal, the macroscopic stress, likewise")
     yield variable("surface_taut", surface, "part of the edges that are taut there")

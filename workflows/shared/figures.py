@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 
 
 def panels(n, title, height=3.6):
@@ -17,9 +18,9 @@ def panels(n, title, height=3.6):
     return figure, row
 
 
-def lettered(*panels):
+def lettered(*panels, letters="ABCDEFGH"):
     """Name panels A, B, … before their titles, and remove the upper and right spines."""
-    for axes, letter in zip(panels, "ABCDEFGH", strict=False):
+    for axes, letter in zip(panels, letters, strict=False):
         title = axes.get_title()
         axes.set_title("")
         axes.set_title(f"$\\bf{{{letter}}}$   {title}".rstrip(), loc="left", fontsize=11)
@@ -46,17 +47,21 @@ def segments(critical):
     return np.stack([tail, tail + critical.bond_vectors], axis=1)
 
 
-def draw_cell(axes, n_vertices, shear=0.0):
-    """The square cell of a generated network of n vertices, V = N_v, after a simple shear."""
-    corners = np.sqrt(n_vertices) * np.array([[0, 0], [1, 0], [1 + shear, 1], [shear, 1], [0, 0]])
-    axes.plot(*corners.T, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
-
-
-def draw_segments(axes, lines, title, **style):
-    """Draw edges without a frame."""
-    axes.add_collection(LineCollection(lines, **style))
+def draw_in_cell(axes, lines, widths, n_vertices, shear=0.0, **style):
+    """Draw the edges of a planar network with all their images in the cell, a sheared square with V = N_v, once."""
+    cell = np.sqrt(n_vertices) * np.array([[1, 0], [shear, 1]])
+    outline = Polygon([[0, 0], cell[0], cell[0] + cell[1], cell[1]], facecolor="none", edgecolor="0.7", linewidth=0.8)
+    axes.add_patch(outline)
+    images = [lines + (np.array(shift) - 1) @ cell for shift in np.ndindex(3, 3)]
+    drawn = LineCollection(np.concatenate(images), linewidths=np.tile(widths, len(images)), **style)
+    axes.add_collection(drawn, autolim=False)
+    drawn.set_clip_path(outline)
     axes.autoscale_view()
     axes.set_aspect("equal")
     axes.set_anchor("N")
     axes.set_axis_off()
-    axes.set_title(title, fontsize=10)
+
+
+def heading(figure, letter, text):
+    """Name a row of pictures by a letter, as `lettered` names panels."""
+    figure.suptitle(f"$\\bf{{{letter}}}$   {text}", fontsize=11, x=0.01, ha="left")

@@ -29,6 +29,7 @@ LABELS = {
 }
 NAMES = {p: label.replace("$", "").replace("\\tau", "τ") for p, label in LABELS.items()}
 NAMES = {p: name.replace("\\ell", "ℓ").replace("\\sigma", "σ") for p, name in NAMES.items()}
+MEANING = "population of critical configurations: " + ", ".join(f"{p} = {name}" for p, name in NAMES.items())
 # The parameter with the spread of the rest lengths of each population.
 SPREADS = {"random_lengths": "spread", "random_lengths_wide": "spread_wide"}
 

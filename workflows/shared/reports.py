@@ -36,7 +36,7 @@ def finite(values):
 def spread(values, digits=4):
     """Mean ± standard deviation of the finite values, as text."""
     known = finite(values)
-    return f"{np.mean(known):.{digits}g} ± {np.std(known):.1g}" if len(known) else "undefined"
+    return f"{np.mean(known):.{digits}g} ± {float(f'{np.std(known):.1g}'):g}" if len(known) else "undefined"
 
 
 def status_counts(codes):

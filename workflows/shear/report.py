@@ -7,6 +7,7 @@ import numpy as np
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ..shared.population_reports import described
 from ..shared.populations import NAMES
 from ..shared.power_laws import exponent, judged, shown
 from ..shared.reports import parameters, spread
@@ -34,7 +35,7 @@ def _ascent_claims(ds):
 def _bound(good):
     yield Claim.tested(
         "ShearModulusSteepestDescent-A", "without constraints the shear modulus keeps rising to a finite value",
-        "rises", f"from {spread(good.shear_modulus.isel(step=0))} to {spread(good.shear_modulus_end)} at the end, "
+        "rises", f"from {described(good.shear_modulus.isel(step=0))} to {spread(good.shear_modulus_end)} at the end, "
         f"{spread(100 * good.shear_modulus_end / good.bound, 3)} % of the bound",
         bool((good.shear_modulus_end > 10 * good.shear_modulus.isel(step=0)).all()),
         "so few steps do not lead far", criterion="ten times the start, every network", kind="paper",
@@ -161,6 +162,7 @@ def _bounds(ds):
     )  # fmt: skip
 
 
+_FLAT = f"|exponent of medians| < {INDEPENDENT}, a change by less than a sixth from the smallest to the largest network"
 _REASON = "the exponent depends on how far an ascent climbs and, by few diverging ones, on the statistic"
 
 
@@ -207,7 +209,7 @@ def _size_claims(ds, sizes):
         holds, text = judged(sizes, values, 0 if kept else -1)
         low, middle, high = np.nanquantile(values[-1], (1 / 6, 0.5, 5 / 6))
         if kept:  # so many networks resolve changes of a few per cent over all sizes
-            holds, word = abs(exponent(sizes, values, np.nanmedian)[0]) < INDEPENDENT, f"|exponent| < {INDEPENDENT}"
+            holds, word = abs(exponent(sizes, values, np.nanmedian)[0]) < INDEPENDENT, _FLAT
         else:
             word = "in both 95 % intervals; undecided in one"
         yield Claim.tested(

@@ -26,7 +26,7 @@ from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ..shared.checks import check_network
-from ..shared.populations import POPULATIONS, configuration, prepared
+from ..shared.populations import MEANING, POPULATIONS, configuration, prepared
 from ..shared.reports import PAPER
 from .ascent import MEASURES, ascend
 from .figures import animation, ascent_figure, compression_figure, scaling_figure
@@ -239,7 +239,7 @@ study = Study(
         Coordinate("step", "steps", "step of the recorded ascent"),
         Coordinate("algorithm", "algorithms", "algorithm of the ascents at all sizes"),
         Coordinate("fraction", "fractions", "part of the closed-form bound that is reached"),
-        Coordinate("population", "populations", "population of critical configurations"),
+        Coordinate("population", "populations", MEANING),
         Coordinate("threshold", "thresholds", "least stress r that the penalty allows, where the mean square is one"),
     ),
     case=case,

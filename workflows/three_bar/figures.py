@@ -19,6 +19,8 @@ ORANGE, PURPLE, GREY, CURVE = "#E69F00", "#8E5BB5", "#A9A9A9", "#C00000"
 FAMILIES = {"stretched": ORANGE, "folded": PURPLE, "branch": GREY}
 # Largest squared length that is drawn, in squared spans; the sheets are unbounded.
 BOX = 2.6
+# Arrows cover each other near the cusps, where a component of the unit stress is less than this.
+_APART = 0.1
 
 
 def family(grid):
@@ -33,7 +35,7 @@ def span_of(ds):
 def manifold_figure(ds):
     """`3-barlinkage`: examples, stresses on the sphere and in the chart, the manifold, and its rigid part."""
     figure = Figure(figsize=(12.6, 9.6), dpi=120, layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.03, h_pad=0.03, wspace=0.02, hspace=0.02)
+    figure.get_layout_engine().set(w_pad=0.03, h_pad=0.07, wspace=0.02, hspace=0.02)
     top, bottom = figure.subfigures(2, 1, height_ratios=(1, 1.3))
     left, middle, right = top.subfigures(1, 3, width_ratios=(1.3, 0.95, 1.1))
     _draw_examples(left, ds)
@@ -278,14 +280,16 @@ def _box(axes, box=BOX):
     axes.set(xlim=(0, box), ylim=(0, box), zlim=(0, box), aspect="equal")
     for set_label, k in ((axes.set_xlabel, 1), (axes.set_ylabel, 2), (axes.set_zlabel, 3)):
         set_label(f"$L_{k}^2/D^2$", fontsize=10)
+    axes.zaxis.set_rotate_label(False)
+    axes.zaxis.label.set_rotation(90)
     axes.tick_params(labelsize=8, pad=0)
     axes.view_init(elev=24, azim=38)
 
 
 def geometry_figure(ds):
     """`CriticalManifoldGeometry`: even grid lines of the chart on the stretched sheet, and the stress normal to it."""
-    figure = Figure(figsize=(12.0, 5.6), dpi=130, layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1, 1.35))
+    figure = Figure(figsize=(11.0, 5.6), dpi=130, layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(1, 1.1))
     chart, axes = left.add_subplot(), right.add_subplot(projection="3d", computed_zorder=False)
     _paint_chart(chart, ds, alpha=0.35)
     chart.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2))
@@ -299,21 +303,21 @@ def geometry_figure(ds):
     middle = ds.sel(grid="middle")
     squares, s, normal = (middle.length.values / span_of(ds)) ** 2, middle.s.values, middle.normal.values
     shown = (normal > 0).all(axis=-1) & (middle.outcome.values == Status.ok)
-    for across, colour in ((0, COLOURS[0]), (1, COLOURS[3])):
+    for across, colour in ((0, PURPLE), (1, COLOURS[3])):
         for line in range(1, s.shape[across], 2):
             one = np.s_[:, line] if across == 0 else np.s_[line]
             on = shown[one][:, None]
             chart.plot(*np.where(on, s[one], np.nan).T, color=colour, linewidth=0.9)
             axes.plot(*np.where(on, squares[one], np.nan).T, color=colour, linewidth=0.7, zorder=3)
     rooted = np.zeros_like(shown)
-    rooted[1::4, 1::4] = True
-    rooted &= shown
+    rooted[1::6, 1::6] = True
+    rooted &= shown & (normal.min(axis=-1) > _APART)
     axes.quiver(
         *squares[rooted].T, *normal[rooted].T, length=0.17, color=COMPRESSED, linewidth=1.5, arrow_length_ratio=0.3,
         zorder=4,
     )  # fmt: skip
     chart.plot(*s[rooted].T, "o", color=COMPRESSED, markersize=3.5)
-    chart.plot([], [], color=COLOURS[0], label="$s_1$ = const")
+    chart.plot([], [], color=PURPLE, label="$s_1$ = const")
     chart.plot([], [], color=COLOURS[3], label="$s_2$ = const")
     chart.plot([], [], "o", color=COMPRESSED, markersize=4, label="where the stress is drawn")
     chart.plot([], [], color=CURVE, linewidth=2.2, label="P singular: lengths diverge")

@@ -16,70 +16,61 @@ from ...shared.reports import parameters
 from .outcomes import Outcome, Violation
 from .problems import DIFFICULTIES, METHODS, OBJECTIVES
 
-# One cell of the map: colour, sign and text of the legend.  Of several methods or networks in a cell the last is shown.
+# One cell of the map: colour and text of the legend.  Of several methods or networks in a cell the last is shown.
 CELLS = {
-    Outcome.absent: ("#ffffff", "", ""),
-    Outcome.exact: ("#0B3C6F", "", "correct to rounding"),
-    Outcome.bounded: ("#4F93C4", "", "correct within its claimed bound"),
-    Outcome.tolerated: ("#B8D9EF", "", "correct within tolerance, no bound claimed"),
-    Outcome.refused: ("#CBBFD6", "r", "refused with the reason"),
-    Outcome.reported: ("#E3E3E3", "s", "status with the reason"),
-    Outcome.unknown: ("#FFFFFF", "?", "reference fails"),
-    Outcome.violation: ("#D55E00", "✗", "SILENT WRONG ANSWER"),
+    Outcome.absent: ("#ffffff", ""),
+    Outcome.exact: ("#0B3C6F", "correct to rounding"),
+    Outcome.bounded: ("#4F93C4", "correct within its claimed bound"),
+    Outcome.tolerated: ("#B8D9EF", "correct within tolerance, no bound claimed"),
+    Outcome.refused: ("#C9A8DC", "refused with the reason"),
+    Outcome.reported: ("#D9D9D9", "a status with the reason"),
+    Outcome.unknown: ("#FFFFFF", "the reference fails"),
+    Outcome.violation: ("#D55E00", "SILENT WRONG ANSWER"),
+}
+# The difficulties of each figure, in two columns.
+MAPS = {
+    "stresses": (
+        ("stress_spread", "faint_edge", "faint_cut", "soft_edges"),
+        ("short_edge", "near_singular", "single_precision"),
+    ),
+    "networks": (
+        ("extra_edges", "smallest", "slack_backbone", "straight_lines"),
+        ("anisotropic_cell", "sheared_cell", "skew_cell"),
+    ),
+    "tasks": (("hard_core", "small_strain", "threshold"), ("contrast", "large_step", "rest_lengths")),
 }
 RIGHT = (Outcome.exact, Outcome.bounded, Outcome.tolerated)
 # Difficulties and quantities whose error and bound are drawn.
 SHOWN = (("stress_spread", "configuration"), ("near_singular", "transition_moduli"), ("short_edge", "stiffening"))
-# The height of a line is that of a map of at least this number of lines.
-_FEWEST_LINES = 40
 # The refined factor, which the library uses, and its alternative; larger relative errors count as wrong.
 _RIVALS, _LOST = ("refined factor", "without subtraction"), 1e-6
 ULP = 2.0**-53
 WIDEST = 100.0
 
 
-def map_figure(ds):
-    """Every quantity at every strength of every difficulty, coloured by its outcome."""
-    names = [name for name in map(str, ds.difficulty.values) if name in DIFFICULTIES]
-    tables = {name: table for name in names if len((table := _rows(ds, name))[0])}
-    figure = Figure(figsize=(15, 12.5), dpi=110)
-    columns = _columns(tables, 3)
-    n_lines = max(_FEWEST_LINES, *(sum(len(tables[name][0]) + 4.0 for name in column) for column in columns))
+def map_figure(ds, name):
+    """Every quantity at every strength of the difficulties of one map, coloured by its outcome."""
+    made = [d for d in map(str, ds.difficulty.values) if d in DIFFICULTIES]
+    columns = [[(d, *table) for d in column if d in made and (table := _rows(ds, d))[0]] for column in MAPS[name]]
+    heights = [sum(len(rows) + 3 for _, rows, _ in column) for column in columns]
+    figure = Figure(figsize=(11, 1.5 + 0.21 * max(heights)), dpi=110, layout="constrained")
     colours = ListedColormap([CELLS[outcome][0] for outcome in sorted(CELLS)])
-    top, bottom = 0.915, 0.025
-    for place, column in enumerate(columns):
-        line = 0.0
-        for name in column:
-            rows, cells = tables[name]
-            height = len(rows) / n_lines * (top - bottom)
-            line += 1.6
-            y = top - line / n_lines * (top - bottom) - height
-            axes = figure.add_axes((0.115 + place * 0.33, y, 0.21, height))
-            line += len(rows) + 2.4
-            _draw_table(axes, ds, name, rows, cells, colours)
-    wrong, points = int((ds.outcome == Outcome.violation).sum()), int((ds.outcome != Outcome.absent).sum())
+    head, body = figure.subfigures(2, 1, height_ratios=(0.9, 0.6 + 0.21 * max(heights)))
+    for part, column, height in zip(body.subfigures(1, 2), columns, heights, strict=True):
+        # An empty panel below the shorter column leaves all cells of one height.
+        ratios = [*(len(rows) + 1.5 for _, rows, _ in column), max(heights) - height + 0.1]
+        *panels, rest = part.subplots(len(ratios), 1, height_ratios=ratios, squeeze=False)[:, 0]
+        rest.set_axis_off()
+        for axes, (difficulty, rows, cells) in zip(panels, column, strict=True):
+            _draw_table(axes, ds, difficulty, rows, cells, colours)
+    outcome = ds.outcome.sel(difficulty=[d for column in columns for d, _, _ in column])
+    wrong, points = int((outcome == Outcome.violation).sum()), int((outcome != Outcome.absent).sum())
     verdict = "no silent wrong answer" if not wrong else f"{wrong} SILENT WRONG ANSWERS"
-    figure.text(0.01, 0.975, f"Where methods fail: {verdict} in {points:,} points", fontsize=15, fontweight="bold")
-    worst = f"a cell is the worst of {ds.sizes['seed']} networks and of all methods in its row"
-    figure.text(0.99, 0.975, worst, fontsize=10, ha="right")
-    kinds = [o for o in list(Outcome)[1:] if (ds.outcome == o).any() or o is Outcome.violation]
-    handles = [Patch(facecolor=CELLS[o][0], edgecolor="0.5") for o in kinds]
-    labels = [f"{CELLS[o][1]}  {CELLS[o][2]}".strip() for o in kinds]
-    figure.legend(
-        handles, labels, loc="upper left", bbox_to_anchor=(0.005, 0.968), ncols=len(kinds), frameon=False, fontsize=8.6,
-        handlelength=1.2, columnspacing=1.1,
-    )  # fmt: skip
+    head.suptitle(f"Difficult {name}: {verdict} in {points:,} points", fontsize=13, fontweight="bold")
+    kinds = [o for o in list(Outcome)[1:] if (outcome == o).any() or o is Outcome.violation]
+    handles = [Patch(facecolor=CELLS[o][0], edgecolor="0.5", label=CELLS[o][1]) for o in kinds]
+    head.legend(handles=handles, loc="lower center", ncols=3, frameon=False, fontsize=9)
     return figure
-
-
-def _columns(tables, number):
-    """Tables in columns of about equal height, in their order."""
-    heights = {name: len(rows) + 3.6 for name, (rows, _) in tables.items()}
-    total, columns, filled = sum(heights.values()), [[] for _ in range(number)], 0.0
-    for name, height in heights.items():
-        columns[min(int((filled + height / 2) / total * number), number - 1)].append(name)
-        filled += height
-    return columns
 
 
 def _rows(ds, name):
@@ -110,23 +101,16 @@ def _draw_table(axes, ds, name, rows, cells, colours):
     strengths = ds.strength.sel(difficulty=name).values
     n = int(np.isfinite(strengths).sum())
     axes.imshow(cells[:, :n], cmap=colours, vmin=-0.5, vmax=len(Outcome) - 0.5, aspect="auto", interpolation="none")
-    for row, column in np.ndindex(len(rows), n):
-        outcome = Outcome(int(cells[row, column]))
-        if outcome is Outcome.violation:
-            axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, fill=False, edgecolor="black", linewidth=1.0))
-        if sign := CELLS[outcome][1]:
-            size, ink, weight = (9, "white", "bold") if outcome is Outcome.violation else (6.5, "0.5", "normal")
-            axes.text(column, row, sign, ha="center", va="center", fontsize=size, color=ink, fontweight=weight)
-    axes.set_xticks(np.arange(n), [_number(s) for s in strengths[:n]], fontsize=7.5, rotation=0 if n < 11 else 45)
-    axes.set_yticks(np.arange(len(rows)), rows, fontsize=8)
+    for row, column in np.argwhere(cells[:, :n] == Outcome.violation):
+        axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, fill=False, edgecolor="black", linewidth=1.0))
+    axes.set_xticks(np.arange(n), [_number(s) for s in strengths[:n]], fontsize=8, rotation=0 if n < 9 else 45)
+    axes.set_yticks(np.arange(len(rows)), rows, fontsize=8.5)
     axes.set_xticks(np.arange(-0.5, n), minor=True)
     axes.set_yticks(np.arange(-0.5, len(rows)), minor=True)
     axes.grid(which="minor", color="white", linewidth=0.8)
     axes.tick_params(which="both", length=0, pad=2)
     axes.spines[:].set_visible(False)
-    axes.set_title(
-        f"{name.replace('_', ' ')}: {DIFFICULTIES[name].label} →", loc="left", fontsize=9, fontweight="bold", pad=3
-    )
+    axes.set_title(f"{DIFFICULTIES[name].label} →", loc="left", fontsize=9.5, fontweight="bold", pad=3)
 
 
 def _number(value):

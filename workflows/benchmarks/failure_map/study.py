@@ -8,6 +8,8 @@ With `network=FILE` the difficulties are those of the network of a file; those w
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from critflow import Status
@@ -20,7 +22,7 @@ from ...shared.own_network import check_own, own_network, with_digest
 from .outcomes import Finding, Outcome, Violation
 from .problems import DIFFICULTIES, GENERATED, QUANTITIES
 from .quantities import ASSEMBLED, ASSEMBLIES, assembly_errors, finding
-from .report import bound_figure, claims, map_figure, summary
+from .report import MAPS, bound_figure, claims, map_figure, summary
 
 MOST_VERTICES = 64
 
@@ -120,7 +122,7 @@ study = Study(
         ),
         Variable("status", ("difficulty", "seed"), "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={"failure_map": map_figure, "error_bounds": bound_figure},
+    figures={**{name: partial(map_figure, name=name) for name in MAPS}, "error_bounds": bound_figure},
     claims=claims,
     summary=summary,
 )
