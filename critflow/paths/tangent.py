@@ -49,9 +49,9 @@ def path_rates(deformation: Deformation, strain: float, gradient: Array, stretch
     """
     back = np.linalg.inv(gradient)
     velocity, acceleration = deformation.rate(strain) @ back, deformation.second_rate(strain) @ back
-    E = deformation.free_strains
-    if not len(E):
+    if not deformation.free:
         return velocity[None], acceleration[None]
+    E = deformation.free_strains
     S = stretched(stretch, E)
     G = np.linalg.inv(S)
     rates = np.concatenate([(S @ velocity @ G)[None], E @ G])

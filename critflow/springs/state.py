@@ -209,7 +209,7 @@ class SpringState(Record):
         """Unbalanced forces −∂E/∂x on the free vertices, (n_free, d) (`Equilibrium`, `ForceBalance`)."""
         return -product(self.network.divergence, self.sigma[:, None] * self.bond_vectors)
 
-    @property
+    @cached_property
     def max_force(self) -> float:
         """Largest component of the unbalanced forces, in units of k times length."""
         return float(np.abs(self.forces).max(initial=0.0))
