@@ -24,7 +24,9 @@ from critflow.arguments import checked
 from critflow.critical.pressures import ForceBalance, PressureManifold, PressurisedConfiguration
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
+from critflow.linalg.products import product
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
+from critflow.linalg.vectors import norms
 from critflow.networks.blocks import components
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
@@ -73,7 +75,7 @@ class CriticalConfiguration(Record):
     @cached_property
     def lengths(self) -> Array:
         """|L_α|, (N_b,)."""
-        return np.linalg.norm(self.bond_vectors, axis=1)
+        return norms(self.bond_vectors)
 
     @property
     def collapsed_edges(self) -> NDArray[np.intp]:
@@ -93,7 +95,7 @@ class CriticalConfiguration(Record):
     @cached_property
     def residual(self) -> float:
         """Largest unbalanced force |gᵀ(σ ∘ L)| over the mean tension, or NaN without any (`ForceBalanceLsqr`)."""
-        force = self.network.divergence @ (self.sigma[:, None] * self.bond_vectors)
+        force = product(self.network.divergence, self.sigma[:, None] * self.bond_vectors)
         mean = float(np.abs(self.tensions).mean())
         return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
 
@@ -181,7 +183,7 @@ class Balance:
 
     def _difference(self, edge_vectors: Array) -> Array:
         """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
-        return self.network.free_incidence @ self.factor.solve(self.network.divergence @ edge_vectors)
+        return product(self.network.free_incidence, self.factor.solve(product(self.network.divergence, edge_vectors)))
 
 
 class CriticalManifold:
@@ -284,7 +286,8 @@ class CriticalManifold:
         sigma = exact.high
         if balance is None or not np.array_equal(balance.sigma, sigma):
             balance = self.balance(sigma)
-        n_negative, status = balance.factor.n_negative, Status.ok
+        # No eigenvalue of P is negative without compression.
+        n_negative, status = 0 if (sigma >= 0).all() else balance.factor.n_negative, Status.ok
         refined = self.refinement(exact, balance.factor, balance.coordinates)
         if not refined.certain and balance.factor.eliminate():
             refined, n_negative = self.refinement(exact, balance.factor, balance.coordinates), balance.factor.n_negative
@@ -337,9 +340,9 @@ class CriticalManifold:
     def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
         x = np.empty((self._g.shape[1], len(self._load)))
         for axis, load in enumerate(self._load):
-            x[:, axis] = factor.solve(load @ sigma)
+            x[:, axis] = factor.solve(product(load, sigma))
         np.negative(x, out=x)
-        return x, self._g @ x + self._b
+        return x, product(self._g, x) + self._b
 
     def response(self, configuration: CriticalConfiguration) -> LinearOperator:
         """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).

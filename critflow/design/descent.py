@@ -119,9 +119,9 @@ def _repeated(
     steps = end.steps
     for _ in range(_REPEATS):
         left = None if max_steps is None else max_steps - steps
-        moderate = objective.moderate(end.point.x, MODERATE)
         repeatable = end.status in (*_NOT_ATTAINED, Status.stalled, Status.singular) and left != 0
-        if not repeatable or monitor.ended or moderate is None or np.array_equal(moderate, end.point.x):
+        moderate = objective.moderate(end.point.x, MODERATE) if repeatable and not monitor.ended else None
+        if moderate is None or np.array_equal(moderate, end.point.x):
             break
         again = run(moderate, left)
         steps += again.steps
