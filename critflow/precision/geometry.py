@@ -106,6 +106,8 @@ def blocks(n_rows: int) -> Iterator[slice]:
 
 def _in_blocks(of: Callable[[slice], Extended], shape: tuple[int, ...]) -> Extended:
     """An extended array from parts of its rows."""
+    if shape[0] <= BLOCK:
+        return of(slice(None))
     result = Extended(np.empty(shape), np.empty(shape))
     for rows in blocks(shape[0]):
         result.high[rows], result.low[rows] = of(rows)
