@@ -26,7 +26,7 @@ from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.products import product
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
-from critflow.linalg.vectors import norms
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.blocks import components
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
@@ -157,7 +157,7 @@ class Balance:
     def pull_back(self, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
         """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
         gy = self._difference(dO_dL)
-        return dO_dsigma - np.einsum("ad,ad->a", self.bond_vectors, gy), gy
+        return dO_dsigma - dot(self.bond_vectors, gy), gy
 
     def pull_backs(self, partials: Sequence[tuple[Array, Array]]) -> Array:
         """Total derivatives (n, N_b) of several functions from (∂O/∂σ, ∂O/∂L) of each, as `pull_back`."""
@@ -179,7 +179,7 @@ class Balance:
         """
         ddO_dsigma, ddO_dL = second
         dgy = self._difference(ddO_dL - dsigma[:, None] * gy)
-        return ddO_dsigma - np.einsum("ad,ad->a", dL, gy) - np.einsum("ad,ad->a", self.bond_vectors, dgy)
+        return ddO_dsigma - dot(dL, gy) - dot(self.bond_vectors, dgy)
 
     def _difference(self, edge_vectors: Array) -> Array:
         """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
@@ -354,7 +354,7 @@ class CriticalManifold:
         balance = Balance(self, sigma, free, L, self.prestress.factorize_signed(sigma))
 
         def apply(dsigma: Array) -> Array:
-            return np.einsum("ad,ad->a", L, balance.tangent(np.ravel(dsigma)))
+            return dot(L, balance.tangent(np.ravel(dsigma)))
 
         n = self.network.n_edges
         return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)

@@ -9,7 +9,7 @@ import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, Quantity
-from critflow.linalg.vectors import norms
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array, IntArray
 from critflow.result import InputError
 
@@ -41,7 +41,7 @@ class _RelativeVariance(_OfLengths):
         length = _divisors(norms(L))
         weight, dweight = (balance.sigma, dsigma) if self.of_tensions else (np.ones_like(length), 0.0)
         unit = L / length[:, None]
-        dlength = np.einsum("ad,ad->a", unit, dL)
+        dlength = dot(unit, dL)
         derivative, change = _relative_variance_differential(weight * length, dweight * length + weight * dlength)
         stretching = (change * weight + derivative * dweight)[:, None] * unit
         turning = (derivative * weight / length)[:, None] * (dL - dlength[:, None] * unit)

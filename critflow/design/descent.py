@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
+from critflow.linalg.vectors import dot
 from critflow.networks.network import Array
 from critflow.progress import tell
 from critflow.quantities.optimum import Optimum
@@ -191,7 +192,7 @@ class DescentMonitor:
 
     def _status(self, point: Point) -> Status | None:
         sigma, L = point.state.balance.sigma, point.state.balance.bond_vectors
-        length = np.sqrt(np.einsum("ad,ad->a", L, L))
+        length = np.sqrt(dot(L, L))
         if length.min() > SOUND * length.mean() and sigma.min() > SOUND**2:
             # Far from all limits below.
             self.last_sound = point.x

@@ -23,7 +23,7 @@ from critflow.linalg.factor import Factor
 from critflow.linalg.multigrid import REDUCED
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import quasi_random
+from critflow.linalg.vectors import dot, quasi_random
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, add, extended, two_sum
 from critflow.precision.geometry import ExtendedGeometry, blocks
@@ -130,7 +130,7 @@ class Refinement:
             rough = np.abs(rest) + EPS * (np.abs(L.low[rows]) + np.abs(change[rows])) + EXTENDED_ROUNDING * size
             rough += shifted[rows]
             rough += at_ends[rows]
-            L_errors[rows] = np.sqrt(np.einsum("ad,ad->a", rough, rough))
+            L_errors[rows] = np.sqrt(dot(rough, rough))
         total = float(np.abs(at.low).max()) + error
         return Refined(at.high, bonds, total, L_errors, bound.condition, step, certain)
 
