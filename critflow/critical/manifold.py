@@ -24,7 +24,9 @@ from critflow.arguments import checked
 from critflow.critical.pressures import ForceBalance, PressureManifold, PressurisedConfiguration
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
+from critflow.linalg.products import product
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.blocks import components
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
@@ -73,7 +75,7 @@ class CriticalConfiguration(Record):
     @cached_property
     def lengths(self) -> Array:
         """|L_α|, (N_b,)."""
-        return np.linalg.norm(self.bond_vectors, axis=1)
+        return norms(self.bond_vectors)
 
     @property
     def collapsed_edges(self) -> NDArray[np.intp]:
@@ -97,7 +99,7 @@ class CriticalConfiguration(Record):
     @cached_property
     def residual(self) -> float:
         """Largest unbalanced force |gᵀ(σ ∘ L)| over the mean tension, or NaN without any (`ForceBalanceLsqr`)."""
-        force = self.network.divergence @ (self.sigma[:, None] * self.bond_vectors)
+        force = product(self.network.divergence, self.sigma[:, None] * self.bond_vectors)
         mean = float(np.abs(self.tensions).mean())
         return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
 
@@ -159,7 +161,7 @@ class Balance:
     def pull_back(self, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
         """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
         gy = self._difference(dO_dL)
-        return dO_dsigma - np.einsum("ad,ad->a", self.bond_vectors, gy), gy
+        return dO_dsigma - dot(self.bond_vectors, gy), gy
 
     def pull_backs(self, partials: Sequence[tuple[Array, Array]]) -> Array:
         """Total derivatives (n, N_b) of several functions from (∂O/∂σ, ∂O/∂L) of each, as `pull_back`."""
@@ -181,11 +183,11 @@ class Balance:
         """
         ddO_dsigma, ddO_dL = second
         dgy = self._difference(ddO_dL - dsigma[:, None] * gy)
-        return ddO_dsigma - np.einsum("ad,ad->a", dL, gy) - np.einsum("ad,ad->a", self.bond_vectors, dgy)
+        return ddO_dsigma - dot(dL, gy) - dot(self.bond_vectors, dgy)
 
     def _difference(self, edge_vectors: Array) -> Array:
         """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
-        return self.network.free_incidence @ self.factor.solve(self.network.divergence @ edge_vectors)
+        return product(self.network.free_incidence, self.factor.solve(product(self.network.divergence, edge_vectors)))
 
 
 class CriticalManifold:
@@ -288,7 +290,8 @@ class CriticalManifold:
         sigma = exact.high
         if balance is None or not np.array_equal(balance.sigma, sigma):
             balance = self.balance(sigma)
-        n_negative, status = balance.factor.n_negative, Status.ok
+        # No eigenvalue of P is negative without compression.
+        n_negative, status = 0 if (sigma >= 0).all() else balance.factor.n_negative, Status.ok
         refined = self.refinement(exact, balance.factor, balance.coordinates)
         if not refined.certain and balance.factor.eliminate():
             refined, n_negative = self.refinement(exact, balance.factor, balance.coordinates), balance.factor.n_negative
@@ -342,9 +345,9 @@ class CriticalManifold:
     def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
         x = np.empty((self._g.shape[1], len(self._load)))
         for axis, load in enumerate(self._load):
-            x[:, axis] = factor.solve(load @ sigma)
+            x[:, axis] = factor.solve(product(load, sigma))
         np.negative(x, out=x)
-        return x, self._g @ x + self._b
+        return x, product(self._g, x) + self._b
 
     def response(self, configuration: CriticalConfiguration) -> LinearOperator:
         """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).
@@ -356,7 +359,7 @@ class CriticalManifold:
         balance = Balance(self, sigma, free, L, self.prestress.factorize_signed(sigma))
 
         def apply(dsigma: Array) -> Array:
-            return np.einsum("ad,ad->a", L, balance.tangent(np.ravel(dsigma)))
+            return dot(L, balance.tangent(np.ravel(dsigma)))
 
         n = self.network.n_edges
         return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
+from critflow.linalg.vectors import dot
 from critflow.networks.network import Array
 from critflow.progress import tell
 from critflow.quantities.optimum import Optimum
@@ -119,9 +120,9 @@ def _repeated(
     steps = end.steps
     for _ in range(_REPEATS):
         left = None if max_steps is None else max_steps - steps
-        moderate = objective.moderate(end.point.x, MODERATE)
         repeatable = end.status in (*_NOT_ATTAINED, Status.stalled, Status.singular) and left != 0
-        if not repeatable or monitor.ended or moderate is None or np.array_equal(moderate, end.point.x):
+        moderate = objective.moderate(end.point.x, MODERATE) if repeatable and not monitor.ended else None
+        if moderate is None or np.array_equal(moderate, end.point.x):
             break
         again = run(moderate, left)
         steps += again.steps
@@ -191,7 +192,7 @@ class DescentMonitor:
 
     def _status(self, point: Point) -> Status | None:
         sigma, L = point.state.balance.sigma, point.state.balance.bond_vectors
-        length = np.sqrt(np.einsum("ad,ad->a", L, L))
+        length = np.sqrt(dot(L, L))
         if length.min() > SOUND * length.mean() and sigma.min() > SOUND**2:
             # Far from all limits below.
             self.last_sound = point.x

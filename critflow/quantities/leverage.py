@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity, dot
+from critflow.critical.quantity import Quantity
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import norms
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array, IntArray, Network
 from critflow.quantities.vocabulary import quantity
 from critflow.response.tensor import TRUSTED_ERROR
