@@ -172,11 +172,14 @@ def _onset(path: BoundaryPath, lengths: Array, interior: Interior) -> Solution[C
     search = found[0] if found else search_onset(path, lengths)
     if search.state is None:
         return _without_onset(path, search)
-    state, origin = (found[1], search.state) if found else _resolved(path, lengths, search.state)
-    bounds = onset_bounds(path, lengths, state, origin, interior)
-    gap = bounds.upper - bounds.lower
-    wide = not gap <= ONSET_GAP * (1 + state.strain)
-    if wide and path.has_free_sides and np.linalg.det(path.gradient(state.strain, state.free)) < NARROW:
+    state, bounds = _bounded(path, lengths, interior, search, found[1] if found else None)
+    if _wide(bounds, state) and path.has_free_shears:
+        there = replace(path, sheared=True)
+        other, narrower = _bounded(there, lengths, interior, search)
+        state, bounds = (state, bounds) if _wide(narrower, other) else (other, narrower)
+    gap, wide = bounds.upper - bounds.lower, _wide(bounds, state)
+    unproven = wide or not all(bounds.proven)
+    if unproven and path.has_free_sides and np.linalg.det(path.gradient(state.strain, state.free)) < NARROW:
         # The taut chain winds around the free side as well, and is straight only where that has no length.
         return _without_onset(path, search.without_onset(Status.floppy, SIDES_MEET))
     reasons = {
@@ -187,6 +190,19 @@ def _onset(path: BoundaryPath, lengths: Array, interior: Interior) -> Solution[C
     note = next((reason for reason, holds in reasons.items() if holds), "")
     status = Status.stalled if note else Status.ok
     return _measured(path, lengths, state, bounds, replace(search, status=status, note=note))
+
+
+def _bounded(
+    path: BoundaryPath, lengths: Array, interior: Interior, search: Search, state: OnsetState | None = None
+) -> tuple[OnsetState, StrainBounds]:
+    """The state at the end of a search, resolved unless it is given, and bounds on its strain."""
+    assert search.state is not None
+    state, origin = (state, search.state) if state else _resolved(path, lengths, search.state)
+    return state, onset_bounds(path, lengths, state, origin, interior)
+
+
+def _wide(bounds: StrainBounds, state: OnsetState) -> bool:
+    return not bounds.upper - bounds.lower <= ONSET_GAP * (1 + state.strain)
 
 
 def _from_iteration(path: BoundaryPath, lengths: Array) -> tuple[Search, OnsetState] | None:

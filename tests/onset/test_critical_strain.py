@@ -93,6 +93,24 @@ def test_a_free_shear_beside_a_free_side_changes_nothing(name):
     assert path.gradient(onset.strain)[0, 0] == pytest.approx(chain, rel=1e-10)
 
 
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_free_shear_undoes_a_shear_beside_a_free_side(direction):
+    # Neither is zero then, and the stress conjugate to both vanishes, S : E (1 + Σ q E)⁻¹ = 0.
+    network, path = voronoi_network(24, seed=0), Deformation.simple_shear(2).freeing("yy", "xy")
+    lengths = critical_from_lengths(network, np.ones(36)).ratio * np.random.default_rng(0).uniform(1.05, 1.1, 36)
+    onset = critical_strain(network, lengths, path, direction=direction)
+    check(onset, lengths)
+    strains = path.free_strains
+    stretch = np.linalg.inv(np.eye(2) + np.tensordot(onset.free, strains, 1))
+    np.testing.assert_allclose(np.einsum("ij,mik,kj->m", onset.stress, strains, stretch), 0, atol=1e-12)
+    # At one strain the least ratio over all free components is one cone program.
+    for part, floppy in ((1 - 1e-6, True), (1 + 1e-6, False)):
+        deformed = network.deformed(path.gradient(part * onset.strain))
+        b = deformed.boundary_vectors
+        rates = np.einsum("mij,aj->mai", strains, b)
+        assert (fit_lengths(deformed.free_incidence, b, lengths, 1e-11, rates).ratio < 1) == floppy
+
+
 @pytest.mark.parametrize("name", ["simple_shear", "pure_shear", "matrix"])
 def test_negative_strains_are_those_of_the_reversed_path(name):
     path = deformation_of(PATHS[name], 2)
