@@ -247,7 +247,7 @@ def table(planar):
 def verify(ds):
     """A line for each stored configuration that the numbers next to it contradict."""
     window = parameters_of(ds)["fit_window"]
-    return contradictions(ds, ("population", "seed"), lambda one: _checks(one, window))
+    return contradictions(ds, ("seed", "population"), lambda one: _checks(one, window))
 
 
 def _checks(one, window):
