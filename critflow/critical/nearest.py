@@ -24,7 +24,6 @@ from critflow.critical.pressure_inference import NearestPressures, infer_pressur
 from critflow.linalg.factor import Entries, FixedPattern
 from critflow.linalg.matrices import end_pairs, free_ends, spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
-from critflow.linalg.vectors import dot
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.result import InputError, Solution, Stats, Status
@@ -269,7 +268,7 @@ class _Fit:
         """Largest component of dD/dθ over Σ|x̂|²/s²."""
         r = here.residual if not self._moves else here.residual[self._free]
         y = here.balance.factor.solve(r)
-        pull = dot(here.balance.bond_vectors, self.network.free_incidence @ y)
+        pull = np.einsum("ad,ad->a", here.balance.bond_vectors, self.network.free_incidence @ y)
         return float(np.abs(2 * here.balance.sigma * pull).max()) / float(np.sum(self._observed**2) or 1.0)
 
     def _step(self, here: _Iterate, damping: float, ridge: float) -> Array:

@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike
 from critflow.linalg.factor import Entries, Factor, FixedPattern
 from critflow.linalg.matrices import end_pairs, free_ends
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot
 from critflow.networks.checks import edge_values
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array, Network
@@ -220,9 +219,9 @@ class PressureBalance:
         network = self.manifold.network
         right = network.divergence @ dO_dL
         y = self.factor.solve(right.ravel()).reshape(right.shape)
-        by_stress = dO_dsigma - dot(self.bond_vectors, network.free_incidence @ y)
+        by_stress = dO_dsigma - np.einsum("ad,ad->a", self.bond_vectors, network.free_incidence @ y)
         pushed = self.bond_vectors[:, ::-1] * _TURNED
-        by_jump = dot(pushed, abs(network.free_incidence) @ y)
+        by_jump = np.einsum("ad,ad->a", pushed, abs(network.free_incidence) @ y)
         return by_stress, self.manifold.jumps.T @ by_jump
 
 

@@ -17,7 +17,6 @@ from critflow.critical.variances import LengthVariance, TensionVariance
 from critflow.design.limits import Target
 from critflow.design.stresses import Stresses
 from critflow.design.variables import Variables
-from critflow.linalg.vectors import dot
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.quantities.vocabulary import ALIASES
 from critflow.result import InputError
@@ -80,7 +79,7 @@ class Nearness(Preference):
         if not network.pins:
             apart -= apart.mean(axis=0)
         y = state.factor.solve(apart[network.free])
-        by_sigma = -dot(state.bond_vectors, network.free_incidence @ y) / len(apart)
+        by_sigma = -np.einsum("ad,ad->a", state.bond_vectors, network.free_incidence @ y) / len(apart)
         return 0.5 * float(np.sum(apart**2)) / len(apart), self.stresses.gradients(by_sigma, state.sigma)
 
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from critflow.linalg.vectors import dot
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.taut_edges import OnsetState, taut_part
@@ -35,7 +34,7 @@ def follow_central_path(path: BoundaryPath, lengths: Array, start: OnsetState) -
     square = lengths**2
     unit = float(start.sigma[start.taut].mean() * square.mean())
     L = start.bond_vectors(path)
-    h = np.maximum(0.5 * (square - dot(L, L)), CENTRAL_START * square)
+    h = np.maximum(0.5 * (square - np.einsum("ad,ad->a", L, L)), CENTRAL_START * square)
     state = replace(start, sigma=np.maximum(start.sigma, CENTRAL_START * unit / h), taut=everything)
     for _ in range(CENTRAL_STEPS):
         mean = float(np.mean(state.sigma * h))

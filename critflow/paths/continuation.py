@@ -407,7 +407,8 @@ def _departure(course: Course, point: Point, strain: float) -> Point:
     along = None if factor.indefinite else course.tangent(stressed, rates, factor)
     if along is None:
         return point
-    return replace(point, predictor=point.predictor.with_velocity(point.cell.velocity(along)))
+    here = point.cell
+    return replace(point, predictor=Predictor.at(here.strain, here.point(springs), here.velocity(along)))
 
 
 def _expected(method: str, start: SpringState, solution: Equilibrium[SpringState]) -> bool:

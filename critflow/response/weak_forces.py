@@ -27,7 +27,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked, shown
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.linalg.vectors import dot
 from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation
 from critflow.networks.network import Array
@@ -349,7 +348,7 @@ def _failure(critical: CriticalConfiguration, path: Deformation) -> tuple[Status
     if not stable:
         return Status.undecided, ""
     affine = L @ path.rate(0.0).T
-    work = abs(float(sigma @ dot(L, affine)))
+    work = abs(float(sigma @ np.einsum("ad,ad->a", L, affine)))
     if not work > NO_WORK * float(np.sum(np.abs(sigma) * critical.lengths * np.linalg.norm(affine, axis=1))):
         return Status.floppy, "the strain does no work on the self-stress: choose another one"
     return None

@@ -164,7 +164,7 @@ class SpringState(Record):
 
     # Units and roundings.
 
-    @property
+    @cached_property
     def stiffness_scale(self) -> float:
         """Mean stiffness times the largest factor of stiffening of a spring; times a length, the unit of force."""
         k, now = self.stiffness, self.spring_stiffness

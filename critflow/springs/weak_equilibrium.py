@@ -18,7 +18,6 @@ from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.linalg.factor import Entries, Factor, FixedPattern
 from critflow.linalg.matrices import block_entries, n_block_values
-from critflow.linalg.vectors import dot
 from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
@@ -153,7 +152,7 @@ def weak_equilibrium(
         gradient=np.eye(network.dimension),
     )
     A = path.rate(0.0)
-    work = float(critical.sigma @ dot(critical.bond_vectors, critical.bond_vectors @ A.T))
+    work = float(critical.sigma @ np.einsum("ad,ad->a", critical.bond_vectors, critical.bond_vectors @ A.T))
     found, status = _followed(state, path, gammas, 1.0 if work >= 0 else -1.0)
     value = _equilibria(critical, path, gammas, found, status)
     outcome = next((code for code in status if code is not Status.ok), Status.ok)
@@ -228,7 +227,7 @@ def _equilibria(
 def _stress(state: WeakSpringState, path: Deformation, gamma: float) -> float:
     """(1/V) dE/dγ: at equilibrium the vertices may follow the strain affinely."""
     L, A = state.bond_vectors, path.velocity(gamma)
-    springs = float(state.sigma @ dot(L, L @ A.T))
+    springs = float(state.sigma @ np.einsum("ad,ad->a", L, L @ A.T))
     values = []
     for n in (-2, -1, 1, 2):
         F = path.gradient(gamma + n * _STEP)
