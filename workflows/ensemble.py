@@ -99,7 +99,7 @@ _NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 7: "
 
 
 def _names(ds):
-    return [LABELS[str(population)].replace(", ", ",\n") for population in ds.population.values]
+    return [LABELS[str(population)].replace("random ", "random\n") for population in ds.population.values]
 
 
 def _random_note(ds):

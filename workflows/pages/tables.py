@@ -93,7 +93,7 @@ def measures(reference: Path) -> str:
 
 def _populations(summary: dict, columns: dict[str, str], outcomes: bool) -> str:
     lines = [
-        f"Mean ± standard deviation over {summary['networks']} networks of {summary['parameters']['n_vertices']} "
+        f"Median and range of 90 % of {summary['networks']} networks of {summary['parameters']['n_vertices']} "
         "vertices, in units of k. n is the number of networks; a second number is that of C_B and C_G:",
         "",
         *_head("population", "n", *columns.values(), *(["outcomes"] if outcomes else [])),
@@ -108,9 +108,9 @@ def _populations(summary: dict, columns: dict[str, str], outcomes: bool) -> str:
 
 
 def _spread(row: dict) -> str:
-    if row["mean"] < 1e-12 and row["std"] < 1e-12:
+    if 0 <= row["q95"] < 1e-12:
         return f"< {max(row['q95'], 1e-30):.0e}"
-    return f"{row['mean']:.3g} ± {row['std']:.1g}"
+    return f"{row['median']:.3g} ({row['q05']:.3g} to {row['q95']:.3g})"
 
 
 def ensemble_claims(reference: Path) -> str:

@@ -126,7 +126,7 @@ def _signs(ds, kind):
         least = min(share.values())
         other = ", ".join(f"{100 * (1 - part):.0f} % of {NAMES[p]}" for p, part in share.items() if part < SURE)
         yield Claim.tested(
-            key, statement, "signs", f"in {100 * least:.0f} % of each or more; {listed(ds, name)}", True if least >= SURE else None if least > LIKELY else False,
+            key, statement, "signs", f"in at least {100 * least:.0f} % of each; {listed(ds, name)}", True if least >= SURE else None if least > LIKELY else False,
             f"the other sign in {other}", criterion=f"{100 * SURE:.0f} % of each population; undecided above one half",
             sample=counts(ds, name), kind=kind,
         )  # fmt: skip
@@ -149,7 +149,7 @@ def _opposed_ranks(ds, kind):
             f"ModulusStrainScaling-{key}", f"populations with larger {words}", "decreasing",
             f"rank correlation {correlation:.2f}, p = {probability:.2g}",
             True if probability < SIGNIFICANT else None if correlation < 0 else False,
-            "six medians in this order are no rarity" if correlation < 0 else "the ranks rise together",
+            "so few medians come in such an order by chance too" if correlation < 0 else "the ranks rise together",
             criterion=f"p < {SIGNIFICANT} of all orders of the medians; undecided where negative",
             sample=f"{len(names)} populations", kind=kind,
         )  # fmt: skip
