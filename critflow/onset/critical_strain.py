@@ -255,7 +255,8 @@ def _measured(
     sigma, L, taut = value.sigma, value.bond_vectors, value.sigma > 0
     virial = float(np.sum(value.tensions * value.lengths))
     normal = np.einsum("a,ai,aj->ij", sigma, L, network.boundary_vectors) / virial
-    rate = float(np.sum(normal * path.rates(state.strain, state.free)[-1]))
+    # Forces of collapsed edges alone do no work: derivatives are then unknown.
+    rate = float(np.sum(normal * path.rates(state.strain, state.free)[-1])) or np.nan
     lower, upper = (bounds.lower, bounds.upper) if sign > 0 else (-bounds.upper, -bounds.lower)
     onset = CriticalStrain(
         strain=sign * state.strain,

@@ -50,6 +50,17 @@ def test_a_critical_design_in_six_decimals_is_recognised(tmp_path):
     assert "6 decimals" in str(found)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_mechanism_in_three_decimals_is_not_rigid(seed):
+    # Equal parallel bars carry a body on a circle; the edges are so short that three decimals could be those of a grid.
+    rng = np.random.default_rng(seed)
+    feet = 0.5 * rng.random((5, 2))
+    x = np.round(np.concatenate([feet, feet + np.array([0.1314, 0.3095])]), 3)
+    edges = [[i, 5 + i] for i in range(5)] + [[5 + i, 5 + j] for i in range(5) for j in range(i)]
+    network = Network(edges, pins={i: x[i] for i in range(5)}, positions=x)
+    assert examine(network, decimals=3, deformations=()).order in ("floppy", "undecided")
+
+
 def test_a_floppy_network_has_onsets_and_advice(floppy):
     assert floppy.order == "floppy" and floppy.tension == 0 and floppy.elasticity.value.bulk == 0
     onset = floppy.critical_strains["dilation"]

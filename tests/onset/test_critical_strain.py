@@ -334,3 +334,10 @@ def test_one_short_edge_does_not_widen_the_bounds():
     assert lengths.min() < 1e-5
     onset = critical_strain(network, lengths, "simple_shear")
     assert all(onset.proven) and onset.upper - onset.lower < 3e-11
+
+
+def test_a_ring_with_an_edge_of_no_length_has_no_warning():
+    edges, offsets = [[i, (i + 1) % 5] for i in range(5)], [[0, 0]] * 3 + [[1, 1], [0, 0]]
+    network = Network(edges, offsets, 1e4 * np.eye(2))
+    rest = 1e4 * np.array([*[2**0.5 / 4] * 4, 1e-13])
+    assert not critical_strain(network, rest, "uniaxial", throw=False).ok
