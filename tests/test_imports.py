@@ -15,8 +15,8 @@ SOURCES = {
 }
 # Each layer imports only those before it.
 LAYERS = (
-    *("result", "progress", "threads", "arguments", "networks", "generators", "exchange", "linalg", "precision", "solvers"),
-    *("critical", "rigidity", "springs", "response", "onset", "paths", "quantities", "design"),
+    *("result", "progress", "threads", "arguments", "networks", "generators", "exchange", "linalg", "precision"),
+    *("solvers", "critical", "rigidity", "springs", "response", "onset", "paths", "quantities", "design"),
     *("workflow", "figures", "examination", "explore", "command", "__main__"),
 )
 # Layers without xarray, files, figures and processes; exchange reads and writes files.

@@ -129,11 +129,15 @@ def _scaled(stress: Array, squares: float) -> Extended:
     return two_product(whole, 2 * half if abs(0.5 * scale - half) < SCALED * half else scale)
 
 
-def require_one_self_stress(network: Network, instead: str) -> None:
+def require_one_self_stress(network: Network) -> None:
     """Raise `InputError` for networks with several self-stresses by their counts, N_s ≥ N_b − d n_free > 1."""
     certain = network.n_edges - network.dimension * len(network.free)
     if certain > 1:
-        raise InputError(f"this holds for one self-stress and the network has at least {certain}: {instead}")
+        raise InputError(
+            f"this holds for one self-stress and the network has at least {certain}: prune_towards(network, {{'B_0': "
+            "'largest'}, cuts=...) cuts edges at the least loss, and design(..., change='stiffness') changes springs "
+            "at rest"
+        )
 
 
 @dataclass(frozen=True, eq=False)

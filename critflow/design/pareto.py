@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.design.descent import SOUND
-from critflow.design.limits import SEVERAL_STRESSES, Target, edge_limits, parse_targets
+from critflow.design.limits import Target, edge_limits, parse_targets
 from critflow.design.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
@@ -128,7 +128,7 @@ def _pair(manifold: CriticalManifold, objectives: Mapping[Any, str] | Sequence[A
     if same(pair[0].quantity, pair[1].quantity):
         raise InputError("both objectives are the same quantity: give two different ones")
     if any(one.quantity.one_self_stress for one in pair):
-        require_one_self_stress(manifold.network, SEVERAL_STRESSES)
+        require_one_self_stress(manifold.network)
     return pair
 
 

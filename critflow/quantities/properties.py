@@ -54,7 +54,7 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
         raise InputError("give a list of at least one quantity, such as ['B_0']")
     parsed = {key if isinstance(key, str) else key.name: quantity(critical.network, key) for key in given}
     if any(one.one_self_stress for one in parsed.values()):
-        require_one_self_stress(critical.network, "design its stiffnesses, or prune it to one self-stress")
+        require_one_self_stress(critical.network)
     balance = critical.manifold.balance(critical.sigma)
     evaluated = {name: one.evaluate(critical) for name, one in parsed.items()}
     rows = balance.pull_backs([partials for _, partials in evaluated.values()])

@@ -114,7 +114,7 @@ def moduli_of_parts(critical):
     except InputError:
         parts = (critical,)
     for part in parts:
-        require_one_self_stress(part.network, "study networks with one self-stress")
+        require_one_self_stress(part.network)
     return [elasticity_at_transition(part, critical.network.volume) for part in parts]
 
 
