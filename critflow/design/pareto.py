@@ -103,7 +103,7 @@ def pareto(
     towards it: its values are near their limits.  Where the objective of such an end has no limit, as the largest C_B,
     the front has two ends only, and needs limits of the edges.
     Raises `InputError` for unknown objectives, for two that have the same best configuration or no front without limits
-    of the edges, and networks with several self-stresses; `SolveError` where a point is not certified and `throw` is set.
+    of the edges, and networks with several self-stresses; `SolveError` where a point is not certified and `throw`.
     """
     manifold = CriticalManifold.of(network)
     if n < 2:

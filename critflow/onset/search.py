@@ -54,8 +54,8 @@ Interior = tuple[Array, Array]
 RIGID = "the network is rigid at strain zero already: lengthen its rest lengths"
 HIDDEN = "rounding hides whether the network is floppy or rigid at strain zero: change its rest lengths"
 AT_TRANSITION = (
-    "the network is at its transition at strain zero, where rounding decides: with rest lengths longer by {0:.0e} it is "
-    "floppy, with shorter ones rigid"
+    "the network is at its transition at strain zero, where rounding decides: with rest lengths longer by {0:.0e} it "
+    "is floppy, with shorter ones rigid"
 )
 SIDES_MEET = "cables stay floppy until the free sides of the cell meet: fix a side"
 FLAT_CELL = "the network stays floppy until the cell is flat, at strain {:.3g}: choose a deformation that extends it"
