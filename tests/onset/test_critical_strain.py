@@ -322,8 +322,22 @@ def test_a_verdict_at_strain_zero_is_a_proof(excess, deformation):
     onset = critical_strain(network, (1 + excess) * critical, deformation, throw=False)
     status = Status.ok if excess > 0 else Status.rigid if excess else Status.undecided
     assert onset.status is status
+    assert ("transition" in onset.note) == (excess == 0)
     if excess > 0 and deformation == "dilation":
         assert onset.lower < (2 + excess) * excess < onset.upper < onset.lower + 1e-12
+
+
+def test_a_network_at_its_transition_names_the_change_that_decides():
+    # Straight chains in a lattice: nine self-stresses, whose rounding hides the verdict as built.
+    network = diluted(lattice("kagome", 8, 8), 3.8, seed=1)
+    built = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    onset = critical_strain(network, built, throw=False)
+    assert onset.status is Status.undecided and "transition" in onset.note
+    change = 2 * float(onset.note.split("longer by ")[1].split()[0])
+    assert change < 1e-6
+    assert critical_strain(network, (1 - change) * built, throw=False).status is Status.rigid
+    longer = critical_strain(network, (1 + change) * built, throw=False)
+    assert longer.status in (Status.ok, Status.stalled) and longer.upper > 0
 
 
 def test_one_short_edge_does_not_widen_the_bounds():
