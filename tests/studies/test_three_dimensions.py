@@ -32,7 +32,7 @@ def test_statuses_and_bounds_are_those_that_foams_have(dataset):
 def test_claims_figure_and_checks(folder, dataset, capsys, assert_picture):
     assert_picture(folder / "figures" / "response.png")
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
-    assert len(claims) == 14
+    assert len(claims) == 15
     assert claims["ResponseMetrics-A"]["verdict"] == claims["ResponseMetrics-C"]["verdict"] == "holds"
     assert all(claim["because"] for claim in claims.values() if claim["verdict"] == "differs")
     assert main(["verify", str(folder)]) == 0
