@@ -238,7 +238,8 @@ def _draw_sizes(axes, ds):
         low, middle, high = np.nanquantile(values, (1 / 6, 0.5, 5 / 6), axis=1)
         style = series(place)
         axes.errorbar(
-            sizes * (1 + 0.02 * (place - 3)), middle, (middle - low, high - middle), elinewidth=0.8, linestyle="none", **style, markersize=5, capsize=2,
+            sizes * (1 + 0.02 * (place - 3)), middle, (middle - low, high - middle), elinewidth=0.8,
+            linestyle="none", **style, markersize=5, capsize=2,
             markerfacecolor="none" if optimised else style["color"],
             label=f"{LABELS[population]}: {quoted(fit)}",
         )  # fmt: skip
