@@ -72,7 +72,9 @@ def structure_figure(ds):
 def response_figure(ds):
     """`ResponseMetrics`: moduli at the transition and how they grow past it."""
     panels = [_panel(ds, name, label, name.startswith("C_"), LEAST_DRAWN.get(name)) for name, label in RESPONSE.items()]
-    note = f"Red lines: no change with strain{_deformation_note(ds)}. Undefined: edges shrink to zero length. {_DRAWINGS}"
+    note = (
+        f"Red lines: no change with strain{_deformation_note(ds)}. Undefined: edges shrink to zero length. {_DRAWINGS}"
+    )
     return panel_figure(
         panels, _names(ds), "Mechanical response of critical configurations", f"{note} {_random_note(ds)}"
     )
@@ -132,7 +134,12 @@ def _drawing(one, caption):
     sigma, lengths, cell = one.sigma.values, one.length.values, one.cell.values
     tensions = unit_pressure_tensions(sigma, lengths, float(abs(np.linalg.det(cell))))
     return Drawing(
-        caption.replace("{name}", LABELS[str(one.population.values)]), one.edges.values, one.offsets.values, cell, one.coordinates.values, tensions
+        caption.replace("{name}", LABELS[str(one.population.values)]),
+        one.edges.values,
+        one.offsets.values,
+        cell,
+        one.coordinates.values,
+        tensions,
     )
 
 

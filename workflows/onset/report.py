@@ -121,7 +121,10 @@ def claims(ds):
 
 def _bounds(ds):
     counts, found = status_counts(ds.strain_status), int(np.isfinite(ds.critical_strain.values).sum())
-    gap, stalled = float((ds.critical_strain_error_bound / (1 + np.abs(ds.critical_strain))).max()), counts.get("stalled", 0)
+    gap, stalled = (
+        float((ds.critical_strain_error_bound / (1 + np.abs(ds.critical_strain))).max()),
+        counts.get("stalled", 0),
+    )
     return Claim.tested(
         "OnsetBounds", "bounds on the critical strain differ by less than 1e-9", "< 1e-9 (1 + γ_c)",
         f"largest difference {gap:.1g}; outcomes {counts}", gap < 1e-9 and not stalled,
@@ -131,7 +134,7 @@ def _bounds(ds):
 
 
 def _order(ds):
-    """γ_c never rises with the coordination, network by network: but for mikado, sparse networks are parts of others."""
+    """γ_c never rises with z, network by network: but for mikado, sparse networks are parts of others."""
     deformation = str(ds.deformation.values[0])
     for family in map(str, ds.family.values):
         strain, _ = onsets_by_coordination(ds, family, deformation)

@@ -78,13 +78,24 @@ def against_coordination(parameters, family, seed):
             if all(onset.value.proven):
                 strain[row, column], gap[row, column] = onset.strain, onset.upper - onset.lower
                 taut[row, column] = onset.taut.mean()
-    return {"critical_strain": strain, "critical_strain_error_bound": gap, "taut_fraction": taut, "strain_status": status}
+    return {
+        "critical_strain": strain,
+        "critical_strain_error_bound": gap,
+        "taut_fraction": taut,
+        "strain_status": status,
+    }
 
 
 def empty_surfaces(parameters):
     """Undefined surfaces."""
     shape = len(PAPER_POPULATIONS), parameters["n_directions"]
-    sizes = {"surface_strain": (), "surface_strain_error_bound": (), "surface_taut": (), "surface_point": (2,), "surface_normal": (2,)}
+    sizes = {
+        "surface_strain": (),
+        "surface_strain_error_bound": (),
+        "surface_taut": (),
+        "surface_point": (2,),
+        "surface_normal": (2,),
+    }
     return {name: np.full((*shape, *size), np.nan) for name, size in sizes.items()}
 
 

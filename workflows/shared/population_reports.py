@@ -1,9 +1,10 @@
 """Claims and summaries of the populations, for networks in two and three dimensions.
 
 Criteria follow from the paper: "about 10 %" and "about 50 %" are numbers of one digit, so a median within 5 points
-agrees, "closely" means less than this half digit, and "about 1e-2" is its only digit; a sign is that of a population if 95 % of its networks have it, and is undecided above one half; "largely
-similar" medians are apart by no more than a tenth of a figure's axis.  Medians with the range of 90 % of the networks
-describe distributions that spread over decades.
+agrees, "closely" means less than this half digit, and "about 1e-2" is its only digit; a sign is that of a population
+if 95 % of its networks have it, and is undecided above one half; "largely similar" medians are apart by no more than a
+tenth of a figure's axis.  Medians with the range of 90 % of the networks describe distributions that spread over
+decades.
 """
 
 from __future__ import annotations
@@ -96,7 +97,8 @@ def _bulk(ds, kind):
         "ResponseMetrics-A", "max B_0 has the largest bulk modulus, followed closely by min V_τ", "order",
         ", ".join(f"{NAMES[p]} {medians[p]:.3f}" for p in ranked),
         ranked[:2] == ["bulk_modulus", "tension_variance"] and close, "the medians come in another order or lie apart",
-        criterion=f"first and second median, less than {HALF_DIGIT} % apart", sample=counts(ds, "bulk_modulus_0"), kind=kind,
+        criterion=f"first and second median, less than {HALF_DIGIT} % apart", sample=counts(ds, "bulk_modulus_0"),
+        kind=kind,
     )  # fmt: skip
     for p in (*GAPS, "random_lengths_wide"):
         if p not in ds.population or not len(of(ds, "bulk_modulus_0", p)):
@@ -126,7 +128,8 @@ def _signs(ds, kind):
         least = min(share.values())
         other = ", ".join(f"{100 * (1 - part):.0f} % of {NAMES[p]}" for p, part in share.items() if part < SURE)
         yield Claim.tested(
-            key, statement, "signs", f"in at least {100 * least:.0f} % of each; {listed(ds, name)}", True if least >= SURE else None if least > LIKELY else False,
+            key, statement, "signs", f"in at least {100 * least:.0f} % of each; {listed(ds, name)}",
+            True if least >= SURE else None if least > LIKELY else False,
             f"the other sign in {other}", criterion=f"{100 * SURE:.0f} % of each population; undecided above one half",
             sample=counts(ds, name), kind=kind,
         )  # fmt: skip

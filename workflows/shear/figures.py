@@ -18,7 +18,7 @@ from ..shared.reports import parameters, series
 SHOWN = (0.1, 0.25, 0.6)
 STYLES = (":", "--", "-", "-.")
 EXAMPLE = 0.3  # threshold of the inset, which is as wide to the eye as its margin
-BLUE, GREEN, PURPLE = COLOURS[0], COLOURS[3], COLOURS[5]
+BLUE, GREEN = COLOURS[0], COLOURS[3]
 
 
 def recorded(ds):
@@ -78,30 +78,27 @@ def _draw_modulus(axes, ds):
 
 
 def _draw_extremes(axes, ds):
-    """The longest edge, and on a second axis the least tension."""
-    _band(axes, ds.longest_edge, BLUE)
-    axes.set(ylabel="longest edge / side of the box")
-    axes.axhline(1.0, color="0.7", linewidth=0.8)
-    axes.set_ylim(0, None)
-    second = axes.twinx()
-    _band(second, ds.least_tension, COMPRESSED)
-    second.set(ylim=(-1.05, 1.05))
-    second.set_ylabel("least / largest tension", color=COMPRESSED)
-    second.tick_params(axis="y", colors=COMPRESSED)
-    axes.yaxis.label.set_color(BLUE)
-    axes.tick_params(axis="y", colors=BLUE)
+    """The longest edge and the least tension, each relative to its natural unit."""
+    for values, colour, label in (
+        (ds.longest_edge, BLUE, "longest edge / side of the box"),
+        (ds.least_tension, COMPRESSED, "least / largest tension"),
+    ):
+        _band(axes, values, colour)
+        axes.plot([], [], color=colour, label=label)
+    for level in (0, 1):
+        axes.axhline(level, color="0.7", linewidth=0.8, zorder=0)
+    axes.set(ylabel="extremes of the edges")
+    axes.margins(y=0.15)
+    axes.legend(fontsize=8.5, frameon=False, loc="upper left")
 
 
 def _draw_compression(axes, ds):
-    """Number and total length of the compressed edges."""
-    _band(axes, ds.compressed_edges / ds.sizes["edge"], PURPLE)
+    """Total length of the compressed edges."""
     _band(axes, ds.compressed_length / ds.sizes["vertex"], GREEN)
     least = float((ds.least_compressed_length / ds.sizes["vertex"]).mean())
     axes.axhline(least, color=GREEN, linewidth=1.0, linestyle="--")
     axes.text(0.55, least + 0.03, "least length that\nthe bound needs", fontsize=8.5, color=GREEN)
-    axes.set(ylabel="under compression", ylim=(0, None))
-    lines = [Line2D([], [], color=GREEN), Line2D([], [], color=PURPLE)]
-    axes.legend(lines, ["total length / $N_v$", "part of the edges"], fontsize=8.5, frameon=False, loc="upper left")
+    axes.set(ylabel="length under compression / $N_v$", ylim=(0, None))
 
 
 def _on_log_axis(steps):
@@ -237,21 +234,23 @@ def _draw_sizes(axes, ds):
     sizes = ds.n_vertices.values
     for place, population in enumerate(map(str, ds.population.values)):
         values = by_size(ds.shear_modulus_0.sel(population=population))
-        fit, optimised, style = exponent(sizes, values), population == "shear_modulus", series(place)
+        fit, optimised = exponent(sizes, values, np.nanmedian), population == "shear_modulus"
+        low, middle, high = np.nanquantile(values, (1 / 6, 0.5, 5 / 6), axis=1)
+        style = series(place)
         axes.errorbar(
-            sizes * (1 + 0.02 * (place - 3)), np.nanmean(values, 1), np.nanstd(values, 1) / np.sqrt(values.shape[1]),
+            sizes * (1 + 0.02 * (place - 3)), middle, (middle - low, high - middle), elinewidth=0.8,
             linestyle="none", **style, markersize=5, capsize=2,
             markerfacecolor="none" if optimised else style["color"],
             label=f"{LABELS[population]}: {quoted(fit)}",
         )  # fmt: skip
     isotropic = [p for p in map(str, ds.population.values) if p != "shear_modulus"]
-    middle = np.nanmean(ds.shear_modulus_0.sel(population=isotropic).isel(n_vertices=-1).values)
+    middle = np.nanmedian(ds.shear_modulus_0.sel(population=isotropic).isel(n_vertices=-1).values)
     axes.plot(sizes, middle * sizes[-1] / sizes, color="0.5", linestyle=":", zorder=0)
     axes.text(0.03, 0.03, "dotted: $\\propto 1/N_v$", color="0.35", transform=axes.transAxes)
     axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="shear modulus $G_0$  [$k$]")
     axes.legend(
         fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, columnspacing=1.0,
-        handletextpad=0.2, title="exponent [95 %]", title_fontsize=8,
+        handletextpad=0.2, title="medians, bars of two thirds; exponent [95 %]", title_fontsize=8,
     )  # fmt: skip
 
 

@@ -113,31 +113,38 @@ def _compression(manifold, parameters, detailed):
 
 
 def _populations(manifold, parameters, seed):
-    """G_0 of every population."""
-    moduli, statuses = np.full(len(parameters["populations"]), np.nan), []
+    """G_0 of every population, and the bound on its rounding."""
+    moduli, statuses = np.full((2, len(parameters["populations"])), np.nan), []
     for n, population in enumerate(parameters["populations"]):
         solution = configuration(manifold, parameters, seed, population)
         statuses.append(solution.status)
         if np.isfinite(solution.value.coordinates).all():
-            moduli[n] = elasticity(solution.value).value.shear
-    return {"shear_modulus_0": moduli, "population_status": statuses}
+            moduli[:, n] = _shear_modulus(solution.value)
+    return {"shear_modulus_0": moduli[0], "shear_modulus_0_error_bound": moduli[1], "population_status": statuses}
+
+
+def _shear_modulus(critical):
+    """G_0 and the bound on its rounding."""
+    found = elasticity(critical).value
+    return found.shear, found.errors.shear
 
 
 def _constrained(manifold, parameters, seed, n_vertices, detailed):
     """Max G_0 at each threshold and from several starts."""
     thresholds, starts = parameters["thresholds"], np.full(parameters["n_starts"], np.nan)
-    moduli, longest = np.full((2, len(thresholds)), np.nan)
+    moduli, longest = np.full((2, len(thresholds)), np.nan), np.full(len(thresholds), np.nan)
     statuses = np.full(len(thresholds), int(Status.missing))
     if detailed:
         for n, r in enumerate(thresholds):
             solution = optimize(manifold, "shear_modulus", threshold=r, throw=False)
-            moduli[n], statuses[n] = elasticity(solution.value).value.shear, solution.status
+            moduli[:, n], statuses[n] = _shear_modulus(solution.value), solution.status
             longest[n] = solution.value.lengths.max() / np.sqrt(manifold.network.volume)
         rng, r = stable_rng(seed, "starts", str(n_vertices)), parameters["threshold"]
         several = optimize(manifold, "shear_modulus", threshold=r, starts=len(starts), rng=rng, throw=False)
         starts[:] = several.starts
     return {
-        "shear_modulus_of_threshold": moduli,
+        "shear_modulus_of_threshold": moduli[0],
+        "shear_modulus_of_threshold_error_bound": moduli[1],
         "longest_edge_of_threshold": longest,
         "threshold_status": statuses,
         "objective_of_start": starts,
@@ -202,6 +209,9 @@ def _table():
     )
     yield Variable("bound", EACH, "f8", long_name="largest shear modulus of any stress, in closed form [k]")
     yield Variable("shear_modulus_0", (*EACH, "population"), "f8", long_name="shear modulus at the transition [k]")
+    for name, axis in (("shear_modulus_0", "population"), ("shear_modulus_of_threshold", "threshold")):
+        text = f"bound on the rounding error of {name}"
+        yield Variable(f"{name}_error_bound", (*EACH, axis), "f8", long_name=text)
     yield Variable("population_status", (*EACH, "population"), "i1", long_name="outcome by population", flags=Status)
     yield Variable("shear_modulus_of_threshold", (*EACH, "threshold"), "f8", long_name="G_0 of max G_0, from σ = 1 [k]")
     yield Variable("longest_edge_of_threshold", (*EACH, "threshold"), "f8", long_name="its longest edge over the side")
