@@ -19,6 +19,7 @@ from functools import reduce
 import numpy as np
 import scipy.sparse as sp
 
+from critflow.linalg.backends import MULTIGRID
 from critflow.linalg.factor import Factor
 from critflow.linalg.multigrid import REDUCED
 from critflow.linalg.products import product
@@ -248,8 +249,8 @@ class _Bound:
         return y, np.zeros_like(forces)
 
     def reduction(self, forces: Array, goal: float) -> float:
-        """The reduction of forces (n_free, d) after which the bound is well below the goal."""
-        if not self.proof:
+        """The reduction of forces (n_free, d), for a solver that iterates, to a bound well below the goal."""
+        if not self.proof or self._factor.backend != MULTIGRID:
             return REDUCED
         error = float(self(_largest(forces)).max())
         return float(np.clip(0.1 * goal / error, REDUCED, LEAST_REDUCTION)) if error else LEAST_REDUCTION
