@@ -130,7 +130,7 @@ def stiffening(
         found = [
             _stiffening((manifold if part is critical else None) or part.manifold, part, law, path) for part in parts
         ]
-        solution = found[0] if len(found) == 1 else _total(found)
+        solution = _total(found)
     return solution.or_raise("no stiffening coefficients") if throw else solution
 
 
@@ -285,7 +285,7 @@ def _failed(status: Status, note: str, stats: Stats | None = None) -> Stiffening
 
 
 def _total(parts: list[StiffeningSolution]) -> StiffeningSolution:
-    """The sum over disconnected taut parts; the first failure decides the status."""
+    """The sum over taut parts, which are disconnected; the first failure decides the status."""
     for part in parts:
         if not part.ok:
             return part

@@ -34,6 +34,7 @@ from critflow import (
 from critflow.critical.backbone import backbone
 from critflow.critical.transition import dilation, pure_shear, transition_modulus
 from critflow.networks.deformation import strain_basis
+from critflow.response.at_transition import transition_modulus_error
 
 CASES = {
     "2D": lambda: voronoi_network(40, seed=1),
@@ -208,3 +209,13 @@ def test_error_of_the_bulk_modulus_is_the_least_of_those_known():
     critical = CriticalManifold(voronoi_network(200, seed=1)).configuration(random_stress(300, 1))
     errors = elasticity(critical).value.errors
     assert 0 < errors.bulk < errors.tensor[:2, :2].sum() / 4
+
+
+def test_an_error_across_the_strain_counts_by_its_square():
+    # A straight chain along x does no work on ε_yy, and to first order none when its bonds turn by an error e.
+    chain, e = Network([[0, 1], [1, 0]], [[0, 0], [1, 0]], np.eye(2)), 1e-2
+    critical = replace(CriticalManifold(chain).configuration(np.ones(2)), bond_errors=np.full(2, e))
+    sigma, L = critical.sigma, critical.bond_vectors + [0, e]
+    moved = np.sum(sigma * L[:, 1] ** 2) ** 2 / np.sum(sigma**2 * np.sum(L**2, axis=1))
+    error = transition_modulus_error(np.diag([0.0, 1.0]), critical)
+    assert moved < error < 4 * moved

@@ -101,3 +101,12 @@ def test_parallel_edges_without_errors_are_not_taken_apart(direction):
     critical = replace(CriticalManifold(line).configuration(np.ones(3)), bond_errors=np.zeros(3))
     assert rigidity(line, critical.coordinates).value.n_self_stresses == 2
     assert not only_self_stress(critical)
+
+
+@pytest.mark.parametrize("height, proved", [(1e-3, True), (6e-8, False)])
+def test_directions_out_of_a_plane_by_less_than_the_root_of_rounding_prove_nothing(height, proved):
+    # The square of the height is an eigenvalue of 1.4e-14, which rounding of the directions may hide.
+    ends = [[1, 0, height], [-1, 0, height], [0, 1, -height], [0, -1, -height]]
+    star = Network([[4, 0], [4, 1], [4, 2], [4, 3]], pins=dict(enumerate(ends)))
+    critical = replace(CriticalManifold(star).configuration(np.ones(4)), bond_errors=np.zeros(4))
+    assert only_self_stress(critical) == proved

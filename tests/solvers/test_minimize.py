@@ -150,3 +150,12 @@ def test_a_function_without_a_hessian_says_so():
     assert minimise(First(), LBFGS(), np.ones(3), 1e-10, 50).status is Status.ok
     with pytest.raises(NotImplementedError, match="Hessian"):
         minimise(First(), Newton(), np.ones(3), 1e-10, 50)
+
+
+def test_a_step_that_raises_the_value_is_refused_where_the_model_predicts_rounding():
+    # A flat start, from which the model leads to a plateau that is higher by one: a gain of 5e-10 was predicted.
+    function = Analytic(
+        lambda x: 1e6 + (x[0] > 0.5), lambda x: np.array([-1e-9 * (x[0] < 0.5)]), lambda x: np.array([[1e-9]])
+    )
+    start = function.at(np.zeros(1))
+    assert Newton().step(function, start, 10.0)[0].value == start.value
