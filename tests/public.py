@@ -6,11 +6,7 @@ from importlib import import_module
 
 import critflow
 
-NAMES = sorted(
-    {name for name, value in vars(critflow).items() if not (name.startswith("_") or inspect.ismodule(value))}
-    - {"Any", "import_module", "version"}
-    | {"draw"}
-)
+NAMES = sorted(critflow.__all__)
 """The names at the top level."""
 
 

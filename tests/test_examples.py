@@ -26,7 +26,7 @@ def examples_of(function) -> list[doctest.DocTest]:
 
 
 def test_every_public_function_has_an_example():
-    functions = {name: f for name, f in vars(critflow).items() if inspect.isfunction(f) and "critflow." in f.__module__}
+    functions = {name: f for name in critflow.__all__ if inspect.isfunction(f := getattr(critflow, name))}
     assert {name for name, f in functions.items() if not examples_of(f)[0].examples} <= ON_PAGES
 
 

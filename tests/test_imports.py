@@ -1,7 +1,9 @@
 """The layers of the package: who may import what, and how long a function may be, read from the source."""
 
 import ast
+import inspect
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -151,8 +153,14 @@ def test_the_command_starts_without_slow_libraries():
         reached |= top - SOURCES.keys()
         waiting |= (top & SOURCES.keys()) - reached
     roots = {module.split(".")[0] for module in reached}
-    assert {"critflow.workflow.tasks", "critflow.design.optimize", "typer"} <= reached
-    assert not roots & {"xarray", "dask", "distributed", "matplotlib", "rich", "mpmath"}
+    assert {"critflow.workflow.tasks", "typer"} <= reached
+    assert not roots & {"scipy", "xarray", "dask", "distributed", "matplotlib", "rich", "mpmath"}
+
+
+def test_functions_keep_their_names_where_a_folder_has_the_same():
+    """The import of a folder would set its name in the package."""
+    import_module("critflow.design.result"), import_module("critflow.rigidity.counts")
+    assert all(inspect.isfunction(getattr(critflow, name)) for name in ("design", "rigidity"))
 
 
 def test_every_public_name_is_there():

@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from critflow.command.networks import Hints, reading
-from critflow.exchange.data import require_regular
 from critflow.result import EnvironmentFailure, InputError
 
 
@@ -35,6 +34,7 @@ def explore(
         if missing.name != "tornado":
             raise
         raise EnvironmentFailure("the page needs the package tornado: install critflow[explore]") from None
+    from critflow.exchange.data import require_regular
     from critflow.explore.datasets import Dataset
     from critflow.explore.source import File, Random
 

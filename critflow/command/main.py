@@ -1,7 +1,7 @@
 """The `critflow` command: arguments and messages only.
 
-A command imports inside its function the modules that need xarray, dask or matplotlib: they take most of the start-up
-time, and worker processes import this module again.
+A command imports inside its function the modules that compute, and those that need xarray, dask or matplotlib: they
+take most of the start-up time, and worker processes import this module again.
 """
 
 from __future__ import annotations
@@ -20,14 +20,12 @@ import typer
 
 from critflow.command.explore import explore
 from critflow.command.networks import convert, examine_file, make
-from critflow.exchange.data import counted
-from critflow.linalg.backends import available_backends
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, Part, reason_lines
 from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
 from critflow.workflow.provenance import code_version, timestamp
-from critflow.workflow.study import KINDS, Study, tally
+from critflow.workflow.study import KINDS, Study, agreed, tally
 from critflow.workflow.tasks import HOUR, Interrupted
 
 if TYPE_CHECKING:
@@ -173,6 +171,8 @@ def run(
 
 def _origin(command: str) -> dict[str, str]:
     """Attributes of a dataset about the command that writes it."""
+    from critflow.linalg.backends import available_backends
+
     return {"history": command, "sparse_solvers": " ".join(available_backends())}
 
 
@@ -197,10 +197,8 @@ def _print_result(requested: Selection, folder: Folder, result: RunResult) -> in
         return 0
     for case_id, reason in list(result.failed.items())[:_MOST_FAILURES]:
         print(f"  {case_id}: {reason}", file=sys.stderr)
-    return _fail(
-        f"{counted(len(result.failed), 'case')} failed, see {folder.failed}: correct the cause and add --retry-failed",
-        FAILED_CASES,
-    )
+    count = agreed(f"{len(result.failed)} cases")
+    return _fail(f"{count} failed, see {folder.failed}: correct the cause and add --retry-failed", FAILED_CASES)
 
 
 @app.command("list")
@@ -295,7 +293,7 @@ def verify(folder: FolderArgument) -> int:
     for problem in outcome.problems:
         _warn(problem)
     if outcome.problems:
-        count = counted(len(outcome.problems), "problem")
+        count = agreed(f"{len(outcome.problems)} problems")
         return _fail(f"{count} in {results.path}: run the study again to correct them", INTEGRITY)
     physics = ", and their physics was recomputed" if outcome.recomputed else "; the study recomputes no physics"
     print(f"{results.path}: {outcome.stored} stored cases agree with the dataset to the last byte{physics}")

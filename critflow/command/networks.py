@@ -1,6 +1,6 @@
 """The commands on a user's own network: arguments and messages only.
 
-A command imports inside its function the modules that draw, as in `critflow.command.main`.
+A command imports inside its function what it computes with, as in `critflow.command.main`.
 """
 
 from __future__ import annotations
@@ -13,26 +13,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
-from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.nearest import nearest_critical
-from critflow.design.optimize import optimize
-from critflow.design.result import Design
-from critflow.design.targets import design
-from critflow.examination.certificate import certificate_text
-from critflow.examination.examine import examine, read_held
-from critflow.examination.report import report_lines
-from critflow.exchange.convert import network_from, write_network
-from critflow.exchange.data import number, require_regular
-from critflow.exchange.formats import writable_format
-from critflow.exchange.repair import ImportedNetwork
-from critflow.networks.network import Network
 from critflow.progress import running
 from critflow.result import InputError, Solution
+
+if TYPE_CHECKING:
+    from critflow.critical.manifold import CriticalConfiguration
+    from critflow.design.result import Design
+    from critflow.exchange.repair import ImportedNetwork
+    from critflow.networks.network import Network
 
 FilesArgument = Annotated[
     list[Path], typer.Argument(metavar="FILE", help="A network, its ending names the format; or two tables.")
@@ -108,6 +101,9 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
 
 def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
     """The network of a file, or of two tables, with the hints of the command line."""
+    from critflow.exchange.convert import network_from
+    from critflow.exchange.data import require_regular
+
     keywords = hints.keywords
     file, labels = files[0], keywords.pop("labels", False)
     if len(files) > 2 or (len(files) == 2 and (labels or file.suffix == ".nc")):
@@ -167,6 +163,9 @@ def convert(
     ] = "1",
 ) -> int:
     """Read a network, report each repair, and write it in another format."""
+    from critflow.exchange.convert import write_network
+    from critflow.exchange.formats import writable_format
+
     if len(files) < 2:
         raise InputError("convert needs a file to read and one to write: critflow convert FILE OUT")
     *files, out = files
@@ -189,6 +188,9 @@ def examine_file(
     ] = None,
 ) -> int:
     """Read a network and print whether and why it is rigid, its critical strains and moduli, and what to do next."""
+    from critflow.examination.examine import examine, read_held
+    from critflow.examination.report import report_lines
+
     if out is not None:
         from critflow.examination.page import require_page, write_page
 
@@ -231,6 +233,12 @@ def make(
 
     Many parameters: each is an option of the command.
     """
+    from critflow.critical.nearest import nearest_critical
+    from critflow.design.optimize import optimize
+    from critflow.examination.certificate import certificate_text
+    from critflow.exchange.convert import write_network
+    from critflow.exchange.formats import writable_format
+
     if objective and target:
         raise InputError("--objective is for networks without --target: give NAME=largest or NAME=smallest as a target")
     objective = objective or "B_0"
@@ -270,6 +278,8 @@ def make(
 
 def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list[str]]:
     """The design for targets of the command line, a title of it, and lines that report it."""
+    from critflow.design.targets import design
+
     targets = dict[str, Any]()
     for word in words:
         name, equals, value = word.partition("=")
@@ -289,6 +299,8 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list
 
 def _value(text: str) -> Any:
     """A number, a pair of limits, either of which may be empty, or a word."""
+    from critflow.exchange.data import number
+
     first, colon, last = text.partition(":")
     try:
         return (number(first or "-inf"), number(last or "inf")) if colon else number(first)
@@ -298,6 +310,8 @@ def _value(text: str) -> Any:
 
 def _numbers(option: str, example: str, text: str) -> Any:
     """One number, or several, whole ones as integers."""
+    from critflow.exchange.data import number
+
     try:
         numbers = [number(word) for word in text.replace(",", " ").split()]
     except ValueError:

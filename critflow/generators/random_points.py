@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from critflow.arguments import checked
-from critflow.networks.network import Array
+from critflow.networks.network import Array, IntArray
 from critflow.networks.periodic_cell import near_images, short_cell
 from critflow.networks.support import check_size
 from critflow.result import InputError
@@ -78,11 +78,12 @@ def _add_until_saturated(n_points: int, distance: float, rng: np.random.Generato
     uncovered = _Uncovered(grid, distance)
     while n_placed < n_points and len(voxels):
         # As many trials as uncovered voxels is cheap and rarely places two in reach of each other.
-        trials = voxels[rng.integers(len(voxels), size=len(voxels))] + side * rng.random((len(voxels), dimension))
+        trials = voxels.take(rng.integers(len(voxels), size=len(voxels)), 0)
+        trials += side * rng.random((len(voxels), dimension))
         trials -= trials >= 1.0
         if n_placed:
-            trials = trials[uncovered(trials, 0.0)]
-        placed = trials[_first_come(trials, distance)][: n_points - n_placed]
+            trials = trials.take(uncovered(trials, 0.0), 0)
+        placed = trials.take(_first_come(trials, distance)[: n_points - n_placed], 0)
         points[n_placed : n_placed + len(placed)] = placed
         n_placed += len(placed)
         if n_placed == n_points:
@@ -90,7 +91,7 @@ def _add_until_saturated(n_points: int, distance: float, rng: np.random.Generato
         grid[tuple(np.floor(placed * per_side).astype(int).T)] = placed
         uncovered = _Uncovered(grid, distance)
 
-        voxels = voxels[uncovered(voxels + side / 2, side / 2)]
+        voxels = voxels.take(uncovered(voxels + side / 2, side / 2), 0)
         # Halving the voxels follows the shrinking holes; while holes are large it would only cost.
         if len(placed) < 0.2 * max(len(voxels), 1):
             side /= 2
@@ -119,9 +120,9 @@ class _Uncovered:
         able = np.sum(gap**2, axis=1) < (1 + 1e-9) * self._distance**2
         return np.asarray((self._steps[able] + 2) @ self._strides)
 
-    def __call__(self, places: Array, half_width: float) -> NDArray[np.bool_]:
-        """For points or cubes of that half width around places (n, d): whether even the farthest corner is clear."""
-        clear, reach = np.zeros(len(places), bool), self._reach(half_width)
+    def __call__(self, places: Array, half_width: float) -> IntArray:
+        """The points, or cubes of that half width, around places (n, d) whose even farthest corner is clear."""
+        clear, reach = [np.zeros(0, int)], self._reach(half_width)
         # Blocks stay in the cache of the processor, and shrink as their places are found to be covered.
         for start in range(0, len(places), _BLOCK):
             at = places[start : start + _BLOCK]
@@ -136,8 +137,8 @@ class _Uncovered:
                 far = np.flatnonzero(sum(away.T) >= self._distance**2)
                 if len(far) < len(left):
                     left, cell, at = left.take(far), cell.take(far), at.take(far, axis=0)
-            clear[left] = True
-        return clear
+            clear.append(left)
+        return np.concatenate(clear)
 
 
 # Number of voxels in one vectorised step.
@@ -159,12 +160,13 @@ def _periodic_padding(grid: Array) -> Array:
     return padded.reshape(-1, dimension)
 
 
-def _first_come(trials: Array, distance: float) -> NDArray[np.bool_]:
+def _first_come(trials: Array, distance: float) -> IntArray:
     """The trials that remain when each, in order, must keep its distance to all that remain before it."""
     if len(trials) == 0:
-        return np.zeros(0, bool)
-    tree = scipy.spatial.cKDTree(trials, boxsize=1.0, balanced_tree=False)
-    return _accepted(len(trials), tree.query_pairs(distance, output_type="ndarray"))
+        return np.zeros(0, int)
+    # A simple tree with small leaves is the fastest for one query.
+    tree = scipy.spatial.cKDTree(trials, leafsize=8, boxsize=1.0, balanced_tree=False, compact_nodes=False)
+    return np.flatnonzero(_accepted(len(trials), tree.query_pairs(distance, output_type="ndarray")))
 
 
 def _accepted(n_trials: int, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:

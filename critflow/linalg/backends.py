@@ -48,9 +48,11 @@ CROSSOVERS = {"pardiso": 20_000, "metis": 120_000, "superlu": 150_000}
 #   pardiso 2,000, 5,000 and 6,000;  metis 5,000, 9,000 and 10,000;  superlu 6,000, 11,000 and 10,000.
 CROSSOVERS_IN_SPACE = {"pardiso": 3_000, "metis": 8_000, "superlu": 9_000}
 # Entries of a Laplacian in space, 3 a vertex of a foam, from which multigrid is faster than each of them for one matrix
-# and three solves: 0.27 against 0.12, 0.41 and 1.2 s at 20,000 vertices, 0.8 against 0.7 and 2.2 s at 50,000.
+# and three solves, by a third or more: with stresses over one decade it takes 0.03 s at 5,000 vertices, against 0.02,
+# 0.04 and 0.07, then 0.05 against 0.04, 0.12 and 0.24 at 10,000, 0.11 against 0.14, 0.43 and 1.3 at 20,000, and 0.3
+# against 0.7 and 2.4 at 50,000.  Stresses over four decades need three times as many steps.
 MULTIGRID = "pyamg"
-MULTIGRID_CROSSOVERS = {"pardiso": 200_000, "metis": 60_000, "superlu": 60_000}
+MULTIGRID_CROSSOVERS = {"pardiso": 60_000, "metis": 20_000, "superlu": 15_000}
 
 
 class Backend(Protocol):

@@ -1,9 +1,15 @@
 """Conjugate gradients with algebraic multigrid, for Laplacians of positive stresses: solves without pivots.
 
 In space the factor of a Laplacian fills in as N^(4/3), and multigrid needs memory and time ∝ N (physics: the smooth
-errors that relaxation leaves are those of a coarser network).  PyAMG makes the levels by smoothed aggregation; a cycle
-is one sweep of damped Jacobi before and one after the coarser level, so that it is symmetric.  It only approximates an
-inverse, so single precision is enough for it, and halves its memory and time.  Every level has a unit diagonal.
+errors that relaxation leaves are those of a coarser network).  Smoothed aggregation on PyAMG's aggregates:
+
+1. Each level A has a unit diagonal, and a vector b of its smooth errors: of a network, constant before the scaling.
+2. Aggregates of strongly connected vertices are the vertices of the next level; T has b on each of them, normalised.
+3. The prolongation is T − (4/3) D⁻¹ A T with the sums D of the sizes in each row, the restriction its transpose R, and
+   the next level is R A Rᵀ.
+
+A cycle is one sweep of damped Jacobi before and one after the coarser level, so that it is symmetric.  It only
+approximates an inverse, so single precision is enough for it, and halves its memory and time.
 
 The matrices served have negative off-diagonal entries and no negative row sums, so that they are positive definite
 where the network is connected: the inertia is known without pivots.
@@ -29,9 +35,10 @@ MOST_STEPS = 300  # of one solve; 20 to 100 suffice where stresses span up to fo
 # Of stresses over four decades this halves the steps; with all of them strong or weak alike it makes no difference.
 _STRONG = 0.01
 _DAMPING = np.float32(0.8)  # of Jacobi: from 0.7 to 0.9 the number of steps varies by one in twenty
-# Of the prolongation: weights by the rows, where those by the largest eigenvalue start from random numbers.
-_SMOOTHED = ("jacobi", {"weighting": "local"})
+# Of the prolongation: by the sums D of the rows, where a largest eigenvalue would be found from random numbers.
+_SMOOTHED = 4 / 3
 _COARSEST = 300  # vertices of a level that is solved by its dense inverse
+_LARGEST_INVERSE = 2000  # vertices, where aggregates do not become fewer
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -53,32 +60,25 @@ class Multigrid:
     """The levels of one matrix A (n, n), given by its upper triangle, which `serves` accepts."""
 
     def __init__(self, upper: sp.csc_matrix):
-        A = (upper + sp.triu(upper, 1, format="csc").T).tocsr()
+        A = sp.csr_array(upper + sp.triu(upper, 1, format="csc").T)
         # Neighbours in space become neighbours in memory, which halves the time of a product.
         self._order = reverse_cuthill_mckee(A, symmetric_mode=True)
         A = A[self._order][:, self._order]
         A.sort_indices()
-        roots = np.sqrt(A.diagonal())
-        self._A, self._scale = _scaled(A, 1 / roots, 1 / roots), 1 / roots
-        # 0.2 s, and only large networks in space need it.  The smooth errors are constant before scaling.
-        solver = import_module("pyamg").smoothed_aggregation_solver
-        options = {"symmetry": "symmetric", "improve_candidates": None, "max_coarse": _COARSEST, "smooth": _SMOOTHED}
+        smooth = np.sqrt(A.diagonal())
+        self._scale = 1 / smooth
+        self._A = A = _scaled(A, self._scale, self._scale)
+        # Smoothing and restriction of every level; the prolongation is the transpose of the restriction.
+        self._levels: list[tuple[sp.csr_array, sp.csr_array, sp.csc_array]] = []
         with np.errstate(all="ignore"):
-            levels = solver(self._A, roots[:, None], strength=("symmetric", {"theta": _STRONG}), **options).levels
-            scales = [1 / np.sqrt(level.A.diagonal()) for level in levels]
-            self._levels = [
-                tuple(
-                    matrix.astype(np.float32)
-                    for matrix in (
-                        -_DAMPING * _scaled(level.A, fine, fine),
-                        _scaled(level.R, coarse, 1 / fine),
-                        _scaled(level.P, 1 / fine, coarse),
-                    )
-                )
-                for level, fine, coarse in zip(levels[:-1], scales[:-1], scales[1:], strict=True)
-            ]
-            coarsest = _scaled(levels[-1].A, scales[-1], scales[-1]).toarray()
-            self._inverse = np.linalg.pinv(coarsest, hermitian=True).astype(np.float32)
+            while A.shape[0] > _COARSEST and (coarser := _coarser(A, smooth)):
+                smoothing = sp.csr_array((-_DAMPING * A.data.astype(np.float32), A.indices, A.indptr), A.shape)
+                R, A, smooth = coarser
+                R = R.astype(np.float32)
+                self._levels.append((smoothing, R, R.T))
+            self._inverse = sp.eye_array(A.shape[0], dtype=np.float32, format="csr")
+            if A.shape[0] <= _LARGEST_INVERSE:
+                self._inverse = np.linalg.pinv(A.toarray(), hermitian=True).astype(np.float32)
 
     def _cycle(self, right: Single, level: int = 0) -> Single:
         """A rough x of A x = r at a level, (n,)."""
@@ -88,7 +88,8 @@ class Multigrid:
         x = _DAMPING * right
         left = add_product(smoothing, right, right.copy())
         coarse = add_product(restriction, left, np.zeros(restriction.shape[0], np.float32))
-        better = add_product(prolongation, self._cycle(coarse, level + 1), x.copy())
+        np.copyto(left, x)
+        better = add_product(prolongation, self._cycle(coarse, level + 1), left)
         x += better
         return add_product(smoothing, better, x)
 
@@ -96,23 +97,48 @@ class Multigrid:
         """x of A x = r, both (n,), up to a reduced residual; NaN where the iteration does not converge."""
         r = self._scale * right[self._order]
         x, p, last, size = np.zeros_like(r), np.zeros_like(r), 1.0, np.linalg.norm(r)
-        goal, step = reduction * size, 0
+        goal, step, rough = reduction * size, 0, np.empty(len(r), np.float32)
         # Parts of a network without a fixed vertex let it overflow.
         with np.errstate(all="ignore"):
             while size > goal and step < MOST_STEPS:
                 step += 1
-                z = size * self._cycle((r / size).astype(np.float32)).astype(float)
+                np.divide(r, size, out=rough, casting="same_kind")
+                z = size * self._cycle(rough).astype(float)
                 slope = r @ z
-                p = z + slope / last * p
+                p *= slope / last
+                p += z
                 Ap = product(self._A, p)
                 length = slope / (p @ Ap)
-                x += length * p
-                r -= length * Ap
+                x += np.multiply(length, p, out=z)
+                Ap *= length
+                r -= Ap
                 last, size = slope, np.linalg.norm(r)
         answer = np.full(len(right), np.nan)
         if size <= goal:
             answer[self._order] = self._scale * x
         return answer
+
+
+def _coarser(A: sp.csr_array, smooth: Array) -> tuple[sp.csr_array, sp.csr_array, Array] | None:
+    """The restriction to the next level, its matrix and its smooth vector; None where no vertices join.
+
+    A       (n, n) with a unit diagonal
+    smooth  the vector b of smooth errors, (n,)
+    """
+    strong = np.abs(A.data) >= _STRONG
+    counts = np.concatenate([[0], np.cumsum(strong)]).astype(A.indptr.dtype)
+    connections = sp.csr_matrix((A.data[strong], A.indices[strong], counts[A.indptr]), A.shape)
+    # 0.2 s, and only large networks in space need it.
+    T = sp.csr_array(import_module("pyamg.aggregation.aggregate").standard_aggregation(connections)[0], dtype=float)
+    if T.shape[1] in (0, len(smooth)):
+        return None
+    sizes = np.sqrt(T.T @ smooth**2)
+    T = _scaled(T, smooth, 1 / sizes)
+    weights = _SMOOTHED / np.add.reduceat(np.abs(A.data), A.indptr[:-1])
+    R = sp.csr_array((T - _scaled(A @ T, weights, np.ones(T.shape[1]))).T)
+    coarse = R @ (A @ R.T)
+    scale = 1 / np.sqrt(coarse.diagonal())
+    return _scaled(R, scale, np.ones(len(smooth))), _scaled(coarse, scale, scale), sizes / scale
 
 
 def _scaled(matrix: sp.csr_array, left: Array, right: Array) -> sp.csr_array:
